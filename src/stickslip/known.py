@@ -36,7 +36,7 @@ TABLE = (
         "rerun reset_* run_style set shell special_bonds suffix thermo thermo_modify thermo_style timer timestep "
         "uncompute undump velocity write_coeff dynamical_matrix third_order"),
     Row("command", UNKNOWN, "create_bonds", BONDED),
-    Row("line of a log", HARMLESS, "using prefer"),
+    Row("line of a log", HARMLESS, "using prefer dynamic"),
     Row("style beside the pair style", HARMLESS, "none zero"),
     Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
     Row("fix", USED, "wall/gran wall/gran/region gravity freeze setforce addforce deform nve nve/sphere nve/limit "

@@ -37,6 +37,11 @@ def _elsewhere(tmp_path, monkeypatch):
         ("print 'frobnicate all 3'\nfrobnicate all 3", ""),
         ('print """\nfix a b ${c}\n"""\n\nfix a b c\n', ""),
         ("print 'frobnicate all 3'\nprint x\nx\nfrobnicate all 3", "frobnicate all 3 (log.lammps, line 165)"),
+        (
+            "run 5\nstep of a fix print\nPer MPI rank memory allocation x\nLoop time of 1 on 1 procs for 5 steps with 24 atoms",
+            "",
+        ),
+        ('variable s string "granular ${a} 1"\ngranular 2 1\ndynamic group low defined', ""),
         ("package omp 0\nset 1 OpenMP thread(s)\nusing multi-threaded lists\n  fix style: X, fix ID: y", ""),
         ("fix p all print 100 'step $(step)'\nfix_modify p energy no\ndump_modify d sort id", ""),
         (
@@ -190,6 +195,13 @@ def test_regions_in_units_of_the_lattice(cases, tmp_path):
         lines = f"region low plane 0 0 -1 0 0 1{units}\nfix q all wall/gran/region {style} region low"
         read = ss.io.read_packing(in_poured(cases, tmp_path, lines))
         assert read.state.walls.point[-1, 2] == pytest.approx(height)
+
+
+def test_the_spacing_is_that_of_the_lattice_before_the_region(cases, tmp_path):
+    lines = "region low plane 0 0 -1 0 0 1\nfix q all wall/gran/region hooke/history 1 1 0 0 0.5 1 region low"
+    log = (in_poured(cases, tmp_path) / "log.lammps").read_text()
+    (tmp_path / "log.lammps").write_text(log.replace("lattice sc 0.3", f"{lines}\nlattice sc 0.3"))
+    assert ss.io.read_packing(tmp_path).state.walls.point[:, 2].min() == pytest.approx(-1)
 
 
 def test_the_law_of_every_pair_is_shown(cases, capsys):

@@ -20,6 +20,13 @@ BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with
 FILING = (*WRITING, *BEGINNING, "restart", "dump")  # commands that name files of grains
 
 
+class Region(NamedTuple):
+    """A region, and the unit of its lengths where these are in units of a lattice."""
+
+    words: list[str]  # style and arguments
+    spacing: list[str] | None = None  # of the lattice at that time, empty if it is not known; None without a lattice
+
+
 class Run(NamedTuple):
     """Commands that hold at the time of the grains."""
 
@@ -28,7 +35,7 @@ class Run(NamedTuple):
     pair_coeff: list[list[str]]
     fixes: dict[str, list[str]]  # group, style and the words that follow, by id
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
-    regions: dict[str, list[str]]
+    regions: dict[str, Region]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
     unknown: list[str]  # commands whose outcome or variables have no value here
     acts: dict[str, str]  # sentences on what makes or changes forces, or may, and is not read, by what replaces it
@@ -155,7 +162,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
     if key == LATTICE:
-        run.settings["spacing"] = rest
+        run.settings[LATTICE] = rest
         return run
     run.met[group_of("command", key)].add(key)
     if key in FORCE_STYLES:
@@ -170,6 +177,8 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     elif key == "neigh_modify" and "exclude" in rest:
         part = " ".join(rest[rest.index("exclude") + 1 :][:3])
         run.settings["exclude"] = [] if part.startswith("none") else [*run.settings.get("exclude", []), part]
+    elif key == "lattice":
+        run.settings[LATTICE] = []  # a log has it in the next line
     elif key == "clear":
         return _empty(run.source, run.year)._replace(met=run.met)
     elif key == "pair_style" and rest:
@@ -189,7 +198,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     elif key == "group" and len(rest) > 1:
         run.groups.setdefault(rest[0], []).append(rest[1:])
     elif key == "region" and len(rest) > 1:
-        run.regions[rest[0]] = rest[1:]
+        run.regions[rest[0]] = Region(rest[1:], run.settings.get(LATTICE))
     return run
 
 

@@ -16,7 +16,7 @@ from ...known import HARMLESS, UNKNOWN, USED, find_row, plain_style
 from ..sample import UNDECIDED, Absent, Assumption, NoTypes, Obstacle, PackingError
 from . import lammps_restart
 from .content import Packing
-from .lammps_commands import Run, group_members, numbers_in
+from .lammps_commands import Region, Run, group_members, numbers_in
 from .lammps_laws import (
     HISTORY,
     SAME_UNITS,
@@ -327,7 +327,8 @@ def _take_plane(course: Course, name: str, group: str, arguments: list[str]) -> 
     """Plane of `fix wall/gran/region`."""
     number = course.wall_number(name)
     contact, rest = _wall_law(arguments)
-    style, *words = course.run.regions[rest[rest.index("region") + 1]]
+    region = course.run.regions[rest[rest.index("region") + 1]]
+    style, *words = region.words
     rest = rest[:-1] if rest[-1:] == ["contacts"] else rest
     given, k = {}, 6
     while style == "plane" and k < len(words):
@@ -335,20 +336,18 @@ def _take_plane(course: Course, name: str, group: str, arguments: list[str]) -> 
     if style != "plane" or {"move", "rotate"} & set(given) or len(rest) != 2 or not course.members(group).all():
         told = f"`{' '.join([style, *words, *rest[2:]])}` of group {group}"
         raise ValueError(f"only regions that are fixed planes and touch all grains are read, not {told}")
-    scale = np.ones(3) if given.get("units") == ["box"] else _spacing(course.run)
+    scale = np.ones(3) if given.get("units") == ["box"] else _spacing(region)
     point, normal = np.array([_finite(w) for w in words[:6]]).reshape(2, 3) * scale
     normal = (-1.0 if given.get("side") == ["out"] else 1.0) * normal / np.linalg.norm(normal)
     _add_wall(course, name, Plane(float(point @ normal), normal, number))
     _add_wall_law(course, contact, arguments)
 
 
-def _spacing(run: Run) -> np.ndarray:
-    """(3,) unit of length of regions, which is that of the lattice if there is one; ValueError if it is not known."""
-    if "spacing" in run.settings:
-        return np.array([_finite(word) for word in run.settings["spacing"]])
-    if any("lattice" in words for words in run.met.values()):
+def _spacing(region: Region) -> np.ndarray:
+    """(3,) unit of length of a region, which is that of the lattice if there is one; ValueError if it is not known."""
+    if region.spacing == []:
         raise ValueError("its region is in units of the lattice, whose spacing is in log.lammps only")
-    return np.ones(3)
+    return np.array([_finite(word) for word in region.spacing or ("1", "1", "1")])
 
 
 def _take_gravity(course: Course, name: str, group: str, arguments: list[str]) -> None:

@@ -13,7 +13,7 @@ BEGINS = re.compile(r"Per MPI rank memory allocation |Memory usage per processor
 LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps with (\d+) atoms")
 SPACING = re.compile(r"Lattice spacing in x,y,z = (\S+) (\S+) (\S+)")
 NAMED = re.compile(r"[a-z]\w*(/\w+)*\s")  # how a command begins that is none of those known
-TALKING = ("info", "package")  # commands that LAMMPS answers in words of any kind
+TALKING = ("info", "package", "run", "minimize", "rerun")  # commands after which any words may come
 QUOTES, MOST_QUOTED = '"""', 1000  # marks of a text of several lines, and lines that it may have
 VERSION, LATTICE = "(version)", "(spacing)"  # what LAMMPS reports, in the place of commands
 ENDLESS = float("inf")
@@ -52,7 +52,7 @@ def recognize_log(text: str) -> bool:
 def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Command | Block]:
     """Commands and runs of files in the order in which they were written; each file has a name and a text."""
     step: int | None = 0
-    last: list[str] = []
+    last: Command | None = None
     for source, text in texts:
         numbers, lines = zip(*_logical_lines(text, log=log), strict=True) if text else ((), ())
         k = 0
@@ -60,13 +60,14 @@ def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Comm
             number, line = numbers[k], lines[k]
             k += 1
             if log and (BEGINS.match(line) or LOOP.match(line)):
-                block, k = _read_block(lines, k - 1, step, last)
+                block, k = _read_block(lines, k - 1, step, last.words if last else [])
                 yield block
+                last = None
                 step = None if block.end == ENDLESS or block.start is None else int(block.end)
                 continue
             for command in _commands(source, number, line, step, log=log, after=last):
                 yield command
-                last, step = command.words, _step_after(command.words, step)
+                last, step = command, _step_after(command.words, step)
                 k += _answer_lines(line, lines[k:][:MOST_QUOTED]) if log and command.words[0] == "print" else 0
 
 
@@ -85,7 +86,7 @@ def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
 
 
 def _commands(
-    source: str, number: int, line: str, step: int | None, *, log: bool, after: list[str]
+    source: str, number: int, line: str, step: int | None, *, log: bool, after: Command | None
 ) -> Iterator[Command]:
     """The command in a line; of a log also its head, and the spacing of a lattice, as commands."""
     head, spacing = HEAD.match(line), SPACING.match(line)
@@ -99,8 +100,9 @@ def _commands(
     if not words or (log and any(word.endswith(":") for word in words[:2])):
         return
     if log and group_of("command", words[0]) == UNKNOWN:
-        known = group_of("line of a log", words[0]) != UNKNOWN or (after[:1] and after[0] in TALKING)
-        if known or not NAMED.match(bare):
+        told = after.line if after and after.words[0] == "variable" else ""
+        talk = re.search(r'".*\$', told) or (after and after.words[0] in TALKING)
+        if talk or group_of("line of a log", words[0]) != UNKNOWN or not NAMED.match(bare):
             return
     yield Command(source, number, bare.strip(), step)
 
