@@ -38,7 +38,7 @@ def _elsewhere(tmp_path, monkeypatch):
         ('print """\nfix a b ${c}\n"""\n\nfix a b c\n', ""),
         ("print 'frobnicate all 3'\nprint x\nx\nfrobnicate all 3", "frobnicate all 3 (log.lammps, line 165)"),
         (
-            "run 0\nstep of fix print\nPer MPI rank memory allocation x\nLoop time of 1 on 1 procs for 0 steps with 24 atoms",
+            "run 0\nstep of it\nPer MPI rank memory allocation x\nLoop time of 1 on 1 procs for 0 steps with 24 atoms",
             "",
         ),
         ('variable s string "granular ${a} 1"\ngranular 2 1\ndynamic group low defined', ""),
