@@ -14,6 +14,8 @@ from .lammps_log import LATTICE, VERSION, Block, Command, read_events, recognize
 
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
+INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")  # fixes that change their number
+RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
 WRITING = ("write_restart", "write_data", "write_dump")
 BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
@@ -57,9 +59,11 @@ class Run(NamedTuple):
         return step < 0 or self.steps() is None or any(block.start <= step <= block.end for block in self.blocks)
 
     def atoms_at(self, step: int) -> int | None:
-        """Number of grains at a time step; None if it is not known."""
+        """Number of grains at a time step; None if it is not known, or may have changed within a run."""
         counts = {b.atoms for b in self.blocks if b.start is not None and b.start <= step <= b.end}
-        return counts.pop() if len(counts) == 1 else None
+        styles = {style for _, style, *_ in self.fixes.values()}
+        changing = styles & {*INSERTING} or any(words & {*RENUMBERING} for words in self.met.values())
+        return counts.pop() if len(counts) == 1 and not changing else None
 
 
 def recognize_script(text: str) -> bool:
@@ -165,30 +169,43 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.settings[LATTICE] = rest
         return run
     run.met[group_of("command", key)].add(key)
+    if key == "clear":
+        return _empty(run.source, run.year)._replace(met=run.met)
+    if key == "pair_style" and rest:
+        run.places[key] = place
+        style = plain_style(rest[0])
+        kept = run.pair_coeff if run.pair_style[:1] == [style] else []
+        return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
     if key in FORCE_STYLES:
         _take_style(run, key, rest, place)
     elif group_of("command", key) == UNKNOWN:
         why = find_row("command", key).why or "it is not understood"
         run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not taken over: {why}"
-    elif key in ("units", "atom_style", "newton"):
+    elif key == "pair_coeff" and len(rest) > 1:
+        run.pair_coeff.append(rest)
+    elif key in ("fix", "unfix", "group", "region"):
+        _define(run, key, rest, place)
+    else:
+        _set(run, key, rest)
+    return run
+
+
+def _set(run: Run, key: str, rest: list[str]) -> None:
+    """Take a command that changes a setting."""
+    if key in ("units", "atom_style", "newton", "boundary"):
         run.settings[key] = rest
-    elif "boundary" in (key, *rest[1:2]) and key in ("boundary", "change_box"):
-        run.settings["boundary"] = rest[-3:]
+    elif key == "change_box" and "boundary" in rest:
+        run.settings["boundary"] = rest[rest.index("boundary") + 1 :][:3]
     elif key == "neigh_modify" and "exclude" in rest:
         part = " ".join(rest[rest.index("exclude") + 1 :][:3])
         run.settings["exclude"] = [] if part.startswith("none") else [*run.settings.get("exclude", []), part]
     elif key == "lattice":
         run.settings[LATTICE] = []  # a log has it in the next line
-    elif key == "clear":
-        return _empty(run.source, run.year)._replace(met=run.met)
-    elif key == "pair_style" and rest:
-        run.places[key] = place
-        style = plain_style(rest[0])
-        kept = run.pair_coeff if run.pair_style[:1] == [style] else []
-        return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
-    elif key == "pair_coeff" and len(rest) > 1:
-        run.pair_coeff.append(rest)
-    elif key == "fix" and len(rest) > 2:
+
+
+def _define(run: Run, key: str, rest: list[str], place: str) -> None:
+    """Take a command that defines something with a name, or removes it."""
+    if key == "fix" and len(rest) > 2:
         run.places[rest[0]] = place
         run.fixes[rest[0]] = [rest[1], plain_style(rest[2]), *rest[3:]]
     elif key == "unfix" and rest:
@@ -199,7 +216,6 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.groups.setdefault(rest[0], []).append(rest[1:])
     elif key == "region" and len(rest) > 1:
         run.regions[rest[0]] = Region(rest[1:], run.settings.get(LATTICE))
-    return run
 
 
 def _take_style(run: Run, key: str, rest: list[str], place: str) -> None:

@@ -10,7 +10,7 @@ from ..sample import UNDECIDED, Absent, Account, Assumption, Obstacle, PackingEr
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
 from .lammps_commands import BEGINNING, FILING, Run, numbers_in, read_commands, read_lines_of, recognize_script
-from .lammps_course import Course, describe, setting, take_over, with_wall_numbers
+from .lammps_course import describe, setting, take_over, with_wall_numbers
 from .lammps_file import (
     Pairs,
     read_boundary,
@@ -20,6 +20,7 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
+from .lammps_fixes import Course
 from .lammps_log import recognize_log
 from .lammps_text import NO_WALLS
 
@@ -37,7 +38,7 @@ class Files(NamedTuple):
     logs: list[Path]
     scripts: list[Path]
     others: list[Path]
-    words: dict[Path, list[list[str]]]  # lines of logs and scripts, as words, that name files
+    words: dict[Path, list[list[str]]]  # lines of logs and scripts, as words; `read_folder` looks them up
 
     @property
     def packings(self) -> list[Path]:
@@ -74,8 +75,6 @@ def list_files(folder: Path) -> Files:
             files.scripts.append(path)
         else:
             files.others.append(path)
-    for path in (*files.logs, *files.scripts):
-        files.words[path] = [line.split() for line in read_lines_of(path).split("\n") if line[:1].isalpha()]
     return files
 
 
@@ -87,6 +86,8 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
             f"{folder} has no restart file, dump of atoms or data file of LAMMPS: give the folder of a run of "
             f"LAMMPS, or a packing"
         )
+    for source in (*every.logs, *every.scripts):
+        every.words[source] = [line.split() for line in read_lines_of(source).split("\n") if line[:1].isalpha()]
     files, left = _of_newest_run(every) if frame is None else (every, [])
     path, run, packing = _newest_packing(files, frame)
     notes, contacts = [f"grains from {path.name}, time step {packing.step}", *left], None
