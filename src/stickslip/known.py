@@ -63,16 +63,18 @@ TABLE = (
         "quatw quati quatj quatk c_* f_* v_* i_* d_* i2_* d2_* mux muy muz mu spx spy spz"),
     Row("column of a dump", UNKNOWN, "q", "charges repel or attract each other"),
     Row("column of contacts", USED, "i j dist dx dy dz fx fy fz Fx Fy Fz tx ty tz"),
-    Row("column of contacts", HARMLESS, "periodic ?1 ?2 p* cutoff radius force eng overlap delta index c_* f_*"),
+    Row("column of contacts", HARMLESS, "periodic ?1 ?2 id1 id2 p* cutoff radius force eng "
+        "energy overlap* delta* index area* fn ft c? x y z step c_* f_*"),
     Row("column of a table", HARMLESS, "frame no nr number index time step timestep t absv u speed vmag colou?r c "
         "coordination* coord*number z cn neighbo?rs numneighbo?rs numcontacts contacts ncontacts mask name angle* phi "
         "psi theta orientation* quat* q? rot* a b g info volume voronoi* area stress* sigma* pressure p energy ekin "
-        "epot kinetic* potential* temperature temp displacement* disp* d?min* torque* contactforce* contacttorque* "
+        "epot kinetic* potential* temperature temp displacement* disp* d?min* contactforce* contacttorque* "
         "resultant* inertia* label cluster* edge rattler* dstn dstv* state status void* porosity packingfraction "
         "localdensity reserved* vorticity* strain* vel*mag* *mag *energy* "
         "ke pe nbr* numcontact* particleid* parent* bodyid angmom* angularmomentum* accel* a? alpha? ori*"),
     Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
-    Row("column of a table", UNKNOWN, "f? force* load* external*", "it may be a force from outside"),
+    Row("column of a table", UNKNOWN, "f? force* load* external* torque*",
+        "it may come from outside, beside the contacts"),
     Row("column of a table", UNKNOWN, "box cell l periodic pbc", "grains may touch across a periodic box"),
     Row("column of a record", HARMLESS, "rec* record* row n no nr index sync samp_freq sampling* step *strain* "
         " nor_disp* norm*_disp* normal_disp* h thickness layer* gouge* *temp* *humid* *lvdt* lt_* rgt_* *_lt "

@@ -230,7 +230,7 @@ TABLE = "x,y,z,radius,vx,vy,vz,wx,wy,wz{heads}\n0,0,0,0.5,0,0,0,0,0,0{a}\n0.99,0
             "column charge of t.csv is not understood: leave the column out if it has no influence",
         ),
         (",charge", ",0", ",0", ""),
-        (",force_x", ",1", ",-1", "it may be a force from outside"),
+        (",force_x", ",1", ",-1", "it may come from outside, beside the contacts"),
         (",contact_force_x,coordination,stress_xx", ",1,1,1", ",1,1,1", ""),
         (",bond", ",1", ",2", "column bond of t.csv"),
         (",material", ",0", ",1", ""),
@@ -277,3 +277,17 @@ def test_dumps_of_a_group_and_names_of_columns(cases):
         ss.io.read_packing(cases / "sheared" / "dump.grains", columns="i j bananas dx dy dz fx fy fz tx ty tz", **given)
     names = "i j - dx dy dz fx fy fz tx ty tz"
     assert ss.io.read_packing(cases / "sheared" / "dump.grains", columns=names, **given).state.contacts.slip.any()
+
+
+def test_species_of_extended_xyz_are_types(tmp_path):
+    """Also the materials of a file that this package wrote, whose law has a table of them."""
+    text = "2\nProperties=species:S:1:pos:R:3:radius:R:1\nA 0 0 0 0.5\nB 0.99 0 0.1 0.5\n"
+    (tmp_path / "a.xyz").write_text(text)
+    read = ss.io.read_packing(tmp_path / "a.xyz", law="linear", kn=1.0)
+    assert any("the grains are of 2 types, and one law is used" in note for note in read.assumed)
+    state, law = read.state, read.law
+    table = np.tile(law.table, (2, 2, 1)) * np.array([[1.0, 0.5], [0.5, 0.2]])[..., None]
+    state = state._replace(grains=state.grains._replace(material=np.array([0, 1])))
+    ss.io.write_packing(tmp_path / "b.xyz", state, law._replace(table=table))
+    again = ss.io.read_packing(tmp_path / "b.xyz")
+    assert again.state.grains.material.tolist() == [0, 1] and not obstacles(tmp_path / "b.xyz")

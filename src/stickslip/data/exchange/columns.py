@@ -146,10 +146,10 @@ def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]
 def at_rest(what: str, arrays: dict) -> list[str]:
     """Note that motion which a file does not have is taken to be zero."""
     lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in arrays]
-    rest = "at rest" if "velocity" not in arrays else "not turning"
-    return (
-        [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken to be {rest}")] if lacking else []
-    )
+    if not lacking:
+        return []
+    how = {"velocities": "not to move", "spins": "not to turn"}[lacking[0]] if len(lacking) == 1 else "to be at rest"
+    return [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken {how}")]
 
 
 UNSORTED = ("cell", "periodic")
