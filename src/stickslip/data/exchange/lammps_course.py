@@ -1,6 +1,6 @@
 """Effects of the commands of a run of LAMMPS: the law of each pair of types, walls, loads and held grains."""
 
-import re
+from itertools import combinations
 
 import numpy as np
 
@@ -151,29 +151,29 @@ def _take_pairs(course: Course) -> None:
 
 
 def _take_coefficients(course: Course) -> None:
-    """Laws of the style granular, whose types may be unknown if all have the same law."""
+    """Laws of the style granular; without types, all must have the same."""
+    lines: dict[tuple[str, str], tuple[str, ...]] = {}
+    for first, second, *arguments in course.run.pair_coeff:  # the last of the same types counts
+        lines.pop((first, second), None)
+        lines[first, second] = tuple(arguments)
+    if course.types is None and len({*lines.values()}) > 1:
+        text = "the grains have no types (a column type), and pair_coeff gives types different laws"
+        course.notes.append(NoTypes(f"{UNDECIDED}{text}"))
+        course.met[UNKNOWN].append(text)
+        return
     if course.types is None:
-        words = [word for first, second, *_ in course.run.pair_coeff for word in (first, second)]
-        course.kinds = max([1, *(int(n) for word in words for n in re.findall(r"\d{1,3}", word))])
+        lines = {("1", "1"): arguments for arguments in lines.values()}
     given = {}
-    for first, second, *arguments in course.run.pair_coeff:
-        contact, _ = contact_of("granular", arguments)
+    for (first, second), arguments in lines.items():
         ends = [(a, b) for a in _types(first, course.kinds) for b in _types(second, course.kinds)]
-        given |= {(min(pair), max(pair)): (contact, arguments) for pair in ends}
-    course.contacts |= {pair: contact for pair, (contact, _) in given.items()}
-    course.stored += [number for _, arguments in given.values() for number in numbers_in(arguments)]
-    for a in range(course.kinds):
-        for b in range(a + 1, course.kinds):
-            if (a, b) not in course.contacts and {(a, a), (b, b)} <= set(course.contacts):
-                course.contacts[a, b] = mix(course.contacts[a, a], course.contacts[b, b])
-    if course.types is None:
-        laws = list(course.contacts.values())
-        alike, course.kinds = all(law == laws[0] for law in laws), 1
-        course.contacts = {(0, 0): laws[0]} if alike and laws else {}
-        if not alike:
-            text = "the grains have no types (a column type), and pair_coeff gives types different laws"
-            course.notes.append(NoTypes(f"{UNDECIDED}{text}"))
-            course.met[UNKNOWN].append(text)
+        given |= {(min(pair), max(pair)): arguments for pair in ends}
+    laws = {arguments: contact_of("granular", arguments)[0] for arguments in dict.fromkeys(given.values())}
+    course.contacts |= {pair: laws[arguments] for pair, arguments in given.items()}
+    course.stored += [number for arguments in laws for number in numbers_in(arguments)]
+    own = [a for a in range(course.kinds) if (a, a) in course.contacts]
+    for a, b in combinations(own, 2):
+        if (a, b) not in course.contacts:
+            course.contacts[a, b] = mix(course.contacts[a, a], course.contacts[b, b])
 
 
 def _types(word: str, kinds: int) -> range:

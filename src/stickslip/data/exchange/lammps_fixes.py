@@ -14,7 +14,7 @@ from .content import Packing
 from .lammps_commands import Region, Run, group_members, numbers_in
 from .lammps_laws import WALL_CLASSIC, Contact, wall_contact
 
-MOST_TYPES = 1000
+MOST_TYPES = 200
 
 
 class Plane(NamedTuple):
