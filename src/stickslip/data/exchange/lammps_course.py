@@ -161,8 +161,8 @@ def _take_coefficients(course: Course) -> None:
         course.notes.append(NoTypes(f"{UNDECIDED}{text}"))
         course.met[UNKNOWN].append(text)
         return
-    if course.types is None:
-        lines = {("1", "1"): arguments for arguments in lines.values()}
+    if course.types is None and lines:
+        lines = {("1", "1"): next(iter(lines.values()))}
     given = {}
     for (first, second), arguments in lines.items():
         ends = [(a, b) for a in _types(first, course.kinds) for b in _types(second, course.kinds)]
