@@ -25,6 +25,8 @@ def _elsewhere(tmp_path, monkeypatch):
         ("angle_style charmm\nangle_style none", ""),
         ("kspace_style pppm 1e-4", "kspace_style pppm 1e-4 (log.lammps, line 162)"),
         ("bond_style harmonic\nclear\npair_style gran/hooke/history 2000 NULL 20 10 0.4 1", "has no fix wall/gran at"),
+        ("reading bonds ...\n  192 bonds\n  0 angles", "192 bonds (log.lammps, line 163) were not taken over"),
+        ("echo screen", "log.lammps does not repeat the commands that follow `echo screen`"),
         ("create_bonds many all all 1 0 1", "the contact of grains that are bonded"),
         (
             "fix b all bond/create 1 1 1 1.0 1",

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
 from .content import read_lines
-from .lammps_log import LATTICE, VERSION, Block, Command, read_events, recognize_log
+from .lammps_log import BONDS, LATTICE, VERSION, Block, Command, read_events, recognize_log
 
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
@@ -134,6 +134,8 @@ def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) ->
         values |= _value(words, values)
     line = command.line if log else _substitute(command.line, values)
     bare = QUOTED.sub(" ", line) if log else line
+    if log and words[0] == "echo" and words[1:2] in (["none"], ["screen"]):
+        run.acts["echo"] = f"{command.source} does not repeat the commands that follow `{' '.join(words)}`"
     if not log and words[0] in OPENING and words[1:2] != ["SELF"]:
         run.unknown.append(" ".join(words))
     if UNRESOLVED.search(bare):
@@ -167,6 +169,9 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         return _empty(run.source, int(rest[-1]))
     if key == LATTICE:
         run.settings[LATTICE] = rest
+        return run
+    if key == BONDS:
+        run.acts[key] = f"{' '.join(rest)} ({place}) were not taken over: {find_row('section', 'Bonds').why}"
         return run
     run.met[group_of("command", key)].add(key)
     if key == "clear":

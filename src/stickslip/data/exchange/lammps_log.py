@@ -11,11 +11,14 @@ RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")
 HEAD = re.compile(r"LAMMPS \(\d+ \w+ (\d{4})")
 BEGINS = re.compile(r"Per MPI rank memory allocation |Memory usage per processor ")
 LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps with (\d+) atoms")
-SPACING = re.compile(r"Lattice spacing in x,y,z = (\S+) (\S+) (\S+)")
-NAMED = re.compile(r"[a-z]\w*(/\w+)*\s")  # how a command begins that is none of those known
+VERSION, LATTICE, BONDS = "(version)", "(spacing)", "(bonds)"
+NAMED = re.compile(r"[a-z]\w*(/\w+)*(\s|$)")  # how a command begins that is none of those known
 TALKING = ("info", "package", "run", "minimize", "rerun")  # commands after which any words may come
 QUOTES, MOST_QUOTED = '"""', 1000  # marks of a text of several lines, and lines that it may have
-VERSION, LATTICE = "(version)", "(spacing)"  # what LAMMPS reports, in the place of commands
+REPORTS = {  # what LAMMPS reports, in the place of commands
+    VERSION: HEAD, LATTICE: re.compile(r"Lattice spacing in x,y,z = (.*)"),
+    BONDS: re.compile(r"\s+([1-9]\d* (?:bonds|angles|dihedrals|impropers))\s*$"),
+}  # fmt: skip
 ENDLESS = float("inf")
 
 
@@ -88,13 +91,11 @@ def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
 def _commands(
     source: str, number: int, line: str, step: int | None, *, log: bool, after: Command | None
 ) -> Iterator[Command]:
-    """The command in a line; of a log also its head, and the spacing of a lattice, as commands."""
-    head, spacing = HEAD.match(line), SPACING.match(line)
-    if log and (head or spacing):
-        yield Command(
-            source, number, f"{VERSION} {head[1]}" if head else f"{LATTICE} {' '.join(spacing.groups())}", step
-        )
-        return
+    """The command in a line, or what LAMMPS reports in one of a log."""
+    for name, form in REPORTS.items() if log else ():
+        if found := form.match(line):
+            yield Command(source, number, f"{name} {found[1]}", step)
+            return
     bare = line if QUOTES in line else re.sub(r"""("[^"]*"|'[^']*')|#.*""", lambda m: m[1] or "", line)
     words = bare.split()
     if not words or (log and any(word.endswith(":") for word in words[:2])):
