@@ -7,8 +7,10 @@ import pytest
 
 import stickslip as ss
 from stickslip.data.exchange import lammps_restart
+from stickslip.data.exchange.lammps_course import MOVERS
+from stickslip.data.exchange.lammps_fixes import TAKEN
 from stickslip.data.sample import Obstacle, account_of
-from stickslip.known import HARMLESS, UNKNOWN, USED
+from stickslip.known import HARMLESS, UNKNOWN, USED, group_of, plain_style
 from tests.exchange.test_lammps_runs import HERTZ, HOOKE, answer, in_poured
 
 
@@ -293,3 +295,11 @@ def test_species_of_extended_xyz_are_types(tmp_path):
     ss.io.write_packing(tmp_path / "b.xyz", state, law._replace(table=table))
     again = ss.io.read_packing(tmp_path / "b.xyz")
     assert again.state.grains.material.tolist() == [0, 1] and not obstacles(tmp_path / "b.xyz")
+
+
+def test_what_is_used_is_taken_over():
+    """The table and the code agree on fixes and pair styles."""
+    assert {group_of("fix", style) for style in TAKEN} == {USED}
+    assert {group_of("fix", style) for style in MOVERS} == {USED, UNKNOWN}
+    assert plain_style("gran/hooke/history/kk/device") == "gran/hooke/history" and plain_style("lj/cut") == "lj/cut"
+    assert group_of("fix", "mystery") == group_of("command", "mystery") == group_of("a kind", "mystery") == UNKNOWN

@@ -197,7 +197,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
 
 def _set(run: Run, key: str, rest: list[str]) -> None:
     """Take a command that changes a setting."""
-    if key in ("units", "atom_style", "newton", "boundary"):
+    if rest and key in ("units", "atom_style", "newton", "boundary"):
         run.settings[key] = rest
     elif key == "change_box" and "boundary" in rest:
         run.settings["boundary"] = rest[rest.index("boundary") + 1 :][:3]
