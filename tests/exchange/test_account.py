@@ -115,6 +115,19 @@ def test_the_log_and_the_restart_file_are_of_one_run(old, new, text, cases, tmp_
     assert any(text in note for note in left_out) if text else not left_out
 
 
+def test_grains_of_the_beginning_and_logs_without_commands(cases, tmp_path):
+    text = (in_poured(cases, tmp_path, name="poured.data") / "log.lammps").read_text()
+    begin = text.replace("write_data", "write_data other").replace(
+        "timestep 0.002", "timestep 0.002\nwrite_data poured.data"
+    )
+    (tmp_path / "log.lammps").write_text(begin)
+    changed(tmp_path, "poured.data", "timestep = 200000", "timestep = 0")
+    assert not any("does not repeat" in note for note in obstacles(tmp_path))
+    names = r"(units|atom_style|run|fix|pair_style|pair_coeff|boundary)\b"
+    (tmp_path / "log.lammps").write_text("\n".join(line for line in text.split("\n") if not re.match(names, line)))
+    assert any("log.lammps does not repeat its commands" in note for note in obstacles(tmp_path))
+
+
 def test_the_newest_run_of_a_folder_counts(cases, tmp_path):
     """Files of an older run, which went on for longer, are left out, and it is said."""
     in_poured(cases, tmp_path)

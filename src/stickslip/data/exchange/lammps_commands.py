@@ -89,7 +89,8 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
     for event in events[: _end(events, until, step)]:
         if isinstance(event, Command):
             run = _replay(run, event, values, log=log)
-    if log and blocks and not any("run" in names or "minimize" in names for names in run.met.values()):
+    said = {event.words[0] for event in events if isinstance(event, Command)}
+    if blocks and not said & {"run", "minimize", "rerun"}:
         run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
     return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts))
 
