@@ -154,7 +154,8 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 def _read_frame(path, file, number: int) -> Packing:
     if not file.file.chunk_exists(number, META):
-        return Packing(str(number), *_read_foreign(file[number]))
+        frame = file[number]
+        return Packing(str(number), *_read_foreign(frame), types=frame.particles.typeid.astype(np.int64))
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
     if not meta["schema"] <= SCHEMA:
         raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads up to {SCHEMA}")
