@@ -1,5 +1,6 @@
 """Foreign files are accounted for: what is used, without influence on forces, or not understood, and then undecided."""
 
+import json
 import re
 
 import numpy as np
@@ -227,11 +228,13 @@ def test_the_law_of_every_pair_is_shown(cases, capsys):
     assert "types 1 and 2: kn = 959.2" in said and "types 2 and 2: kn = 1389" in said
 
 
-def test_a_folder_of_lammps_makes_a_movie(cases, capsys, tmp_path):
-    code, said = answer(capsys, "movie", cases / "sheared", "--out", tmp_path / "a.gif", "--frames", "2", "--fps", "2")
-    assert code == 0 and (tmp_path / "a.gif").exists(), said
-    code, said = answer(capsys, "movie", cases / "poured", "--out", tmp_path / "b.gif")
-    assert code == 2 and "is stable or has no growing mode" in said
+def test_modes_are_sought_for_a_movie_of_a_folder_of_lammps(cases, capsys, tmp_path, monkeypatch):
+    def load(place, *, search, **_):
+        raise ValueError(f"search is {search}")
+
+    monkeypatch.setattr("stickslip.runs.page.load_content", load)
+    for folder, search in ((cases / "sheared", True), (tmp_path, False)):
+        assert answer(capsys, "movie", folder, "--out", "a.gif") == (2, f"stickslip: search is {search}")
 
 
 TABLE = "x,y,z,radius,vx,vy,vz,wx,wy,wz{heads}\n0,0,0,0.5,0,0,0,0,0,0{a}\n0.99,0,0.01,0.5,0,0,0,0,0,0{b}\n"
@@ -308,6 +311,27 @@ def test_species_of_extended_xyz_are_types(tmp_path):
     ss.io.write_packing(tmp_path / "b.xyz", state, law._replace(table=table))
     again = ss.io.read_packing(tmp_path / "b.xyz")
     assert again.state.grains.material.tolist() == [0, 1] and not obstacles(tmp_path / "b.xyz")
+
+
+def test_files_of_this_package_raise_no_alarm(cases, tmp_path, capsys):
+    """Forces and torques of contacts are not taken for loads."""
+    for name in ("a.csv", "a.vtu", "a.xyz", "a.data"):
+        code, said = answer(capsys, "convert", cases / "sheared", "--to", tmp_path / name, "--json")
+        assert code == 0 and "command atom_style" in json.loads(said)["met"]["used"]
+        assert not obstacles(tmp_path / name)
+    assert "contact_torque_x" in (tmp_path / "a.csv").read_text()
+
+
+def test_grains_that_nearly_touch_are_told(cases):
+    """As in packings of rigid grains, which have no overlaps."""
+    place = 1.003 * np.array([(a, b, c) for a in range(3) for b in range(3) for c in range(3)])
+    law = ss.laws.linear()
+    with pytest.raises(
+        ValueError, match="only rattlers, and 54 pairs have gaps below 1 % of a radius, as of rigid grains"
+    ):
+        ss.stability(ss.packings.from_arrays(place, np.full(27, 0.5), law), law)
+    with pytest.raises(ValueError, match="only rattlers: stability needs"):
+        ss.stability(ss.packings.from_arrays(2 * place, np.full(27, 0.5), law), law)
 
 
 def test_what_is_used_is_taken_over():
