@@ -10,6 +10,7 @@ sys.path.insert(0, str(HERE))
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 
 import api_reference  # noqa: E402
+import known_reference  # noqa: E402
 import scenario_reference  # noqa: E402
 
 import stickslip  # noqa: E402
@@ -60,6 +61,7 @@ def setup(app):
     """Write the generated pages and connect the handlers that adapt docstrings."""
     scenario_reference.write(HERE / "scenario")
     api_reference.write(HERE / "api")
+    known_reference.write()
     app.connect("autodoc-process-docstring", api_reference.described, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", api_reference.mend)
     app.connect("autodoc-process-signature", api_reference.short)

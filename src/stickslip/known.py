@@ -6,15 +6,14 @@ a way that is not read. Names are patterns of `fnmatch`.
 """
 
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 USED, HARMLESS, UNKNOWN = "used", "without influence on forces", "not understood"
 ACCELERATED = ("omp", "kk", "kk/host", "kk/device", "gpu", "intel", "opt")  # ends of the names of LAMMPS's styles
 FORCE_STYLES = tuple(f"{name}_style" for name in ("bond", "angle", "dihedral", "improper", "kspace"))
-BETWEEN = "forces between the ends of bonds, or on charges"
+BETWEEN = "it makes forces between bonded grains, or on charges"
 BONDED = "LAMMPS changes or leaves out the contact of grains that are bonded"
-HELD = "it binds, drives or damps grains"
 
 
 class Row(NamedTuple):
@@ -37,9 +36,9 @@ TABLE = (
         "rerun reset_* run_style set shell special_bonds suffix thermo thermo_modify thermo_style timer timestep "
         "uncompute undump velocity write_coeff dynamical_matrix third_order"),
     Row("command", UNKNOWN, "create_bonds", BONDED),
-    Row("line of a log", HARMLESS, "using set* prefer* extracting create reading special"),
-    *(Row(style, HARMLESS, "none zero") for style in FORCE_STYLES),
-    *(Row(style, UNKNOWN, "*", BETWEEN) for style in FORCE_STYLES),
+    Row("line of a log", HARMLESS, "using prefer dynamic"),
+    Row("style beside the pair style", HARMLESS, "none zero"),
+    Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
     Row("fix", USED, "wall/gran wall/gran/region gravity freeze setforce addforce deform nve nve/sphere nve/limit "
         "NEIGH_HISTORY* neigh_history*"),
     Row("fix", HARMLESS, "enforce2d print ave/* vector balance property/atom store/* STORE/* halt momentum* pour "
@@ -64,15 +63,18 @@ TABLE = (
         "quatw quati quatj quatk c_* f_* v_* i_* d_* i2_* d2_* mux muy muz mu spx spy spz"),
     Row("column of a dump", UNKNOWN, "q", "charges repel or attract each other"),
     Row("column of contacts", USED, "i j dist dx dy dz fx fy fz Fx Fy Fz tx ty tz"),
-    Row("column of contacts", HARMLESS, "periodic ?1 ?2 p* cutoff radius force eng overlap delta index c_* f_*"),
+    Row("column of contacts", HARMLESS, "periodic ?1 ?2 id1 id2 p* cutoff radius force eng "
+        "energy overlap* delta* index area* fn ft c? x y z step c_* f_*"),
     Row("column of a table", HARMLESS, "frame no nr number index time step timestep t absv u speed vmag colou?r c "
         "coordination* coord*number z cn neighbo?rs numneighbo?rs numcontacts contacts ncontacts mask name angle* phi "
         "psi theta orientation* quat* q? rot* a b g info volume voronoi* area stress* sigma* pressure p energy ekin "
-        "epot kinetic* potential* temperature temp displacement* disp* d?min* torque* contactforce* contacttorque* "
+        "epot kinetic* potential* temperature temp displacement* disp* d?min* contactforce* contacttorque* "
         "resultant* inertia* label cluster* edge rattler* dstn dstv* state status void* porosity packingfraction "
-        "localdensity reserved* vorticity* strain* angmom* angularmomentum* accel* a? alpha? ori*"),
+        "localdensity reserved* vorticity* strain* vel*mag* *mag *energy* "
+        "ke pe nbr* numcontact* particleid* parent* bodyid angmom* angularmomentum* accel* a? alpha? ori*"),
     Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
-    Row("column of a table", UNKNOWN, "f? force* load* external*", "it may be a force from outside"),
+    Row("column of a table", UNKNOWN, "f? force* load* external* torque*",
+        "it may come from outside, beside the contacts"),
     Row("column of a table", UNKNOWN, "box cell l periodic pbc", "grains may touch across a periodic box"),
     Row("column of a record", HARMLESS, "rec* record* row n no nr index sync samp_freq sampling* step *strain* "
         " nor_disp* norm*_disp* normal_disp* h thickness layer* gouge* *temp* *humid* *lvdt* lt_* rgt_* *_lt "
@@ -86,7 +88,7 @@ TABLE = (
 )  # fmt: skip
 
 
-@cache
+@lru_cache(4096)
 def find_row(kind: str, name: str) -> Row:
     """Row of the table for a name; one of what is not understood if it is in none."""
     rows = (row for row in TABLE if row.kind == kind)
@@ -105,3 +107,8 @@ def plain_style(style: str) -> str:
     """Name of a style of LAMMPS without the end that tells where it is computed: gran/hooke/history/omp is plain."""
     end = next((f"/{end}" for end in sorted(ACCELERATED, key=len, reverse=True) if style.endswith(f"/{end}")), "")
     return style.removesuffix(end)
+
+
+def with_keys(groups: dict[str, list[str]]) -> dict[str, list[str]]:
+    """Names by their group, with the keys of JSON."""
+    return {group.replace(" ", "_"): names for group, names in groups.items()}

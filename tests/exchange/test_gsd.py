@@ -91,6 +91,7 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
         file.append(frame)
     back, _, notes = ss.io.read_packing(tmp_path / "f.gsd", law="linear")
     assert any("was not written by stickslip" in word for word in notes)
+    assert not any(word.startswith("undecided") for word in notes)  # its bonds are our contacts
     shift = back.grains.position - state.grains.position
     shift -= shift[0]
     np.testing.assert_allclose(shift - np.round(shift / 5.7) * [5.7, 5.7, 0], 0, atol=1e-5)
@@ -118,6 +119,20 @@ def test_spins_of_turned_grains_are_read(tmp_path):
         file.append(frame)
     back, _, _ = ss.io.read_packing(tmp_path / "f.gsd")
     np.testing.assert_allclose(back.grains.spin, spin, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("part", "text"), [("bonds", "heading bonds of the file"), ("charge", "charges repel")])
+def test_forces_that_a_foreign_file_tells_of_are_not_left_out_silently(part, text, tmp_path):
+    frame = gsd.hoomd.Frame()
+    frame.particles.N, frame.particles.position = 2, [[0, 0, 0], [0.99, 0, 0]]
+    frame.particles.diameter, frame.configuration.box = [1, 1], [9, 9, 9, 0, 0, 0]
+    if part == "bonds":
+        frame.bonds.N, frame.bonds.group = 1, [[0, 1]]
+    else:
+        frame.particles.charge = [1, -1]
+    with gsd.hoomd.open(tmp_path / "f.gsd", "w") as file:
+        file.append(frame)
+    assert any(text in note and note.startswith("undecided") for note in ss.io.read_packing(tmp_path / "f.gsd").assumed)
 
 
 def test_frames_are_chosen(tmp_path):

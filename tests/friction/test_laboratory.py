@@ -8,7 +8,7 @@ import pytest
 from scipy.io import savemat
 
 from stickslip.friction.fitting import fit
-from stickslip.friction.laboratory import LabRecord, read_record, record_data, write_csv
+from stickslip.friction.laboratory import LabRecord, read_record, record_columns, record_data, write_csv
 from stickslip.friction.loads import velocity_steps
 from stickslip.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
@@ -383,3 +383,56 @@ def test_damaged_files_are_refused_in_a_sentence(tmp_path, kind):
                 read_record(path)
             except ValueError as problem:
                 assert "\n" not in str(problem)
+
+
+PORES = "time [s], load_point [um], shear_stress [MPa], normal_stress [MPa]"
+
+
+@pytest.mark.parametrize(
+    ("heading", "value", "friction", "group"),
+    [
+        ("pore_pressure [MPa]", 10.0, 0.6, "used"),
+        ("Pore Pressure (psi)", 10e6 / 6894.757293168, 0.6, "used"),
+        ("Pf_kPa", 1e4, 0.6, "used"),
+        ("pp [bar]", 100.0, 0.6, "used"),
+        ("p_up [MPa]", 10.0, 0.2, "not understood"),
+        ("foo [MPa]", 10.0, 0.2, "not understood"),
+        ("bananas", 1.0, 0.2, "not understood"),
+        ("temperature [C]", 20.0, 0.2, "without influence on forces"),
+    ],
+)
+def test_every_column_is_in_a_group_and_pore_pressure_makes_the_stress_effective(
+    tmp_path, heading, value, friction, group
+):
+    path = written(tmp_path / "a.csv", f"{PORES}, {heading}", [f"{k}, {k}, 3, 15, {value!r}" for k in range(12)])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        record = read_record(path)
+    assert np.allclose(record.friction, friction) and np.allclose(record.normal_stress, 3e6 / friction)
+    groups = record_columns(path)
+    assert any(name.startswith(heading) for name in groups[group]) and sum(map(len, groups.values())) == 5
+    assert (group == "not understood") == any("not understood, and not used" in str(w.message) for w in caught)
+    assert (friction == 0.6) == any("is made effective" in str(w.message) for w in caught)
+    assert any("may change the effective" in name for name in groups[group]) == ("MPa" in heading and friction < 0.5)
+
+
+def test_pore_pressure_of_named_columns(tmp_path):
+    """Found by its own heading; a stress that is effective already is left as it is."""
+    path = written(tmp_path / "a.csv", "a, b, c, d, Pp (MPa)", [f"{k}, {k}, 3, 15, 10" for k in range(12)])
+    names = {"time [s]": "a", "load_point [um]": "b", "shear_stress [MPa]": "c"}
+    with pytest.warns(UserWarning, match="is made effective"):
+        assert np.allclose(read_record(path, columns=names | {"normal_stress [MPa]": "d"}).friction, 0.6)
+    assert np.allclose(read_record(path, columns=names | {"effective_normal_stress [MPa]": 3}).friction, 0.2)
+    kept = written(tmp_path / "b.csv", f"{PORES}, friction, pp [MPa]", [f"{k}, {k}, 3, 15, 0.5, 10" for k in range(12)])
+    with pytest.warns(UserWarning, match="friction is the one of the record"):
+        record = read_record(kept)
+    assert np.allclose(record.friction, 0.5) and np.allclose(record.normal_stress, 5e6)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"), [("bananas", "use time, load_point"), ("lod_point", "did you mean 'load_point'")]
+)
+def test_names_of_columns_that_are_not_known_are_refused(tmp_path, name, hint):
+    path = written(tmp_path / "a.csv")
+    with pytest.raises(ValueError, match=f"a column '{name}' was named, which is not known: {hint}"):
+        read_record(path, columns={"time": 0, name: 1})

@@ -1,5 +1,6 @@
 """Disks that are full, as a limit on the size of files: a sentence names the place, and the same call goes on."""
 
+import functools
 import json
 import os
 import resource
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stickslip.experiments.quasi_rigid import paper as quasi_rigid
 from tests.conftest import stickslip_here
 from tests.hardening.test_sizes import FLOW
 
@@ -84,7 +86,7 @@ def test_the_same_call_goes_on_wherever_a_disk_was_full_at_the_start(tmp_path, s
     )
     arguments += ["--workers", "1", "--out", "out"]
     with monkeypatch.context() as now:
-        now.setattr("stickslip.experiments.quasi_rigid.paper.reproduce", stopped)
+        now.setattr(quasi_rigid, "reproduce", functools.wraps(quasi_rigid.reproduce)(stopped))
         now.setattr("stickslip.runs.sweep.run.run_members", stopped)
         now.setattr("stickslip.experiments.flow.simulate._run_stage", stopped)
         with at_most(size):

@@ -22,7 +22,7 @@ from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.exchange.motion import read_mode
 from stickslip.loading.packing import jammed
 from stickslip.reports.packing import check_modes
-from tests.exchange.test_lammps_runs import CASES
+from tests.exchange.conftest import CASES
 from tests.exchange.test_vtk_xml import CASES as VTK_CASES
 from tests.unit.test_sample import arrays_of
 from tests.unit.test_scenario import EXAMPLES

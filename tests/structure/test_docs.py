@@ -49,6 +49,14 @@ def test_the_reference_is_that_of_the_schema(tmp_path):
         assert kept == now, f"docs/scenario/{name} is stale: python docs/scenario_reference.py writes it anew"
 
 
+def test_the_table_of_foreign_files_is_that_of_the_module(tmp_path):
+    kept = (DOCS / "exchange.md").read_text(encoding="utf-8")
+    (tmp_path / "page.md").write_text(kept.replace("`bond_write`", ""), encoding="utf-8")
+    generator("known_reference").write(tmp_path / "page.md")
+    now = (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert "`bond_write`" in now and kept == now, "python docs/known_reference.py writes docs/exchange.md anew"
+
+
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_key_of_a_scenario_has_its_line_and_says_what_it_is(name):
     page = (DOCS / "scenario" / f"{name}.md").read_text(encoding="utf-8")

@@ -260,6 +260,8 @@ def convert(
 ) -> None:
     """Write a packing for OVITO, ParaView, ASE or LAMMPS; with --modes, the animation of a mode."""
     from ..data.exchange.files import capture_warnings
+    from ..data.sample import account_of
+    from ..known import with_keys
     from ..loading.reading import convert
     from ..reports import terminal
 
@@ -276,6 +278,7 @@ def convert(
     def answer() -> dict:
         from ..runs import json_output
 
-        return json_output.common_fields("convert", files=paths) | {"notes": notes}
+        met = with_keys(account_of(notes))
+        return json_output.common_fields("convert", files=paths) | {"notes": notes, "met": met}
 
     finish(answer, paths, show, output)

@@ -7,7 +7,7 @@ load_steps, find_steps  load histories from a displacement, exact or noisy
 steady_sliding, critical_stiffness  stability of steady sliding
 fit, compare_laws, Data     fitted parameters with intervals; comparison of two laws
 posterior       draws from the posterior distribution of a fit
-LabRecord, read_record, write_csv, record_data     laboratory records
+LabRecord, read_record, record_columns, write_csv, record_data     laboratory records
 steady_mean, steady_start, hold_response, healing   quantities measured from a record
 Fault, line_fault, simulate_fault, Recording    earthquake cycles on a straight fault
 FaultState, initial_state, perturbed_state, fault_dataset   its state; its history as an xarray dataset

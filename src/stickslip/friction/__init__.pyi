@@ -13,6 +13,7 @@ from .fault_xarray import fault_dataset as fault_dataset
 from .fitting import fit as fit
 from .laboratory import LabRecord as LabRecord
 from .laboratory import read_record as read_record
+from .laboratory import record_columns as record_columns
 from .laboratory import record_data as record_data
 from .laboratory import write_csv as write_csv
 from .load_history import find_steps as find_steps

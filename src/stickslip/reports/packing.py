@@ -20,6 +20,7 @@ from ..core.state import State
 from ..core.units import with_unit
 from ..data.atomic import replace_atomically
 from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle, account_of
+from ..known import with_keys
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.birth import BirthForm, birth_form
 from ..solve.freedom import backbone
@@ -224,7 +225,7 @@ def to_dict(
         "settled": None if calm is None else _settling_dict(calm),
         "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
-        "met": {group.replace(" ", "_"): names for group, names in account_of(notes).items()},
+        "met": with_keys(account_of(notes)),
         "geometry": shape and shape._asdict(),
         "at_limit": result.at_limit,
         "if_stuck": result.if_stuck.motion if result.if_stuck else None,

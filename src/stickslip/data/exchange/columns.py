@@ -21,7 +21,20 @@ SINGLE = {
     "density": ("rho", "density", "densities"),
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
 }
-KINDS = ("type", "types", "material", "materials", "mat", "matid", "materialid", "species", "kind", "atomtype")
+KINDS = (
+    "type",
+    "types",
+    "material",
+    "materials",
+    "mat",
+    "matid",
+    "materialid",
+    "species",
+    "kind",
+    "atomtype",
+    "particletype",
+    "particlematerial",
+)
 TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
 LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
@@ -86,19 +99,17 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     if arrays["position"].shape[1] == 2 or not np.any(arrays["position"][:, 2:]):
         arrays["dim"] = 2
         notes.append(Assumption(f"{what} has no third coordinate: its grains are taken as disks in a plane"))
-    turns = [name for name in rest if plain_name(name) in TURNS and np.ndim(columns[name]) == 1]
     if "spin" in known and known["spin"].shape[1] == 3:
         arrays["spin"] = known["spin"]
-    elif turns and arrays.get("dim") == 2:
-        arrays["spin"] = np.outer(columns[turns[0]], [0.0, 0.0, 1.0])
-        rest = [name for name in rest if name != turns[0]]
+    elif arrays.get("dim") == 2 and (turn := _column_of(TURNS, rest, columns)):
+        arrays["spin"] = np.outer(columns[turn], [0.0, 0.0, 1.0])
+        rest = [name for name in rest if name != turn]
     if "mass" not in arrays:
         arrays["density"] = known.get("density", 1.0)
         notes += [] if "density" in known else [mass_note(what)]
-    n, types = len(arrays["radius"]), None
-    if kinds := [name for name in rest if plain_name(name) in KINDS and np.shape(columns[name]) == (n,)]:
-        types = _numbered(np.asarray(columns[kinds[0]]))
-        rest = [name for name in rest if name != kinds[0]]
+    types = None
+    if kind := _column_of(KINDS, rest, columns):
+        types, rest = _numbered(np.asarray(columns[kind])), [name for name in rest if name != kind]
     notes += [*at_rest(what, arrays), *_notes_on_columns(what, columns, rest)]
     ids = known.get("id")
     if ids is not None and len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all():
@@ -111,6 +122,11 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     else:
         ids = None
     return Packing(name, arrays, notes, ids=ids, types=types)
+
+
+def _column_of(names: tuple[str, ...], rest: list[str], columns: dict[str, np.ndarray]) -> str | None:
+    """The first of the remaining columns of single numbers that has one of the names."""
+    return next((name for name in rest if plain_name(name) in names and np.ndim(columns[name]) == 1), None)
 
 
 def _numbered(kinds: np.ndarray) -> np.ndarray:
@@ -130,10 +146,10 @@ def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]
 def at_rest(what: str, arrays: dict) -> list[str]:
     """Note that motion which a file does not have is taken to be zero."""
     lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in arrays]
-    rest = "at rest" if "velocity" not in arrays else "not turning"
-    return (
-        [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken to be {rest}")] if lacking else []
-    )
+    if not lacking:
+        return []
+    how = {"velocities": "not to move", "spins": "not to turn"}[lacking[0]] if len(lacking) == 1 else "to be at rest"
+    return [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken {how}")]
 
 
 UNSORTED = ("cell", "periodic")

@@ -22,6 +22,7 @@ from ..sample import (
     PackingError,
     PackingWarning,
     accepted,
+    account_of,
     law_by_name,
     law_note,
     law_text,
@@ -59,6 +60,11 @@ class Reading(NamedTuple):
     def assumed(self) -> list[str]:
         """Notes on what the file does not contain and was assumed, such as a law, masses, a box or slips of zero."""
         return [note for note in self.notes if isinstance(note, Assumption)]
+
+    @property
+    def met(self) -> dict[str, list[str]]:
+        """What the reader of a foreign file met: used, without influence on forces, and not understood."""
+        return account_of(self.notes)
 
 
 def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str, State, Law, list[str]]]:

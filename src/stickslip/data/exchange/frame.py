@@ -36,8 +36,8 @@ class Frame(NamedTuple):
 
 
 def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns under the names that files have: a force alone could be a load."""
-    return {"contact_force" if name == "force" else name: column for name, column in columns.items()}
+    """Columns under the names that files have: a force or a torque alone could come from outside."""
+    return {f"contact_{name}" if name in ("force", "torque") else name: column for name, column in columns.items()}
 
 
 @checked

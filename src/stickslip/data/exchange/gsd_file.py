@@ -23,6 +23,7 @@ from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_wall
 
 SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
 PREFIX = "stickslip/"
+CONTACTS = ("sticking", "sliding")  # types of the bonds that show contacts
 META = f"{PREFIX}meta"
 NOUNS = {
     "grains": core.Grains,
@@ -68,7 +69,7 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
     p.angmom = 2 * quaternion_product(turn, np.pad(grains.inertia[:, None] * grains.spin, ((0, 0), (1, 0))))
     p.types, p.typeid = [f"material {k}" for k in range(kinds)], grains.material
     pairs, notes = without_walls(frame)
-    out.bonds.N, out.bonds.types = len(pairs["i"]), ["sticking", "sliding"]
+    out.bonds.N, out.bonds.types = len(pairs["i"]), [*CONTACTS]
     out.bonds.group = np.stack([pairs["i"], pairs["j"]], axis=1)
     out.bonds.typeid = (pairs["mode"] == core.SLIDE).astype(np.uint32)
     out.log["time"] = np.array([state.time])
@@ -153,7 +154,8 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 def _read_frame(path, file, number: int) -> Packing:
     if not file.file.chunk_exists(number, META):
-        return Packing(str(number), *_read_foreign(file[number]))
+        frame = file[number]
+        return Packing(str(number), *_read_foreign(frame), types=frame.particles.typeid.astype(np.int64))
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
     if not meta["schema"] <= SCHEMA:
         raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads up to {SCHEMA}")
@@ -204,7 +206,7 @@ def _read_foreign(frame):
     }  # fmt: skip
     notes = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
     for name in ("bonds", "angles", "dihedrals", "impropers"):
-        if getattr(frame, name).N:
+        if getattr(frame, name).N and tuple(getattr(frame, name).types or ()) != CONTACTS:
             notes += account_for("heading of a data file", [name], "the file")
     if p.charge is not None and np.any(p.charge):
         notes += account_for("column of a dump", ["q"], "the file")

@@ -10,14 +10,23 @@ import numpy as np
 
 from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
 from .content import read_lines
-from .lammps_log import Block, Command, read_events, recognize_log
+from .lammps_log import BONDS, LATTICE, VERSION, Block, Command, read_events, recognize_log
 
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
+INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")  # fixes that change their number
+RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
 WRITING = ("write_restart", "write_data", "write_dump")
 BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
 FILING = (*WRITING, *BEGINNING, "restart", "dump")  # commands that name files of grains
+
+
+class Region(NamedTuple):
+    """A region, and the unit of its lengths where these are in units of a lattice."""
+
+    words: list[str]  # style and arguments
+    spacing: list[str] | None = None  # of the lattice at that time, empty if it is not known; None without a lattice
 
 
 class Run(NamedTuple):
@@ -28,7 +37,7 @@ class Run(NamedTuple):
     pair_coeff: list[list[str]]
     fixes: dict[str, list[str]]  # group, style and the words that follow, by id
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
-    regions: dict[str, list[str]]
+    regions: dict[str, Region]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
     unknown: list[str]  # commands whose outcome or variables have no value here
     acts: dict[str, str]  # sentences on what makes or changes forces, or may, and is not read, by what replaces it
@@ -50,9 +59,11 @@ class Run(NamedTuple):
         return step < 0 or self.steps() is None or any(block.start <= step <= block.end for block in self.blocks)
 
     def atoms_at(self, step: int) -> int | None:
-        """Number of grains at a time step; None if it is not known."""
+        """Number of grains at a time step; None if it is not known, or may have changed within a run."""
         counts = {b.atoms for b in self.blocks if b.start is not None and b.start <= step <= b.end}
-        return counts.pop() if len(counts) == 1 else None
+        styles = {style for _, style, *_ in self.fixes.values()}
+        changing = styles & {*INSERTING} or any(words & {*RENUMBERING} for words in self.met.values())
+        return counts.pop() if len(counts) == 1 and not changing else None
 
 
 def recognize_script(text: str) -> bool:
@@ -78,7 +89,8 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
     for event in events[: _end(events, until, step)]:
         if isinstance(event, Command):
             run = _replay(run, event, values, log=log)
-    if log and blocks and not any("run" in names or "minimize" in names for names in run.met.values()):
+    said = {event.words[0] for event in events if isinstance(event, Command)}
+    if blocks and not said & {"run", "minimize", "rerun"}:
         run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
     return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts))
 
@@ -123,6 +135,8 @@ def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) ->
         values |= _value(words, values)
     line = command.line if log else _substitute(command.line, values)
     bare = QUOTED.sub(" ", line) if log else line
+    if log and words[0] == "echo" and words[1:2] in (["none"], ["screen"]):
+        run.acts["echo"] = f"{command.source} does not repeat the commands that follow `{' '.join(words)}`"
     if not log and words[0] in OPENING and words[1:2] != ["SELF"]:
         run.unknown.append(" ".join(words))
     if UNRESOLVED.search(bare):
@@ -130,6 +144,11 @@ def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) ->
             run.unknown.append(" ".join(words))
         return run
     return _apply(run, [word.strip("\"'") for word in line.split()], f"{command.source}, line {command.number}")
+
+
+def numbers_in(words: Sequence[str]) -> list[float]:
+    """Numbers among words."""
+    return [float(word) for word in words if re.fullmatch(r"[-+]?\d*\.?\d+\.?([eE][-+]?\d+)?", word)]
 
 
 def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
@@ -147,34 +166,52 @@ def _substitute(line: str, values: dict[str, str]) -> str:
 def _apply(run: Run, tokens: list[str], place: str) -> Run:
     """Run after one more command."""
     key, rest = tokens[0], tokens[1:]
-    if key == "LAMMPS":  # another run, appended to the log
+    if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
-    if key == "spacing":
-        run.settings[key] = rest
+    if key == LATTICE:
+        run.settings[LATTICE] = rest
+        return run
+    if key == BONDS:
+        run.acts[key] = f"{' '.join(rest)} ({place}) were not taken over: {find_row('section', 'Bonds').why}"
         return run
     run.met[group_of("command", key)].add(key)
+    if key == "clear":
+        return _empty(run.source, run.year)._replace(met=run.met)
+    if key == "pair_style" and rest:
+        run.places[key] = place
+        style = plain_style(rest[0])
+        kept = run.pair_coeff if run.pair_style[:1] == [style] else []
+        return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
     if key in FORCE_STYLES:
         _take_style(run, key, rest, place)
     elif group_of("command", key) == UNKNOWN:
         why = find_row("command", key).why or "it is not understood"
         run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not taken over: {why}"
-    elif key in ("units", "atom_style", "newton"):
+    elif key == "pair_coeff" and len(rest) > 1:
+        run.pair_coeff.append(rest)
+    elif key in ("fix", "unfix", "group", "region"):
+        _define(run, key, rest, place)
+    else:
+        _set(run, key, rest)
+    return run
+
+
+def _set(run: Run, key: str, rest: list[str]) -> None:
+    """Take a command that changes a setting."""
+    if rest and key in ("units", "atom_style", "newton", "boundary"):
         run.settings[key] = rest
-    elif "boundary" in (key, *rest[1:2]) and key in ("boundary", "change_box"):
-        run.settings["boundary"] = rest[-3:]
+    elif key == "change_box" and "boundary" in rest:
+        run.settings["boundary"] = rest[rest.index("boundary") + 1 :][:3]
     elif key == "neigh_modify" and "exclude" in rest:
         part = " ".join(rest[rest.index("exclude") + 1 :][:3])
         run.settings["exclude"] = [] if part.startswith("none") else [*run.settings.get("exclude", []), part]
-    elif key == "clear":
-        return _empty(run.source, run.year)._replace(met=run.met)
-    elif key == "pair_style" and rest:
-        run.places[key] = place
-        style = plain_style(rest[0])
-        kept = run.pair_coeff if run.pair_style[:1] == [style] else []
-        return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
-    elif key == "pair_coeff" and len(rest) > 1:
-        run.pair_coeff.append(rest)
-    elif key == "fix" and len(rest) > 2:
+    elif key == "lattice":
+        run.settings[LATTICE] = []  # a log has it in the next line
+
+
+def _define(run: Run, key: str, rest: list[str], place: str) -> None:
+    """Take a command that defines something with a name, or removes it."""
+    if key == "fix" and len(rest) > 2:
         run.places[rest[0]] = place
         run.fixes[rest[0]] = [rest[1], plain_style(rest[2]), *rest[3:]]
     elif key == "unfix" and rest:
@@ -184,13 +221,12 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     elif key == "group" and len(rest) > 1:
         run.groups.setdefault(rest[0], []).append(rest[1:])
     elif key == "region" and len(rest) > 1:
-        run.regions[rest[0]] = rest[1:]
-    return run
+        run.regions[rest[0]] = Region(rest[1:], run.settings.get(LATTICE))
 
 
 def _take_style(run: Run, key: str, rest: list[str], place: str) -> None:
     """Note a style that makes forces beside those of the pair style, until another one replaces it."""
-    row = find_row(key, plain_style(rest[0]) if rest else "none")
+    row = find_row("style beside the pair style", plain_style(rest[0]) if rest else "none")
     run.acts.pop(key, None)
     if row.group == UNKNOWN:
         run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"

@@ -266,8 +266,8 @@ def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > OTHER_LAW:
         raise PackingError(
-            f"the law's normal forces differ from those in the dump by up to {miss:.2g} of their mean: give the law, "
-            f"kn and damping_n used in LAMMPS, and a packing with enough digits ({ALL_DIGITS})"
+            f"the law's normal forces differ from those in the dump by up to {miss:.2g} of their mean: law, types or "
+            f"run differ; give the law, kn and damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
         )
     if miss > NEGLIGIBLE:
         problem = f"the law's normal forces differ from those in the dump by up to {miss:.1g} of their mean"

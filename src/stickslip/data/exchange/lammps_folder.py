@@ -9,8 +9,8 @@ from ...known import HARMLESS, UNKNOWN, USED, group_of
 from ..sample import UNDECIDED, Absent, Account, Assumption, Obstacle, PackingError
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
-from .lammps_commands import BEGINNING, FILING, Run, read_commands, read_lines_of, recognize_script
-from .lammps_course import Course, describe, setting, take_over, with_wall_numbers
+from .lammps_commands import BEGINNING, FILING, Run, numbers_in, read_commands, read_lines_of, recognize_script
+from .lammps_course import describe, setting, take_over, with_wall_numbers
 from .lammps_file import (
     Pairs,
     read_boundary,
@@ -20,6 +20,7 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
+from .lammps_fixes import Course
 from .lammps_log import recognize_log
 from .lammps_text import NO_WALLS
 
@@ -37,7 +38,7 @@ class Files(NamedTuple):
     logs: list[Path]
     scripts: list[Path]
     others: list[Path]
-    words: dict[Path, list[list[str]]]  # lines of logs and scripts, as words, that name files
+    words: dict[Path, list[list[str]]]  # lines of logs and scripts, as words; `read_folder` looks them up
 
     @property
     def packings(self) -> list[Path]:
@@ -74,8 +75,6 @@ def list_files(folder: Path) -> Files:
             files.scripts.append(path)
         else:
             files.others.append(path)
-    for path in (*files.logs, *files.scripts):
-        files.words[path] = [line.split() for line in read_lines_of(path).split("\n") if line[:1].isalpha()]
     return files
 
 
@@ -87,6 +86,8 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
             f"{folder} has no restart file, dump of atoms or data file of LAMMPS: give the folder of a run of "
             f"LAMMPS, or a packing"
         )
+    for source in (*every.logs, *every.scripts):
+        every.words[source] = [line.split() for line in read_lines_of(source).split("\n") if line[:1].isalpha()]
     files, left = _of_newest_run(every) if frame is None else (every, [])
     path, run, packing = _newest_packing(files, frame)
     notes, contacts = [f"grains from {path.name}, time step {packing.step}", *left], None
@@ -177,11 +178,9 @@ def _step_of(path: Path, files: Files) -> int:
 def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, Packing]:
     """File of the newest grains that can be read, the commands of its run, and the packing."""
     path = _newest_grains(files, frame)
-    source = _newest_commands(files, path)
-    before, run = [] if source is None else _logs_before(source, files), None
-    if source is not None:
-        step = int(frame) if frame and frame.isdecimal() else _step_of(path, files)
-        run = read_commands(source, path.name, before, step)
+    step = int(frame) if frame and frame.isdecimal() else _step_of(path, files)
+    source = _newest_commands(files, path, step)
+    run = None if source is None else read_commands(source, path.name, _logs_before(source, files), step)
     try:
         return path, run, _read_grains(path, files, frame, run)
     except PackingError as problem:
@@ -275,11 +274,18 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
     elif run and not naming:
         notes.append(Assumption(f"{run.source} does not name {grains.name}, which is taken to be of its run"))
     runs = [read_commands(path, grains.name, _logs_before(path, files), packing.step) for path in naming]
+    runs = [other for other in runs if other.has_step(packing.step) and not _differs(grains, files, other)]
     laws = [(other.pair_style, other.pair_coeff, other.fixes) for other in runs]
     if any(law != laws[0] for law in laws):
-        several = " and ".join(path.name for path in naming[:3])
+        several = " and ".join(other.source for other in runs[:3])
         doubts.append(f"{several} name {grains.name} with different laws or fixes: keep one of them")
     return [*notes, *(Obstacle(f"{UNDECIDED}{doubt}") for doubt in doubts if doubt)]
+
+
+def _differs(path: Path, files: Files, run: Run) -> bool:
+    """Return True if a restart file lacks coefficients of the pair style of a run, which are not its own."""
+    given = numbers_in(run.pair_style[1:6])
+    return path in files.restarts and bool(lammps_restart.compare_pair_style(path, given)[1])
 
 
 def _mismatch(packing: Packing, run: Run) -> str:
@@ -310,21 +316,29 @@ def _contradictions(path: Path, run: Run, numbers: list[float]) -> list[str]:
 
 def _names(files: Files, path: Path, name: str, commands: tuple[str, ...] = FILING) -> bool:
     """Return True if a command in a log or script names a file, also by a pattern or as the beginning of a series."""
-    return any(_means(word, name) for words in files.words[path] if words[0] in commands for word in words[1:])
+    lines = [words for words in files.words[path] if words[0] in commands]
+    return any(_means(word, name, series=words[0] == "restart") for words in lines for word in words[1:])
 
 
-def _means(word: str, name: str) -> bool:
-    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes."""
+def _means(word: str, name: str, *, series: bool = False) -> bool:
+    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes.
+
+    In a series, a time step follows the word.
+    """
     word = Path(word.strip("\"'")).name.replace("%", "*")
-    return bool(word.strip("*.")) and (fnmatchcase(name, word) or name.startswith(f"{word}."))
+    return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
 
 
-def _newest_commands(files: Files, grains: Path) -> Path | None:
-    """The log that names the file of the grains, or else the newest log, or else such a script."""
+def _newest_commands(files: Files, grains: Path, step: int) -> Path | None:
+    """The log that names the file of the grains and agrees with it, or else the newest log, or else such a script."""
     for paths in (files.logs, files.scripts):
-        naming = [path for path in paths if _names(files, path, grains.name)]
-        if naming or paths:
-            return max(naming or paths, key=lambda path: path.stat().st_mtime)
+        some = [path for path in paths if _names(files, path, grains.name)] or paths
+        if len(some) > 1:
+            runs = {path: read_commands(path, grains.name, _logs_before(path, files), step) for path in some}
+            agree = [path for path in some if runs[path].has_step(step) and not _differs(grains, files, runs[path])]
+            some = agree or some
+        if some:
+            return max(some, key=lambda path: path.stat().st_mtime)
     return None
 
 

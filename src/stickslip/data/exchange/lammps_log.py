@@ -11,9 +11,14 @@ RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")
 HEAD = re.compile(r"LAMMPS \(\d+ \w+ (\d{4})")
 BEGINS = re.compile(r"Per MPI rank memory allocation |Memory usage per processor ")
 LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps with (\d+) atoms")
-SPACING = re.compile(r"Lattice spacing in x,y,z = (\S+) (\S+) (\S+)")
-NAMED = re.compile(r"[a-z]\w*(/\w+)*\s")  # how a command begins that is none of those known
-TALKING = ("print", "info", "package", "shell")  # commands that LAMMPS may answer in words of any kind
+VERSION, LATTICE, BONDS = "(version)", "(spacing)", "(bonds)"
+NAMED = re.compile(r"[a-z]\w*(/\w+)*(\s|$)")  # how a command begins that is none of those known
+TALKING = ("info", "package", "run", "minimize", "rerun")  # commands after which any words may come
+QUOTES, MOST_QUOTED = '"""', 1000  # marks of a text of several lines, and lines that it may have
+REPORTS = {  # what LAMMPS reports, in the place of commands
+    VERSION: HEAD, LATTICE: re.compile(r"Lattice spacing in x,y,z = (.*)"),
+    BONDS: re.compile(r"\s+([1-9]\d* (?:bonds|angles|dihedrals|impropers))\s*$"),
+}  # fmt: skip
 ENDLESS = float("inf")
 
 
@@ -50,77 +55,80 @@ def recognize_log(text: str) -> bool:
 def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Command | Block]:
     """Commands and runs of files in the order in which they were written; each file has a name and a text."""
     step: int | None = 0
-    last: list[str] = []
+    last: Command | None = None
     for source, text in texts:
-        lines = list(_logical_lines(text))
+        numbers, lines = zip(*_logical_lines(text, log=log), strict=True) if text else ((), ())
         k = 0
         while k < len(lines):
-            number, line = lines[k]
+            number, line = numbers[k], lines[k]
             k += 1
             if log and (BEGINS.match(line) or LOOP.match(line)):
-                block, k = _read_block([line for _, line in lines], k - 1, step, last)
+                block, k = _read_block(lines, k - 1, step, last.words if last else [])
                 yield block
+                last = None
                 step = None if block.end == ENDLESS or block.start is None else int(block.end)
                 continue
             for command in _commands(source, number, line, step, log=log, after=last):
                 yield command
-                last, step = command.words, _step_after(command.words, step)
-                k += _answer_lines(line) if log and command.words[0] == "print" else 0
+                last, step = command, _step_after(command.words, step)
+                k += _answer_lines(line, lines[k:][:MOST_QUOTED]) if log and command.words[0] == "print" else 0
 
 
-def _logical_lines(text: str) -> Iterator[tuple[int, str]]:
-    """Number and content of each line, with those that continue it: after &, or within triple quotes."""
-    whole, first = "", 0
-    for number, line in enumerate(text.split("\n"), 1):
-        first = first or number
-        whole += line
-        if whole.count('"""') % 2:
-            whole += "\n"
-        elif re.search(r"&[ \t]*$", whole):
-            whole = re.sub(r"&[ \t]*$", " ", whole)
-        else:
-            yield first, whole
-            whole, first = "", 0
-    if whole:
-        yield first, whole
+def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
+    """Number and content of each line, with those that continue it: within triple quotes, or after & in a script."""
+    lines, k = text.split("\n"), 0
+    while k < len(lines):
+        first, whole, k = k, lines[k], k + 1
+        if whole.count(QUOTES) % 2:
+            near = range(k, min(k + MOST_QUOTED, len(lines)))
+            end = next((j for j in near if lines[j].count(QUOTES) % 2), first)
+            whole, k = "\n".join(lines[first : end + 1]), end + 1
+        while not log and k < len(lines) and re.search(r"&[ \t]*$", whole):
+            whole, k = re.sub(r"&[ \t]*$", " ", whole) + lines[k], k + 1
+        yield first + 1, whole
 
 
 def _commands(
-    source: str, number: int, line: str, step: int | None, *, log: bool, after: list[str]
+    source: str, number: int, line: str, step: int | None, *, log: bool, after: Command | None
 ) -> Iterator[Command]:
-    """The command in a line; of a log also its head, and the spacing of a lattice, as commands."""
-    head, spacing = HEAD.match(line), SPACING.match(line)
-    if log and (head or spacing):
-        yield Command(source, number, f"LAMMPS {head[1]}" if head else f"spacing {' '.join(spacing.groups())}", step)
-        return
-    bare = line if '"""' in line else re.sub(r"""("[^"]*"|'[^']*')|#.*""", lambda m: m[1] or "", line)
+    """The command in a line, or what LAMMPS reports in one of a log."""
+    for name, form in REPORTS.items() if log else ():
+        if found := form.match(line):
+            yield Command(source, number, f"{name} {found[1]}", step)
+            return
+    bare = line if QUOTES in line else re.sub(r"""("[^"]*"|'[^']*')|#.*""", lambda m: m[1] or "", line)
     words = bare.split()
     if not words or (log and any(word.endswith(":") for word in words[:2])):
         return
     if log and group_of("command", words[0]) == UNKNOWN:
-        known = group_of("line of a log", words[0]) != UNKNOWN or (after[:1] and after[0] in TALKING)
-        if known or not NAMED.match(bare):
+        told = after.line if after and after.words[0] == "variable" else ""
+        talk = re.search(r'".*\$', told) or (after and after.words[0] in TALKING)
+        if talk or group_of("line of a log", words[0]) != UNKNOWN or not NAMED.match(bare):
             return
     yield Command(source, number, bare.strip(), step)
 
 
-def _answer_lines(line: str) -> int:
-    """Number of lines that a command `print` writes to the log."""
-    text = re.search(r'"""(.*?)"""|"([^"]*)"|\'([^\']*)\'|print\s+(\S+)', line, re.DOTALL)
-    silent = re.search(r"\b(screen|universe)\s+no\b", line)
-    return 0 if text is None or silent else next(part for part in text.groups() if part is not None).count("\n") + 1
+def _answer_lines(line: str, after: Sequence[str]) -> int:
+    """Number of the lines after a command `print` that are its text, in which variables may have got their values."""
+    found = re.search(r'print\s+(?:"""(.*?)"""|"([^"]*)"|\'([^\']*)\'|(\S+))', line, re.DOTALL)
+    text = next((part for part in found.groups() if part is not None), "") if found else ""
+    wanted = text.split("\n")
+    got = [line.strip() for line in after[: len(wanted)]]
+    if "$" in text and not re.search(r"\b(screen|universe)\s+no\b", line):
+        return len(got)
+    return len(got) if got == [line.strip() for line in wanted] else 0
 
 
 def _step_after(words: list[str], step: int | None) -> int | None:
     """Time step after a command that sets it; None if it is not known."""
-    if words[0] == "LAMMPS" or words[0] == "clear":
+    if words[0] in (VERSION, "clear"):
         return 0
     if words[0] == "reset_timestep":
         return int(words[1]) if words[1:] and words[1].isdecimal() else None
     return None if words[0] in ("read_restart", "read_dump", "rerun") else step
 
 
-def _read_block(lines: list[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
+def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
     """A run from its first line, with the steps of its table if it has any, and the number of the line after it."""
     seen: list[int] = []
     column, width = None, 0

@@ -93,6 +93,8 @@ def _columns(kinds: list[str], rows: list[list[str]]) -> dict[str, np.ndarray]:
         if kind in "RI":
             values = parse_numbers([word for row in rows for word in row[at : at + width]]).reshape(len(rows), width)
             out[name] = values[:, 0] if width == 1 else values
+        elif name == "species" and len({row[at] for row in rows}) > 1:
+            out[name] = np.unique([row[at] for row in rows], return_inverse=True)[1].astype(float)
         at += width
     if any(len(row) != at for row in rows):
         raise ValueError(f"rows that do not have {at} entries")

@@ -20,7 +20,7 @@ from ...friction.model import Data
 from ...friction.model_comparison import LawComparison, compare_laws
 from ...friction.remedies import gain_by, stiffness_doubt
 from ...friction.sampling import PERCENTS, Posterior, posterior
-from ...known import UNKNOWN
+from ...known import UNKNOWN, with_keys
 from ...reports.terminal import console, new_table, progress, show_table
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
@@ -164,7 +164,7 @@ def as_json(result: RecordFits) -> str:
     if result.posterior is not None:
         out["posterior"] = _posterior_dict(result.posterior)
     out["doubts"] = doubts(result)
-    out["met"] = {group.replace(" ", "_"): names for group, names in (result.met or {}).items()}
+    out["met"] = with_keys(result.met or {})
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
 
 

@@ -1,0 +1,342 @@
+"""Foreign files are accounted for: what is used, without influence on forces, or not understood, and then undecided."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data.exchange import lammps_restart
+from stickslip.data.exchange.lammps_course import MOVERS
+from stickslip.data.exchange.lammps_fixes import TAKEN
+from stickslip.data.sample import Obstacle, account_of
+from stickslip.known import HARMLESS, UNKNOWN, USED, group_of, plain_style
+from tests.exchange.test_lammps_runs import HERTZ, HOOKE, answer, in_poured
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Modes are written to the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("bond_style harmonic", "bond_style harmonic (log.lammps, line 162) was not taken over: it makes forces"),
+        ("angle_style charmm\nangle_style none", ""),
+        ("kspace_style pppm 1e-4", "kspace_style pppm 1e-4 (log.lammps, line 162)"),
+        ("bond_style harmonic\nclear\npair_style gran/hooke/history 2000 NULL 20 10 0.4 1", "has no fix wall/gran at"),
+        ("reading bonds ...\n  192 bonds\n  0 angles", "192 bonds (log.lammps, line 163) were not taken over"),
+        ("echo screen", "log.lammps does not repeat the commands that follow `echo screen`"),
+        ("create_bonds many all all 1 0 1", "the contact of grains that are bonded"),
+        (
+            "fix b all bond/create 1 1 1 1.0 1",
+            "fix b (bond/create) was not taken over: it acts on the grains (log.lamm",
+        ),
+        ("fix e all efield 0 0 1", "fix e (efield)"),
+        ("fix m all mystery/style 1", "whether it acts on the grains is not known"),
+        ("fix m all mystery/style 1\nunfix m", ""),
+        ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is not understood"),
+        ("print 'frobnicate all 3'\nfrobnicate all 3", ""),
+        ('print """\nfix a b ${c}\n"""\n\nfix a b c\n', ""),
+        ("print 'frobnicate all 3'\nprint x\nx\nfrobnicate all 3", "frobnicate all 3 (log.lammps, line 165)"),
+        (
+            "run 0\nstep of it\nPer MPI rank memory allocation x\nLoop time of 1 on 1 procs for 0 steps with 24 atoms",
+            "",
+        ),
+        ('variable s string "granular ${a} 1"\ngranular 2 1\ndynamic group low defined', ""),
+        ("package omp 0\nset 1 OpenMP thread(s)\nusing multi-threaded lists\n  fix style: X, fix ID: y", ""),
+        ("fix p all print 100 'step $(step)'\nfix_modify p energy no\ndump_modify d sort id", ""),
+        (
+            "minimize 1e-4 1e-6 10 10\nbox tilt large\nprocessors 1 1 1\nreset_atoms image all\nspecial_bonds lj 0 0 0",
+            "",
+        ),
+        ("fix l all langevin/omp 1 1 1 4", "fix l (langevin) was not taken over"),
+        ("group low id 1:3\nfix z low freeze\nfix h all gravity 1 vector 0 0 -1", "it comes after the fix that holds"),
+        ("fix w2 all wall/gran 2000 NULL 50 NULL 0.5 1 zplane 0 NULL", "as in LAMMPS before 2019"),
+        ("fix q all gravity v_g vector 0 0 -1", "v_g is a variable, whose value only LAMMPS knows"),
+        ("pair_style hybrid/overlay granular lj/cut 0.5", "it adds several styles (granular lj/cut 0.5)"),
+    ],
+)
+def test_commands_that_may_make_forces_have_their_names_and_places(line, text, cases, tmp_path):
+    """And others raise no alarm."""
+    notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
+    left_out = [note for note in notes if isinstance(note, Obstacle)]
+    assert any(text in note for note in left_out) if text else not left_out
+
+
+def obstacles(folder, **options):
+    return [note for note in ss.io.read_packing(folder, **options).notes if isinstance(note, Obstacle)]
+
+
+def changed(folder, name, old, new):
+    """Change a file in a folder; the old text must be there."""
+    text = (folder / name).read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new))
+
+
+def test_commands_are_those_at_the_time_of_the_grains(cases, tmp_path):
+    """A dashpot that was removed later acted on grains that were written before, and one that came later did not."""
+    text = (in_poured(cases, tmp_path) / "log.lammps").read_text()
+    own = "write_restart poured.restart"
+    (tmp_path / "log.lammps").write_text(text.replace(own, f"fix s all spring/self 1\n{own}\nunfix s"))
+    assert "fix s (spring/self)" in obstacles(tmp_path)[0]
+    later = f"{own}\nfix s all spring/self 1\nrun 9\nLoop time of 1 on 1 procs for 9 steps with 24 atoms"
+    (tmp_path / "log.lammps").write_text(text.replace(own, later))
+    assert not obstacles(tmp_path)
+    restart = text.replace(own, "write_restart other").replace("200000", "300000")
+    restart = restart.replace("run 300000", "restart 100000 *.restart\nrun 300000")
+    (tmp_path / "log.lammps").write_text(restart)  # written in the middle of the run
+    assert any("fix drag (viscous)" in note for note in obstacles(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        (
+            "2000 571.428571428571 20.0 10.0 0.4 1",
+            "2000 571.428571428571 20.0 10.0 0.9 1",
+            "not in poured.restart (0.9)",
+        ),
+        ("2000 571.428571428571 20.0 10.0 0.4 1", "2000 571.428571428571 30.0 10.0 0.4 1", "not in poured.restart (30"),
+        ("200000", "1000", "log.lammps goes from 0 to 1000: they are of another run"),
+        ("with 24 atoms", "with 25 atoms", "24 grains were read, and the run of log.lammps had 25"),
+        ("fix w all wall/gran", "#", "has no fix wall/gran at that time, and poured.restart has one, w"),
+        ("gran/hooke/history 2000", "gran/hooke/history/omp 2000", ""),
+        ("\n", "\r\n", ""),
+        ("Total wall time", "LAMMPS (22 Jul 2025)\nunits lj\nTotal wall time", ""),
+    ],
+)
+def test_the_log_and_the_restart_file_are_of_one_run(old, new, text, cases, tmp_path):
+    changed(in_poured(cases, tmp_path), "log.lammps", old, new)
+    left_out = obstacles(tmp_path)
+    assert any(text in note for note in left_out) if text else not left_out
+
+
+def test_grains_of_the_beginning_and_logs_without_commands(cases, tmp_path):
+    text = (in_poured(cases, tmp_path, name="poured.data") / "log.lammps").read_text()
+    begin = text.replace("write_data", "write_data other").replace(
+        "timestep 0.002", "timestep 0.002\nwrite_data poured.data"
+    )
+    (tmp_path / "log.lammps").write_text(begin)
+    changed(tmp_path, "poured.data", "timestep = 200000", "timestep = 0")
+    assert not any("does not repeat" in note for note in obstacles(tmp_path))
+    names = r"(units|atom_style|run|fix|pair_style|pair_coeff|boundary)\b"
+    (tmp_path / "log.lammps").write_text("\n".join(line for line in text.split("\n") if not re.match(names, line)))
+    assert any("log.lammps does not repeat its commands" in note for note in obstacles(tmp_path))
+
+
+def test_the_newest_run_of_a_folder_counts(cases, tmp_path):
+    """Files of an older run, which went on for longer, are left out, and it is said."""
+    in_poured(cases, tmp_path)
+    content = (tmp_path / "poured.restart").read_bytes()
+    step, later = (np.int64(count).tobytes() for count in (200000, 300000))
+    assert step in content
+    (tmp_path / "poured.300000.restart").write_bytes(content.replace(step, later))
+    changed(tmp_path, "log.lammps", "run 200000", "restart 100000 poured.*.restart\nrun 200000")
+    read = ss.io.read_packing(tmp_path)
+    told = "poured.300000.restart (time step 300000, and log.lammps goes from 0 to 200000)"
+    assert any(told in note for note in read.notes) and "grains from poured.restart, time step 200000" in read.notes
+    assert not obstacles(tmp_path)
+    (tmp_path / "poured.restart").unlink()
+    assert any("of another run" in note for note in obstacles(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "text"),
+    [
+        ("dump.grains", " type x y z", " mystery x y z", "column mystery of dump.grains is not understood"),
+        ("dump.grains", " mass ", " c_stress[1] ", ""),
+        ("dump.grains", " mass ", " q ", "charges repel"),
+        ("dump.grains", "ITEM: BOX", "ITEM: MYSTERY\n1\nITEM: BOX", "item MYSTERY of dump.grains is not"),
+        ("poured.data", "\nVelocities", "\nBonds\n\n1 1 1 2\n\nVelocities", "section Bonds of poured.data"),
+        ("poured.data", "\nVelocities", "\nMystery\n\n1 2\n\nVelocities", "section Mystery of poured.data"),
+        ("poured.data", "\nVelocities", "\nBond Coeffs\n\n1 2\n\nVelocities", ""),
+        ("poured.data", "24 atoms", "24 atoms\n3 bonds\n0 angles", "heading bonds of poured.data"),
+    ],
+)
+def test_parts_of_files_that_are_not_understood_have_their_names(name, old, new, text, cases, tmp_path):
+    for file in (name, "log.lammps"):
+        (tmp_path / file).write_bytes((cases / "poured" / file).read_bytes())
+    changed(tmp_path, name, old, new)
+    left_out = obstacles(tmp_path)
+    assert any(text in note for note in left_out) if text else not left_out
+
+
+def test_everything_is_in_one_of_three_groups(cases, tmp_path, capsys):
+    """Also the files of a folder; those that are not understood make no forces, but are named."""
+    in_poured(cases, tmp_path, "fix s all spring/self 1")
+    for name in ("README.md", "movie.gif", "walls.bin", "notes"):
+        (tmp_path / name).write_bytes(b"\0x")
+    groups = account_of(ss.io.read_packing(tmp_path).notes)
+    assert {"file poured.restart", "file log.lammps", "fix w (wall/gran)", "command boundary"} <= set(groups[USED])
+    assert {"file README.md", "file movie.gif", "command velocity"} < set(groups[HARMLESS])
+    assert {"file walls.bin", "file notes"} < set(groups[UNKNOWN]) and len(groups[UNKNOWN]) == 3
+    code, said = answer(capsys, "stability", tmp_path, "--json")
+    assert code == 3 and '"not_understood": ["fix s (spring/self) was not' in said
+
+
+def test_grains_without_motion_or_types(cases, tmp_path):
+    """What is assumed is said; types are needed where their laws differ."""
+    for run, several in (("sheared", False), ("materials", True)):
+        for name in ("log.lammps", "dump.grains"):
+            (tmp_path / name).write_bytes((cases / run / name).read_bytes())
+        changed(tmp_path, "dump.grains", " type x y z ", " mol x y z ")
+        changed(tmp_path, "dump.grains", " vx vy vz omegax omegay omegaz ", " c_a c_b c_c c_d c_e c_f ")
+        read = ss.io.read_packing(tmp_path)
+        assert "dump.grains has no velocities and no spins: the grains are taken to be at rest" in read.assumed
+        missing = [note for note in obstacles(tmp_path) if "the grains have no types" in note]
+        assert bool(missing) == several
+    assert not [note for note in obstacles(tmp_path, law="linear", kn=1e3) if "no types" in note]
+
+
+def test_setforce_leaves_rotations_free_and_nve_holds_them(cases, tmp_path):
+    line = "group low id 1:3\nfix z low setforce 0 0 0\ngroup high id 24\nfix y high setforce NULL NULL 0"
+    free = ss.io.read_packing(in_poured(cases, tmp_path, line)).state.control.free
+    assert (~free[:3, :3]).all() and free[:3, 3:].all() and free[23].tolist() == [True, True, False, True, True, True]
+    line = "group low id 1:3\nfix z low freeze"
+    assert not ss.io.read_packing(in_poured(cases, tmp_path, line)).state.control.free[:3].any()
+    changed(in_poured(cases, tmp_path), "log.lammps", "nve/sphere", "nve")
+    read = ss.io.read_packing(tmp_path)
+    assert "fix nve does not turn 24 grains: their rotations are held" in read.notes
+    assert read.state.control.free[:24, :3].all() and not read.state.control.free[:24, 3:].any()
+
+
+def test_regions_in_units_of_the_lattice(cases, tmp_path):
+    """The spacing of 1.49 is in the log; `units box` has its own."""
+    log = (in_poured(cases, tmp_path) / "log.lammps").read_text()
+    style = re.search(r"(?m)^fix w all wall/gran (granular hooke 2000 20 [^$]* mass_velocity) zplane 0 NULL$", log)[1]
+    for units, height in (("", -1.4938016), (" units lattice side in", -1.4938016), (" side in units box", -1.0)):
+        lines = f"region low plane 0 0 -1 0 0 1{units}\nfix q all wall/gran/region {style} region low"
+        read = ss.io.read_packing(in_poured(cases, tmp_path, lines))
+        assert read.state.walls.point[-1, 2] == pytest.approx(height)
+
+
+def test_the_spacing_is_that_of_the_lattice_before_the_region(cases, tmp_path):
+    lines = "region low plane 0 0 -1 0 0 1\nfix q all wall/gran/region hooke/history 1 1 0 0 0.5 1 region low"
+    log = (in_poured(cases, tmp_path) / "log.lammps").read_text()
+    (tmp_path / "log.lammps").write_text(log.replace("lattice sc 0.3", f"{lines}\nlattice sc 0.3"))
+    assert ss.io.read_packing(tmp_path).state.walls.point[:, 2].min() == pytest.approx(-1)
+
+
+def test_the_law_of_every_pair_is_shown(cases, capsys):
+    _, said = answer(capsys, "stability", cases / "materials")
+    assert "types 1 and 1, type 1 and wall 1, type 2 and wall 1: kn = 732.6" in said
+    assert "types 1 and 2: kn = 959.2" in said and "types 2 and 2: kn = 1389" in said
+
+
+def test_modes_are_sought_for_a_movie_of_a_folder_of_lammps(cases, capsys, tmp_path, monkeypatch):
+    def load(place, *, search, **_):
+        raise ValueError(f"search is {search}")
+
+    monkeypatch.setattr("stickslip.runs.page.load_content", load)
+    for folder, search in ((cases / "sheared", True), (tmp_path, False)):
+        assert answer(capsys, "movie", folder, "--out", "a.gif") == (2, f"stickslip: search is {search}")
+
+
+TABLE = "x,y,z,radius,vx,vy,vz,wx,wy,wz{heads}\n0,0,0,0.5,0,0,0,0,0,0{a}\n0.99,0,0.01,0.5,0,0,0,0,0,0{b}\n"
+
+
+@pytest.mark.parametrize(
+    ("heads", "a", "b", "text"),
+    [
+        (
+            ",charge",
+            ",1",
+            ",-1",
+            "column charge of t.csv is not understood: leave the column out if it has no influence",
+        ),
+        (",charge", ",0", ",0", ""),
+        (",force_x", ",1", ",-1", "it may come from outside, beside the contacts"),
+        (",contact_force_x,coordination,stress_xx", ",1,1,1", ",1,1,1", ""),
+        (",bond", ",1", ",2", "column bond of t.csv"),
+        (",material", ",0", ",1", ""),
+        (",box", ",1", ",1", "grains may touch across a periodic box"),
+        (",|U|,mask,dstV_x", ",1,1,1", ",1,1,1", ""),
+    ],
+)
+def test_columns_of_tables_that_are_not_understood(heads, a, b, text, tmp_path):
+    (tmp_path / "t.csv").write_text(TABLE.format(heads=heads, a=a, b=b))
+    read = ss.io.read_packing(tmp_path / "t.csv")
+    left_out = [note for note in read.notes if isinstance(note, Obstacle)]
+    assert any(text in note for note in left_out) if text else not left_out
+    assert not any("taken to be at rest" in note for note in read.notes)
+    assert read.state.grains.material.max() == 0 and len(account_of(read.notes)[USED]) >= 10
+
+
+def test_tables_with_several_times_and_without_headings(tmp_path):
+    rows = [f"{t},{k},0,{t},0.5" for t in (0, 2) for k in range(3)]
+    (tmp_path / "t.csv").write_text("\n".join(["time,x,y,z,radius", *rows, ""]))
+    read = ss.io.read_packing(tmp_path / "t.csv")
+    assert len(read.state.grains.radius) == 3 and any("the last, 2, is used" in note for note in read.notes)
+    assert ss.io.read_packing(tmp_path / "t.csv", frame="0").state.grains.position[:, 2].max() == 0
+    (tmp_path / "bare.txt").write_text("0 0 0 1\n0.9 0 0.1 1\n")
+    with pytest.raises(ss.packings.PackingError, match="x y z radius is assumed"):
+        ss.io.read_packing(tmp_path / "bare.txt")
+    np.savez(tmp_path / "p.npz", positions=np.eye(3) * 5, radii=np.full(3, 0.5), box=np.ones(3))
+    assert any("column box" in note for note in ss.io.read_packing(tmp_path / "p.npz").assumed)
+
+
+def test_a_restart_file_in_parts_is_told(cases, tmp_path):
+    content = (cases / "poured" / "poured.restart").read_bytes()
+    end = content.index(lammps_restart.HEADER_END) + 4
+    base = content[:end] + np.array([1, -1], np.int32).tobytes() + lammps_restart.MAGIC
+    (tmp_path / "mp.base.restart").write_bytes(base)
+    with pytest.raises(ss.packings.PackingError, match=r"written in parts.*read_restart mp\.%\.restart"):
+        ss.io.read_packing(tmp_path / "mp.base.restart")
+
+
+def test_dumps_of_a_group_and_names_of_columns(cases):
+    with pytest.raises(ss.packings.PackingError, match="as in the dump of a group"):
+        ss.io.read_packing(cases / "dialects" / "part.dump", contacts=cases / "poured" / "contacts.dump", **HOOKE)
+    given = {"contacts": cases / "sheared" / "contacts.dump"} | HERTZ
+    with pytest.raises(ss.packings.PackingError, match=r"a column 'bananas' was given .* or - for one to leave out"):
+        ss.io.read_packing(cases / "sheared" / "dump.grains", columns="i j bananas dx dy dz fx fy fz tx ty tz", **given)
+    names = "i j - dx dy dz fx fy fz tx ty tz"
+    assert ss.io.read_packing(cases / "sheared" / "dump.grains", columns=names, **given).state.contacts.slip.any()
+
+
+def test_species_of_extended_xyz_are_types(tmp_path):
+    """Also the materials of a file that this package wrote, whose law has a table of them."""
+    text = "2\nProperties=species:S:1:pos:R:3:radius:R:1\nA 0 0 0 0.5\nB 0.99 0 0.1 0.5\n"
+    (tmp_path / "a.xyz").write_text(text)
+    read = ss.io.read_packing(tmp_path / "a.xyz", law="linear", kn=1.0)
+    assert any("the grains are of 2 types, and one law is used" in note for note in read.assumed)
+    state, law = read.state, read.law
+    table = np.tile(law.table, (2, 2, 1)) * np.array([[1.0, 0.5], [0.5, 0.2]])[..., None]
+    state = state._replace(grains=state.grains._replace(material=np.array([0, 1])))
+    ss.io.write_packing(tmp_path / "b.xyz", state, law._replace(table=table))
+    again = ss.io.read_packing(tmp_path / "b.xyz")
+    assert again.state.grains.material.tolist() == [0, 1] and not obstacles(tmp_path / "b.xyz")
+
+
+def test_files_of_this_package_raise_no_alarm(cases, tmp_path, capsys):
+    """Forces and torques of contacts are not taken for loads."""
+    for name in ("a.csv", "a.vtu", "a.xyz", "a.data"):
+        code, said = answer(capsys, "convert", cases / "sheared", "--to", tmp_path / name, "--json")
+        assert code == 0 and "command atom_style" in json.loads(said)["met"]["used"]
+        assert not obstacles(tmp_path / name)
+    assert "contact_torque_x" in (tmp_path / "a.csv").read_text()
+
+
+def test_grains_that_nearly_touch_are_told(cases):
+    """As in packings of rigid grains, which have no overlaps."""
+    place = 1.003 * np.array([(a, b, c) for a in range(3) for b in range(3) for c in range(3)])
+    law = ss.laws.linear()
+    with pytest.raises(
+        ValueError, match="only rattlers, and 54 pairs have gaps below 1 % of a radius, as of rigid grains"
+    ):
+        ss.stability(ss.packings.from_arrays(place, np.full(27, 0.5), law), law)
+    with pytest.raises(ValueError, match="only rattlers: stability needs"):
+        ss.stability(ss.packings.from_arrays(2 * place, np.full(27, 0.5), law), law)
+
+
+def test_what_is_used_is_taken_over():
+    """The table and the code agree on fixes and pair styles."""
+    assert {group_of("fix", style) for style in TAKEN} == {USED}
+    assert {group_of("fix", style) for style in MOVERS} == {USED, UNKNOWN}
+    assert plain_style("gran/hooke/history/kk/device") == "gran/hooke/history" and plain_style("lj/cut") == "lj/cut"
+    assert group_of("fix", "mystery") == group_of("command", "mystery") == group_of("a kind", "mystery") == UNKNOWN
