@@ -19,8 +19,8 @@ def find_spikes(case: Prepared) -> np.ndarray:
     """Numbers of the samples that are spikes, from the record alone: they are the same for every law.
 
     A spike is farther from the median of its neighbours than six standard deviations of the noise, and than this median
-    itself changes around it, so that neither a resolved peak nor a stress drop is one. At an abrupt change of the load no
-    sample is, because it may be the peak of the response.
+    itself changes around it, so that neither a resolved peak nor a stress drop is one. At an abrupt change of the load
+    no sample is, because it may be the peak of the response.
     """
     middle = _middle(case)
     apart = np.abs(case.friction - middle)
@@ -58,7 +58,7 @@ def _middle(case: Prepared) -> np.ndarray:
 
 
 def _load_changes(case: Prepared) -> np.ndarray:
-    """Whether the load changes abruptly at each sample or just before it, so that it may be the peak of the response."""
+    """Whether the load changes abruptly at each sample or just before it, where a peak may be that narrow."""
     out = np.zeros(len(case.time), bool)
     if case.legs is None:
         first = np.flatnonzero(_abrupt(case.velocity)) + 1
