@@ -44,9 +44,9 @@ UNLIKE = (
 # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law; with
 # noise that is correlated over much of a leg, it may be exceeded by the right law, too
 MAX_EXCESS = 1.0
-# filtered residuals over noise: 0.9 to 1.1 for the right law, with correlated noise or long tails, too; from 1.4 on if
-# a stiffness is wrong by a factor of three
-MOST_REDUCED = 1.25
+# filtered residuals over noise: 0.8 to 1.1 for the right law, with correlated noise, too, and up to 1.31 with noise of
+# long tails (Student's t, 3 degrees of freedom); from 1.4 on if a stiffness is wrong by a factor of three
+MOST_REDUCED = 1.35
 ROUNDS = 3  # alternations between noise and parameters
 EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
 TINY = 1e-15  # smallest size of noise
@@ -133,7 +133,7 @@ def fit(
     Fit
         with NaN and an explanation for parameters that these data do not determine. Spikes of the record, the same for
         every law, are left out. Without intervals if the fit does not describe the record (`Fit.adequate`): if the
-        residuals vary as slowly as the signal, or if filtered for their correlation they exceed 1.25 times the noise,
+        residuals vary as slowly as the signal, or if filtered for their correlation they exceed 1.35 times the noise,
         the larger of that between neighbouring samples of the record and that of the bulk of the residuals.
 
     Raises

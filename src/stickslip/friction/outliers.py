@@ -5,21 +5,22 @@ from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from .model import Prepared
 
-AROUND = 7  # samples of the running median with which each sample is compared, and next to a change of the load
+AROUND = 7  # samples of the running median with which each sample is compared
 FAR = 6.0  # standard deviations beyond which a sample is a spike; one Gaussian sample in 5e8 is
 MOST = 0.02  # share of the samples; more of them are noise with long tails
 LEAST_NOISE = 1e-6  # over the scatter of friction, below which a record has no noise but round-off
 TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
 SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over its own
-ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity over `AROUND` samples, and of the normal stress at one
+ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity and of the normal stress after which friction may peak
+BEFORE, AFTER = -1, 3  # samples next to such a change, of which none is a spike
 
 
 def find_spikes(case: Prepared) -> np.ndarray:
     """Numbers of the samples that are spikes, from the record alone: they are the same for every law.
 
     A spike is farther from the median of its neighbours than six standard deviations of the noise, and than this median
-    itself changes around it, so that neither a peak nor a stress drop is one. Next to an abrupt change of the load no
-    sample is, because friction may jump there.
+    itself changes around it, so that neither a resolved peak nor a stress drop is one. At an abrupt change of the load
+    no sample is, because it may be the peak of the response.
     """
     middle = _middle(case)
     apart = np.abs(case.friction - middle)
@@ -57,20 +58,23 @@ def _middle(case: Prepared) -> np.ndarray:
 
 
 def _load_changes(case: Prepared) -> np.ndarray:
-    """Whether velocity or normal stress change abruptly near each sample."""
-    n, rows = len(case.time), np.arange(len(case.time))
-    low, high = np.maximum(rows - AROUND, 0), np.minimum(rows + AROUND, n - 1)
-    ends = ((low, rows), (rows, high))
-    before, after = (
-        np.divide(case.place[b] - case.place[a], case.time[b] - case.time[a], out=np.zeros(n), where=b > a)
-        for a, b in ends
-    )
-    before[0], after[-1] = after[0], before[-1]
-    changes = np.abs(after - before) > ABRUPT * np.maximum(np.abs(after), np.abs(before))
-    if case.legs is not None:
-        normal = case.legs[2][np.minimum(np.searchsorted(np.cumsum(case.legs[0]), case.time), case.legs.shape[1] - 1)]
-        changes[1:] |= np.abs(np.diff(normal)) > STEP
-    return maximum_filter1d(changes.astype(np.uint8), 2 * AROUND + 1).astype(bool)
+    """Whether the load changes abruptly at each sample or just before it, where a peak may be that narrow."""
+    out = np.zeros(len(case.time), bool)
+    if case.legs is None:
+        first = np.flatnonzero(_abrupt(case.velocity)) + 1
+    else:
+        duration, velocity, normal = case.legs
+        changes = _abrupt(velocity) | (np.abs(np.diff(normal)) > STEP)
+        first = np.searchsorted(case.time, np.cumsum(duration)[:-1][changes])
+    for shift in range(BEFORE, AFTER + 1):
+        out[np.clip(first + shift, 0, len(out) - 1)] = True
+    return out
+
+
+def _abrupt(velocity: np.ndarray) -> np.ndarray:
+    """Whether each velocity differs much from the one before."""
+    size = np.abs(velocity)
+    return np.abs(np.diff(velocity)) > ABRUPT * np.maximum(size[1:], size[:-1])
 
 
 def without(used: np.ndarray, spikes: np.ndarray) -> np.ndarray:
