@@ -17,8 +17,9 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
-from stickslip import extras
+from stickslip import __version__, extras
 from stickslip._core import build
+from stickslip.doctor import machine
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -241,6 +242,16 @@ def test_the_changelog_has_a_screen_for_each_release_newest_first():
     dates = [re.fullmatch(r"(\d+\.\d+\.\d+) \((\d{4}-\d\d-\d\d)\)", head) for head in heads if head != "Unreleased"]
     assert all(dates) and sorted((date[2] for date in dates), reverse=True) == [date[2] for date in dates]
     assert max(len(part.splitlines()) for part in text.split("\n## ")) <= 90
+
+
+def test_the_sample_of_the_doctor_is_what_it_says_today():
+    """Its version and the names of what it looks for; the other numbers are of one machine."""
+    page = (ROOT / "docs" / "installation.md").read_text()
+    sample = page.partition("    Versions\n")[2]
+    assert f"stickslip    {__version__}\n" in sample
+    listed = re.findall(r"^     (\w+) ", sample, flags=re.M)
+    assert {*machine.CORE, *PROJECT["optional-dependencies"]} <= set(listed)
+    assert all(f"| `{extra}` |" in page for extra in PROJECT["optional-dependencies"])
 
 
 def test_the_conda_recipe_has_the_dependencies_of_the_package():

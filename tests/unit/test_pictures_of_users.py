@@ -15,9 +15,11 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 import stickslip as ss
+from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures.saving import Look, _letter, render, save
-from stickslip.figures.style import column_axes, label_axes, legend_above, styled, subplots
+from stickslip.figures.style import column_axes, label_axes, legend_above, styled
 from stickslip.runs.resume import find_unfinished, mark_look
+from stickslip.runs.writer import write_result
 from tests.conftest import stickslip_here
 
 LAW = ss.laws.hertz_mindlin()
@@ -140,8 +142,6 @@ def test_panels_are_lettered_and_twins_and_colour_bars_are_not():
     assert letters_of(figure) == ["a", "b"]
     assert not [text for axes in figure.axes for text in axes.texts]  # the figure stays as it was
     assert letters_of(ss.figures.packing(PAIR, LAW, colour="radius")) == []  # one panel
-    many, _ = styled(subplots)(2, 14, figsize=(20, 4))
-    assert [letter.get_text() for letter in _letter(many)][24:] == ["(y)", "(z)", "(aa)", "(ab)"]
 
 
 def test_letters_hide_nothing():
@@ -168,34 +168,43 @@ def test_a_look_that_does_not_exist_is_refused_before_anything_is_run(words, mes
         save(two_panels(), tmp_path / "a.eps")
 
 
-def test_commands_write_what_was_asked_for_also_when_they_are_resumed(tmp_path):
-    look = ("--format", "pdf", "--format", "svg", "--letters", "--width", "178")
+LOOK = ("--format", "svg", "--letters", "--width", "178")
+
+
+def test_a_run_writes_figures_as_it_was_asked_to(tmp_path):
     (tmp_path / "s.json").write_text(json.dumps(SHORT))
-    run = stickslip_here("run", "s.json", "--out", "out", *look, cwd=tmp_path)
-    fit = stickslip_here(
-        "fit", "out/series.csv", "--stiffness", 2e3, "--law", "slip", "--out", "fit", *look[:2], cwd=tmp_path
-    )
-    assert run.returncode == fit.returncode == 0, run.stderr + fit.stderr
-    out = tmp_path / "out"
-    assert {path.suffix for path in out.glob("fig1_history.*")} == {".png", ".pdf", ".svg"}
-    assert {path.suffix for path in (tmp_path / "fit").iterdir()} == {".json", ".png", ".pdf"}
+    run, out = stickslip_here("run", "s.json", "--out", "out", *LOOK, cwd=tmp_path), tmp_path / "out"
+    assert run.returncode == 0, run.stderr
+    assert {path.suffix for path in out.glob("fig1_history.*")} == {".png", ".svg"}
     assert Image.open(out / "fig1_history.png").width == pytest.approx(2102, abs=1)
     assert re.findall(r">\((\w)\)</text>", (out / "fig1_history.svg").read_text()) == ["a", "b", "c"]
-    again = stickslip_here("run", "s.json", "--out", "out", cwd=tmp_path)  # plain: the files of the first are its own
-    assert again.returncode == 0 and not (out / "fig1_history.pdf").exists()
 
-    stopped, chosen = tmp_path / "stopped", ss.scenario(**SHORT)
-    stopped.mkdir()
-    mark_look(stopped, chosen, Look(("png", "pdf"), 178, letters=True))
-    assert find_unfinished(stopped).look == Look(("png", "pdf"), 178, letters=True)
+
+def test_a_stopped_run_remembers_its_look(tmp_path):
+    chosen, look = ss.scenario(**SHORT), Look(("png", "pdf"), 178, letters=True)
+    mark_look(tmp_path, chosen, look)
+    assert find_unfinished(tmp_path).look == look
+    (tmp_path / "unfinished" / "look.json").write_text('{"formats": ["eps"]}')
+    with pytest.raises(ValueError, match=r"look\.json is damaged: start again with --overwrite"):
+        find_unfinished(tmp_path)
+    mark_look(tmp_path, chosen, Look())  # the same run, started again without options
+    assert find_unfinished(tmp_path).look == Look()
+
+
+@pytest.mark.slow
+def test_fits_and_resumed_runs_write_figures_as_they_were_asked_to(tmp_path):
+    result = ss.simulate(ss.scenario(**SHORT))
+    write_result(tmp_path / "out", EXPERIMENTS["rate-state"], result)
+    fit = stickslip_here("fit", "out/series.csv", "--stiffness", 2e3, "--out", "fit", *LOOK, cwd=tmp_path)
+    assert fit.returncode == 0, fit.stderr
+    assert {path.suffix for path in (tmp_path / "fit").iterdir()} == {".json", ".png", ".svg"}
+    (tmp_path / "stopped").mkdir()
+    mark_look(tmp_path / "stopped", result.scenario, Look(("png", "pdf")))
     assert stickslip_here("resume", "stopped", cwd=tmp_path).returncode == 0
-    assert (stopped / "fig1_history.pdf").exists()
-    mark_look(stopped, chosen, Look(("png", "pdf")))
-    (stopped / "unfinished" / "look.json").write_text('{"formats": ["eps"]}')
-    (stopped / "results.h5").unlink()
-    assert "look.json is damaged" in stickslip_here("resume", "stopped", cwd=tmp_path).stderr
+    assert (tmp_path / "stopped" / "fig1_history.pdf").exists()
 
 
+@pytest.mark.slow
 def test_members_of_a_sweep_have_its_look(tmp_path):
     tables = SHORT | {"sweep": {"surface.a": [0.012]}}
     look = Look(("png", "svg"), letters=True)

@@ -68,8 +68,8 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
             if np.isfinite(at):
                 axes.plot(x, expit((x - at) / width), style, color=color)
                 axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
-    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="half do so: 95 % interval")
-    axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g} in time")
+    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="half do: 95 % interval of load")
+    axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
     axes.plot([], [], "o-", color=BLACK, ms=3, label="then slid on as long again")
     if len(found.arrest):
         axes.axvspan(
@@ -91,7 +91,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
     label_axes(axes, y="share of runs")
     below.set_ylim(0, 1.1 * found.duration)
     below.axhline(found.duration, color=BLACK, lw=0.5, ls=":")
-    label_axes(below, x=label, y=("median until\nit has slid", "time"))
+    label_axes(below, x=label, y=("half have slid after\n", "time"))
     figure.legend(loc="outside upper center", ncols=2)
     return figure
 
