@@ -23,6 +23,7 @@ constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
 // Treatment of the memory in an evaluation. FREE: transport it, but keep it bit for bit where nothing has moved since it
 // was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, also where it is not that of this law
 constexpr int64_t FROZEN = 0, HELD = 1, FREE = 2;
+constexpr int64_t GIVEN = 4;  // added to HELD or FREE: the memory was not committed in motion but comes from elsewhere
 
 struct Bodies {
   double *position;  // (B, 3)

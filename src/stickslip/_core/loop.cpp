@@ -61,7 +61,7 @@ void evaluate_by_rows(const Run &run, bool hold, double time) {
   Vectors velocity = motion.velocity, spin = motion.spin;
   if (run.predict) velocity = {moving.ahead + VELOCITY_AHEAD, BODY_AHEAD}, spin = {moving.ahead + SPIN_AHEAD, BODY_AHEAD};
   Events events = {run.writing.events, run.writing.event_count, run.writing.len_events, time};
-  Sweep sweep = {FREE, true, motion, {body, BODY}, {moving.angle, 3}, velocity, spin,
+  Sweep sweep = {FREE, false, true, motion, {body, BODY}, {moving.angle, 3}, velocity, spin,
                  matrix ? matrix + 9 * RATE_AHEAD : nullptr, run.bodies, matrix ? matrix + 9 * VECTORS : run.vectors,
                  moving.force, moving.force + 3, 6, matrix ? moving.virial : nullptr,
                  run.writing.len_events ? &events : nullptr};

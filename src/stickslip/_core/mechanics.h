@@ -11,6 +11,7 @@ constexpr double MIN_WEIGHT = 0.6;  // of an increment, see `turning_weight`; ab
 constexpr double ROUND_OFF = 1e-11;
 // Share of its limit by which the slip of what slides may fall short at rest: dashpots leave that much.
 constexpr double AT_LIMIT = 1e-3;
+constexpr double NORMAL_PART = 1e-12;  // round-off of the normal part of a slip, over its length
 constexpr double NO_LIMIT = 1e150;  // its square is finite
 
 template <class T>
@@ -38,6 +39,12 @@ inline Vec<T> mid_normal(Vec<T> n, T inverse, Vec<T> d) {
 template <class T>
 inline Vec<T> onto_plane(Vec<T> n, Vec<T> m, Vec<T> w) {
   return w - dot(w, n) * m;
+}
+
+// Whether a memory is one that was committed; those of files may not be tangential.
+inline bool is_tangential(Vec<double> n, Vec<double> s) {
+  const double along = dot(n, s);
+  return along * along <= NORMAL_PART * NORMAL_PART * dot(s, s);
 }
 
 template <class T>

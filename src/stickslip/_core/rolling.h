@@ -104,7 +104,7 @@ template <int DIM>
 inline Vec<double> rolling_moment(const Law &law, Resistance r, const RotationStep &step, double *own) {
   Vec<double> psi = {own[0], own[1], own[2]}, w = step.rate - dot(step.rate, step.n) * step.n;
   Keeping keep = keeping(r, step, own[AT_CAP] > 0.0, root(dot(psi, psi)));
-  if (!step.kept && magnitude(dot(psi, step.n)) > step.round_off) keep.held = keep.kept = false;  // of a file
+  if (!step.kept && !is_tangential(step.n, psi)) keep.held = keep.kept = false;
   if (keep.held) return rolling_load(law, as_held(r, step.memory, keep.slid), psi, w);
   Vec<double> a = step.closed ? onto_plane(step.n, step.mid, psi) : Vec<double>{};
   Vec<double> d = onto_plane(step.n, step.mid, step.turned);

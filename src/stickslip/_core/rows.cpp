@@ -115,8 +115,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     if (before != OPEN) d = r - was, roll = angle - rolled;
     still = before != OPEN && is_zero(d) && is_zero(roll) && !(shorter && !is_zero(turned));
     frozen = still && sweep.memory == FROZEN;
-    // slips of files may not be tangential
-    still = still && magnitude(dot(n, flat<DIM>(read(contacts.slip + 3 * c)))) <= ROUND_OFF * sum_radii;
+    still = still && is_tangential(n, flat<DIM>(read(contacts.slip + 3 * c)));
     if (shorter && !law.rate)
       roll = roll - mid_shortening(n, inverse, overlap, d) * turned_together(bodies.radius, i, j, roll, turned);
   }
@@ -139,7 +138,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     v = v - vn * n;
     fn = with_dashpot(law, fn, factor * q[DAMPING_N], vn);
     damping = factor * q[DAMPING_T];
-    moves = vn != 0.0;
+    moves = vn != 0.0 && !sweep.given;
   }
   const double limit = cap(law, q, r_eff, overlap, fn, law.rate && law.damping);
   const double pull = still ? spring.stiffness * root(dot(s, s)) : 0.0, slack = ROUND_OFF * sum_radii * spring.stiffness;
@@ -210,7 +209,7 @@ void sweep_contacts(const Law &law, int64_t dim, const Sweep &sweep, const Conta
 
 void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
                        const double *vectors, int64_t memory, double *force, double *torque) {
-  Sweep sweep = {memory, false, {}, {bodies->position, 3}, {bodies->angle, 3}, {bodies->velocity, 3}, {bodies->spin, 3},
+  Sweep sweep = {memory & ~GIVEN, (memory & GIVEN) != 0, false, {}, {bodies->position, 3}, {bodies->angle, 3}, {bodies->velocity, 3}, {bodies->spin, 3},
                  bodies->rate, *bodies, vectors, force, torque, 3, nullptr, nullptr};
   sweep_contacts(*law, dim, sweep, *contacts);
 }

@@ -20,7 +20,8 @@ struct Motion {  // of bodies during a step of a run
 };
 
 struct Sweep {
-  int64_t memory;         // see mechanics.h
+  int64_t memory;         // see core.h
+  bool given;             // with GIVEN
   bool stepping;          // during a run; else contacts have moved from their committed `pair` and `roll`, which are updated
   Motion motion;          // during a run
   Vectors position, angle, velocity, spin;  // the last two as dashpots use them

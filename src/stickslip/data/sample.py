@@ -9,7 +9,7 @@ import numpy as np
 from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.memory import AT_LIMIT, FREE, HELD
+from ..core.contacts.memory import AT_LIMIT, FREE, FROZEN, GIVEN, HELD
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
 from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
@@ -456,7 +456,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     longest = np.abs(state.contacts.slip[:count]).max(initial=0.0)
     if longest > HUGE:
         raise PackingError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed; the file may be damaged")
-    _, trial = forces(state, law, memory=memory)
+    _, trial = forces(state, law, memory=memory if memory == FROZEN else memory | GIVEN)
     branch = branch_vectors(state)
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
     slip = np.where(trial.mode[:count, None] != OPEN, state.contacts.slip[:count], 0.0)
@@ -483,7 +483,7 @@ def _apply_modes(state: State, law: Law, trial, cut, within: float) -> None:
     determined by its slip.
     """
     count, given = int(state.contacts.count[0]), state.contacts.mode
-    _, held = forces(state, law, memory=HELD)
+    _, held = forces(state, law, memory=HELD | GIVEN)
     size, limit = (np.linalg.norm(contacts.slip[:count], axis=1) for contacts in (trial, held))
     elsewhere = (given[:count] == SLIDE) & ((size < (1 - within) * limit) | (limit == 0))
     rows = np.flatnonzero((given[:count] != OPEN) & (trial.mode[:count] != OPEN) & ~cut & ~elsewhere)

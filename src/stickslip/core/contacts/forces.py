@@ -16,7 +16,7 @@ from ..library import core
 from ..readable import pluralize, readable
 from ..state import Contacts, State, groups
 from .geometry import shifts
-from .memory import FREE, FROZEN, HELD
+from .memory import FREE, FROZEN, GIVEN, HELD
 from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
 
 
@@ -144,7 +144,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
 
 def check_memory(memory: int) -> None:
     """Raise ValueError if a number does not denote a treatment of contact memory."""
-    if memory not in (FROZEN, HELD, FREE):
+    if memory not in (FROZEN, HELD, FREE, HELD | GIVEN, FREE | GIVEN):
         raise ValueError(f"memory = {memory} was given: FREE, HELD and FROZEN are allowed")
 
 
