@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip._core import build
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws.builtin import SHARP, SMOOTH
 from stickslip.core.state import OPEN
@@ -79,6 +80,10 @@ def test_every_law_keeps_the_memory_of_what_has_not_moved(name, dim, tmp_path):
 
 @pytest.mark.parametrize("level", ["base", "avx2"])
 def test_a_state_of_one_processor_keeps_its_memory_on_another(level, tmp_path):
+    try:
+        build.library(level)
+    except (build.BuildError, KeyError, ValueError):
+        pytest.skip(f"no core of the level {level} was built")
     cases = [(state, law) for name in ("everything", "marshall", "walton_braun") for law in (EVERY[name],)
              for dim in (2, 3) for state in samples(law, dim)]  # fmt: skip
     (tmp_path / "cases").write_bytes(pickle.dumps(cases))
@@ -89,8 +94,6 @@ def test_a_state_of_one_processor_keeps_its_memory_on_another(level, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env=os.environ | {"STICKSLIP_LEVEL": level}, capture_output=True
     )
-    if b"this processor runs" in done.stderr:
-        pytest.skip(f"no level {level} here")
     assert done.returncode == 0, done.stderr
     for (state, _), answer in zip(cases, pickle.loads((tmp_path / "answers").read_bytes()), strict=True):
         assert_same(state, answer)
