@@ -18,7 +18,7 @@ class Look(NamedTuple):
     """How figures are written."""
 
     formats: tuple[str, ...] = ("png",)
-    width: Literal[86, 178] = 86  # [mm]
+    width: Literal[86, 178] = 86  # in mm
     letters: bool = False  # of panels
 
 
