@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.collections import EllipseCollection
 from matplotlib.lines import Line2D
 
-from ..core.arguments import Array, Result, Series
+from ..core.arguments import Array, Result, Series, checked
 from ..core.measure import wrapped
 from .outlines import APART, body_limits
 from .style import (
@@ -95,6 +95,7 @@ def _view_limits(result, shown, places):
     return low, high
 
 
+@checked
 def draw_grains_by_speed(axes, state, place, loose, top: float):
     """Draw disks coloured by speed, nearer ones on top; return the mappable for a colour bar."""
     n = len(state.grains.radius)

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from ..core.arguments import Requirement, Result, require_filled, require_shape
+from ..core.arguments import Requirement, Result, checked, require_filled, require_shape
 from ..core.contacts.neighbors import body_positions
 from ..core.control import spring_forces
 from ..core.measure import Committed
@@ -57,6 +57,7 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
     return figure
 
 
+@checked
 def collapses_of(sample) -> list:
     """Collapses on the path of a sample that moved more than the load alone would have."""
     return [event for event in sample.path.collapses if not event.quiet]
@@ -87,6 +88,7 @@ def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("poin
     return figure
 
 
+@checked
 def force_on(state, body: int) -> np.ndarray:
     """(3,) load on a body: a dead one, and that of the spring of a machine [force]."""
     return state.control.force[body] + spring_forces(state.control, body_positions(state), state.time)[body]

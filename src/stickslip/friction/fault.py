@@ -143,6 +143,7 @@ class Fault(NamedTuple):
         return stress_transfer(*size, self.boundary, self.thickness)
 
 
+@checked
 def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None, **more) -> Fault:
     """Fault whose properties vary piecewise linearly with depth.
 

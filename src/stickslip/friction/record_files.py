@@ -1,7 +1,9 @@
 """Sheets of laboratory records as they are stored: text with any header, HDF5, MATLAB."""
 
 import csv
+import math
 import re
+import zlib
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -9,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.reading import Budget, Reader, read_bytes
 from ..core.tables import split_label, split_rows
-from ..core.text import check_regular_file, decode_text, parse_number
+from ..core.text import decode_text, parse_number
 from ..core.units import YEAR
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
@@ -18,6 +21,7 @@ REMEDY = "give a table as text, an HDF5 or a MATLAB file"
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
+COMPRESSED = 15  # type of a compressed variable of a MATLAB file
 LEAST = 3  # rows that a first column must number
 
 DAY = 86400.0
@@ -53,9 +57,8 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool) -> Shee
     ValueError
         with one sentence.
     """
-    check_regular_file(path, REMEDY)
     try:
-        content = path.read_bytes()
+        content = read_bytes(path, remedy=REMEDY)
     except OSError as problem:
         raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
     if HDF5 in (content[:8], content[512:520]):
@@ -152,10 +155,12 @@ def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str 
     import h5py
 
     arrays: dict[str, tuple[np.ndarray, str | None]] = {}
+    budget = Budget(path, len(content), remedy="copy it again")
 
     def collect(name: str, item) -> None:
         if not isinstance(item, h5py.Dataset) or not item.shape or name.startswith("#"):
             return
+        budget.take(item.nbytes, name)
         unit = next((item.attrs[key] for key in ("units", "unit") if key in item.attrs), None)
         unit = unit.flat[0] if isinstance(unit, np.ndarray) and unit.size == 1 else unit
         unit = unit.decode() if isinstance(unit, bytes) else unit if isinstance(unit, str) else None
@@ -179,6 +184,7 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
     from scipy.io import loadmat
 
     try:
+        _check_matlab_sizes(content, Budget(path, len(content), remedy="save it again"))
         variables = loadmat(BytesIO(content), squeeze_me=True, struct_as_record=True)
     except Exception as problem:
         said = (str(problem) or type(problem).__name__).splitlines()[0][:80]
@@ -190,6 +196,24 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
         fields = {f"{name}/{part}": value[part].item() for part in parts} if single else {name: value}
         arrays.update({key: (np.asarray(array), None) for key, array in fields.items()})
     return {name: (array, unit) for name, (array, unit) in arrays.items() if array.dtype.kind in "iuf"}
+
+
+def _check_matlab_sizes(content: bytes, budget: Budget) -> None:
+    """Raise ValueError if the variables of a MATLAB file, which are compressed one by one, would take too much memory.
+
+    Source: MathWorks, MAT-file format, level 5: a header of 128 bytes, then elements of a type, a length and data.
+    """
+    from scipy.io import whosmat
+
+    reader = Reader(content, 126)
+    order = "<" if reader.take(2) == b"IM" else ">"
+    while reader.left >= 8:
+        kind, size = reader.number(f"{order}i"), reader.number(f"{order}i")
+        data = reader.take(min(size, reader.left))
+        if kind == COMPRESSED:
+            budget.take(len(zlib.decompressobj().decompress(data, budget.left + 1)))
+    for name, shape, _ in whosmat(BytesIO(content)):
+        budget.take(8 * math.prod(shape), name)
 
 
 def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], known: Callable[[str], bool]) -> Sheet:

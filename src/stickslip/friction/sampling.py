@@ -52,6 +52,7 @@ class Posterior(NamedTuple):
         return dict(zip(self.names, self.draws.T, strict=True))
 
 
+@checked
 def posterior(
     data: Data | list[Data], *, walkers: int = 32, steps: int = 4000, seed: int = 0, report: Report = silent, **options
 ) -> Posterior:

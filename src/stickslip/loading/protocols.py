@@ -161,7 +161,7 @@ def ramp(
 def solve_point(state: State, load: float, protocol: Protocol, kept: Checkpoint | None, name: str) -> Equilibrium:
     """Equilibrium at the next load of a path, or the one that was saved under a name."""
     if kept and kept.has(name):
-        state, outcome = kept.load(name)
+        state, outcome = kept.load(name, tuple[State, Outcome])
         return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)
     point = protocol.step(state, load)
     if kept:

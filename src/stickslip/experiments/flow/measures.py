@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ...core.arguments import checked
 from ...core.measure import inertial_number, wrapped
 from ...core.readable import readable
 from ...core.state import State
@@ -35,6 +36,7 @@ class PlaneShear(NamedTuple):
     height: float  # distance between the plates' surfaces [length]
 
 
+@checked
 def deposit(state: State, loose: np.ndarray) -> Deposit:
     """Return the deposit of a state; `loose` are the indices of the poured grains.
 
@@ -56,6 +58,7 @@ def deposit(state: State, loose: np.ndarray) -> Deposit:
     return Deposit(members, (position - radius).min(axis=0), (position + radius).max(axis=0))
 
 
+@checked
 def plane_shear(result: FlowResult) -> PlaneShear | None:
     """Return the measures of plane shear, or None unless two plates move relative to each other along x at the end.
 
@@ -98,6 +101,7 @@ def second_half(result: FlowResult) -> np.ndarray:
     return result.series.time > 0.5 * (last.start + last.end)
 
 
+@checked
 def velocity_profile(result: FlowResult) -> np.ndarray:
     """Mean velocity (BINS, 3) of the grains at each height in the second half of the last stage.
 
