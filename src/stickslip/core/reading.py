@@ -84,14 +84,14 @@ class Budget:
 
     def __init__(self, path: str | Path, stored: int, *, remedy: str, error: Callable[[str], Exception] = ValueError):
         self.path, self.stored, self.remedy, self.error = path, stored, remedy, error
-        self.left = max(LARGE, EXPANDS * stored)
+        self.left = self.most = max(LARGE, EXPANDS * stored)
 
     def take(self, size: int, what: str = "content") -> None:
         """Count bytes that are about to be allocated; raises `error` with a one-sentence message if too many."""
         if not 0 <= size <= self.left:
             raise self.error(
-                f"{self.path} holds {self.stored / 1e6:.3g} MB, but its {what} claims {size / 1e9:.3g} GB: it is "
-                f"damaged, for no packing or record shrinks that much; {self.remedy}"
+                f"{self.path} holds {self.stored / 1e6:.3g} MB, and the content with its {what} would take more than "
+                f"{self.most / 1e6:.3g} MB, 100 times the size of the file or 64 MiB: it is damaged; {self.remedy}"
             )
         self.left -= size
 
