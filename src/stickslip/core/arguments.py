@@ -134,7 +134,7 @@ def _check_fields(prefix: str, values, *, given: bool) -> None:
     for (name, check, shape), value in zip(_fields(type(values), given), values, strict=True):
         if check is not None:
             check(prefix + name, value)
-        if shape and value is not None and not isinstance(value, str):
+        if shape and not (value is None or isinstance(value, str | Real)):
             _check_sizes(prefix + name, np.shape(value), shape, sizes)
 
 
@@ -348,7 +348,7 @@ def _check_integer(name: str, value):
     if abs(value) > _LARGEST_INTEGER:
         shown = value if abs(value) < 1e40 else "a longer number"
         raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
-    return value if isinstance(value, bool) else int(value)
+    return int(value)
 
 
 def _check_callable(name: str, value):
@@ -379,6 +379,8 @@ def _check_array(name: str, value, wanted: Array):
         raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
+    if "f" in wanted.kinds and array.dtype.kind in "bfO":  # all floats become doubles, and True is 1
+        return array.astype(int if array.dtype.kind == "b" else float, copy=False)
     return array.astype(float) if array.dtype.kind == "O" else array
 
 
@@ -392,7 +394,7 @@ def _check_result(name: str, value, wanted: Result):
     if absent:
         kind = _describe(value)
         raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")
-    return value
+    return _check_class(name, value, (type(value),)) if hasattr(value, "_fields") else value
 
 
 def _describe(value) -> str:
@@ -410,6 +412,15 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
     return f"{name} must be {allowed}, but {_describe(value)} was given{remedy}"
+
+
+def require_options(function: Callable, options: Iterable[str]) -> None:
+    """Raise TypeError with a one-sentence message if a function has no option of a name."""
+    known = inspect.signature(function).parameters.values()
+    names = [one.name for one in known if one.kind is one.KEYWORD_ONLY]
+    for name in options:
+        if name not in names:
+            raise TypeError(f"{name} was given, which is no option: there are {', '.join(names)}")
 
 
 def require_index(count: int, **values) -> None:

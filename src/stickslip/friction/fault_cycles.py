@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import check_types, checked, require_positive
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from .fault import Fault, check_fault, check_normal
@@ -73,6 +73,8 @@ class FaultHistory(NamedTuple):
     state: FaultState  # at the end
     steps: int
     rejected: int
+
+    check_entries = check_types
 
 
 @checked

@@ -28,7 +28,7 @@ class FaultState(NamedTuple):
     log_state: np.ndarray  # (N,) ln(V0 θ/D_c), plus `Fault.state_shift` if the normal stress acts on the state
     log_velocity: np.ndarray  # (N,) ln(V/V0), with the reference velocity V0 = `fault.v0`
     prestress: np.ndarray  # (N,) shear stress at the start [Pa]
-    rates: np.ndarray  # (1 + S, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
+    rates: np.ndarray  # (V, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
     power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
     energy: np.ndarray  # (3,) their integrals since the start [J/m]
     step: float  # proposed for the next step [s]

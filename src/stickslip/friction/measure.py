@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ..core.arguments import Series, checked, require_positive
+from ..core.arguments import Series, checked, require_not_negative, require_positive
 from ..core.readable import readable
 from .loads import LoadStep, leg_arrays
 
@@ -153,4 +153,5 @@ def _check_series(values, least: int) -> np.ndarray:
     x = np.asarray(values, float)
     if x.ndim != 1 or len(x) < least:
         raise ValueError(f"values have shape {x.shape}: give a one-dimensional array of at least {least}")
+    require_not_negative(values=float(np.abs(x).max(initial=0.0)))
     return x

@@ -261,7 +261,7 @@ def check_radii(radius, n: int) -> np.ndarray:
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
-    if sizes.ndim != 1 or len(sizes) > n or not ((sizes > 0) & (sizes <= 1e100)).all():
+    if sizes.ndim != 1 or len(sizes) > n or not ((sizes >= 1e-100) & (sizes <= 1e100)).all():
         got = f"{radius} was" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g} were"
         raise ValueError(f"radius = {got} given: one, a few, or {n} positive numbers are needed")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]

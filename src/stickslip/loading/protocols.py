@@ -33,10 +33,6 @@ class Equilibrium(NamedTuple):
     spectrum: Spectrum
     outcome: Outcome
 
-    def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if the state is not valid."""
-        self.state.check_entries()
-
 
 class Change(NamedTuple):
     """Bracket of a birth (death): the pair is absent (present) at `below` and present (absent) at `above`."""

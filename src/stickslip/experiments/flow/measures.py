@@ -7,7 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ...core.arguments import checked
+from ...core.arguments import Bodies, checked, require_filled, require_index
+from ...core.control import body_numbers
 from ...core.measure import inertial_number, wrapped
 from ...core.readable import readable
 from ...core.state import State
@@ -37,7 +38,7 @@ class PlaneShear(NamedTuple):
 
 
 @checked
-def deposit(state: State, loose: np.ndarray) -> Deposit:
+def deposit(state: State, loose: Bodies) -> Deposit:
     """Return the deposit of a state; `loose` are the indices of the poured grains.
 
     Examples
@@ -47,6 +48,9 @@ def deposit(state: State, loose: np.ndarray) -> Deposit:
     >>> deposit(row, np.arange(4)).high
     array([2.5, 1. , 0.5])
     """
+    loose = body_numbers(state.control, loose)
+    require_filled("loose", loose)
+    require_index(len(state.grains.radius), loose=int(loose.max()))
     n, position = len(loose), wrapped(state)[loose]
     reach, size = 3 * float(state.grains.radius[loose].mean()), np.diag(state.cell.vectors)
     near = cKDTree(position, boxsize=np.where(state.cell.periodic, size, 0.0))
