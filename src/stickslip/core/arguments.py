@@ -28,7 +28,6 @@ P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
 _LARGEST_INTEGER = 2**64 - 1
 _LONGEST_NAME = 255  # of a file [bytes]
-_PACKAGE = __name__.partition(".")[0] + "."
 
 
 class Array(NamedTuple):
@@ -141,8 +140,8 @@ def _check_fields(prefix: str, values, *, given: bool) -> None:
 @cache
 def _fields(kind, given: bool) -> list[tuple[str, Callable[[str, Any], Any] | None, tuple[str, ...]]]:
     """Name, check and shape of the fields of a NamedTuple."""
-    shapes, hints = shapes_of(kind), kind.__annotations__
-    return [(name, _check_of(hints.get(name), given), shapes.get(name, ())) for name in kind._fields]
+    shapes, hints = shapes_of(kind), getattr(kind, "__annotations__", {})
+    return [(name, _check_of(hints.get(name, Any), given), shapes.get(name, ())) for name in kind._fields]
 
 
 def _check_sizes(name: str, got: tuple[int, ...], shape: tuple[str, ...], sizes: dict[str, tuple[str, int]]) -> None:
@@ -204,7 +203,7 @@ def _check_numbers(name: str, value):
 
 
 def _check_computed(name: str, value):
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "buifcUSV":
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "buifcV":
         kind = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else _describe(value)
         raise TypeError(f"{name} must be an array of numbers, but {kind} was given")
     return value
@@ -307,7 +306,7 @@ def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True)
     if isinstance(value, classes) and not isinstance(value, Complex):
         if hasattr(value, "check_entries"):
             value.check_entries()
-        elif hasattr(value, "_fields") and type(value).__module__.startswith(_PACKAGE):
+        elif hasattr(value, "_fields"):
             _check_fields(f"{name}.", value, given=False)
         return _check_path(name, value) if Path in classes else value
     if bool in classes and isinstance(value, bool | np.bool_ | Integral) and value in (0, 1):

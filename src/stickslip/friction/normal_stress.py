@@ -160,11 +160,12 @@ def read_stress_table(path: str | Path) -> StressTable:
     """
     try:
         text = read_text(path, remedy="give a CSV file")
+    except OSError as problem:
+        raise ValueError(f"{path} cannot be read: {problem.strerror}") from None
+    try:
         head, *rows = [row for row in csv.reader(text.splitlines()) if row]
         depth, body = np.array(head[1:], float), np.array(rows, float)
         table = StressTable(body[:, 0], depth, body[:, 1:])
-    except OSError as problem:
-        raise ValueError(f"{path} cannot be read: {problem.strerror}") from None
     except (ValueError, IndexError, csv.Error):
         raise ValueError(
             f"{path} is not a table of numbers: give depths in m in the first row, after a first cell with any "
