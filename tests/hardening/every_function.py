@@ -1,8 +1,9 @@
 """Calls every public function with invalid arguments, and writes one line of JSON for each call and each fault.
 
 `python -m tests.hardening.every_function SHARE PART START`: from call START on, every call whose number is PART modulo
-SHARE, and with PART = 0 every call with an invalid state or law. The system ends the process if a call takes more than
-20 s of processor time; the line that announces the call tells which.
+SHARE. The calls are the same each time. Each argument is in turn every value of `VALUES`, and the right one with a part
+of it `altered`; states and laws are in turn those that no function may accept. The system ends the process if a call
+takes more than 20 s of processor time; the line that announces the call tells which.
 """
 
 import contextlib
@@ -10,6 +11,7 @@ import dis
 import inspect
 import json
 import os
+import resource
 import signal
 import sys
 import tempfile
@@ -23,7 +25,7 @@ from stickslip.figures.claims import Row
 from stickslip.quasirigid.cone_apex import Apex
 
 PACKAGE = str(Path(ss.__file__).parent)
-SECONDS = 20
+SECONDS, MEMORY = 20, 4 << 30  # processor time of a call, and address space of the process [bytes]
 NAN, OBJECT = float("nan"), object()
 
 
@@ -317,7 +319,9 @@ def _fault_of_error(error: Exception) -> str:
         last = last.tb_next
     message, place = str(error), last.tb_frame.f_code
     by_raise = dis.opname[place.co_code[last.tb_lasti]] == "RAISE_VARARGS"
-    ours = isinstance(error, ValueError | TypeError) or type(error).__module__.startswith("stickslip")
+    ours = isinstance(error, ValueError | TypeError | RuntimeError) or type(error).__module__.startswith("stickslip")
+    if isinstance(error, OSError) and error.filename:  # of the file system, with the path
+        return ""
     if ours and by_raise and place.co_filename.startswith(PACKAGE) and message and "\n" not in message:
         return ""
     return f"{type(error).__name__}: {message[:200]} [{os.path.relpath(place.co_filename, PACKAGE)}:{last.tb_lineno}]"
@@ -326,13 +330,14 @@ def _fault_of_error(error: Exception) -> str:
 def main(share: int, part: int, start: int) -> None:
     warnings.simplefilter("ignore")
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     tell, silent = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         ss.io.write_packing("packing.npz", STATE, LAW)
         for number, (name, function, arguments, refused) in enumerate(calls()):
-            if number < start or (not (refused and part == 0) and number % share != part):
+            if number < start or number % share != part:
                 continue
             print(json.dumps([number, name, None]), file=tell, flush=True)
             signal.setitimer(signal.ITIMER_PROF, SECONDS)

@@ -127,21 +127,27 @@ def check_types(values: tuple) -> None:
     _check_fields("", values, given=True)
 
 
+def check_computed(values: tuple) -> None:
+    """Check all fields of a NamedTuple that a function made, as `check_types` does; numbers may be NaN."""
+    _check_fields("", values, given=False)
+
+
 def _check_fields(prefix: str, values, *, given: bool) -> None:
     """Check the fields of a NamedTuple; if it was not `given` but computed, numbers may be NaN, and lists no arrays."""
     sizes: dict[str, tuple[str, int]] = {}
-    for (name, check, shape), value in zip(_fields(type(values), given), values, strict=True):
+    for (name, check, shape, scalar), value in zip(_fields(type(values), given), values, strict=True):
         if check is not None:
             check(prefix + name, value)
-        if shape and not (value is None or isinstance(value, str | Real)):
+        if shape and value is not None and not (scalar and isinstance(value, Real)):
             _check_sizes(prefix + name, np.shape(value), shape, sizes)
 
 
 @cache
-def _fields(kind, given: bool) -> list[tuple[str, Callable[[str, Any], Any] | None, tuple[str, ...]]]:
-    """Name, check and shape of the fields of a NamedTuple."""
+def _fields(kind, given: bool) -> list[tuple[str, Callable[[str, Any], Any] | None, tuple[str, ...], bool]]:
+    """Name, check and shape of the fields of a NamedTuple, and whether each may be a single number."""
     shapes, hints = shapes_of(kind), getattr(kind, "__annotations__", {})
-    return [(name, _check_of(hints.get(name, Any), given), shapes.get(name, ())) for name in kind._fields]
+    known = {name: hints.get(name, Any) for name in kind._fields}
+    return [(name, _check_of(k, given), shapes.get(name, ()), float in get_args(k)) for name, k in known.items()]
 
 
 def _check_sizes(name: str, got: tuple[int, ...], shape: tuple[str, ...], sizes: dict[str, tuple[str, int]]) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core.arguments import require_filled, require_not_negative
+from ..core.arguments import require_filled, require_not_negative, require_positive
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import points
 from .style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, styled
@@ -52,6 +52,7 @@ def _interval(times, seismic: bool) -> str:
 @styled
 def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
     """Maximum slip velocity over the fault against time."""
+    require_positive(threshold=threshold)
     figure, axes = column_axes(1, 2.1)
     axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)
     axes.axhline(threshold, color=BLACK, ls="--", lw=0.6)

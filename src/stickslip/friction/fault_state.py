@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Values, checked, require_positive
+from ..core.arguments import Values, checked, require_positive, require_shape
 from ..core.readable import readable
 from ..core.units import in_readable_units
 from . import laws
@@ -203,6 +203,8 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
         if the state is not one of this fault, or if no θ balances the stress.
     """
     check_state(fault, state)
+    if np.ndim(log_velocity):
+        require_shape(fault.depth.shape, log_velocity=log_velocity)
     w = state.log_velocity + np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
     stress = state.prestress + fault.transfer(state.excess_slip)
     strength = stress - fault.damping * fault.v0 * np.exp(w)

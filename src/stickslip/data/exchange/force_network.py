@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from ...core.arguments import Array, Numbers, Several, checked
+from ...core.arguments import Array, Numbers, Several, check_computed, checked
 from ...core.readable import readable
 from ...known import USED
 from ..sample import PackingError, account_for
@@ -44,6 +44,7 @@ class MeasuredForces(NamedTuple):
 
     def check_entries(self) -> None:
         """Raise PackingError with a one-sentence message if these cannot be the forces of a packing."""
+        check_computed(self)
         if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
             raise PackingError("contacts name grains by fractions: use whole numbers from 0")
         _check_numbers(self)
