@@ -6,6 +6,7 @@ import struct
 import tarfile
 import time
 import tracemalloc
+import warnings
 import zipfile
 import zlib
 from itertools import pairwise
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import stickslip as ss
 from stickslip.core.outcome import Outcome
@@ -132,6 +134,43 @@ def test_content_is_bounded_before_it_is_allocated(name, tmp_path):
     finally:
         tracemalloc.stop()
     assert "\n" not in str(caught.value)
+
+
+def check_matlab_files(count, folder):
+    """Lengths, types and single bits of files as SciPy writes them; SciPy itself would crash on some."""
+    grains = [(k + 1, 10.0 * k, 9.0, 5.0, 1e-3, np.array([k, k + 2]), np.ones(2), np.zeros(2)) for k in range(5)]
+    fields = [(name, "O") for name in ("id", "x", "y", "r", "rm", "neighbours", "forces", "alphas")]
+    record = {"time": np.arange(20.0), "friction": np.full(20, 0.6), "load_point": 1e-6 * np.arange(20.0)}
+    kinds = ({"particle": np.array(grains, fields)}, ss.io.read_forces), ({"data": record}, ss.friction.read_record)
+    rng, path, taken = np.random.default_rng(6), folder / "a.mat", 0
+    for k in range(count):
+        what, read = kinds[k % 2]
+        savemat(path, what, do_compression=k % 4 == 3)
+        content = bytearray(path.read_bytes())
+        for _ in range(rng.integers(0, 3)):
+            at, value = int(rng.integers(30, len(content) // 4)) * 4, rng.choice([-1, 0, 1, 8, 14, 255, 2**31 - 1])
+            content[at : at + 4] = content[at] ^ 1 << rng.integers(8), *content[at + 1 : at + 4]
+            if rng.random() < 0.5:
+                content[at : at + 4] = np.int32(value).tobytes()
+        path.write_bytes(content)
+        try:
+            with answered(5):
+                warnings.simplefilter("ignore")
+                read(path)
+        except ValueError as problem:
+            assert "\n" not in str(problem), problem
+        else:
+            taken += 1
+    assert 0 < taken < count
+
+
+def test_some_mutated_matlab_files(tmp_path):
+    check_matlab_files(100, tmp_path)
+
+
+@pytest.mark.slow
+def test_ten_thousand_mutated_matlab_files(tmp_path):
+    check_matlab_files(10_000, tmp_path)
 
 
 def test_a_budget_is_that_of_a_file_and_not_of_an_array():

@@ -1,9 +1,7 @@
 """Sheets of laboratory records as they are stored: text with any header, HDF5, MATLAB."""
 
 import csv
-import math
 import re
-import zlib
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -11,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.reading import Budget, Reader, read_bytes
+from ..core.matlab import check_matlab
+from ..core.reading import Budget, read_bytes
 from ..core.tables import split_label, split_rows
 from ..core.text import decode_text, parse_number
 from ..core.units import YEAR
@@ -21,7 +20,6 @@ REMEDY = "give a table as text, an HDF5 or a MATLAB file"
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
-COMPRESSED = 15  # type of a compressed variable of a MATLAB file
 LEAST = 3  # rows that a first column must number
 
 DAY = 86400.0
@@ -184,7 +182,7 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
     from scipy.io import loadmat
 
     try:
-        _check_matlab_sizes(content, Budget(path, len(content), remedy="save it again"))
+        check_matlab(content, Budget(path, len(content), remedy="save it again"))
         variables = loadmat(BytesIO(content), squeeze_me=True, struct_as_record=True)
     except Exception as problem:
         said = (str(problem) or type(problem).__name__).splitlines()[0][:80]
@@ -196,24 +194,6 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
         fields = {f"{name}/{part}": value[part].item() for part in parts} if single else {name: value}
         arrays.update({key: (np.asarray(array), None) for key, array in fields.items()})
     return {name: (array, unit) for name, (array, unit) in arrays.items() if array.dtype.kind in "iuf"}
-
-
-def _check_matlab_sizes(content: bytes, budget: Budget) -> None:
-    """Raise ValueError if the variables of a MATLAB file, which are compressed one by one, would take too much memory.
-
-    Source: MathWorks, MAT-file format, level 5: a header of 128 bytes, then elements of a type, a length and data.
-    """
-    from scipy.io import whosmat
-
-    reader = Reader(content, 126)
-    order = "<" if reader.take(2) == b"IM" else ">"
-    while reader.left >= 8:
-        kind, size = reader.number(f"{order}i"), reader.number(f"{order}i")
-        data = reader.take(min(size, reader.left))
-        if kind == COMPRESSED:
-            budget.take(len(zlib.decompressobj().decompress(data, budget.left + 1)))
-    for name, shape, _ in whosmat(BytesIO(content)):
-        budget.take(8 * math.prod(shape), name)
 
 
 def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], known: Callable[[str], bool]) -> Sheet:

@@ -1,13 +1,16 @@
 """Measured positions and contact forces of disks: two tables, or the structure of PeGS (Photoelastic Grain Solver)."""
 
 import re
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from ...core.arguments import Array, Numbers, Several, check_computed, checked
+from ...core.matlab import check_matlab
 from ...core.readable import readable
+from ...core.reading import Budget, read_bytes
 from ...known import USED
 from ..sample import PackingError, account_for
 from .columns import identify_columns, plain_name
@@ -297,7 +300,10 @@ def _particles(path: Path) -> list:
     from scipy.io import loadmat
 
     try:
-        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+        stored = read_bytes(path, remedy="give a file of PeGS")
+        if stored.startswith(b"MATLAB 5"):
+            check_matlab(stored, Budget(path, len(stored), remedy="save it again"))
+        content = loadmat(BytesIO(stored), squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
         raise PackingError(f"{path} is of MATLAB 7.3: save it with save(…, '-v7')") from None
     except Exception as problem:
