@@ -353,7 +353,7 @@ def _check_integer(name: str, value):
     if abs(value) > _LARGEST_INTEGER:
         shown = value if abs(value) < 1e40 else "a longer number"
         raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
-    return int(value)
+    return value if isinstance(value, bool) else int(value)
 
 
 def _check_callable(name: str, value):

@@ -85,6 +85,7 @@ def steady_start(values: Series, *, batch: int = 5) -> int:
     values : (N,), evenly sampled
     """
     require_positive(batch=batch)
+    batch = int(batch)  # True is 1
     x = _check_series(values, least=4 * batch)
     means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
     count = np.arange(1, len(means) + 1)

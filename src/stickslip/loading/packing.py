@@ -69,6 +69,7 @@ def disk_array(
     if n < 1:
         raise ValueError(f"n = {n} was given: at least 1 disk is needed")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
+    n = int(n)  # True is 1
     radius = as_rows(radius, n)
     after = np.roll(radius, -1)
     spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centres of unequal disks differ in height

@@ -392,6 +392,7 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     """
     require_index(int(state.contacts.count[0]), contact=contact)
     contact = int(contact)
+    contact = int(contact)
     normal = branch_vectors(state)[contact]
     normal = normal / np.linalg.norm(normal)
     if state.cell.dim == 2:
