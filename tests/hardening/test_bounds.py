@@ -27,7 +27,7 @@ from stickslip.data.checkpoint import Checkpoint, load_or_compute, read_pieces
 from stickslip.data.exchange import lammps_restart as restart
 from stickslip.data.exchange.lammps_commands import read_commands
 from stickslip.data.nodes import make_node, to_bytes
-from tests.exchange.test_lammps_runs import CASES
+from tests.exchange.conftest import CASES
 from tests.hardening.test_fuzz import answered, ended
 
 MOST = 3 * LARGE  # bytes that reading a small file may take, some of them twice
