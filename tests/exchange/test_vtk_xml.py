@@ -124,5 +124,5 @@ def test_memory_is_bounded_by_the_size_of_the_file(packed, tmp_path):
     tracemalloc.start()
     with pytest.raises(ss.packings.PackingError, match="100 times the size of the file"):
         ss.io.read_packing(tmp_path / "p.vtp")
-    assert tracemalloc.get_traced_memory()[1] < 300 * (tmp_path / "p.vtp").stat().st_size
+    assert tracemalloc.get_traced_memory()[1] < 3 * 2**26  # 64 MiB are always allowed
     tracemalloc.stop()

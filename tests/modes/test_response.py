@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import svdvals
 
 import stickslip as ss
@@ -293,3 +294,22 @@ def test_the_slip_at_a_wall_does_not_turn_it():
     state = ss.packings.disk_array(4, press=5e-5)
     for contact in range(int(state.contacts.count[0])):
         assert not ss.modes.contact_slip(state, contact)[:, 4:, 3:].any()
+
+
+def test_a_pulse_of_a_pinned_grain_also_drives_others_by_its_velocity(packing):
+    """By the dashpots between them: the equations of motion, integrated by a method of another kind."""
+    law = ss.laws.hertz_mindlin(mu=0.3, damping="viscoelastic", damping_n=0.5, damping_t=0.5)
+    motion = response.forced_motion(pinned(packing), law, 0.0, None)
+    drive, times, factors = push(packing, (0, 0)), [0.0, 3.0, 5.0], [0.0, 1.0, 0.0]
+    ways = trigger._pulse_ways(motion, drive, times, factors, 10.0, 2e-3)
+    still, moving, prescribed = (part[:, 0] for part in motion.drives(drive))
+    n, pull, drag, slope = len(motion.free), motion.pull, motion.drag, [1 / 3, -1 / 2, 0.0]
+
+    def rate(t, state):
+        force = np.interp(t, times, factors, right=0.0) * still + slope[np.searchsorted(times[1:], t)] * moving
+        return np.concatenate([state[n:], force - pull @ state[:n] - drag @ state[n:]])
+
+    end = solve_ivp(rate, (0.0, 10.0), np.zeros(2 * n), rtol=1e-6, atol=1e-10, max_step=0.1).y[:n, -1]
+    true = motion.all_coordinates(end, 0.0 * prescribed)
+    assert np.linalg.norm(drag @ end) > 0
+    np.testing.assert_allclose(ways[-1], true, atol=2e-3 * np.abs(ways).max())

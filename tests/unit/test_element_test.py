@@ -307,6 +307,14 @@ def test_k0_and_compression_index_of_an_oedometric_test():
     assert found["compression_index"] == pytest.approx(0.1)
 
 
+def test_work_at_a_constant_pressure_is_the_pressure_times_the_change_of_volume():
+    """By finite strains: W/V₀ = p (1 − V/V₀), where ε_v = −ln(V/V₀)."""
+    strain = np.linspace(0.0, 0.1, 400)[:, None] * [1.0, 1.0, 1.0, 0.0]
+    absent = [np.zeros(400)] * 6
+    series = element.ElementSeries(strain[:, 0], strain, np.tile(2.0 * np.eye(3), (400, 1, 1)), *absent)
+    np.testing.assert_allclose(work(series), 2.0 * (1 - np.exp(-3 * strain[:, 0])), atol=1e-6)
+
+
 def test_work_of_an_elastic_cycle_is_zero_and_of_plastic_strain_is_not():
     axial = np.concatenate([np.linspace(0, 1e-4, 51), np.linspace(1e-4, 0, 51)[1:]])
     stress = 1e5 + 1e8 * axial

@@ -48,7 +48,9 @@ def convert_errors():
 
 def _show_warning(message, *where, **more) -> None:
     """Show a warning like any other message, without the line of code that issued it."""
-    print(f"stickslip: {message}", file=sys.stderr)
+    from ..core.text import printable
+
+    print(printable(f"stickslip: {message}"), file=sys.stderr)
 
 
 def main() -> None:
@@ -121,7 +123,7 @@ def _discard_stdout() -> None:
 def _fail(sentence: str, code: int, answer: dict | None = None) -> None:
     """Exit with a sentence on standard error and, with --json, an object on standard output."""
     line = " ".join(sentence.split())
-    if len(line) > MAX_LENGTH:
+    if len(line) > MAX_LENGTH or not line.isprintable():
         from ..core.text import bounded  # not at the top: it loads NumPy
 
         line = bounded(line)

@@ -178,6 +178,7 @@ def stability(
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. Exit codes: 0 stable
     or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
     """
+    from ..core.text import printable
     from ..data.exchange.files import capture_warnings
     from ..loading.reading import read_packing
     from ..reports import packing as stability_report
@@ -186,7 +187,8 @@ def stability(
     from ..solve.stability import stability as analyse
 
     method = search.name("all" if modes else "auto")
-    shapes = modes or Path(f"{file.stem}-modes.npz")
+    named = file if file.name.strip(".") else file.resolve()  # . and .. have no names
+    shapes = modes or Path(f"{named.stem}-modes.npz")
     if modes or not output.as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
     with terminal.console_output(*output):
@@ -214,7 +216,7 @@ def stability(
         from ..runs import json_output
 
         for line in notes:
-            print(f"stickslip: {line}", file=sys.stderr)
+            print(printable(f"stickslip: {line}"), file=sys.stderr)
         verdict = stability_report.verdict(result, calm, notes)
         about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
         if sure:
@@ -225,7 +227,7 @@ def stability(
             )
         )
     elif output.quiet:
-        print(stability_report.verdict(result, calm, notes))
+        print(printable(stability_report.verdict(result, calm, notes)))
     else:
         remedy = "" if settle else BARE if shape else REMEDY
         stability_report.show(

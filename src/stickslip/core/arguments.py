@@ -15,16 +15,19 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
 from numbers import Complex, Integral, Real
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
+from .definitions import shapes_of
 from .fields import LARGEST
 from .text import bounded
 
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
 _LARGEST_INTEGER = 2**64 - 1
+_LONGEST_NAME = 255  # of a file [bytes]
 
 
 class Array(NamedTuple):
@@ -112,9 +115,50 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
+def check_value(name: str, value, annotation, *, given: bool = False) -> None:
+    """Check a value that is no argument, such as one from a file, by an annotation; numbers may be NaN by default."""
+    check = _check_of(annotation, given)
+    if check is not None:
+        check(name, value)
+
+
 def check_types(values: tuple) -> None:
-    """Check the types of all fields of a NamedTuple by their annotations."""
-    checked(type(values))(*values)
+    """Check all fields of a NamedTuple that users make, by their annotations and the shapes that comments state."""
+    _check_fields("", values, given=True)
+
+
+def check_computed(values: tuple) -> None:
+    """Check all fields of a NamedTuple that a function made, as `check_types` does; numbers may be NaN."""
+    _check_fields("", values, given=False)
+
+
+def _check_fields(prefix: str, values, *, given: bool) -> None:
+    """Check the fields of a NamedTuple; if it was not `given` but computed, numbers may be NaN, and lists no arrays."""
+    sizes: dict[str, tuple[str, int]] = {}
+    for (name, check, shape, scalar), value in zip(_fields(type(values), given), values, strict=True):
+        if check is not None:
+            check(prefix + name, value)
+        if shape and value is not None and not (scalar and isinstance(value, Real)):
+            _check_sizes(prefix + name, np.shape(value), shape, sizes)
+
+
+@cache
+def _fields(kind, given: bool) -> list[tuple[str, Callable[[str, Any], Any] | None, tuple[str, ...], bool]]:
+    """Name, check and shape of the fields of a NamedTuple, and whether each may be a single number."""
+    shapes, hints = shapes_of(kind), getattr(kind, "__annotations__", {})
+    known = {name: hints.get(name, Any) for name in kind._fields}
+    return [(name, _check_of(k, given), shapes.get(name, ()), float in get_args(k)) for name, k in known.items()]
+
+
+def _check_sizes(name: str, got: tuple[int, ...], shape: tuple[str, ...], sizes: dict[str, tuple[str, int]]) -> None:
+    """Raise ValueError if a shape differs from the stated one; letters stand for the same size in all fields."""
+    wanted = [int(part) if part.isdigit() else sizes.get(part, (name, None))[1] for part in shape]
+    if len(got) != len(shape) or any(size not in (None, n) for n, size in zip(got, wanted, strict=True)):
+        others = sorted({f"{sizes[part][0]} has {part} = {sizes[part][1]}" for part in shape if part in sizes})
+        belongs = f", as {' and '.join(others)}" if others else ""
+        needed = f"({', '.join(shape)}{',' * (len(shape) == 1)})"
+        raise ValueError(f"{name} has shape {got} where {needed} is needed{belongs}")
+    sizes |= {part: (name, n) for n, part in zip(got, shape, strict=True) if not part.isdigit() and part not in sizes}
 
 
 _KEYWORD = 10**6  # index of parameters that are given by name only
@@ -136,25 +180,39 @@ def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
     return places
 
 
-def _check_of(annotation) -> Callable[[str, Any], Any] | None:
-    """Function (name, value) that returns the checked value, or None if an annotation cannot be checked."""
+def _check_of(annotation, given: bool = True) -> Callable[[str, Any], Any] | None:
+    """Function (name, value) that returns the checked value, or None if an annotation cannot be checked.
+
+    Numbers that were computed, and not `given` by a user, may be NaN, and their arrays are no lists.
+    """
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _check_of_annotated(*parts)
     if origin in (types.UnionType, Union):
-        return _check_of_union(parts)
+        return _check_of_union(parts, given)
     if origin in (list, dict) or (origin is tuple and parts):
-        return _check_of_container(origin, parts)
+        return _check_of_container(origin, parts, given)
     if origin is Iterable:
-        return lambda name, value: _check_of_container(list, parts)(name, _as_list(name, value))
+        return lambda name, value: _check_of_container(list, parts, given)(name, _as_list(name, value))
     if origin is Callable or annotation is Callable:
         return _check_callable
     if annotation is np.ndarray:
-        return lambda name, value: _check_array(name, value, Array(kinds="buifc"))
+        return _check_numbers if given else _check_computed
     if annotation is None or isinstance(annotation, type):
         kind = type(None) if annotation is None else annotation
-        return (lambda name, value: _check_class(name, value, (kind,))) if _is_checkable(kind) else None
+        return (lambda name, value: _check_class(name, value, (kind,), given)) if _is_checkable(kind) else None
     return None
+
+
+def _check_numbers(name: str, value):
+    return _check_array(name, value, Array(kinds="buifc"))
+
+
+def _check_computed(name: str, value):
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "buifcV":
+        kind = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else _describe(value)
+        raise TypeError(f"{name} must be an array of numbers, but {kind} was given")
+    return value
 
 
 def _is_checkable(kind) -> bool:
@@ -175,10 +233,10 @@ def _check_of_annotated(kind, known):
     return (lambda name, value: checks[type(known)](name, value, known)) if type(known) in checks else None
 
 
-def _check_of_union(parts):
+def _check_of_union(parts, given: bool):
     if all(map(_is_checkable, parts)):
-        return lambda name, value: _check_class(name, value, parts)
-    checks = [_check_of(part) for part in parts]
+        return lambda name, value: _check_class(name, value, parts, given)
+    checks = [_check_of(part, given) for part in parts]
     if None in checks:
         return None
     kinds = " or ".join(map(_words, parts))
@@ -198,8 +256,8 @@ def _check_of_union(parts):
     return check
 
 
-def _check_of_container(origin, parts):
-    checks = [_check_of(part) for part in parts if part is not Ellipsis]
+def _check_of_container(origin, parts, given: bool = True):
+    checks = [_check_of(part, given) for part in parts if part is not Ellipsis]
     kinds = _words(origin[parts])
 
     def check(name, value):
@@ -248,26 +306,37 @@ def _words(annotation) -> str:
     return _WORDS.get(annotation, f"{article} {noun}" + (f" as {maker} makes it" if maker else ""))
 
 
-def _check_class(name: str, value, classes: tuple[Any, ...]):
+def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True):
     if isinstance(value, np.ndarray) and not value.shape and value.dtype.kind in "biuf":
         value = value[()]
     if isinstance(value, classes) and not isinstance(value, Complex):
         if hasattr(value, "check_entries"):
             value.check_entries()
-        return value
+        elif hasattr(value, "_fields"):
+            _check_fields(f"{name}.", value, given=False)
+        return _check_path(name, value) if Path in classes else value
     if bool in classes and isinstance(value, bool | np.bool_ | Integral) and value in (0, 1):
         return bool(value)
     if float in classes and isinstance(value, Real):
-        return _check_float(name, value)
+        return _check_float(name, value) if given else value
     if int in classes and isinstance(value, Real):
         return _check_integer(name, value)
     if complex in classes and isinstance(value, Complex):
         if isinstance(value, Real):
             return _check_float(name, value)
-        if not np.isfinite(value):
+        if given and not np.isfinite(value):
             raise ValueError(f"{name} = {value} was given: it must be finite")
         return value
     raise TypeError(_mismatch(name, value, classes))
+
+
+def _check_path(name: str, value):
+    parts = Path(value).parts if isinstance(value, str | Path) else ()
+    if "\0" in str(value) or any(len(part.encode(errors="replace")) > _LONGEST_NAME for part in parts):
+        raise ValueError(
+            f"{name} is no path of a file: names have at most {_LONGEST_NAME} bytes, none of which is zero"
+        )
+    return value
 
 
 def _check_float(name: str, value):
@@ -315,6 +384,8 @@ def _check_array(name: str, value, wanted: Array):
         raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
+    if "f" in wanted.kinds and array.dtype.kind in "bfO":  # all floats become doubles, and True is 1
+        return array.astype(int if array.dtype.kind == "b" else float, copy=False)
     return array.astype(float) if array.dtype.kind == "O" else array
 
 
@@ -328,7 +399,7 @@ def _check_result(name: str, value, wanted: Result):
     if absent:
         kind = _describe(value)
         raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")
-    return value
+    return _check_class(name, value, (type(value),)) if hasattr(value, "_fields") else value
 
 
 def _describe(value) -> str:
@@ -346,6 +417,15 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
     return f"{name} must be {allowed}, but {_describe(value)} was given{remedy}"
+
+
+def require_options(function: Callable, options: Iterable[str]) -> None:
+    """Raise TypeError with a one-sentence message if a function has no option of a name."""
+    known = inspect.signature(function).parameters.values()
+    names = [one.name for one in known if one.kind is one.KEYWORD_ONLY]
+    for name in options:
+        if name not in names:
+            raise TypeError(f"{name} was given, which is no option: there are {', '.join(names)}")
 
 
 def require_index(count: int, **values) -> None:

@@ -6,8 +6,9 @@ from typing import NamedTuple
 MOST = 1_000_000
 # largest number of each thing; the same on every machine, so that a scenario is valid everywhere or nowhere
 LIMITS = {
-    "grains": MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
-    "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,
+    "grains": MOST, "bodies": 2 * MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
+    "types": 300, "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,
+    "directions": 100_000, "walkers": 10_000, "wave vectors": 100_000,
     "time steps": 1000 * MOST, "bytes": 1 << 36,
 }  # fmt: skip
 STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 766 for packed spheres

@@ -11,6 +11,7 @@ import numpy as np
 from .arguments import Numbers, Series, checked, require_shape
 from .fields import COURSE_DTYPE, FIELDS, LARGEST, check_parts
 from .readable import pluralize, readable
+from .sizes import Size, require_sizes
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
@@ -353,6 +354,7 @@ def loads(
     if min(n_grains, n_walls) < 0:
         raise ValueError(f"{n_grains} grains and {n_walls} walls were given: neither may be negative")
     n = n_grains + n_walls
+    require_sizes([Size("these are", n, "bodies", "use fewer")])
     control = Control(
         np.zeros((n, 3)),
         np.zeros((n, 3)),

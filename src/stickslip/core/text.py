@@ -7,9 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from .reading import read_bytes
+
 LONGEST = 1000  # of a message [characters]
 _MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # UTF-32-LE's starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
+# all but tabs and line feeds, and marks that turn the direction of writing
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
 
 
@@ -28,8 +32,7 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
     OSError
         if the file cannot be read.
     """
-    check_regular_file(path, remedy)
-    return decode_text(Path(path).read_bytes(), path, remedy=remedy, fallback=fallback)
+    return decode_text(read_bytes(path, remedy=remedy), path, remedy=remedy, fallback=fallback)
 
 
 def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
@@ -45,13 +48,6 @@ def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str 
             return content.decode(fallback, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
         raise ValueError(f"{path} is not a UTF-8 text file: {remedy}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def check_regular_file(path: str | Path, remedy: str) -> None:
-    """Raise ValueError for a device or a pipe, which could be read forever."""
-    path = Path(path)
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ValueError(f"{path} is a device or a pipe, which may never end: {remedy}")
 
 
 def _has_wide_letters(content: bytes) -> bool:
@@ -80,11 +76,23 @@ class SentenceError(ValueError):
 
 def bounded(sentence: str) -> str:
     """Return a message with what it quotes shortened; its beginning, what was got, and its end, what to do, stay."""
+    sentence = printable(sentence)
     if len(sentence) <= LONGEST:
         return sentence
     sentence = re.sub(rf"\S{{{LONGEST // 10},}}", lambda word: shortened(word[0]), sentence)
     cut = LONGEST // 2 - 2
     return sentence if len(sentence) <= LONGEST else f"{sentence[:cut]} … {sentence[-cut:]}"
+
+
+def printable(text: str) -> str:
+    r"""Text with its control characters written as in Python: a terminal obeys those of a foreign text.
+
+    Examples
+    --------
+    >>> print(printable("a\x1b[2J title"))
+    a\x1b[2J title
+    """
+    return _CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
 
 
 def parse_number(word: str) -> float:

@@ -4,7 +4,6 @@ A comment such as `(T, 3) [length/time]` states a unit once: readers of the code
 it from there.
 """
 
-import inspect
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from functools import cache
 from typing import NamedTuple
 
 from .arguments import checked
+from .definitions import definitions
 from .text import quoted
 
 YEAR = 365.25 * 86400.0  # [s]
@@ -36,7 +36,7 @@ def units_of(kind: type) -> dict[str, str]:
     >>> units_of(Grains)["inertia"]
     'mass length^2'
     """
-    whole, comments = _definitions(kind)
+    whole, comments = definitions(kind)
     units = dict.fromkeys(getattr(kind, "_fields", ()), unit) if (unit := _unit_in(whole)) else {}
     return units | {name: unit for name, text in comments.items() if (unit := _unit_in(text))}
 
@@ -52,24 +52,12 @@ def meanings_of(kind: type) -> dict[str, str]:
     'time integral of spin'
     """
     meanings = {}
-    for name, text in _definitions(kind)[1].items():
+    for name, text in definitions(kind)[1].items():
         text = re.sub(r"^\s*\([^()]*\)|\s*\(([A-Z\d+ ]+, ?)+[A-Z\d+ ]*\)", "", text)  # shapes
         text = re.sub(r"^\s*(bool|u?int\d+|complex|float|structured)\b[:,]?", "", text)
         text = re.sub(r"\s*\[([^\]]+)\]", lambda unit: "" if _is_unit(unit[1]) else unit[0], text)
         meanings[name] = re.sub(r"[;:,]? see `[^`]*`", "", text).replace("`", "").strip(" ,;")
     return {name: text for name, text in meanings.items() if text}
-
-
-@cache
-def _definitions(kind: type) -> tuple[str, dict[str, str]]:
-    """The first line of a NamedTuple's docstring, and the comments beside its fields."""
-    names = getattr(kind, "_fields", ())
-    try:
-        head, *lines = (line for line in inspect.getsource(kind).splitlines() if not re.match(r"@|class |\s*$", line))
-    except (OSError, TypeError, ValueError):  # no NamedTuple, or one defined in an interpreter
-        return "", {}
-    fields = (re.match(r"\s+(\w+): [^#]*#(.*)", line) for line in reversed(lines))
-    return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first such line counts
 
 
 def _unit_in(text: str) -> str | None:

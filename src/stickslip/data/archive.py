@@ -24,20 +24,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..core.text import check_regular_file
+from ..core.reading import Budget, check_regular_file
 from ..core.units import Units, units_from
 from .atomic import write_atomically
-from .nodes import ArchiveError, Node, known_nouns, make_node, restore
+from .nodes import ArchiveError, Node, known_nouns, make_node, refuse_damage, restore
 
 SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _VERSIONS = ("numpy", "scipy", "h5py")
-LARGE, EXPANDS = 2**26, 100  # size of an array that is always accepted [bytes], and largest multiple of the file size
 _FILTERS = {"compression": "gzip", "shuffle": True}  # of datasets with more than 1000 numbers
 _LONG, _CHUNK = 2**16, 2**19  # least size of a column that has chunks of its own, and largest size of these [bytes]
 _SAMPLE, _WORTH = 2048, 0.5  # part of a plane that is compressed as a trial [bytes], and largest ratio that counts
-# exceptions raised by HDF5, and when objects are rebuilt, for damaged files
-_DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
@@ -99,7 +96,8 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
     """
     known = known_nouns(nouns)
     with _open(path) as file:
-        return {name: restore(_read_node(item), known) for name, item in file.items()}
+        budget = Budget(path, file.id.get_filesize(), remedy="give the results.h5 of a run", error=ArchiveError)
+        return {name: restore(_read_node(item, budget), known) for name, item in file.items()}
 
 
 def units(path: str | Path) -> dict[str, str]:
@@ -124,16 +122,11 @@ def attributes(path: str | Path) -> dict[str, str]:
 
 @contextmanager
 def _open(path):
-    try:
+    with refuse_damage(path, "an archive", "give the results.h5 of a run"):
         _check_checksum(path)
         with h5py.File(path) as file:
             _check_schema(path, file.attrs.get("schema"))
             yield file
-    except ArchiveError:
-        raise
-    except _DAMAGE as problem:
-        reason = str(problem).split(" (")[0].lower()
-        raise ArchiveError(f"{path} cannot be read as an archive ({reason}): give the results.h5 of a run") from None
 
 
 def _check_checksum(path) -> None:
@@ -219,20 +212,15 @@ def _packer(level: int):
     return zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
 
 
-def _read_node(item) -> Node:
+def _read_node(item, budget: Budget) -> Node:
     attrs = dict(item.attrs)
     if isinstance(item, h5py.Dataset):
-        return Node(attrs, _read_array(item))
-    return Node(attrs, {name: _read_node(child) for name, child in item.items()})
+        return Node(attrs, _read_array(item, budget))
+    return Node(attrs, {name: _read_node(child, budget) for name, child in item.items()})
 
 
-def _read_array(item: h5py.Dataset) -> np.ndarray | None:
-    stored = item.file.id.get_filesize()
-    if item.nbytes > max(LARGE, EXPANDS * stored):
-        raise ArchiveError(
-            f"{item.file.filename} holds {stored / 1e6:.3g} MB, but its {item.name} claims {item.nbytes / 1e9:.3g} GB: "
-            f"no run writes such a file; give the results.h5 of a run"
-        )
+def _read_array(item: h5py.Dataset, budget: Budget) -> np.ndarray | None:
+    budget.take(item.nbytes, item.name)
     value = item[()]
     if isinstance(value, h5py.Empty):
         return None

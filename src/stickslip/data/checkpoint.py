@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import __version__
+from ..core.arguments import check_value
 from ..core.units import Units
 from . import records
 from .atomic import write_atomically
-from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, restore, to_bytes
+from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, refuse_damage, restore, to_bytes
 
 # a folder and two files in the folder of the results, and the folders of a sweep's members and of legs for LAMMPS
 UNFINISHED, SCENARIO, SWEEP, MEMBERS, LEGS = "unfinished", "scenario.json", "sweep.json", "members", "lammps"
@@ -97,21 +98,25 @@ class Checkpoint(NamedTuple):
         about = {"scenario": self.scenario, "stickslip": __version__, "part": self._place}
         records.append(self.folder, name, to_bytes(make_node(value, self.units)), about)
 
-    def load(self, name: str) -> Any:
-        """Read a piece.
+    def load(self, name: str, kind: Any = Any) -> Any:
+        """Read a piece, whose type is given as an annotation.
 
         Raises
         ------
         ArchiveError
-            if the piece belongs to another scenario, version or part, or to a law that is not known.
+            if the piece belongs to another scenario, version or part, or to a law that is not known, or is damaged.
         """
-        return restore(from_bytes(self._find()[name].read()), known_nouns(self.nouns))
+        piece = self._find()[name]
+        with _refuse_damage(piece.path):
+            value = restore(from_bytes(piece.read()), known_nouns(self.nouns))
+            check_value(name, value, kind)
+        return value
 
     def _find(self) -> Mapping[str, records.Record]:
         """Existing pieces by name."""
         if any(not path.name.startswith(".") for path in self.folder.glob("*.h5")):
             raise ArchiveError(f"{self.folder} contains checkpoints in the form of an earlier version: {OTHER_VERSION}")
-        indices = [records.read_index(path) for path in records.files(self.folder)]
+        indices = [_read_index(path) for path in records.files(self.folder)]
         for index in indices:
             self._check(index.about)
         return ChainMap(*(index.found for index in indices))
@@ -139,6 +144,20 @@ class Checkpoint(NamedTuple):
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
+def _refuse_damage(path: Path):
+    return refuse_damage(path, "a checkpoint", "remove it and resume again, which computes its part anew")
+
+
+def _read_index(path: Path) -> records.Index:
+    """Index of a file of pieces; ArchiveError if it does not say what they belong to."""
+    with _refuse_damage(path):
+        index = records.read_index(path)
+        if index.found or index.about:
+            check_value("about", index.about, dict[str, str])
+            index.about["scenario"], index.about["stickslip"], index.about["part"]
+    return index
+
+
 def unfinished_scenario(folder: Path) -> Path | None:
     """Path of the scenario of the unfinished run in a folder, or None."""
     notes = sorted((folder / UNFINISHED).glob(f"{_NOTE}*.json"))
@@ -158,8 +177,9 @@ def read_pieces(folder: Path) -> tuple[dict[str, Node], dict[str, str]]:
     """Pieces that an unfinished run has saved so far, by part and name, and what they belong to."""
     pieces, about = {}, {}
     for path in sorted((folder / UNFINISHED).rglob(f"*{records.SUFFIX}")):
-        index, part = records.read_index(path), path.parent.relative_to(folder / UNFINISHED)
-        pieces |= {(part / name).as_posix(): from_bytes(record.read()) for name, record in index.found.items()}
+        index, part = _read_index(path), path.parent.relative_to(folder / UNFINISHED)
+        with _refuse_damage(path):
+            pieces |= {(part / name).as_posix(): from_bytes(record.read()) for name, record in index.found.items()}
         about = about or index.about
     return dict(sorted(pieces.items())), about
 
@@ -169,13 +189,18 @@ def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | N
     return Checkpoint(folder, scenario.text, nouns, units=scenario.named_units) if folder else None
 
 
-def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any]) -> Any:
-    """Load a piece if it exists, otherwise compute and save it."""
+def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any], kind: Any = None) -> Any:
+    """Load a piece if it exists, otherwise compute and save it; `kind` annotates it, by default as `make` does."""
     if kept is None:
         return make()
     if not kept.has(name):
         kept.save(name, make())
-    return kept.load(name)
+    return kept.load(name, kind or kind_of_result(make))
+
+
+def kind_of_result(function: Callable) -> Any:
+    """Annotation of what a function, or a partial one, returns; Any if it has none."""
+    return getattr(getattr(function, "func", function), "__annotations__", {}).get("return", Any)
 
 
 def abandon(kept: Checkpoint) -> None:

@@ -6,15 +6,19 @@ stored without unused capacity, but with all of their memory.
 """
 
 import json
+import math
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
+from ..core.arguments import check_value
 from ..core.laws.builtin import Law
 from ..core.laws.kinds import Kind, describe_law, restore_kind
+from ..core.reading import Reader
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
 from ..core.text import SentenceError
 from ..core.units import Fields, Units, in_units, units_of
@@ -24,8 +28,24 @@ _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _LENGTH = struct.Struct("<Q")  # of the outline of a tree in bytes
 
 
+# exceptions raised by HDF5, JSON and NumPy, and when objects are rebuilt, for damaged files
+_DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError)
+
+
 class ArchiveError(SentenceError):
     """Raised for a file that cannot be read as an archive; the message is one sentence for the user."""
+
+
+@contextmanager
+def refuse_damage(path, kind: str, remedy: str) -> Iterator[None]:
+    """Raise ArchiveError with one sentence for whatever a damaged file leads to."""
+    try:
+        yield
+    except ArchiveError:
+        raise
+    except _DAMAGE as problem:
+        reason = str(problem).split(" (")[0].lower()
+        raise ArchiveError(f"{path} cannot be read as {kind} ({reason}): {remedy}") from None
 
 
 class Node(NamedTuple):
@@ -104,8 +124,8 @@ def restore(node: Node, known: dict[str, type]):
     if noun is Law and "own" in tree:
         tree["kind"] = _restore_kind(tree["kind"], tree.pop("own"))
     made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
-    if noun in (State, Law):
-        made.check_entries()
+    if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked with it
+        check_value(noun.__name__, made, noun)
     return made
 
 
@@ -152,17 +172,14 @@ def to_bytes(node: Node) -> bytes:
 
 def from_bytes(data: bytes) -> Node:
     """Tree of nodes from its bytes."""
-    place = _LENGTH.size + _LENGTH.unpack_from(data)[0]
+    reader = Reader(data)
 
     def rebuilt(attrs, content, *shape) -> Node:
-        nonlocal place
         if not shape:
             return Node(attrs, content and {name: rebuilt(*child) for name, child in content.items()})
-        array = np.frombuffer(data, content, int(np.prod(shape[0])), place).reshape(shape[0])
-        place += array.nbytes
-        return Node(attrs, array.copy())
+        return Node(attrs, reader.array(content, math.prod(shape[0])).reshape(shape[0]).copy())
 
-    return rebuilt(*json.loads(data[_LENGTH.size : place]))
+    return rebuilt(*json.loads(reader.take(reader.number(_LENGTH.format))))
 
 
 def archive_fields(record) -> Fields:

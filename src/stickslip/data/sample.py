@@ -18,7 +18,7 @@ from ..core.laws.normal import dmt, jkr, liquid_bridge, walton_braun
 from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
-from ..core.text import SentenceError
+from ..core.text import SentenceError, printable
 from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 HUGE = 1e30  # larger numbers make products overflow
@@ -120,6 +120,7 @@ def account_of(notes) -> dict[str, list[str]]:
 
 def repeated_note(text: str) -> Assumption:
     """Note that a file repeats from the one that it was made from."""
+    text = printable(text)
     return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text)
 
 

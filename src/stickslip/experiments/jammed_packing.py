@@ -1,13 +1,14 @@
 """Jammed packings of scenarios, for experiments that shear them."""
 
 from ..core.laws.builtin import Law
+from ..core.state import State
 from ..data.packing_schema import Packing
-from ..loading.packing import jammed
+from ..loading.packing import PackingInfo, jammed
 
 DEFAULT_FRACTION = {2: 0.86, 3: 0.68}
 
 
-def make_packing(chosen: Packing, law: Law, seed: int, tolerance: float | None = None):
+def make_packing(chosen: Packing, law: Law, seed: int, tolerance: float | None = None) -> tuple[State, PackingInfo]:
     """Make the packing of a scenario; return State and PackingInfo, see `jammed`."""
     fraction = chosen.packing_fraction
     if fraction is None and chosen.pressure is None:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from ..core.dynamics.batch import Device, Together, check_law
 from ..core.laws.builtin import Law
 from ..core.progress import Report, silent, within
-from ..data.checkpoint import Checkpoint
+from ..data.checkpoint import Checkpoint, kind_of_result
 from ..ensemble import Workers, run_members
 
 MOST = 256  # realizations side by side on a device
@@ -115,7 +115,7 @@ def run_realizations(
 
     def load(k: int) -> Any:
         _, _, name, place = tasks[k]
-        return place.load(name) if place and place.has(name) else None
+        return place.load(name, kind_of_result(function)) if place and place.has(name) else None
 
     def save(k: int, result: Any) -> None:
         _, _, name, place = tasks[k]

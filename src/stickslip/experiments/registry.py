@@ -6,7 +6,7 @@ import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_options
 from ..core.progress import Report, silent
 from ..core.text import read_text, shortened
 from ..data.law_file import check_law_files, trust_law_files, with_laws
@@ -88,6 +88,7 @@ def simulate(
     """
     check_law_files(scenario.model_dump())
     run = experiment_of(scenario).simulate
+    require_options(run.resolve() if hasattr(run, "resolve") else run, more)
     return run(scenario, folder=None if folder is None else Path(folder), workers=workers, report=report, **more)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
-from ..core.arguments import Result
+from ..core.arguments import Requirement, Result, require_filled
 from .style import (
     BLACK,
     BLUE,
@@ -35,7 +35,7 @@ GREY = "0.85"
 
 
 @styled
-def loops(curves: dict):
+def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirement(require_filled)]):
     """Loops at up to six amplitudes about the mean stress of the last cycle, which is dark.
 
     Parameters

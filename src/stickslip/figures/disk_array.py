@@ -242,7 +242,11 @@ STUCK, AT_LIMIT, SLIDES = "stuck", "has reached the Coulomb limit at the substra
 
 
 @styled
-def transition_movie(result, path: str | Path, frames: int = round(FPS * SECONDS)) -> Path:
+def transition_movie(
+    result: Annotated[Any, Result("DiskArrayResult", ("trajectory", "pressed"))],
+    path: str | Path,
+    frames: int = round(FPS * SECONDS),
+) -> Path:
     """Write an animation of the transition as a GIF, with disks coloured by their state."""
     data, radius = result.trajectory, result.pressed.grains.radius
     events = np.concatenate([data.breach, data.slide])

@@ -1,14 +1,21 @@
 """Figures of responses to probes: envelopes of stress, second-order work by direction, and its cones."""
 
-from collections.abc import Sequence
+from typing import Annotated, Any
 
 import numpy as np
 
+from ..core.arguments import Requirement, Result, require_filled
 from .style import BLACK, COLORS, PAGE, RED, label_axes, styled, subplots
+
+_Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 
 
 @styled
-def response_envelopes(envelopes: Sequence, labels: Sequence[str] = (), names: tuple[str, str] = ("yy", "xx")):
+def response_envelopes(
+    envelopes: Annotated[list[_Envelope] | tuple[_Envelope, ...], Requirement(require_filled)],
+    labels: list[str] | tuple[str, ...] = (),
+    names: tuple[str, str] = ("yy", "xx"),
+):
     """Responses of several states to probes in one plane: stress per unit strain, and second-order work by direction.
 
     Dashed curves are the elastic part, if contacts at the limit stick. Red bands are directions of strain with negative

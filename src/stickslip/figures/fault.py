@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..core.arguments import require_filled, require_not_negative, require_positive
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import points
 from .style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, styled
@@ -19,6 +20,7 @@ def slip_contours(history: FaultHistory, events: int | None = None):
     history : FaultHistory
     events : number of the last events to show; default: all
     """
+    require_not_negative(events=events)
     figure, axes = column_axes(1, 2.7)
     first = history.events.start[-events - 1] if events and events < len(history.events.start) else -np.inf
     kept = history.profile_time >= first
@@ -50,6 +52,7 @@ def _interval(times, seismic: bool) -> str:
 @styled
 def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
     """Maximum slip velocity over the fault against time."""
+    require_positive(threshold=threshold)
     figure, axes = column_axes(1, 2.1)
     axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)
     axes.axhline(threshold, color=BLACK, ls="--", lw=0.6)
@@ -90,6 +93,7 @@ def station_series(history: FaultHistory):
 @styled
 def surface_series(history: FaultHistory):
     """Horizontal and vertical displacement, upwards, at stations at the surface beside a dipping fault against time."""
+    require_filled("history.surface", history.surface)
     figure, axes = column_axes(2, 3.6, sharex=True)
     for k, color in _shown(len(history.surface)):
         place, side = history.surface[k], "foot wall" if history.surface[k] < 0 else "hanging wall"

@@ -3,11 +3,13 @@
 from typing import Annotated, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.lines import Line2D
 
-from ..core.arguments import Array, Result, Series
+from ..core.arguments import Array, Bodies, Numbers, Result, Series, checked
 from ..core.measure import wrapped
+from ..core.state import State
 from .outlines import APART, body_limits
 from .style import (
     BLACK,
@@ -95,7 +97,8 @@ def _view_limits(result, shown, places):
     return low, high
 
 
-def draw_grains_by_speed(axes, state, place, loose, top: float):
+@checked
+def draw_grains_by_speed(axes: Axes, state: State, place: Numbers, loose: Bodies, top: float):
     """Draw disks coloured by speed, nearer ones on top; return the mappable for a colour bar."""
     n = len(state.grains.radius)
     speed = np.full(n, np.nan)

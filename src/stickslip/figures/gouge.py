@@ -97,7 +97,7 @@ def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
 
 
 @styled
-def energies_in_holds(ratios, creep, sliding: float):
+def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float):
     """Kinetic over elastic energy, and velocity of the plate, against the hold time.
 
     Parameters

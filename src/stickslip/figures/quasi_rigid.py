@@ -7,10 +7,11 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from ..core.arguments import Requirement, Result, require_filled, require_shape
+from ..core.arguments import Requirement, Result, checked, require_filled, require_index, require_shape
 from ..core.contacts.neighbors import body_positions
 from ..core.control import spring_forces
 from ..core.measure import Committed
+from ..core.state import State
 from .grains import bare_frame, contact_segments, layout_of, start_drawing
 from .style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, WIDTH, column_axes, label_axes, legend_above, styled
 
@@ -57,7 +58,8 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
     return figure
 
 
-def collapses_of(sample) -> list:
+@checked
+def collapses_of(sample: Annotated[Any, Result("SampleResult", ("path",))]) -> list:
     """Collapses on the path of a sample that moved more than the load alone would have."""
     return [event for event in sample.path.collapses if not event.quiet]
 
@@ -87,8 +89,10 @@ def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("poin
     return figure
 
 
-def force_on(state, body: int) -> np.ndarray:
+@checked
+def force_on(state: State, body: int) -> np.ndarray:
     """(3,) load on a body: a dead one, and that of the spring of a machine [force]."""
+    require_index(state.n_bodies, body=body)
     return state.control.force[body] + spring_forces(state.control, body_positions(state), state.time)[body]
 
 

@@ -14,7 +14,7 @@ from typing import Annotated
 import numpy as np
 from matplotlib import colormaps
 
-from ..core.arguments import Requirement, checked, require_filled
+from ..core.arguments import Requirement, checked, require_filled, require_shape
 from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..core.units import with_unit
@@ -98,6 +98,8 @@ def view_data(frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: li
     """Data for `view.js`, as JSON; arrays are base64-encoded float32 (int32 for i and j, uint8 for mode)."""
     chosen = sorted({*_select_frames(frames), at})
     first, mode = frames[0], modes[0] if modes else None
+    for translation, rotation, _ in modes:
+        require_shape((len(first.state.grains.radius), 3), translation=translation, rotation=rotation)
     columns = [quantities(frames[k], first=first, mode=mode) for k in chosen]
     if len(chosen) > 1:
         columns[0]["displacement"] = (np.zeros(len(first.state.grains.radius)), columns[-1]["displacement"][1])

@@ -15,6 +15,8 @@ def dispersion(waves: Dispersion, speeds: np.ndarray | None = None):
     waves : from `modes.dispersion`
     speeds : (K, dim) from `modes.elastic_speeds` for these wave vectors, drawn as lines ω = c k with their means
     """
+    if speeds is not None and (speeds.ndim != 2 or not len(speeds)):
+        raise ValueError(f"speeds has shape {speeds.shape}: give one of `elastic_speeds`, (K, dim)")
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
     k, names = np.linalg.norm(waves.wavevector, axis=1), waves.names
     order, kinds = np.argsort(k, kind="stable"), list(dict.fromkeys(names))

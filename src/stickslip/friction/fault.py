@@ -51,14 +51,20 @@ class Fault(NamedTuple):
     thickness: float = np.inf  # of each plate, for a periodic fault [m]
     v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
     v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
-    b2: np.ndarray | float = 0.0  # evolution effect of a second state, (N,) or a number
-    dc2: np.ndarray | float = 1.0  # its characteristic slip, (N,) or a number; has no effect if b2 = 0 [m]
+    b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
+    dc2: np.ndarray | float = 1.0  # (N,) or a number, its characteristic slip; has no effect if b2 = 0 [m]
     alpha: float = 0.0  # effect of changes of the normal stress on the states
     changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # of the normal stress in time
     dip: float = 90.0  # of a fault that reaches the surface, for in-plane shear [degrees]
     slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
-    check_entries = check_types
+    def check_entries(self) -> None:
+        """Raise an error with a one-sentence message if an entry has a wrong type, shape or name."""
+        check_types(self)
+        choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
+        for name, allowed in choices.items():
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} = {getattr(self, name)!r} was given: use {' or '.join(map(repr, allowed))}")
 
     @property
     def modulus(self) -> float:
@@ -143,6 +149,7 @@ class Fault(NamedTuple):
         return stress_transfer(*size, self.boundary, self.thickness)
 
 
+@checked
 def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None, **more) -> Fault:
     """Fault whose properties vary piecewise linearly with depth.
 
@@ -218,10 +225,6 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 def check_fault(fault: Fault) -> None:
     """Raise ValueError with one sentence if a fault is not valid, or if its cells are too long."""
     fault.check_entries()
-    choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
-    for name, allowed in choices.items():
-        if getattr(fault, name) not in allowed:
-            raise ValueError(f"{name} = {getattr(fault, name)!r} was given: use {' or '.join(map(repr, allowed))}")
     for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)
     for name in ("b", "b2"):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import check_types, checked, require_positive, require_shape
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from .fault import Fault, check_fault, check_normal
@@ -73,6 +73,8 @@ class FaultHistory(NamedTuple):
     state: FaultState  # at the end
     steps: int
     rejected: int
+
+    check_entries = check_types
 
 
 @checked
@@ -156,6 +158,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     machine = Machine(fault, state.prestress)
     y, w = state.unknowns, state.log_velocity.copy()
     stages, powers = np.empty((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3))
+    require_shape(y.shape, rates=state.rates)
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Values, checked, require_positive
+from ..core.arguments import Values, checked, require_positive, require_shape
 from ..core.readable import readable
 from ..core.units import in_readable_units
 from . import laws
@@ -28,7 +28,7 @@ class FaultState(NamedTuple):
     log_state: np.ndarray  # (N,) ln(V0 θ/D_c), plus `Fault.state_shift` if the normal stress acts on the state
     log_velocity: np.ndarray  # (N,) ln(V/V0), with the reference velocity V0 = `fault.v0`
     prestress: np.ndarray  # (N,) shear stress at the start [Pa]
-    rates: np.ndarray  # (1 + S, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
+    rates: np.ndarray  # (V, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
     power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
     energy: np.ndarray  # (3,) their integrals since the start [J/m]
     step: float  # proposed for the next step [s]
@@ -203,6 +203,8 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
         if the state is not one of this fault, or if no θ balances the stress.
     """
     check_state(fault, state)
+    if np.ndim(log_velocity):
+        require_shape(fault.depth.shape, log_velocity=log_velocity)
     w = state.log_velocity + np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
     stress = state.prestress + fault.transfer(state.excess_slip)
     strength = stress - fault.damping * fault.v0 * np.exp(w)

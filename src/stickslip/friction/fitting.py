@@ -94,6 +94,7 @@ class Fit(NamedTuple):
         return RateState(**values, law=self.law, form=self.form)
 
 
+@checked
 def fit(
     data: Data | list[Data],
     *,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import check_types, checked
+from ..core.arguments import check_types, checked, require_filled
 from ..core.readable import readable
 from ..core.tables import heading_of, split_label, write_table
 from ..core.text import parse_number, shortened
@@ -52,13 +52,13 @@ SHOWN = 8  # columns that a message lists
 class LabRecord(NamedTuple):
     """A record of N samples in metres, seconds and pascals; missing columns are None."""
 
-    time: np.ndarray  # [s]
-    friction: np.ndarray  # [1]
-    load_point: np.ndarray | None = None  # [m]
-    normal_stress: np.ndarray | None = None  # [Pa]
-    slip: np.ndarray | None = None  # [m]
-    velocity: np.ndarray | None = None  # [m/s]
-    theta: np.ndarray | None = None  # [s]
+    time: np.ndarray  # (N,) [s]
+    friction: np.ndarray  # (N,) [1]
+    load_point: np.ndarray | None = None  # (N,) [m]
+    normal_stress: np.ndarray | None = None  # (N,) [Pa]
+    slip: np.ndarray | None = None  # (N,) [m]
+    velocity: np.ndarray | None = None  # (N,) [m/s]
+    theta: np.ndarray | None = None  # (N,) [s]
 
     check_entries = check_types
 
@@ -170,7 +170,8 @@ def record_data(
     before : slip velocity before the record, if it does not start with steady sliding [m/s]
     normal : True to include changes in normal stress, relative to its initial value (alpha, after Linker and Dieterich)
     """
-    time = record.time - record.time[0]
+    require_filled("record.time", record.time)
+    time = np.asarray(record.time, float) - record.time[0]
     if record.load_point is None and velocity is None:
         return Data(time, record.friction, velocity=record.velocity, before=before)
     factor = None

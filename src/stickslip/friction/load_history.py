@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Series, checked
+from ..core.arguments import Series, checked, require_shape
 from ..core.readable import readable
 from .loads import LoadStep, check_times
 from .record_files import LENGTH, TIME
@@ -91,6 +91,7 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
     time, place = np.asarray(time, float), np.asarray(load_point, float)
     check_times(time)
     thin = max(1, -(-len(time) // SEARCHED))
+    require_shape(np.shape(time), load_point=place)
     sparse, rough = time[::thin], place[::thin]
     worth = CERTAIN * np.log(len(time)) * float(np.mean(np.diff(place, 2) ** 2)) / 6
     changes = np.zeros(0)

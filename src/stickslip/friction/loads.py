@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Series, checked, require_positive
+from ..core.arguments import Series, checked, require_positive, require_shape
 from ..core.readable import readable
 
 
@@ -86,6 +86,7 @@ def load_steps(
     if place.shape != time.shape:
         raise ValueError(f"load_point has shape {place.shape}, time {time.shape}: give one displacement per sample")
     factor = np.ones(len(time)) if normal is None else np.asarray(normal, float)
+    require_shape(time.shape, normal=factor)
     moved = np.abs(np.diff(place))
     slack = roughness * float(np.median(moved[moved > 0])) if (moved > 0).any() else 0.0
     legs, first = [], 0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ..core.arguments import Series, checked, require_positive
+from ..core.arguments import Series, checked, require_not_negative, require_positive
 from ..core.readable import readable
 from .loads import LoadStep, leg_arrays
 
@@ -85,6 +85,7 @@ def steady_start(values: Series, *, batch: int = 5) -> int:
     values : (N,), evenly sampled
     """
     require_positive(batch=batch)
+    batch = int(batch)  # True is 1
     x = _check_series(values, least=4 * batch)
     means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
     count = np.arange(1, len(means) + 1)
@@ -153,4 +154,5 @@ def _check_series(values, least: int) -> np.ndarray:
     x = np.asarray(values, float)
     if x.ndim != 1 or len(x) < least:
         raise ValueError(f"values have shape {x.shape}: give a one-dimensional array of at least {least}")
+    require_not_negative(values=float(np.abs(x).max(initial=0.0)))
     return x

@@ -13,6 +13,7 @@ from scipy.special import erfc
 
 from ..core.arguments import Array, Series, check_types, checked, require_positive
 from ..core.readable import readable
+from ..core.text import read_text
 
 INSTANTS = 400  # times at which the normal stress is checked before a simulation
 
@@ -158,13 +159,14 @@ def read_stress_table(path: str | Path) -> StressTable:
         with one sentence, if it is not such a table.
     """
     try:
-        with Path(path).open(encoding="utf-8", newline="") as file:
-            head, *rows = [row for row in csv.reader(file) if row]
-        depth, body = np.array(head[1:], float), np.array(rows, float)
-        table = StressTable(body[:, 0], depth, body[:, 1:])
+        text = read_text(path, remedy="give a CSV file")
     except OSError as problem:
         raise ValueError(f"{path} cannot be read: {problem.strerror}") from None
-    except (ValueError, IndexError):
+    try:
+        head, *rows = [row for row in csv.reader(text.splitlines()) if row]
+        depth, body = np.array(head[1:], float), np.array(rows, float)
+        table = StressTable(body[:, 0], depth, body[:, 1:])
+    except (ValueError, IndexError, csv.Error):
         raise ValueError(
             f"{path} is not a table of numbers: give depths in m in the first row, after a first cell with any "
             f"text, then rows of a time in s and changes of normal stress in Pa"

@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.matlab import check_matlab
+from ..core.reading import Budget, read_bytes
 from ..core.tables import split_label, split_rows
-from ..core.text import check_regular_file, decode_text, parse_number
+from ..core.text import decode_text, parse_number
 from ..core.units import YEAR
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
@@ -53,9 +55,8 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool) -> Shee
     ValueError
         with one sentence.
     """
-    check_regular_file(path, REMEDY)
     try:
-        content = path.read_bytes()
+        content = read_bytes(path, remedy=REMEDY)
     except OSError as problem:
         raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
     if HDF5 in (content[:8], content[512:520]):
@@ -152,10 +153,12 @@ def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str 
     import h5py
 
     arrays: dict[str, tuple[np.ndarray, str | None]] = {}
+    budget = Budget(path, len(content), remedy="copy it again")
 
     def collect(name: str, item) -> None:
         if not isinstance(item, h5py.Dataset) or not item.shape or name.startswith("#"):
             return
+        budget.take(item.nbytes, name)
         unit = next((item.attrs[key] for key in ("units", "unit") if key in item.attrs), None)
         unit = unit.flat[0] if isinstance(unit, np.ndarray) and unit.size == 1 else unit
         unit = unit.decode() if isinstance(unit, bytes) else unit if isinstance(unit, str) else None
@@ -179,6 +182,7 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
     from scipy.io import loadmat
 
     try:
+        check_matlab(content, Budget(path, len(content), remedy="save it again"))
         variables = loadmat(BytesIO(content), squeeze_me=True, struct_as_record=True)
     except Exception as problem:
         said = (str(problem) or type(problem).__name__).splitlines()[0][:80]

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Seed, checked
+from ..core.arguments import Seed, checked, require_options
 from ..core.progress import Report, silent
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 from ..extras import require
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
 from .identifiability import covariance
@@ -52,6 +53,7 @@ class Posterior(NamedTuple):
         return dict(zip(self.names, self.draws.T, strict=True))
 
 
+@checked
 def posterior(
     data: Data | list[Data], *, walkers: int = 32, steps: int = 4000, seed: int = 0, report: Report = silent, **options
 ) -> Posterior:
@@ -96,6 +98,7 @@ def posterior(
     (('b', 'mu0'), True)
     """
     _check_options(walkers, steps, seed, report)
+    require_options(solve_fit, options)
     emcee = require("emcee", "posterior")
     solution = solve_fit(data, **options)
     fit = build_fit(solution)
@@ -129,7 +132,9 @@ def posterior(
 
 @checked
 def _check_options(walkers: int, steps: int, seed: Seed, report: Report) -> None:
-    """Check the types of the options that `fit` does not have."""
+    """Check the options that `fit` does not have."""
+    sizes = (walkers, "walkers"), (steps, "time steps"), (walkers * steps, "samples")
+    require_sizes(Size("the chains are of", number, kind, "use fewer") for number, kind in sizes)
 
 
 def _check(walkers: int, steps: int, m: int) -> None:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import Numbers, Seed, Values, checked, require_positive
+from ..core.arguments import Numbers, Seed, Values, checked, require_index, require_positive
 from ..core.contacts.neighbors import body_positions
 from ..core.control import force_controlled, spring_loaded, stress_controlled
 from ..core.dynamics.run import run
@@ -165,6 +165,7 @@ def _contact_law(kn: float, kt: float, mu: float, pressure: float, scales: _Scal
 @checked
 def with_load(control: Control, wall: int, factor: float) -> Control:
     """Control with the force on a wall multiplied by a factor; `wall` is a body number."""
+    require_index(len(control.force), wall=wall)
     force = control.force.copy()
     if not force[wall].any():
         raise ValueError(f"body {wall} has no force to multiply: wall k of a packing with n grains is body n + k")
@@ -194,6 +195,7 @@ def with_machine(state: State, wall: int, stiffness: float) -> State:
     (100.0, 0.0)
     """
     require_positive(stiffness=stiffness)
+    require_index(state.n_bodies, wall=wall)
     pull, control, place = state.control.force[wall], state.control, body_positions(state)[wall]
     if not pull.any():
         raise ValueError(f"body {wall} has no force that a machine could exert: give a wall under a force")
@@ -207,6 +209,7 @@ def with_machine(state: State, wall: int, stiffness: float) -> State:
 @checked
 def with_travel(control: Control, wall: int, travel: Numbers) -> Control:
     """Control with the load point of the spring that pulls a wall moved by `travel`, (3,) or (2,) [length]."""
+    require_index(len(control.spring), wall=wall)
     if not control.spring[wall].any():
         raise ValueError(f"body {wall} is not pulled by a spring: use `with_machine` first")
     if np.shape(travel) not in ((2,), (3,)):

@@ -12,6 +12,7 @@ from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import Law
 from ..core.measure import Committed, mean_normal_force, overlaps, stress, touching
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, STICK, State
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.equilibrate import equilibrate
@@ -113,6 +114,7 @@ def response_envelope(
     ([], True)
     """
     require_positive(size=size, directions=directions)
+    require_sizes([Size("these are", directions, "directions", "use fewer")])
     if not (least := _least_size(state)) <= size <= 1:
         raise ValueError(f"size = {size:g} was given: probes of this packing have sizes from {least:.1g} to 1")
     if control not in ("strain", "stress"):

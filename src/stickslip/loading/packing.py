@@ -69,6 +69,7 @@ def disk_array(
     if n < 1:
         raise ValueError(f"n = {n} was given: at least 1 disk is needed")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
+    n = int(n)  # True is 1
     radius = as_rows(radius, n)
     after = np.roll(radius, -1)
     spacing = np.sqrt((radius + after + gap) ** 2 - (radius - after) ** 2)  # centres of unequal disks differ in height
@@ -261,7 +262,7 @@ def check_radii(radius, n: int) -> np.ndarray:
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
-    if sizes.ndim != 1 or len(sizes) > n or not ((sizes > 0) & (sizes <= 1e100)).all():
+    if sizes.ndim != 1 or len(sizes) > n or not ((sizes >= 1e-100) & (sizes <= 1e100)).all():
         got = f"{radius} was" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g} were"
         raise ValueError(f"radius = {got} given: one, a few, or {n} positive numbers are needed")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]

@@ -33,10 +33,6 @@ class Equilibrium(NamedTuple):
     spectrum: Spectrum
     outcome: Outcome
 
-    def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if the state is not valid."""
-        self.state.check_entries()
-
 
 class Change(NamedTuple):
     """Bracket of a birth (death): the pair is absent (present) at `below` and present (absent) at `above`."""
@@ -161,7 +157,7 @@ def ramp(
 def solve_point(state: State, load: float, protocol: Protocol, kept: Checkpoint | None, name: str) -> Equilibrium:
     """Equilibrium at the next load of a path, or the one that was saved under a name."""
     if kept and kept.has(name):
-        state, outcome = kept.load(name)
+        state, outcome = kept.load(name, tuple[State, Outcome])
         return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)
     point = protocol.step(state, load)
     if kept:

@@ -8,6 +8,7 @@ runs last the longer they are. The shares of both rise with the load; a logistic
 likelihood. Runs have independent random numbers, as the likelihood requires.
 """
 
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -215,7 +216,7 @@ def kinetic_threshold(
     done = run_members(
         _kick, [(*start, how) for start in starts], workers=workers,
         stage="kicked runs", report=report, describe=_describe_run,
-        load=lambda k: kept.load(f"kick-{k:06d}") if kept and kept.has(f"kick-{k:06d}") else None,
+        load=lambda k: kept.load(f"kick-{k:06d}", np.ndarray) if kept and kept.has(f"kick-{k:06d}") else None,
         save=lambda k, result: kept and kept.save(f"kick-{k:06d}", result),
     )  # fmt: skip
     for trial in done:
@@ -232,7 +233,7 @@ def kinetic_threshold(
         chosen = [k for k in np.flatnonzero(lasts) if k // lasts[0].size == top][-int(ramps) :]
         points = tried[: top + 1]
         arrest = np.array([
-            load_or_compute(kept, f"ramp-{k:06d}", lambda k=k: _ramp_down(starts[k], points, protocol, how, report))
+            load_or_compute(kept, f"ramp-{k:06d}", partial(_ramp_down, starts[k], points, protocol, how, report))
             for k in chosen
         ])  # fmt: skip
     pair = [point.load for point in path if len(point.spectrum.pairs)]

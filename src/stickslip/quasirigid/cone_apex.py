@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import check_types, checked, require_shape
 from ..core.readable import readable
 
 STICKS, SLIDES, SLIDES_BACK, OPENS = range(4)  # SLIDES has s = +1, SLIDES_BACK has s = −1
@@ -51,6 +51,13 @@ class Apex(NamedTuple):
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
     alone: np.ndarray  # (E,) bool: contacts of disks without others; nothing holds such a disk if all open or slide
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or value."""
+        check_types(self)
+        require_shape(2 * (np.size(self.velocity),), compliance=self.compliance)
+        if not np.isin(self.sign, (-1.0, 0.0, 1.0)).all():
+            raise ValueError("sign holds other numbers than −1, 0 and 1: use those")
 
     @property
     def allowed(self) -> list[tuple[int, ...]]:

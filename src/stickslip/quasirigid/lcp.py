@@ -208,5 +208,7 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
             return None
         ratio = np.where(able, table[:, -1] / np.where(able, column, 1.0), np.inf)
         ties = np.flatnonzero(ratio <= ratio.min() * (1 + 1e-12) + 1e-300)
+        if not len(ties):  # entries became NaN
+            return None
         row = int(ties[np.argmax(basis[ties] == 2 * size)]) if (basis[ties] == 2 * size).any() else int(ties[0])
     return None

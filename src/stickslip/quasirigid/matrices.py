@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import Numbers, checked, require_shape
+from ..core.arguments import Numbers, check_types, checked, require_shape
 from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.laws.builtin import KEEPS_FORCE, SMOOTH, Law
 from ..core.laws.properties import resists_rolling
@@ -55,6 +55,8 @@ class LinearSystem(NamedTuple):
     geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
     machine: sparse.csr_array  # (n, n) diagonal stiffness of springs that pull bodies [force/length]
     free: Freedom
+
+    check_entries = check_types
 
     @property
     def count(self) -> int:

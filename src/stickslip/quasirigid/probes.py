@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked
+from ..core.arguments import checked, require_not_negative
 from ..core.control import stress_controlled
 from ..core.laws.builtin import Law
 from ..core.measure import stress
@@ -52,6 +52,7 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
     """
     dim = state.cell.dim
     stresses = np.asarray(stresses, float)
+    require_not_negative(stresses=float(np.abs(stresses).max(initial=0.0)))
     if stresses.shape[1:] != (dim, dim) or not np.allclose(stresses, stresses.transpose(0, 2, 1)):
         raise ValueError(
             f"stresses of shape {stresses.shape} were given: symmetric ones of shape (M, {dim}, {dim}) are needed"

@@ -4,7 +4,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from rich.table import Table
@@ -412,10 +412,8 @@ def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
     if not os.path.lexists(path):
         return
     if path.is_file():
-        # numpy leaves a damaged archive open if it opens the file itself
-        damaged = suppress(OSError, EOFError, ValueError, AttributeError, BadZipFile)
-        with damaged, path.open("rb") as raw, np.load(raw) as file:
-            if set(_MODES) <= set(file.files):
+        with suppress(OSError, ValueError, BadZipFile), ZipFile(path) as file:
+            if {f"{name}.npy" for name in _MODES} <= set(file.namelist()):
                 return
     if asked:
         raise ValueError(f"--modes {path} exists and does not contain modes: give another name, or move it away")

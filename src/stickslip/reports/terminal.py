@@ -11,9 +11,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
+from ..core.text import printable
 from ..core.units import heading
 
 UNBROKEN = 1000  # columns of a pipe or file, whose lines other programs read
@@ -25,8 +27,16 @@ def _width() -> int | None:
     return None if terminal or "COLUMNS" in os.environ else UNBROKEN
 
 
+class _Console(Console):
+    """Console that shows the control characters of texts; its own are sent."""
+
+    def render(self, renderable, options=None):
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else printable(text), style, control)
+
+
 # paths and names are printed verbatim
-console = Console(soft_wrap=False, markup=False, highlight=False, width=_width())
+console = _Console(soft_wrap=False, markup=False, highlight=False, width=_width())
 
 NARROW = 60  # columns below which the cells of tables would be broken
 WIDE = 110  # columns from which on a stage and its text share a line

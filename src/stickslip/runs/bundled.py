@@ -103,6 +103,8 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
     sources = [path(name) for name in chosen or names()]
     files = [file for source in sources for file in (sorted(source.iterdir()) if source.is_dir() else [source])]
     targets = [Path(to) / file.relative_to(FOLDER) for file in files]
+    if (taken := Path(to)).exists() and not taken.is_dir():
+        raise ValueError(f"{to} is a file: give a folder")
     check_free(targets, overwrite=overwrite, made_from=files)
     for source, target in zip(files, targets, strict=True):
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -18,7 +18,7 @@ from ..core.measure import contact_forces, touching
 from ..core.state import OPEN, SLIDE, STICK, State
 from ..data import archive
 from ..data.checkpoint import SWEEP, read_pieces
-from ..data.nodes import known_nouns, restore, units_within
+from ..data.nodes import known_nouns, refuse_damage, restore, units_within
 from .sweep.dataset import is_sweep, open_sweep
 
 RESULTS = "results.h5"
@@ -116,7 +116,8 @@ def _open_unfinished(folder: Path) -> xr.DataTree:
     pieces, about = read_pieces(folder)
     if not pieces:
         raise ValueError(f"{folder} contains no results: give the folder of a run, or its results.h5")
-    tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
+    with refuse_damage(folder, "results", "resume the run, which says what is damaged"):
+        tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
     units = {f"{name}/{inner}": unit for name, node in pieces.items() for inner, unit in units_within(node).items()}
     return _build_tree(tree, units, about | {"finished": "no"})
 

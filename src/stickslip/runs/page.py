@@ -10,6 +10,7 @@ import numpy as np
 from .. import __version__
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.progress import Report, silent
+from ..core.reading import read_arrays
 from ..core.units import in_readable_units, unit_name, with_unit
 from ..data import archive
 from ..data.checkpoint import UNFINISHED
@@ -414,8 +415,7 @@ def packing_content(
 
 def _read_modes(path: Path, n: int) -> list:
     first = read_mode(path, 0, n)  # checks the file
-    with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-        count = len(file["exponent"])
+    count = len(read_arrays(path, remedy="write the modes again", names=("exponent",))["exponent"])
     return [first, *(read_mode(path, k, n) for k in range(1, min(MODES, count)))]
 
 

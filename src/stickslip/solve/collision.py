@@ -225,7 +225,7 @@ def eq8_damping(
     >>> f"{gamma:.2e}"
     '1.01e+04'
     """
-    if not (0 < poisson**2 < 0.25 and np.isfinite(young) and young > 0) or abs(3 * ratio - 1) < 1e-9:
+    if not (abs(poisson) < 0.5 and poisson**2 > 0 and np.isfinite(young) and young > 0) or abs(3 * ratio - 1) < 1e-9:
         raise ValueError(
             f"young = {young}, poisson = {poisson}, ratio = {ratio} were given: Eq 8 has a solution only for "
             f"positive E, ν between −1/2 and 1/2 except 0, and γ_t/γ_n other than 1/3"

@@ -57,6 +57,8 @@ class Freedom(NamedTuple):
         sizes["last"] = sizes["n"] - 1
         check_entry("free.component", self.component, Field(np.int64, ("n",), 0, sizes["places"] - 1), sizes)
         check_entry("free.mass", self.mass, Field(np.float64, ("n",), 5e-324), sizes)
+        check_entry("free.dim", self.dim, Field(np.int64, None, 2, 3), sizes)
+        check_entry("free.length", self.length, Field(np.float64, None, 0.0), sizes)
         check_entry("free.place", self.place, Field(np.int64, ("places",), -1, "last"), sizes)
 
     def check_belongs(self, others) -> None:

@@ -16,6 +16,7 @@ from ..core.laws.properties import angular_columns
 from ..core.measure import branch_vectors, overlaps, volume
 from ..core.progress import Report, silent
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 from ..core.state import OPEN, STICK, State
 from .balance import ROUND_OFF, balanced, modes_under
 from .freedom import (
@@ -485,6 +486,7 @@ def verdict_probability(
         where `eigenvalue_gradient` raises it.
     """
     require_positive(position_error=position_error, samples=samples)
+    require_sizes([Size("these are", samples, "members", "use fewer samples")])
     if position_error > 1:
         raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
     if damping_model(law):

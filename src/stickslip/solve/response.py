@@ -21,6 +21,7 @@ from ..core.arguments import (
     require_shape,
 )
 from ..core.contacts.jacobian import blocks_of, cross_matrix
+from ..core.fields import LARGEST
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, volume
 from ..core.progress import Report, silent
@@ -337,9 +338,9 @@ def in_plane(state: State, **named) -> np.ndarray:
 
 
 def require_direction(**named) -> None:
-    """Raise ValueError with a one-sentence message if a vector (K, dim) is zero."""
+    """Raise ValueError with a one-sentence message if a vector (K, dim) is zero, or nearly so."""
     for name, value in named.items():
-        if not value.any(axis=1).all():
+        if not (np.abs(value).max(axis=1) >= 1 / LARGEST).all():
             raise ValueError(f"{name} = 0 was given, which has no direction: give a vector with a length")
 
 
@@ -390,6 +391,7 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     contact : row of the contact list, see `measure.touching`
     """
     require_index(int(state.contacts.count[0]), contact=contact)
+    contact = int(contact)
     contact = int(contact)
     normal = branch_vectors(state)[contact]
     normal = normal / np.linalg.norm(normal)

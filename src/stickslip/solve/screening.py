@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 from scipy.special import jv, spherical_jn, spherical_yn, stdtrit, yv
 
 from ..core.readable import readable
+from ..core.sizes import Size, require_sizes
 
 FEWEST, GRAINS = 5, 10  # rings of a fit, and grains of a ring
 MANY = 10  # centers from which errors are those of the scatter between them
@@ -103,6 +104,7 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
     """
     ring = np.floor((components[0] - within[0]) / width)
     whole = max(int(np.floor((within[1] - within[0]) / width + 1e-9)), 0)
+    require_sizes([Size("rings to that distance are", whole, "points", "use a smaller outer distance")])
     counted = counted & (ring >= 0) & (ring < whole)
     number = np.bincount(ring[counted].astype(int), minlength=whole)
     full = number >= GRAINS

@@ -33,7 +33,7 @@ class Spectrum(NamedTuple):
     """
 
     eigenvalues: np.ndarray  # (n,) complex [1/time²]
-    modes: np.ndarray  # (n, n) complex, columns: generalised displacements of unit mass-weighted norm
+    modes: np.ndarray  # (n, m) complex, columns: generalised displacements of unit mass-weighted norm
     free: Freedom
     residual: float  # largest unbalanced force or torque/R over the mean normal contact force; see `imbalance`
 

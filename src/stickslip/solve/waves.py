@@ -96,6 +96,7 @@ def allowed_wavevectors(state: State, count: int = 12) -> np.ndarray:
     check_cell(state, "waves")
     require_positive(count=count)
     dim = state.cell.dim
+    require_sizes([Size("these are", count, "wave vectors", "use fewer")])
     cell = state.cell.vectors[:dim, :dim]
     base = 2 * np.pi * np.linalg.inv(cell)
     sizes, side = np.linalg.norm(base, axis=0), np.ceil(((2 * count + 1) ** (1 / dim) - 1) / 2)

@@ -101,6 +101,7 @@ def run(
     check_materials(state, law)
     require_not_negative(drag=drag, spin_drag=spin_drag, tolerance=tolerance)
     steps, every, dt = int(steps), int(every), float(dt)
+    require_sizes([Size("a run of", steps, "time steps", "run it in parts")])
     _check_arguments(law, steps, dt, every, ledger, slip_update, threads)
     if engine is not None:
         asked = {
@@ -117,6 +118,7 @@ def run(
     plan, free = make_plan(state, drag, spin_drag, dt, tolerance), movable(state)
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
+    probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
     memory = 8 * rows * (sum(map(prod, OBSERVABLES.values())) + 12 * groups + 6 * len(probes))
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import checked
+from ..arguments import checked, require_positive
 from ..text import read_text
 from .builtin import COULOMB, DAMPING, NO_TENSION, PARAMETERS, Law, check_parameter
 from .kinds import HELP, ROLES, USER_LAWS, Kind, UserLaw
@@ -233,6 +233,7 @@ def custom(
         )
     table = np.array(list(values.values()), float)[None, None, :].copy()
     law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
+    require_positive(size=size)
     validate_law(law, size)
     USER_LAWS[kind] = USER_LAWS[kind]._replace(size=float(size))
     return law

@@ -21,6 +21,7 @@ from ...core.laws.builtin import (
 )
 from ...core.laws.kinds import Kind, own_memory
 from ...core.laws.properties import resists_rolling
+from ...core.reading import NPY, read_arrays
 from ...core.state import State
 from ...core.units import Units, current_units, units_from
 from .. import archive
@@ -82,7 +83,7 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
 
 def recognize(head: bytes) -> bool:
     """Return True for NumPy's .npz and .npy."""
-    return head.startswith((b"PK\x03\x04", b"\x93NUMPY"))
+    return head.startswith((b"PK\x03\x04", NPY))
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
@@ -108,12 +109,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
     """Arrays of a file of NumPy by name; the one of an .npy has the name ""."""
     try:
-        with path.open("rb") as raw:  # numpy leaves a damaged archive open if it opens the file itself
-            if raw.read(6) == b"\x93NUMPY":
-                return {"": np.array(np.load(path, mmap_mode="r", allow_pickle=False))}
-            raw.seek(0)
-            with np.load(raw, allow_pickle=False) as file:
-                return {name: file[name] for name in file.files}
+        return read_arrays(path, remedy="write it again")
     except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
         raise PackingError(f"{path} cannot be read as .npz: write it with numpy.savez, without objects") from None
 

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.laws.builtin import Law
+from ...core.reading import Budget, read_bytes
 from ...core.state import State
 from ...core.text import decode_text
 from ..sample import Absent, PackingError
 
 HEAD = 2**14  # bytes at the beginning of a file that tell what it is
-MOST_EXPANDED = 2000  # times the size of a compressed file
 FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
 LONGEST_LINE = 60  # characters of a line that a message quotes
@@ -43,8 +43,7 @@ class Packing(NamedTuple):
 
 def _opener(path: Path):
     """Function that opens a compressed file; None for others."""
-    with path.open("rb") as file:
-        start = file.read(6)
+    start = _read(path, 6)
     mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
     return None if mark is None else COMPRESSED[mark] or _zstandard(path).open
 
@@ -66,29 +65,34 @@ def read_content(path: Path, size: int = -1) -> bytes:
     """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
     opener = _opener(path)
     if opener is None:
-        with path.open("rb") as file:
-            return file.read(size)
-    most = MOST_EXPANDED * path.stat().st_size + 2**20
+        return _read(path, size)
+    budget = Budget(path, path.stat().st_size, remedy="copy it again", error=PackingError)
     try:
         with opener(path, "rb") as file:
-            content = file.read(most if size < 0 else size)
+            content = file.read(size) if size >= 0 else budget.expand(file)
     except (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile) as problem:
         raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
+    except PackingError:
+        raise
     except Exception as problem:
         if type(problem).__name__ != "ZstdError":
             raise
         raise PackingError(f"{path} cannot be decompressed ({problem}): it is truncated or damaged") from None
     if not content:
         raise PackingError(f"{path} is compressed and has no content: it is truncated or damaged")
-    if len(content) == most:
-        raise PackingError(f"{path} expands by a factor above {MOST_EXPANDED}, which no packing does: it is damaged")
     return content
+
+
+def _read(path: Path, size: int = -1) -> bytes:
+    try:
+        return read_bytes(path, remedy="give a file of a packing", size=size)
+    except ValueError as problem:
+        raise PackingError(str(problem)) from None
 
 
 def is_compressed(path: Path) -> bool:
     """Return True if a file is compressed as a whole."""
-    with path.open("rb") as file:
-        return file.read(6).startswith(tuple(COMPRESSED))
+    return _read(path, 6).startswith(tuple(COMPRESSED))
 
 
 def read_lines(

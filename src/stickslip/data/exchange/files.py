@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked
+from ...core.arguments import checked, require_filled
 from ...core.contacts.memory import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_names, with_values
@@ -254,7 +254,10 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     if suffix not in WRITTEN:
         raise PackingError(unknown_suffix(path))
     if isinstance(states, State):
+        if law is None:
+            raise PackingError("no law was given: give that of the state, with which its forces are computed")
         states = [frame_of(states, law)]
+    require_filled("states", states)
     frames: list[Frame] = list(states)
     if suffix in SERIES:
         return SERIES[suffix](path, frames)

@@ -1,13 +1,16 @@
 """Measured positions and contact forces of disks: two tables, or the structure of PeGS (Photoelastic Grain Solver)."""
 
 import re
+from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked
+from ...core.arguments import Array, Numbers, Several, check_computed, checked
+from ...core.matlab import check_matlab
 from ...core.readable import readable
+from ...core.reading import Budget, read_bytes
 from ...known import USED
 from ..sample import PackingError, account_for
 from .columns import identify_columns, plain_name
@@ -19,6 +22,9 @@ PIXELS = ("px", "pix", "pixel", "pixels")
 PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
 NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
 OPTIONAL = ("fixed", "loadx", "loady", "positionerror")  # columns of grains, by plain names
+
+
+Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where they are not known
 
 
 @readable
@@ -39,6 +45,14 @@ class MeasuredForces(NamedTuple):
     ids: np.ndarray  # (N,) numbers by which messages name the grains
     notes: list[str]
 
+    def check_entries(self) -> None:
+        """Raise PackingError with a one-sentence message if these cannot be the forces of a packing."""
+        check_computed(self)
+        if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
+            raise PackingError("contacts name grains by fractions: use whole numbers from 0")
+        _check_numbers(self)
+        _check_pairs(self)
+
     @property
     def ends(self) -> np.ndarray:
         """(2, C) grains of each contact."""
@@ -52,8 +66,9 @@ class MeasuredForces(NamedTuple):
 
 @checked
 def measured_forces(
-    position, radius, pair_i, pair_j, force_n, force_t=0.0, *, held=(), load=0.0, position_error=np.nan,
-    force_n_error=np.nan, force_t_error=np.nan, ids=None, notes=(),
+    position: Numbers, radius: Several, pair_i: Several, pair_j: Several, force_n: Several, force_t: Several = 0.0, *,
+    held: Several = (), load: Numbers = 0.0, position_error: Unknown = np.nan, force_n_error: Unknown = np.nan,
+    force_t_error: Unknown = np.nan, ids: Several | None = None, notes: list[str] | tuple[str, ...] = (),
 ) -> MeasuredForces:  # fmt: skip
     """Disks and the forces at their contacts as they were measured.
 
@@ -97,7 +112,7 @@ def _filled(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
     kind = int if name in ("pair_i", "pair_j", "ids") else float
     try:
         return np.array(np.broadcast_to(np.asarray(value, kind), shape))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise PackingError(f"{name} has shape {np.shape(value)}: numbers of shape {shape} are needed") from None
 
 
@@ -285,7 +300,10 @@ def _particles(path: Path) -> list:
     from scipy.io import loadmat
 
     try:
-        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+        stored = read_bytes(path, remedy="give a file of PeGS")
+        if stored.startswith(b"MATLAB 5"):
+            check_matlab(stored, Budget(path, len(stored), remedy="save it again"))
+        content = loadmat(BytesIO(stored), squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
         raise PackingError(f"{path} is of MATLAB 7.3: save it with save(…, '-v7')") from None
     except Exception as problem:

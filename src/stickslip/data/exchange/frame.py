@@ -30,10 +30,6 @@ class Frame(NamedTuple):
     moving: bool = False  # True in an animation of a mode, which is not a state to continue from
     assumed: tuple[str, ...] = ()  # what was assumed about the packing
 
-    def check_entries(self) -> None:
-        """Raise ValueError with a one-sentence message if the state is not valid."""
-        self.state.check_entries()
-
 
 def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns under the names that files have: a force or a torque alone could come from outside."""

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
-from .content import read_lines
+from .content import read_content, read_lines
 from .lammps_log import BONDS, LATTICE, VERSION, Block, Command, read_events, recognize_log
 
+LONGEST_LINE = 4096  # characters that values of variables may have in a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
 INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")  # fixes that change their number
@@ -125,7 +126,7 @@ def read_lines_of(path: Path) -> str:
     try:
         return read_lines(path)
     except ValueError:
-        return path.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n")
+        return read_content(path).decode("utf-8", errors="replace").replace("\r\n", "\n")
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
@@ -160,7 +161,16 @@ def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
 
 
 def _substitute(line: str, values: dict[str, str]) -> str:
-    return re.sub(r"\$(?:\{(\w+)\}|(\w))", lambda m: values.get(m[1] or m[2], m[0]), line)
+    """Line with the values of variables; what would make it too long, as variables of variables do, stays as it is."""
+    room = LONGEST_LINE
+
+    def value(match: re.Match) -> str:
+        nonlocal room
+        found = values.get(match[1] or match[2], match[0])
+        room -= len(found)
+        return found if room >= 0 else match[0]
+
+    return re.sub(r"\$(?:\{(\w+)\}|(\w))", value, line)
 
 
 def _apply(run: Run, tokens: list[str], place: str) -> Run:

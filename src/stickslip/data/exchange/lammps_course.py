@@ -183,7 +183,7 @@ def _types(word: str, kinds: int) -> range:
     if not (low + high).isdecimal() and low + high:
         raise ValueError(f"the type {word} is no number")
     first = int(low or 1)
-    return range(first - 1, (int(high or kinds) if star else first))
+    return range(first - 1, min(int(high or kinds) if star else first, kinds))
 
 
 def _finish_law(course: Course) -> None:

@@ -7,14 +7,13 @@ import numpy as np
 
 from ...core.laws.builtin import Law
 from ...core.readable import pluralize
+from ...core.sizes import Size, require_sizes
 from ...core.text import parse_number
 from ...known import HARMLESS, UNKNOWN, USED, plain_style
 from ..sample import UNDECIDED, Assumption, Obstacle, PackingError
 from .content import Packing
 from .lammps_commands import Region, Run, group_members, numbers_in
 from .lammps_laws import WALL_CLASSIC, Contact, wall_contact
-
-MOST_TYPES = 200
 
 
 class Plane(NamedTuple):
@@ -38,8 +37,7 @@ class Course:
         self.notes: list[str] = []
         self.n, self.types = len(packing.arrays["radius"]), packing.types
         self.kinds = int(self.types.max()) + 1 if self.types is not None else 1
-        if self.kinds > MOST_TYPES:
-            raise PackingError(f"the grains have types up to {self.kinds}: up to {MOST_TYPES} are read")
+        require_sizes([Size("the grains are of", self.kinds, "types", "leave out the column type")], PackingError)
         self.contacts: dict[tuple[int, int], Contact] = {}
         self.walls: list[Plane] = []
         self.gravity, self.force = np.zeros(3), np.zeros((self.n, 3))

@@ -24,6 +24,7 @@ from ...core.laws.kinds import Kind, bridges_gaps
 from ...core.laws.properties import resists_rolling
 from ...core.laws.values import evaluate
 from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
+from ...core.reading import Reader
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ...known import UNKNOWN, USED, group_of, plain_style
 from ..sample import UNDECIDED, Absent, Obstacle, PackingError, account_for
@@ -39,7 +40,7 @@ SPLIT = rb"\x2c\0\0\0[^\0]...\xff\xff\xff\xff" + MAGIC  # a base file, whose gra
 POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8, 11, 12, 13, 16
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory with grains
-LONGEST_LIST = 4096  # bytes of the list of fixes
+LONGEST_LIST, LONGEST_NAME = 4096, 200  # bytes of the list of fixes, and of a name
 AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
 MOST, ROTATIONS = 7, 4  # values after the slip: a contact radius, rolling, twisting; those of rolling and twisting
 PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap of LAMMPS over the largest of jkr
@@ -101,12 +102,13 @@ def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
         raise ValueError("no complete restart file of LAMMPS")
     while (start := content.find(mark, start)) >= 0:
         place, blocks = start + len(HEADER_END), []
-        while content[place : place + 4] == BLOCK and place + 8 <= len(content):
-            size = struct.unpack_from("<i", content, place + 4)[0]
-            if size < 0 or place + 8 + 8 * size > len(content):
+        while content[place : place + 4] == BLOCK:
+            reader = Reader(content, place + len(BLOCK))
+            try:
+                blocks.append(reader.array("<f8", reader.number("<i")))
+            except ValueError:
                 break
-            blocks.append(np.frombuffer(content, "<f8", size, place + 8))
-            place += 8 + 8 * size
+            place = reader.at
         if place == len(content) - len(MAGIC):
             return start + len(HEADER_END), blocks
         start += 1
@@ -197,16 +199,21 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     whole = path.name.replace(".base", ".%")
     remedy = f"convert it with LAMMPS: `read_restart {whole}`, then `write_data packing.data`"
     try:
-        start, _ = _blocks(content)
-        about = _header(content)[0]
-        if about[STYLE] != "sphere":
-            raise PackingError(f"{path} has atoms of style {about[STYLE]}, and only sphere is read: {remedy}")
-        known = read_restart(path)
-        vectors = restricted_box(about[HIGH] - about[LOW], about.get(XY, 0.0), about.get(XZ, 0.0), about.get(YZ, 0.0))
+        return [_packing(path, content, remedy)]
     except PackingError:
         raise
-    except (ValueError, KeyError, IndexError, struct.error) as problem:
+    except (ValueError, KeyError, IndexError) as problem:
         raise PackingError(f"{path} cannot be read ({problem}): {remedy}") from None
+
+
+def _packing(path: Path, content: bytes, remedy: str) -> Packing:
+    """Packing of a restart file; ValueError, KeyError or IndexError if it is damaged."""
+    start, _ = _blocks(content)
+    about = _header(content)[0]
+    if about[STYLE] != "sphere":
+        raise PackingError(f"{path} has atoms of style {about[STYLE]}, and only sphere is read: {remedy}")
+    known = read_restart(path)
+    vectors = restricted_box(about[HIGH] - about[LOW], about.get(XY, 0.0), about.get(XZ, 0.0), about.get(YZ, 0.0))
     arrays = {
         "position": known.position + whole_periods(known.image, vectors), "radius": known.radius, "mass": known.mass,
         "velocity": known.velocity, "spin": known.spin,
@@ -226,7 +233,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
         left_out.append(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over")
     notes = [*([] if walls else notes), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
-    return [Packing(str(box.step), arrays, notes, box.step, known.ids, known.types, memory=known, law=law)]
+    return Packing(str(box.step), arrays, notes, box.step, known.ids, known.types, memory=known, law=law)
 
 
 def stored_fixes(head: bytes) -> dict[str, str]:
@@ -245,50 +252,48 @@ def time_step(path: Path) -> int:
     """Time step of a restart file; −1 if it cannot be read."""
     try:
         return int(_header(read_content(path, HEAD))[0][STEP])
-    except (KeyError, ValueError, struct.error):
+    except (KeyError, ValueError):
         return -1
 
 
 def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
     """(N,) bool, members of each group whose name the file has."""
     content = read_content(path)
-    _, at = _header(content)
     masks, names = {}, []
     try:
-        if struct.unpack_from("<i", content, at - 4)[0] != -1:
+        _, at = _header(content)
+        reader = Reader(content, at - 4)
+        if reader.number("<i") != -1:
             return {}
-        (count,), at = struct.unpack_from("<i", content, at), at + 4
+        count = reader.number("<i")
         while len(masks) < count <= MOST_GROUPS and len(names) < MOST_GROUPS:
-            size = struct.unpack_from("<i", content, at)[0]
-            name, at = _string(content, at) if size else ("", at + 4)
+            named = content[reader.at : reader.at + 4] != bytes(4)
+            name = _string(reader) if named else reader.take(4) and ""
             if name:
                 masks[name] = (memory.mask >> len(names) & 1).astype(bool)
             names.append(name)
-    except struct.error:
+    except ValueError:
         return {}
     return masks
 
 
 def _header(content: bytes) -> tuple[dict, int]:
     """Values of a header by their flags, up to its end or a flag that is not known here, and the position after it."""
-    out, at = {}, len(MAGIC) + 8
+    out, reader = {}, Reader(content, len(MAGIC) + 8)
     while True:
-        (flag,) = struct.unpack_from("<i", content, at)
-        kind, at = FLAGS.get(flag), at + 4
+        flag = reader.number("<i")
+        kind = FLAGS.get(flag)
         if kind is None:
-            return out, at
+            return out, reader.at
         if kind == STRING:
-            out[flag], at = _string(content, at)
+            out[flag] = _string(reader)
             if flag == STYLE:
-                (count,), at = struct.unpack_from("<i", content, at), at + 4
-                for _ in range(min(count, 20)):
-                    _, at = _string(content, at)
+                for _ in range(min(reader.number("<i"), 20)):
+                    _string(reader)
         elif kind in (INTS, DOUBLES):
-            (size,), dtype = struct.unpack_from("<i", content, at), np.dtype("<i4" if kind == INTS else "<f8")
-            out[flag], at = np.frombuffer(content, dtype, max(size, 0), at + 4), at + 4 + size * dtype.itemsize
+            out[flag] = reader.array("<i4" if kind == INTS else "<f8", reader.number("<i"))
         else:
-            mark = {INT: "<i", BIG: "<q", DOUBLE: "<d"}[kind]
-            out[flag], at = struct.unpack_from(mark, content, at)[0], at + struct.calcsize(mark)
+            out[flag] = reader.number({INT: "<i", BIG: "<q", DOUBLE: "<d"}[kind])
 
 
 def _pair_style(head: bytes) -> tuple[str, int]:
@@ -311,7 +316,8 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     style, at = _pair_style(head)
     if style.removeprefix("gran/") not in HISTORY_LAWS:
         return None, [Absent(f"the coefficients of pair_style {style}: give the run's folder, or the law with --law")]
-    kn, kt, damping_n, damping_t, mu, flag = struct.unpack_from("<5di", head, at)
+    reader = Reader(head, at)
+    (kn, kt, damping_n, damping_t, mu), flag = reader.array("<f8", 5).tolist(), reader.number("<i")
     law, damping = HISTORY_LAWS[style.removeprefix("gran/")]
     return {
         "law": law, "coulomb": "sharp", "kn": kn, "kt": kt, "mu": mu, "damping_n": damping_n,
@@ -333,27 +339,30 @@ def _fixes(head: bytes) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
 
 def _find_list(head: bytes, end: int, *, blobs: bool) -> tuple[int, list[tuple[str, str]]]:
     """Start of the list of fixes that ends at a position, and their ids and styles; each may be followed by a blob."""
-    for start in range(end - 4, max(end - LONGEST_LIST, 0), -1):
-        at, fixes = start + 4, []
-        for _ in range(struct.unpack_from("<i", head, start)[0] if head[start + 1 : start + 4] == bytes(3) else -1):
-            name, at = _string(head, at)
-            style, at = _string(head, at)
-            fixes.append((name, style))
-            size = struct.unpack_from("<i", head, at)[0] if at + 4 <= end else -1
-            at += 4 + (size if blobs and size > 0 else 0)
-            if at > end:
-                break
-        if at == end and fixes and all(re.fullmatch(r"[\w/]+", style) for _, style in fixes):
-            return start, fixes
+    first = max(end - LONGEST_LIST, 0)
+    tail = head[first:end]
+    for start in range(len(tail) - 4, 0, -1):
+        if tail[start + 1 : start + 4] != bytes(3):
+            continue
+        reader, fixes = Reader(tail, start), []
+        try:
+            for _ in range(reader.number("<i")):
+                fixes.append((_string(reader), _string(reader)))
+                size = reader.number("<i")
+                reader.take(max(size, 0) if blobs else 0)
+        except ValueError:
+            continue
+        if fixes and not reader.left and all(re.fullmatch(r"[\w/]+", style) for _, style in fixes):
+            return first + start, fixes
     return end - 4, []
 
 
-def _string(head: bytes, at: int) -> tuple[str, int]:
-    """String that follows its length, and the position after it."""
-    size = struct.unpack_from("<i", head, at)[0] if at + 4 <= len(head) else 0
-    if not 0 < size < 200:
-        return "", len(head)
-    return head[at + 4 : at + 3 + size].decode("latin-1"), at + 4 + size
+def _string(reader: Reader) -> str:
+    """String that follows its length; ValueError if that is not one of a name."""
+    size = reader.number("<i")
+    if not 0 < size < LONGEST_NAME:
+        raise ValueError(f"a name of {size} characters")
+    return reader.take(size)[:-1].decode("latin-1")
 
 
 def _read_block(block: np.ndarray, stores: list[str], values: int | None):
@@ -546,7 +555,7 @@ def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
     ----------
     template : written by LAMMPS from a data file of the state
     """
-    content, n, walls = template.read_bytes(), len(state.grains.radius), len(state.walls.mass)
+    content, n, walls = read_content(template), len(state.grains.radius), len(state.walls.mass)
     start, blocks = _blocks(content)
     extra = _entries(state, law, n, walls)
     written = [content[:start]]

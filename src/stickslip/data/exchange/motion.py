@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.arguments import checked, require_shape
+from ...core.reading import read_arrays
 from ...core.sizes import STATE, Size, require_sizes
 from ...core.state import State
 from ..sample import HUGE, PackingError
@@ -25,8 +26,7 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     if not Path(path).is_file():
         raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote")
     try:
-        with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in REQUIRED}
+        arrays = read_arrays(path, remedy="write the modes again", names=REQUIRED)
     except Exception:  # numpy and zipfile raise various errors for a damaged file
         raise PackingError(f"{path} contains no modes: give the .npz that `stickslip stability` wrote") from None
     translation, rotation, exponent = (arrays[name] for name in REQUIRED)

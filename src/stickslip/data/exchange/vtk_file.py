@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ...core.readable import pluralize
+from ...core.reading import Budget, Reader
 from ...core.text import parse_numbers
 from ...extras import require
 from ..atomic import name_file_in_errors
@@ -104,9 +105,13 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     """Read the points of a VTK file, legacy or XML, with the radii in its point data."""
     only_state(path, frame)
     content = read_content(path)
-    read_columns = _legacy_columns if content.lstrip().startswith(LEGACY) else vtk_xml.read_columns
+    budget = Budget(path, len(content), remedy="write it again", error=PackingError)
+    legacy = content.lstrip().startswith(LEGACY)
     try:
-        columns = {name: _squeeze(column) for name, column in read_columns(content).items()}
+        columns = _legacy_columns(content) if legacy else vtk_xml.read_columns(content, budget)
+        columns = {name: _squeeze(column) for name, column in columns.items()}
+    except PackingError:
+        raise
     except (ValueError, IndexError, KeyError, zlib.error) as problem:
         raise PackingError(f"{path} is truncated, or not VTK of points ({str(problem)[:120]})") from None
     packing = packing_of_columns(columns, path.name, path.stem)
@@ -145,36 +150,32 @@ def _legacy_columns(content: bytes) -> dict[str, np.ndarray]:
     return columns
 
 
-class _Legacy:
+class _Legacy(Reader):
     """Position in a legacy file: lines of words, and arrays that follow them."""
 
     def __init__(self, content: bytes):
-        self.content, self.at = content, 0
+        super().__init__(content)
         self.tokens(), self.tokens()
         self.binary = self.tokens()[0].upper() == "BINARY"
 
     def tokens(self) -> list[str]:
         """Tokens of the next line that is not empty; none at the end."""
-        while self.at < len(self.content):
-            line, _, _ = self.content[self.at :].partition(b"\n")
-            self.at += len(line) + 1
-            if tokens := line.decode("latin-1").split():
+        while self.left:
+            if tokens := self.line().decode("latin-1").split():
                 return tokens
         return []
 
     def skip_block(self) -> None:
         """Skip to the next empty line."""
-        end = self.content.find(b"\n\n", self.at)
-        self.at = len(self.content) if end < 0 else end + 2
+        while self.left and self.line():
+            pass
 
     def numbers(self, count: int, kind: str) -> np.ndarray:
         """The next `count` numbers of a type."""
-        dtype, left = np.dtype(TYPES[kind]).newbyteorder(">"), len(self.content) - self.at
-        if not 0 <= count <= left:
-            raise ValueError(f"{count} numbers are declared, but {max(left, 0)} bytes follow")
+        if not 0 <= count <= self.left:
+            raise ValueError(f"{count} numbers are declared, but {self.left} bytes follow")
         if self.binary:
-            start, self.at = self.at, self.at + count * dtype.itemsize
-            return np.frombuffer(self.content, dtype, count, start).astype(float)
+            return self.array(np.dtype(TYPES[kind]).newbyteorder(">"), count).astype(float)
         tokens = []
         while len(tokens) < count and (line := self.tokens()):
             tokens += line

@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ...core.reading import Budget, Reader
 from ...core.text import parse_numbers
 
-MOST_EXPANDED = 100  # times the size of the file that arrays may have
 MARK, END = b"<VTKFile", b"</VTKFile>"
 TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
@@ -27,15 +27,13 @@ class _Source(NamedTuple):
     header: np.dtype  # of the numbers of bytes that precede data
     order: str  # of bytes, < or >
     packed: bool  # by zlib
-    most: int  # bytes that the numbers of all further arrays may have
+    budget: Budget
 
     def decode(self, at: int, count: int) -> tuple[bytes, int]:
         """Decode `count` bytes, and return them with the place after them."""
-        end = at + (4 * -(-count // 3) if self.base64 else count)
-        if not 0 <= at <= end <= len(self.content):
-            raise ValueError(f"{count} bytes are declared, but {max(len(self.content) - at, 0)} follow")
-        taken = self.content[at:end]
-        return (b64decode(taken, validate=True)[:count] if self.base64 else taken), end
+        reader = Reader(self.content, at)
+        taken = reader.take(4 * -(-count // 3) if self.base64 else count)
+        return (b64decode(taken, validate=True)[:count] if self.base64 else taken), reader.at
 
     def sizes(self, at: int, count: int) -> np.ndarray:
         """Whole numbers at the beginning of an array."""
@@ -51,15 +49,16 @@ class _Source(NamedTuple):
             return self.decode(at, width + first)[0][width:]
         _, begin = self.decode(at, (3 + first) * width)
         compressed = self.sizes(at, 3 + first)[3:]
-        data = self.decode(begin, int(compressed.sum()))[0]
-        ends = np.cumsum(compressed)
-        return b"".join(self._expand(data[end - size : end]) for size, end in zip(compressed, ends, strict=True))
+        blocks = Reader(self.decode(begin, int(compressed.sum()))[0])
+        return b"".join(self._expand(blocks.take(int(size))) for size in compressed)
 
     def _expand(self, block: bytes) -> bytes:
-        return zlib.decompressobj().decompress(block, self.most)
+        content = zlib.decompressobj().decompress(block, self.budget.left + 1)
+        self.budget.take(len(content), "array")
+        return content
 
 
-def read_columns(content: bytes) -> dict[str, np.ndarray]:
+def read_columns(content: bytes, budget: Budget) -> dict[str, np.ndarray]:
     """Points and point data, of all pieces together.
 
     Raises
@@ -86,13 +85,8 @@ def read_columns(content: bytes) -> dict[str, np.ndarray]:
     header = np.dtype(TYPES[root.get("header_type", "UInt32")]).newbyteorder(order)
     coded = b"base64" in tail.partition(b">")[0]
     appended = tail[tail.find(b"_") + 1 :]
-    packed, most = "compressor" in root.attrib, MOST_EXPANDED * len(content) + 2**20
-    source = _Source(appended, coded, header, order, packed, most)
-    pieces = []
-    for piece in root.iter("Piece"):
-        columns = _piece(piece, source)
-        source = source._replace(most=source.most - sum(column.nbytes for column in columns.values()))
-        pieces += [columns] if len(columns.get("points", ())) else []
+    source = _Source(appended, coded, header, order, "compressor" in root.attrib, budget)
+    pieces = [columns for piece in root.iter("Piece") if len((columns := _piece(piece, source)).get("points", ()))]
     names = [name for name in pieces[0] if all(name in piece for piece in pieces)] if pieces else []
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in names}
 
@@ -102,13 +96,7 @@ def _piece(piece: ElementTree.Element, source: _Source) -> dict[str, np.ndarray]
     places, data = piece.find("Points/DataArray"), piece.findall("PointData/DataArray")
     arrays = {"points": places} if places is not None else {}
     arrays |= {array.get("Name", ""): array for array in data}
-    columns, left = {}, source.most
-    for name, array in arrays.items():
-        if array.get("type") in TYPES:
-            columns[name] = _array(array, source._replace(most=left))
-            left -= columns[name].nbytes
-            if left < 0:
-                raise ValueError(f"arrays of more than {MOST_EXPANDED} times the size of the file")
+    columns = {name: _array(array, source) for name, array in arrays.items() if array.get("type") in TYPES}
     count = len(columns.get("points", ()))
     if int(piece.get("NumberOfPoints", count)) != count:
         raise ValueError(f"{piece.get('NumberOfPoints')} points are declared, but there are {count}")
@@ -123,8 +111,8 @@ def _array(array: ElementTree.Element, source: _Source) -> np.ndarray:
         values = parse_numbers(text.split())
     else:
         dtype = np.dtype(TYPES[array.get("type", "")]).newbyteorder(source.order)
-        source = source._replace(most=(source.most // 8 + 1) * dtype.itemsize)  # they become doubles
         inline = source._replace(content=re.sub(rb"\s", b"", text.encode()), base64=True)
         content = source.array(int(array.get("offset", ""))) if form == "appended" else inline.array(0)
+        source.budget.take(8 * (len(content) // dtype.itemsize), "array")  # they become doubles
         values = np.frombuffer(content, dtype).astype(float)
     return values.reshape(-1, width) if width > 1 else values

@@ -4,6 +4,7 @@ from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
+from ...core.arguments import checked
 from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import Law
 from ...core.progress import Report, silent, within
@@ -44,6 +45,7 @@ class CatalogueResult(NamedTuple):
         return sum(len(sample.found.events) for sample in self.samples)
 
 
+@checked
 def simulate_catalogue(
     scenario: CatalogueScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> CatalogueResult:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core import tables
+from ...core.arguments import checked
 from ...core.units import Fields, current_units, in_units, units_of
 from ...loading.event_class import RATIO
 from ...loading.event_types import Event, StrainStep
@@ -79,6 +80,7 @@ def write_table(path: Path, table: Table, digits: int = 8) -> None:
     tables.write_table(path, columns, zip(*columns.values(), strict=True), digits=digits)
 
 
+@checked
 def read_table(path: str | Path) -> Table:
     """Read a table that a catalogue wrote; columns have the names that the archive uses, without units.
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.dynamics.ledger import Account, dissipation
 from ...core.laws.builtin import Law
 from ...core.measure import contact_forces, least_supports, pressure, rattlers, stress, volume
@@ -100,6 +101,7 @@ class CyclicShearResult(NamedTuple):
     failures: tuple[str, ...]
 
 
+@checked
 def simulate_cyclic_shear(
     scenario: CyclicShearScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> CyclicShearResult:
@@ -154,7 +156,7 @@ def shear_sample(
 ) -> CyclicRun:
     """Make one sample and shear it at all amplitudes, in `finer` times as many steps."""
     law, kept = make_law(scenario.law), kept and kept.if_visible()
-    state, packed = load_or_compute(kept, "packing", lambda: make_sample(scenario.sample, law, seed, report))
+    state, packed = load_or_compute(kept, "packing", partial(make_sample, scenario.sample, law, seed, report))
     rig, amplitudes = Rig(scenario, law, state, finer * scenario.cycles.steps), scenario.cycles.amplitudes
     responses, problems, here = [], [], state
     for k, amplitude in enumerate(amplitudes):

@@ -1,5 +1,6 @@
 """What separates arrest from sliding: the equilibria where the array comes to rest, and its kinetic threshold."""
 
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,4 +87,4 @@ def kick_array(
 def find_arrests(result: DiskArrayResult, folder: Path | None = None) -> list[Arrest]:
     """Relaxed late states at the loads at which the paper's array comes to rest; saved in the run folder."""
     kept = checkpoint_in(folder, result.scenario, Arrest)
-    return [load_or_compute(kept, f"arrest-{x!r}", lambda x=x: find_arrest(result, x)) for x in ARREST_LOADS]
+    return [load_or_compute(kept, f"arrest-{x!r}", partial(find_arrest, result, x)) for x in ARREST_LOADS]

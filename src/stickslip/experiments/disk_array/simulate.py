@@ -1,10 +1,12 @@
 """Simulation of a disk array: press, push quasi-statically, find spectra, run freely from chosen loads, and slide."""
 
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.dynamics.batch import Device
 from ...core.laws.builtin import Law
 from ...core.outcome import Outcome, Status
@@ -97,6 +99,7 @@ def _damping(scenario: DiskArrayScenario) -> dict:
     return {name: getattr(scenario.relaxation, name) for name in ("tolerance", "drag", "spin_drag", "dt", "steps")}
 
 
+@checked
 def push_disk_array(
     scenario: DiskArrayScenario, *, step: float | None = None, kept: Checkpoint | None = None, report: Report = silent
 ):
@@ -188,6 +191,7 @@ def _transition_task(state, law, load, seed, options, report, engine=None):
     return fronts.run_transition(state, law, seed, engine=engine, **options)
 
 
+@checked
 def simulate_disk_array(
     scenario: DiskArrayScenario,
     *,
@@ -254,25 +258,21 @@ def simulate_before_sliding(
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")
     tracking = within(report, stage=BIRTHS)
-    born = load_or_compute(kept, "families", lambda: track_pairs(path, make_protocol(scenario, law), tracking))
+    born = load_or_compute(kept, "families", partial(track_pairs, path, make_protocol(scenario, law), tracking))
     coarse = []
     if sensitivity:
-        coarse = load_or_compute(kept, "coarse-families", lambda: _coarse_pairs(scenario, law, report))
+        coarse = load_or_compute(kept, "coarse-families", partial(_coarse_pairs, scenario, law, report))
     free_runs, trajectory = {}, None
     for k, load in enumerate(scenario.dynamics.loads):
         point, count = point_at_load(path, load), len(scenario.dynamics.loads)
         rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
         report(FREE, k / count, rate)
-        free_runs[load] = load_or_compute(
-            kept, f"free-run-{load!r}", lambda point=point: run_free(point, law, scenario)
-        )
+        free_runs[load] = load_or_compute(kept, f"free-run-{load!r}", partial(run_free, point, law, scenario))
         report(FREE, (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
         wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
         if wanted and trajectory is None:
-            known = free_runs[load]
-            trajectory = load_or_compute(
-                kept, "trajectory", lambda point=point, known=known: resample_transition(point, law, scenario, known)
-            )
+            resample = partial(resample_transition, point, law, scenario, free_runs[load])
+            trajectory = load_or_compute(kept, "trajectory", resample)
     return DiskArrayResult(
         scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, {}
     )

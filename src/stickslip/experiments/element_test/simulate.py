@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.contacts.forces import forces, unbalanced_forces
 from ...core.contacts.memory import FROZEN
 from ...core.control import strained_at
@@ -138,6 +139,7 @@ class ElementTestResult(NamedTuple):
     failures: tuple[str, ...]
 
 
+@checked
 def simulate_element_test(
     scenario: ElementTestScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> ElementTestResult:
@@ -199,7 +201,7 @@ def load_sample(
     law = make_law(scenario.law)
     engine = find_engine(scenario)
     kept = kept and kept.if_visible()
-    state, packed = load_or_compute(kept, "packing", lambda: make_sample(scenario.sample, law, seed, report))
+    state, packed = load_or_compute(kept, "packing", partial(make_sample, scenario.sample, law, seed, report))
     if half:
         path = scenario.path
         slower = {"step": 0.5 * path.step} if path.integrator == "quasi-static" else {
@@ -256,7 +258,7 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
     """Series along the path, its last state, the reason for which it ended early, and the probed states."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
-        pieces.append(kept.load(f"{len(pieces):06d}"))
+        pieces.append(kept.load(f"{len(pieces):06d}", Piece))
     done = sum(len(piece.rows["load"]) for piece in pieces)
     state, rows, ended, saved = pieces[-1].state if pieces else rig.start, [], "", time.monotonic()
 
@@ -268,7 +270,9 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
         rows.clear()
 
     move = quasi_static if rig.scenario.path.integrator == "quasi-static" else dynamic
-    probes: list[ProbedState] = [kept.load(_probe_name(k)) for k in sorted(rig.probed) if kept and k < done]
+    probes: list[ProbedState] = [
+        kept.load(_probe_name(k), ProbedState) for k in sorted(rig.probed) if kept and k < done
+    ]
     steps = _with_probes(rig, move(rig, state, wanted, done), done, kept, probes)
     try:
         for state, load, rearranged in steps:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.progress import Report, silent, within
 from ...data.checkpoint import checkpoint_in
 from ...data.schema import ScenarioError
@@ -50,6 +51,7 @@ class FaultResult(NamedTuple):
         return fault.cell * int((state.excess_slip >= fault.dc).sum()) if fault.changes else np.nan
 
 
+@checked
 def simulate_cycles(
     scenario: FaultScenario, *, folder: Path | None = None, workers: int | None = None, report: Report = silent
 ) -> FaultResult:
@@ -99,7 +101,7 @@ def simulate_cycles(
             if kept:
                 kept.save(name, part)
         else:
-            part = kept.load(name)
+            part = kept.load(name, FaultHistory)
         parts.append(part)
         state = part.state
     history = join_histories(parts)

@@ -7,6 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ...core.arguments import Bodies, checked, require_filled, require_index
+from ...core.control import body_numbers
 from ...core.measure import inertial_number, wrapped
 from ...core.readable import readable
 from ...core.state import State
@@ -35,7 +37,8 @@ class PlaneShear(NamedTuple):
     height: float  # distance between the plates' surfaces [length]
 
 
-def deposit(state: State, loose: np.ndarray) -> Deposit:
+@checked
+def deposit(state: State, loose: Bodies) -> Deposit:
     """Return the deposit of a state; `loose` are the indices of the poured grains.
 
     Examples
@@ -45,6 +48,9 @@ def deposit(state: State, loose: np.ndarray) -> Deposit:
     >>> deposit(row, np.arange(4)).high
     array([2.5, 1. , 0.5])
     """
+    loose = body_numbers(state.control, loose)
+    require_filled("loose", loose)
+    require_index(len(state.grains.radius), loose=int(loose.max()))
     n, position = len(loose), wrapped(state)[loose]
     reach, size = 3 * float(state.grains.radius[loose].mean()), np.diag(state.cell.vectors)
     near = cKDTree(position, boxsize=np.where(state.cell.periodic, size, 0.0))
@@ -56,6 +62,7 @@ def deposit(state: State, loose: np.ndarray) -> Deposit:
     return Deposit(members, (position - radius).min(axis=0), (position + radius).max(axis=0))
 
 
+@checked
 def plane_shear(result: FlowResult) -> PlaneShear | None:
     """Return the measures of plane shear, or None unless two plates move relative to each other along x at the end.
 
@@ -98,6 +105,7 @@ def second_half(result: FlowResult) -> np.ndarray:
     return result.series.time > 0.5 * (last.start + last.end)
 
 
+@checked
 def velocity_profile(result: FlowResult) -> np.ndarray:
     """Mean velocity (BINS, 3) of the grains at each height in the second half of the last stage.
 

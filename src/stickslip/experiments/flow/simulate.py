@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.contacts.forces import forces, unbalanced_forces
 from ...core.contacts.memory import FROZEN
 from ...core.contacts.neighbors import without_walls
@@ -89,6 +90,7 @@ class Piece(NamedTuple):
     end: StageEnd | None  # of the stage, if it is finished
 
 
+@checked
 def simulate_flow(
     scenario: FlowScenario, *, folder: Path | None = None, threads: int | None = None, report: Report = silent
 ) -> FlowResult:
@@ -134,7 +136,7 @@ def _load_pieces(checkpoint: Checkpoint) -> list[Piece]:
     for k, name in enumerate(checkpoint.names):
         if name != f"{k:06d}":
             raise ArchiveError(f"piece {k:06d} is missing from {checkpoint.folder}: start again with --overwrite")
-    return [checkpoint.load(name) for name in checkpoint.names]
+    return [checkpoint.load(name, Piece) for name in checkpoint.names]
 
 
 def _run_stage(

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...friction.loads import LoadStep
 from ...friction.measure import Mean, steady_mean
 from ...friction.model import Data
@@ -19,6 +20,7 @@ BEFORE = 0.02  # slip over which the value before a hold is averaged [D]
 SMOOTH = 0.02  # slip over which curves are averaged before the peak is determined [D]
 
 
+@checked
 def steady_friction(found: Realization, velocity: float, window: float) -> Mean | None:
     """Mean steady friction of a realization at a velocity; None if it was never steady there.
 
@@ -43,12 +45,14 @@ def _steady_pieces(sample: Realization, velocity: float, window: float, column: 
     return pieces
 
 
+@checked
 def velocities(result: GougeResult) -> list[float]:
     """Velocities with steady friction in some realization, slowest first."""
     values = {t.velocity for sample in result.realizations for t in sample.of("steady", "slide", "step")}
     return sorted(v for v in values if v > 0)
 
 
+@checked
 def mean_friction(result: GougeResult, velocity: float) -> Number:
     """Mean over samples of the steady friction at a velocity.
 
@@ -59,6 +63,7 @@ def mean_friction(result: GougeResult, velocity: float) -> Number:
     return friction._replace(error=means[0].error) if len(means) == 1 else friction
 
 
+@checked
 def mean_of(result: GougeResult, velocity: float, column: str) -> Number:
     """Mean over samples of a series column in steady sliding at a velocity."""
     window = _window(result)
@@ -66,6 +71,7 @@ def mean_of(result: GougeResult, velocity: float, column: str) -> Number:
     return read_off(np.array(rows), _seeds(result), lambda mean: mean[0])
 
 
+@checked
 def correlation_slip(result: GougeResult, velocity: float) -> float:
     """Correlation length of friction along the slip in steady sliding, 2τ of its autocorrelation [D]."""
     lengths = []
@@ -90,11 +96,13 @@ def _steady_levels(result: GougeResult, velocity: float) -> list[Mean]:
     return [steady_friction(sample, velocity, _window(result)) for sample in result.realizations]
 
 
+@checked
 def steps(result: GougeResult) -> list[tuple[float, float]]:
     """Distinct velocity steps (before, after) of the protocol."""
     return list(dict.fromkeys((t.before, t.velocity) for t in result.realizations[0].of("step")))
 
 
+@checked
 def step_curve(
     result: GougeResult, before: float, after: float, *, twin: bool, column: str = "friction"
 ) -> Curve | None:
@@ -147,6 +155,7 @@ def _load_point_slip(result: GougeResult, test: Test) -> np.ndarray:
     return (series.load_point - begin) / result.scenario.grains.mean
 
 
+@checked
 def direct_effect(curve: Curve, before: float, after: float) -> Number:
     """Change in friction just after a step, divided by ln(V2/V1), not corrected for inertia.
 
@@ -156,6 +165,7 @@ def direct_effect(curve: Curve, before: float, after: float) -> Number:
     return jump._replace(value=jump.value / size, error=jump.error / abs(size), draws=jump.draws / size)
 
 
+@checked
 def just_after(curve: Curve) -> Number:
     """Mean over slips up to `EARLY`; the window is fixed, as the maximum of a fluctuating curve is biased upward."""
     near = curve.x <= EARLY
@@ -170,6 +180,7 @@ class Response(NamedTuple):
     peaks: dict[tuple[float, float], Number]  # by (before, after)
 
 
+@checked
 def response(result: GougeResult) -> Response | None:
     """Fit the direct effect and the radiation impedance to peaks after velocity steps of different sizes.
 
@@ -189,11 +200,13 @@ def response(result: GougeResult) -> Response | None:
     return Response(a, eta, peaks)
 
 
+@checked
 def holds(result: GougeResult) -> list[float]:
     """Velocities before holds, slowest first."""
     return sorted({t.before for t in result.realizations[0].of("hold")})
 
 
+@checked
 def hold_curve(result: GougeResult, before: float, column: str = "friction") -> Curve:
     """Change in a column since the start of a hold against the hold time [s], on a logarithmic grid.
 
@@ -226,6 +239,7 @@ def _mean_before_hold(result: GougeResult, sample: Realization, hold: Test, colu
     return float(getattr(series, column)[near].mean())
 
 
+@checked
 def creep_velocity(result: GougeResult, before: float) -> Curve:
     """Velocity of the plate in a hold [m/s] against the hold time [s], from the slope of its slip over an e-fold."""
     slip = hold_curve(result, before, "slip")
@@ -235,6 +249,7 @@ def creep_velocity(result: GougeResult, before: float) -> Curve:
     return slip._replace(rows=rows)
 
 
+@checked
 def energy_ratio(result: GougeResult, before: float) -> Curve:
     """Kinetic over elastic energy of the mobile grains in a hold against the hold time [s].
 
@@ -248,6 +263,7 @@ def energy_ratio(result: GougeResult, before: float) -> Curve:
     return curve._replace(rows=np.array(rows), seeds=np.array([sample.seed for sample, _ in tests]))
 
 
+@checked
 def sliding_energy_ratio(result: GougeResult, velocity: float) -> Number:
     """Kinetic over elastic energy in steady sliding at a velocity."""
     rows = []
@@ -258,6 +274,7 @@ def sliding_energy_ratio(result: GougeResult, velocity: float) -> Number:
     return read_off(np.array(rows), _seeds(result), lambda mean: mean[0])
 
 
+@checked
 def per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
     """Slope of a curve against the logarithm of the hold time, from `earliest` [s] on."""
     late = curve.x >= min(earliest, curve.x[-1] / 10)
@@ -266,11 +283,13 @@ def per_efold(curve: Curve, earliest: float = EARLIEST) -> Number:
     return curve.read(lambda mean: x @ mean[late] / (x @ x))
 
 
+@checked
 def reslides(result: GougeResult) -> list[tuple[float, float, float]]:
     """Distinct (velocity before, hold, velocity after) of all slides that follow a hold."""
     return sorted({(t.before, t.hold, t.velocity) for t in result.realizations[0].of("reslide")})
 
 
+@checked
 def reslide_curve(result: GougeResult, before: float, hold: float, after: float, *, twin: bool = False) -> Curve | None:
     """Change in friction after a hold against the slip of the load point [D].
 
@@ -293,6 +312,7 @@ def reslide_curve(result: GougeResult, before: float, hold: float, after: float,
     return Curve(grid, np.array(rows), seeds, f"$V_r$ = {after:g} m/s, $t$ = {hold:g} s")
 
 
+@checked
 def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
     """Average a curve over windows of its grid, truncated at its ends."""
     width = max(1, round(window / (curve.x[1] - curve.x[0])))
@@ -301,6 +321,7 @@ def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
     return curve._replace(rows=np.array([np.convolve(row, kernel, "same") / weight for row in curve.rows]))
 
 
+@checked
 def peak(curve: Curve, *, sign: float = 1.0) -> Number:
     """Largest value of the smoothed mean curve, or the smallest for sign −1.
 
@@ -311,6 +332,7 @@ def peak(curve: Curve, *, sign: float = 1.0) -> Number:
     return smoothed(curve).read(lambda mean: sign * (sign * mean).max())
 
 
+@checked
 def peak_bias(curve: Curve) -> float:
     """Upper bound on the bias of the peak due to noise.
 
@@ -326,6 +348,7 @@ def peak_bias(curve: Curve) -> float:
     return float((whole / len(units)).max() - np.mean(elsewhere))
 
 
+@checked
 def peak_slip(curve: Curve) -> float:
     """Slip at which the smoothed mean curve is largest [D]."""
     soft = smoothed(curve)
@@ -341,6 +364,7 @@ class Steps(NamedTuple):
     data: Data
 
 
+@checked
 def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     """Return the velocity steps of every branch as records of friction against time, with the legs of the load.
 
@@ -356,6 +380,7 @@ def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     return records
 
 
+@checked
 def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     """Average velocity steps over all branches of all samples.
 

@@ -125,7 +125,7 @@ def run_trunk(
 
 def settled_sample(scenario: GougeScenario, seed: int, report: Report, kept: Checkpoint | None) -> Gouge:
     """Return the sample at rest; arguments as in `run_trunk`."""
-    return load_or_compute(kept, "settled", lambda: prepare_sample(scenario, seed, report=within(report, 0.0, 0.0)))
+    return load_or_compute(kept, "settled", partial(prepare_sample, scenario, seed, report=within(report, 0.0, 0.0)))
 
 
 def slide_trunk(
@@ -285,7 +285,7 @@ class _LegRunner:
         name, self.number = f"leg-{self.number:04d}", self.number + 1
         pieces = self.kept and self.kept.of(name)
 
-        def run_pieces(place=place):
+        def run_pieces(place=place) -> tuple[Gouge, Series]:
             parts, first = [], 0
             while first < samples:  # saved pieces are as long as those of the engine that ran them
                 steps, piece = min(self.engine.samples, samples - first) * every, f"{first:09d}"

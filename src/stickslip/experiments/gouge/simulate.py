@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __version__
+from ...core.arguments import checked
 from ...core.dynamics.batch import Device
 from ...core.dynamics.engine import Engine
 from ...core.dynamics.run import own_engine
@@ -35,6 +36,7 @@ class GougeResult(NamedTuple):
     reused: int  # number of realizations that had been finished before
 
 
+@checked
 def simulate_gouge(
     scenario: GougeScenario,
     *,

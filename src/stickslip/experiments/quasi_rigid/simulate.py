@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
+from ...core.arguments import checked
 from ...core.contacts.forces import forces
 from ...core.contacts.memory import HELD
 from ...core.contacts.neighbors import body_positions
@@ -113,6 +114,7 @@ class QuasiResult(NamedTuple):
     failures: tuple[str, ...]
 
 
+@checked
 def simulate_quasi(
     scenario: QuasiScenario, *, folder: Folder | None = None, workers: Workers = None, report: Report = silent
 ) -> QuasiResult:
@@ -180,11 +182,11 @@ def simulate_sample(
     kept = kept and kept.if_visible()
     name = f"sample {seed}"
     report(name, 0.0, "equilibrating")
-    state, law, end = load_or_compute(kept, "prepared", lambda: prepare(scenario, seed))
+    state, law, end = load_or_compute(kept, "prepared", partial(prepare, scenario, seed))
     drag = slow.drag if load.collapses else None
     options = {"increment": load.increment, "geometric": load.geometric, "drag": drag}
     loading = within(report, 0.0, 0.3, stage=name)
-    path = load_or_compute(kept, "path", lambda: load_path(state, law, end, report=loading, **options))
+    path = load_or_compute(kept, "path", partial(load_path, state, law, end, report=loading, **options))
     curve, back = stress_strain_curve(path.states, path.load, scenario), None
     if load.unload:
         turn = load.turn * path.load[-1]

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.progress import Report, silent
 from ...friction.loads import LoadStep
 from ...friction.ratestate import SlipHistory, Spring, spring_slider
@@ -27,6 +28,7 @@ class SliderResult(NamedTuple):
     sliding: tuple[Sliding, ...]  # stability of steady sliding, one for each leg that moves
 
 
+@checked
 def simulate_slider(
     scenario: RateStateScenario, *, folder: Path | None = None, workers: int | None = None, report: Report = silent
 ) -> SliderResult:

@@ -2,11 +2,13 @@
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.contacts.jacobian import linearise
 from ...core.laws.builtin import Law
 from ...core.measure import pressure, stress, touching
@@ -128,16 +130,16 @@ def shear_packing(
     law, kept = make_law(scenario.law), kept and kept.if_visible()
     report(f"packing {seed}", 0.0, f"packing {scenario.packing.grains} grains")
     shear = scenario.shear
-    state, packed = load_or_compute(kept, "packing", lambda: make_packing(scenario.packing, law, seed, shear.tolerance))
+    state, packed = load_or_compute(
+        kept, "packing", partial(make_packing, scenario.packing, law, seed, shear.tolerance)
+    )
     protocol = aqs(
         law, slip=shear.slip, tolerance=shear.tolerance, on_instability=shear.on_instability, drag=shear.drag
     )
     path, loads, stopped = [], strain_path(scenario), ""
     for k, strain in enumerate(loads):
         try:
-            step = load_or_compute(
-                kept, f"strain-{k:06d}", lambda state=state, strain=strain: _equilibrate(protocol, state, strain)
-            )
+            step = load_or_compute(kept, f"strain-{k:06d}", partial(_equilibrate, protocol, state, strain))
         except (NotInEquilibriumError, LeftPathError) as problem:
             stopped = str(problem)
             break
@@ -216,6 +218,7 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
     return Onset(change.below, change.above, offset, im, exponent, at_limit, most)
 
 
+@checked
 def simulate_shear(
     scenario: ShearScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> ShearResult:

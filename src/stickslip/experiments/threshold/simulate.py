@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.arguments import checked
 from ...core.dynamics.timestep import stable_time_step
 from ...core.laws.builtin import Law
 from ...core.measure import pressure
@@ -14,6 +15,7 @@ from ...core.state import State
 from ...data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
 from ...data.schema import ScenarioError
 from ...ensemble import Workers
+from ...loading.packing import PackingInfo
 from ...loading.protocols import Equilibrium, Protocol, load_path, solve_point
 from ...loading.stress import cell_shear, plate_shear
 from ...loading.threshold import LEGS, KineticThreshold, kinetic_threshold, travel
@@ -63,7 +65,7 @@ def _array(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report)
 def _packing(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report):
     sample, law = scenario.sample, make_law(scenario.sample.law)
 
-    def make():
+    def make() -> tuple[State, PackingInfo]:
         state, outcome = make_packing(sample, law, scenario.seed)
         _check_kicks(scenario, state, law)
         return state, outcome
@@ -73,7 +75,7 @@ def _packing(scenario: ThresholdScenario, kept: Checkpoint | None, report: Repor
 
 
 def _gouge(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report):
-    def make():
+    def make() -> Gouge:
         made = prepare_sample(scenario.sample.recipe, scenario.seed, report=report)
         _check_kicks(scenario, made.state, made.law)
         return made
@@ -132,6 +134,7 @@ def raise_load(
     return path, np.nan
 
 
+@checked
 def simulate_threshold(
     scenario: ThresholdScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> ThresholdResult:
@@ -166,7 +169,7 @@ def simulate_threshold(
     >>> simulate_threshold(short, workers=1).found.slid.tolist()
     [[0], [0]]
     """
-    kept = checkpoint_in(folder, scenario, Outcome, Status, Gouge)
+    kept = checkpoint_in(folder, scenario, Outcome, Status, Gouge, PackingInfo)
     state, protocol = make_sample(scenario, kept, report)
     wanted, how = scenario.load.loads, scenario.kicks
     loads = load_path((0.0, wanted[-1]), scenario.load.step, wanted) if wanted[-1] else np.zeros(1)

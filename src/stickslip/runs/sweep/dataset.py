@@ -10,7 +10,7 @@ import xarray as xr
 
 from ... import __version__
 from ...core.arguments import checked
-from ...core.text import check_regular_file
+from ...core.reading import check_regular_file
 from ...data.dotted_keys import field_at
 from ...data.manifest import write_file
 from ...data.schema import split_unit

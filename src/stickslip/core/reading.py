@@ -1,0 +1,142 @@
+"""Bounded reading of foreign files: what they claim is compared with their size before any memory is taken.
+
+`read_bytes` opens a file, a `Budget` counts what its content takes in memory once it is decompressed, and a `Reader`
+takes bytes one after another, so that a length in a file can only move forwards, and within the file.
+"""
+
+import math
+import os
+import struct
+from collections.abc import Callable, Iterable
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+from zipfile import ZipFile
+
+import numpy as np
+
+LARGEST_FILE = 2**33  # [bytes]
+LARGE, EXPANDS = 2**26, 100  # content that any file may have [bytes], and largest multiple of the size of the file
+NPY = b"\x93NUMPY"
+_PIECE = 2**20  # read at a time [bytes]
+
+
+def read_bytes(path: str | Path, *, remedy: str, size: int = -1) -> bytes:
+    """Read a regular file, or its first `size` bytes.
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message, if it is a device or a pipe, or larger than 8 GiB.
+    OSError
+        if it cannot be read.
+    """
+    check_regular_file(path, remedy)
+    with open(path, "rb") as file:
+        stored = os.fstat(file.fileno()).st_size
+        if size < 0 and stored > LARGEST_FILE:
+            raise ValueError(f"{path} holds {stored / 1e9:.3g} GB: at most {LARGEST_FILE / 1e9:.3g} are read; {remedy}")
+        return file.read(size)
+
+
+def check_regular_file(path: str | Path, remedy: str) -> None:
+    """Raise ValueError for a device or a pipe, which could be read forever."""
+    path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError(f"{path} is a device or a pipe, which may never end: {remedy}")
+
+
+def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = None) -> dict[str, np.ndarray]:
+    """Arrays of an .npz by name, or those of some names; the one of an .npy has the name "".
+
+    Raises
+    ------
+    Exception
+        of NumPy, zipfile, zlib or this module, if the file is damaged or lacks a name.
+    """
+    content = read_bytes(path, remedy=remedy)
+    budget = Budget(path, len(content), remedy=remedy)
+    if content.startswith(NPY):
+        return {"": _array_of(content)}
+    with ZipFile(BytesIO(content)) as packed:
+        members = {name.removesuffix(".npy"): name for name in packed.namelist()}
+        arrays = {}
+        for name in members if names is None else names:
+            budget.take(packed.getinfo(members[name]).file_size, name)  # zipfile reads no more
+            arrays[name] = _array_of(packed.read(members[name]))
+        return arrays
+
+
+def _array_of(content: bytes) -> np.ndarray:
+    """Array of an .npy; ValueError before memory is taken if it claims more numbers than there are."""
+    file = BytesIO(content)
+    first, _ = np.lib.format.read_magic(file)
+    read_header = np.lib.format.read_array_header_1_0 if first == 1 else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read_header(file)
+    if math.prod(shape) * dtype.itemsize > len(content) - file.tell():
+        raise ValueError(f"an array of shape {shape} is declared, but {len(content) - file.tell()} bytes follow")
+    file.seek(0)
+    return np.load(file, allow_pickle=False)
+
+
+class Budget:
+    """Bytes that the content of a file may still take in memory: 64 MiB, or a hundred times the size of the file."""
+
+    def __init__(self, path: str | Path, stored: int, *, remedy: str, error: Callable[[str], Exception] = ValueError):
+        self.path, self.stored, self.remedy, self.error = path, stored, remedy, error
+        self.left = self.most = max(LARGE, EXPANDS * stored)
+
+    def take(self, size: int, what: str = "content") -> None:
+        """Count bytes that are about to be allocated; raises `error` with a one-sentence message if too many."""
+        if not 0 <= size <= self.left:
+            raise self.error(
+                f"{self.path} holds {self.stored / 1e6:.3g} MB, and the content with its {what} would take more than "
+                f"{self.most / 1e6:.3g} MB, 100 times the size of the file or 64 MiB: it is damaged; {self.remedy}"
+            )
+        self.left -= size
+
+    def expand(self, file: BinaryIO, what: str = "content") -> bytes:
+        """Read an open file that decompresses what it reads."""
+        pieces = []
+        while piece := file.read(_PIECE):
+            self.take(len(piece), what)
+            pieces.append(piece)
+        return b"".join(pieces)
+
+
+class Reader:
+    """Position in bytes, which only moves forwards; ValueError with a few words if more are wanted than follow."""
+
+    def __init__(self, content: bytes, at: int = 0):
+        self.content, self.at = content, 0
+        self._skip(at)
+
+    @property
+    def left(self) -> int:
+        """Number of bytes that follow."""
+        return len(self.content) - self.at
+
+    def take(self, size: int) -> bytes:
+        """The next bytes."""
+        return self.content[self._skip(size) : self.at]
+
+    def array(self, dtype: np.dtype | str, count: int) -> np.ndarray:
+        """The next numbers, as a view."""
+        dtype = np.dtype(dtype)
+        return np.frombuffer(self.content, dtype, count, self._skip(count * dtype.itemsize))
+
+    def number(self, form: str):
+        """The next number, in a form of `struct`."""
+        return struct.unpack_from(form, self.content, self._skip(struct.calcsize(form)))[0]
+
+    def line(self) -> bytes:
+        """The next line, without its end; empty at the end of the content."""
+        end = self.content.find(b"\n", self.at)
+        start, self.at = self.at, len(self.content) if end < 0 else end + 1
+        return self.content[start : self.at].rstrip(b"\n")
+
+    def _skip(self, size: int) -> int:
+        if not 0 <= size <= self.left:
+            raise ValueError(f"{size} bytes are declared, but {max(self.left, 0)} follow")
+        start, self.at = self.at, self.at + size
+        return start
