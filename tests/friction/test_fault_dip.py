@@ -11,6 +11,7 @@ from stickslip import friction
 from stickslip.experiments.fault import simulate as room
 from stickslip.experiments.fault.dipping import PUBLISHED, SURFACE, YEARS, evaluate_claims, paper_scenario
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, scenario
+from stickslip.figures import fault as figures
 from stickslip.friction.fault_cycles import join_histories
 from stickslip.friction.fault_record import YEAR, Moment, Surface, hermite, hermite_rate
 from stickslip.friction.fault_state import steady_stress
@@ -362,6 +363,18 @@ def made(case, cell, factor=1.0):
         | {"horizontal": moved[..., 0], "down": moved[..., 1]}
     )
     return room.FaultResult(chosen, history, None)
+
+
+def test_series_are_drawn_in_years_and_megapascals_and_uplift_is_up():
+    history = made((60.0, "thrust"), 25.0).history
+    history = history._replace(velocity=np.full_like(history.slip, 1e-9))
+    top, normal, stress = figures.station_series(history).axes
+    horizontal, uplift = figures.surface_series(history).axes
+    for axes, values in (
+        (top, history.velocity), (normal, history.normal / 1e6), (stress, history.stress / 1e6),
+        (horizontal, history.horizontal), (uplift, -history.down),
+    ):  # fmt: skip
+        np.testing.assert_allclose(axes.lines[0].get_xydata(), np.stack([YEARS, values[:, 0]], axis=1), rtol=1e-12)
 
 
 def test_verdicts_follow_the_numbers():

@@ -113,6 +113,20 @@ def test_a_stopped_run_continues_bit_for_bit(result, tmp_path, monkeypatch):
     assert np.array_equal(again.history.events.start, result.history.events.start)
 
 
+def test_steps_have_the_tolerance_of_the_scenario(result, monkeypatch):
+    seen = []
+
+    def stopped(*_, tolerance, **more):
+        seen.append(tolerance)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(room, "simulate_fault", stopped)
+    finer = result.scenario.run.model_copy(update={"tolerance": 1e-6})
+    with pytest.raises(KeyboardInterrupt):
+        ss.simulate(result.scenario.model_copy(update={"run": finer}))
+    assert seen == [1e-6]
+
+
 def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
     two = 'law = "slip"\nb = 0.012\nb2 = 0.004\ndc2 = 5e-3'
     (tmp_path / "s.toml").write_text(SMALL.replace("[friction]", f"[friction]\n{two}").replace("60.0", "8.0"))

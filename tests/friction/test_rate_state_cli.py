@@ -2,11 +2,14 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace as Made
 
+import numpy as np
 import pytest
 
 from stickslip.cli import app
 from stickslip.data import archive
+from stickslip.experiments.rate_state import simulate as room
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
 from tests.conftest import stickslip_here as stickslip
 
@@ -28,6 +31,13 @@ def test_the_example_writes_what_it_says(folder):
     numbers = archive.read(folder / "results.h5")
     assert numbers["history"]["friction"].shape == numbers["recorded"].shape
     assert read_scenario(folder / "scenario.json") == read_scenario(EXAMPLE)
+
+
+def test_noise_has_its_size_and_correlation_and_depends_on_the_seed():
+    one, other = (room._noise(Made(seed=seed, samples=Made(noise=2e-3, correlation=0.9)), 20_000) for seed in (3, 4))
+    assert one.std() == pytest.approx(2e-3, rel=0.1)  # as many as 1000 independent values
+    assert np.corrcoef(one[1:], one[:-1])[0, 1] == pytest.approx(0.9, abs=0.02)
+    assert abs(np.corrcoef(one, other)[0, 1]) < 0.2
 
 
 def test_the_series_fitted_again_gives_the_parameters(folder, tmp_path):

@@ -30,6 +30,10 @@ def test_triangular_lattice(kt):
     assert np.abs(symmetrised(moduli.non_affine)).max() < 1e-7  # disks follow a rotation by turning, no strain
     assert np.abs(moduli.motion[moduli.free.axis < 3]).max() < 1e-7
     np.testing.assert_allclose(moduli.young, 2 * shear * (1 + moduli.poisson))
+    bounds = ss.modes.moduli_bounds(triangular(law), law)
+    np.testing.assert_allclose(bounds.bulk, bulk, rtol=1e-7)
+    np.testing.assert_allclose(bounds.shear[1:], shear, rtol=1e-7)
+    assert bounds.shear[0] == pytest.approx(shear, rel=1e-7) if kt == 0 else 0 < bounds.shear[0] < shear
 
 
 def test_face_centred_cubic():

@@ -198,7 +198,7 @@ def test_friction_moves_noise_away_from_equipartition_and_the_instability_nearer
     matrix, n = noisy.velocity * np.sqrt(np.outer(noisy.free.mass, noisy.free.mass)), len(noisy.free)
     assert np.trace(matrix) / (n - 3) / 2 == pytest.approx(noisy.kinetic, rel=1e-9)
     assert noisy.kinetic != pytest.approx(0.5, rel=1e-6)
-    assert noisy.distance < noisy.decay
+    assert noisy.distance < noisy.decay and noisy.non_normality > 1
 
 
 def test_a_noisy_run_has_the_variance(packing):

@@ -267,6 +267,7 @@ def test_what_is_missing_is_one_sentence(monkeypatch):
     monkeypatch.setattr(process, "find_mpirun", lambda: None)
     with pytest.raises(MissingExtraError, match="2 ranks, but mpirun is missing"):
         process.require_lammps(2)
+    assert process.last_error("a warning\nERROR: Lost atoms\nLast command: run 5") == "ERROR: Lost atoms"
 
 
 def test_ranks_need_lammps():

@@ -22,7 +22,7 @@ from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures import animation
 from stickslip.figures.between import frames_between
 from stickslip.figures.grains import BALL, PIECES
-from stickslip.figures.outlines import view_basis
+from stickslip.figures.outlines import up_direction, view_basis
 from stickslip.figures.quantities import quantities
 from stickslip.figures.style import BLUE, RED
 from stickslip.runs.writer import write_numbers
@@ -298,7 +298,16 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
     width = np.sort(colours[BLUE] + colours[RED])
     share = np.clip(force / force.mean(), 0.12, 6.0)
     np.testing.assert_allclose(width / width.max(), share / share.max(), rtol=1e-9)
+    assert np.ptp(axes.lines[-1].get_xdata()) == pytest.approx(2 * state.grains.radius.mean())  # "mean diameter"
     plt.close(figure)
+
+
+def test_up_is_against_gravity_and_up_in_the_drawing():
+    state = spheres()
+    frame = ss.io.frame_of(state._replace(control=state.control._replace(gravity=np.array([0.0, 3.0, -4.0]))), SHARP)
+    up = up_direction(frame)
+    assert up == pytest.approx([0.0, -0.6, 0.8])
+    assert (view_basis(frame) @ up)[1] > 0.8
 
 
 def test_a_mode_is_drawn_as_ellipses_with_its_axes():

@@ -277,3 +277,5 @@ def test_a_remaining_time_is_shown_only_if_the_rate_is_steady():
     assert left(lambda t: (t / 100) ** 2, 50) is None
     assert left(lambda t: min(t / 100, 0.3), 90) is None  # it hangs
     assert terminal.estimate_left([(0.0, 0.0)]) is None
+    told = [terminal.format_duration(seconds) for seconds in (100, 5400, 7200, 2e5)]
+    assert told == ["100 s", "90 min", "2 h", "2.31 days"]
