@@ -11,6 +11,7 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -88,10 +89,10 @@ def tests_of(room: str) -> list[str]:
     return sorted(names, key=lambda name: spent.get(name, 0.0))
 
 
-def is_noticed(mutant: Mutant) -> bool:
-    """Return True if a test fails with the fault; a core that does not compile counts as noticed."""
+def is_noticed(mutant: Mutant) -> str:
+    """Return the first test that fails with the fault and passes without it, or what else stops them; "" if none."""
     with tempfile.TemporaryDirectory(prefix="mutant-") as name:
-        root = Path(name)
+        root, broken = Path(name), []
         for part in COPIED:
             shutil.copytree(ROOT / part, root / part, ignore=shutil.ignore_patterns("__pycache__", "_build"))
         for path in ROOT.iterdir():
@@ -102,12 +103,23 @@ def is_noticed(mutant: Mutant) -> bool:
         if mutant.room == "_core" and mutant.file.endswith((".h", ".cpp")):
             build = [sys.executable, root / "src/stickslip/_core/build.py", "--all"]
             if subprocess.run(build, cwd=root, env=env, capture_output=True).returncode:
-                return True
-        call = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *tests_of(mutant.room)]
-        try:
-            return subprocess.run(call, cwd=root, env=env, capture_output=True, timeout=LONGEST).returncode == 1
-        except subprocess.TimeoutExpired:
-            return True
+                return "the compiler"
+        while "::" in (failed := _first_failure(root, env, [*tests_of(mutant.room), *broken])):
+            if _first_failure(ROOT, env | {"PYTHONPATH": str(ROOT / "src")}, [failed]) != failed:
+                break
+            broken.append(f"--deselect={failed}")  # without the fault as well
+        return failed
+
+
+def _first_failure(root: Path, env: dict[str, str], tests: list[str]) -> str:
+    """Name of the first test that fails, or how the tests ended; "" if all pass."""
+    call = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *tests]
+    try:
+        done = subprocess.run(call, cwd=root, env=env, capture_output=True, text=True, timeout=LONGEST)
+    except subprocess.TimeoutExpired:
+        return "too slow"
+    failed = re.findall(r"(?m)^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout)
+    return failed[-1] if failed else f"exit code {done.returncode}" if done.returncode else ""
 
 
 def main() -> None:
@@ -133,8 +145,8 @@ def main() -> None:
     with ThreadPoolExecutor(given.workers) as pool:
         for mutant, noticed in zip(chosen, pool.map(is_noticed, chosen), strict=True):
             found.append((mutant, noticed))
-            print(f"{'noticed' if noticed else 'MISSED '}  {mutant.file}: {mutant.now}", flush=True)
-    share = sum(noticed for _, noticed in found) / max(1, len(found))
+            print(f"{'noticed' if noticed else 'MISSED '}  {mutant.file}: {mutant.now}  {noticed}", flush=True)
+    share = sum(bool(noticed) for _, noticed in found) / max(1, len(found))
     print(f"{share:.1%} of {len(found)} faults are noticed")
     RESULTS.parent.mkdir(exist_ok=True)
     RESULTS.write_text(json.dumps([mutant._asdict() | {"noticed": noticed} for mutant, noticed in found], indent=1))

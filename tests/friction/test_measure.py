@@ -84,6 +84,12 @@ def test_holds_of_a_stiff_slider_heal_as_the_aging_law_says():
     assert np.abs(hold_response(slip.time, slip.friction, legs).excess).max() < 0.1 * rs.b
 
 
+def test_a_hold_lowers_friction_by_what_is_missing_at_its_end():
+    legs = (LoadStep(1, 1), LoadStep(1, 0), LoadStep(1, 1))
+    found = hold_response([0.5, 1.0, 1.3, 2.0, 2.5, 3.0], [0.9, 0.6, 0.5, 0.55, 0.7, 0.65], legs)
+    assert np.ravel(found) == pytest.approx([1.0, 0.6, 0.05, 0.1])
+
+
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
