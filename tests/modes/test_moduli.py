@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.contacts.neighbors import with_neighbor_list
-from stickslip.solve.moduli import isotropic, isotropic_tensor, symmetrised, voigt
+from stickslip.solve.moduli import ElasticModuli, isotropic, isotropic_tensor, symmetrised, voigt
 from tests.modes.conftest import LAW, OVERLAP, sheared, triangular
 
 
@@ -89,6 +89,9 @@ def test_isotropic_parts_of_an_isotropic_tensor():
         tensor = isotropic_tensor(dim, 1.7, 0.6)
         np.testing.assert_allclose(isotropic(tensor), (1.7, 0.6))
         assert voigt(tensor)[-1, -1] == pytest.approx(0.6)
+        odd = np.zeros_like(tensor)
+        odd[0, 0, 1, 1], odd[1, 1, 0, 0] = 2.0, -2.0
+        assert ElasticModuli(odd, odd, None, None).asymmetry == pytest.approx(1)  # largest share of an odd part
 
 
 def test_what_has_no_moduli_is_reported():

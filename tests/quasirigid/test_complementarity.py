@@ -5,7 +5,7 @@ import pytest
 
 from stickslip.quasirigid.absence import farkas
 from stickslip.quasirigid.enumeration import enumerate_rates, enumerate_solutions, status_map
-from stickslip.quasirigid.lcp import Complementarity, lemke, principal_pivoting, scale_problem
+from stickslip.quasirigid.lcp import Complementarity, inconsistent, lemke, principal_pivoting, scale_problem
 from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
 from tests.quasirigid import brute_force as brute
 
@@ -125,6 +125,12 @@ def test_verdicts_do_not_depend_on_units():
         )
         assert np.array_equal(here.sign, there.sign)
         assert np.array_equal(here.consistent, there.consistent)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_signs_of_rates_do_not_depend_on_units(unit):
+    assert inconsistent(np.array([True, False]), unit * np.array([-1.0, 0.5])).all()
+    assert not inconsistent(np.array([True, False, False]), unit * np.array([-1e-10, 1e-10, -1.0])).any()
 
 
 def test_two_contacts_of_one_disk_are_singular_whatever_round_off_says():

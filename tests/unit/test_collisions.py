@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.laws.builtin import DAMPING_N
+from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T
 
 MEMORY = ["difference", "rate"]
 
@@ -68,7 +68,8 @@ def test_restitution_of_the_viscoelastic_law(c, e):
 @pytest.mark.parametrize("damping", ["velocity", "mass_velocity", "viscoelastic"])
 @pytest.mark.parametrize("kind", [ss.laws.hertz_mindlin, ss.laws.hertz_mindlin_reff, ss.laws.linear])
 def test_a_stated_restitution_is_what_a_collision_gives(kind, damping):
-    law = ss.laws.with_restitution(kind(3.0, damping=damping), 0.7, radius=0.3, mass=0.2, speed=0.05)
+    law = ss.laws.with_restitution(kind(3.0, damping=damping), 0.7, radius=0.3, mass=0.2, speed=0.05, ratio=0.3)
+    assert law.table[0, 0, DAMPING_T] == pytest.approx(0.3 * law.table[0, 0, DAMPING_N])
     assert ss.laws.collision(law, radius=0.3, mass=0.2, speed=0.05).restitution == pytest.approx(0.7, abs=1e-7)
     again = ss.laws.collision(law, radius=0.3, mass=0.2, speed=0.5).restitution
     constant = kind is ss.laws.linear and damping != "viscoelastic"
