@@ -18,6 +18,7 @@ from stickslip.runs.sweep import report
 from stickslip.runs.sweep.axes import OPTIONS
 from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep, write_sweep
 from stickslip.runs.sweep.definition import members, read_sweep, sweep
+from stickslip.runs.sweep.points import quantiles
 from stickslip.runs.sweep.run import MEASURES, MEMBERS, SweepResult, run_sweep
 from tests.conftest import stickslip_here
 
@@ -112,6 +113,10 @@ def test_draws_depend_on_their_seed_and_key_alone():
     assert sweep(sweep=table).axes[0].values == alone == tuple(sorted(alone))
     assert sweep(sweep={"law.kn": {"uniform": [0, 1], "number": 2}} | table).axes[1].values == alone
     assert not set(alone) & set(sweep(sweep=table | {"draw_seed": 1}).axes[0].values)
+
+
+def test_whole_numbers_are_drawn_up_to_both_ends():
+    assert quantiles("integers", (3, 5), np.array([0.0, 0.33, 0.34, 0.66, 0.67, 1.0])) == (3, 3, 4, 4, 5, 5)
 
 
 @pytest.mark.parametrize(

@@ -246,9 +246,10 @@ def test_rows_of_a_table_can_be_sampled_with_other_keys(study):
 
 
 def test_units_of_columns_must_be_those_of_keys(study, tmp_path):
-    (tmp_path / "draws.csv").write_text("a, dc [um]\n0.01, 10\n")
-    with pytest.raises(ScenarioError, match=r"column 'dc' is in \[um\] and the key in \[m\]: give the factor"):
-        study("")
+    for unit, told in (("", "-"), (" [um]", "um")):
+        (tmp_path / "draws.csv").write_text(f"a, dc{unit}\n0.01, 10\n")
+        with pytest.raises(ScenarioError, match=rf"column 'dc' is in \[{told}\] and the key in \[m\]: give the factor"):
+            study("")
     text = (tmp_path / "study.toml").read_text().replace('column = "dc"', 'column = "dc", times = 1e-6')
     (tmp_path / "study.toml").write_text(text)
     assert next(members(read_sweep(tmp_path / "study.toml"))).values["surface.dc"] == pytest.approx(1e-5)

@@ -374,7 +374,7 @@ def test_series_are_drawn_in_years_and_megapascals_and_uplift_is_up():
         (top, history.velocity), (normal, history.normal / 1e6), (stress, history.stress / 1e6),
         (horizontal, history.horizontal), (uplift, -history.down),
     ):  # fmt: skip
-        np.testing.assert_allclose(axes.lines[0].get_xydata(), np.stack([YEARS, values[:, 0]], axis=1), rtol=1e-12)
+        np.testing.assert_allclose(axes.lines[1].get_xydata(), np.stack([YEARS, values[:, 1]], axis=1), rtol=1e-12)
 
 
 def test_verdicts_follow_the_numbers():
