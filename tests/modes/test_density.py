@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.solve import density as room
 from tests.modes.conftest import LAW
 
 CHAIN = ss.laws.linear(1.0, 0.0, 0.5)
@@ -26,6 +27,20 @@ def test_a_chain_has_the_frequencies_of_its_closed_form():
     assert (density.n, density.zero, density.negative) == (n, 1, 0)
     assert (density.density * np.diff(density.edges)).sum() == pytest.approx((n - 1) / n)
     assert not density.of_pairs.any()
+
+
+def test_modes_of_a_pair_are_counted_where_they_oscillate():
+    found = room._count_modes(np.array([4.0, (1 + 2j) ** 2, (1 - 2j) ** 2, -1.0]), 2)
+    assert found.frequency.tolist() == pytest.approx([1.0, 1.0, 2.0])
+    assert (found.negative, found.zero) == (1, 0)
+
+
+def test_estimates_differ_with_their_seed():
+    one, other = (
+        ss.modes.density_of_states(chain(60), CHAIN, bins=4, method="polynomials", probes=2, seed=seed).density
+        for seed in (1, 2)
+    )
+    assert not np.allclose(one, other, rtol=1e-6)
 
 
 def test_the_estimate_of_a_long_chain_is_the_closed_form():

@@ -266,6 +266,7 @@ def test_pressures_of_grains_add_up_to_that_of_the_packing():
         fields = quantities(ss.io.frame_of(state, SHARP))["pressure"][0]
         trace = np.trace(ss.measure.stress(state, SHARP)[:dim, :dim]) / dim
         assert fields @ own == pytest.approx(size * trace, rel=1e-10)
+        assert ss.measure.pressure(state, SHARP) == pytest.approx(trace, rel=1e-12)
 
 
 @pytest.mark.parametrize("make", [lambda: (spheres(), SHARP), lambda: (disks(), SHARP), walled])

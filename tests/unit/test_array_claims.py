@@ -26,6 +26,21 @@ def test_power_of_m_is_counted_from_the_first_breach(power):
     assert np.isnan(fronts.msd_power(late, msd, np.array([np.nan])))
 
 
+def test_a_breach_is_the_first_time_at_the_limit_of_the_substrate():
+    contacts = Made(mode=np.zeros(1, int), i=np.zeros(1, int), j=np.array([2]), count=np.array([1]))
+    start = Made(grains=Made(radius=np.ones(2)), contacts=contacts, time=0.0)
+    rows = [("limit", 1.0, 0, 2), ("closed", 1.5, 1, 2), ("limit", 2.0, 1, 0), ("limit", 3.0, 0, 2)]
+    events = np.array(rows, [("kind", "U6"), ("time", float), ("i", int), ("j", int)])
+    np.testing.assert_array_equal(fronts.breach_times(events, start), [1.0, np.nan])
+
+
+def test_delays_have_standard_errors_of_their_means():
+    times = np.array([[0, 1, 2], [5, 6.2, 7.4], [2, 2.8, 3.6]])
+    front = fronts.fit_front(times, np.arange(3), np.array([0.0, 1.0, 2.0]))
+    np.testing.assert_allclose(front.error, np.array([0, 0.2, 0.4]) / 3**0.5, atol=1e-15)
+    assert front.speed == pytest.approx(1)
+
+
 def test_profile_and_drift_of_a_row_that_slides_and_oscillates():
     shape = np.array([-1.0, -0.5, 0.0, 1.5]) * 1e-3
     wave = 5e-4 * np.sin(2 * np.pi * TIME[:, None] / 40.0 + np.arange(4))
