@@ -463,6 +463,13 @@ def test_a_memory_of_forces_is_that_of_slips_where_kt_is_constant():
     assert ss.laws.with_memory(ss.laws.dmt(work=1e-3), "force").properties
 
 
+def test_a_property_replaces_the_former_one():
+    law, remembers = ss.laws.linear(kt=0.8), ss.laws.with_memory(ss.laws.dmt(work=1e-3), "force")
+    assert remembers.properties and not ss.laws.with_memory(remembers, "slip").properties
+    rolls = ss.laws.with_rolling(law, "viscous", gamma_roll=2.0)
+    assert ss.laws.with_rolling(rolls, k_roll=1.0, mu_roll=0.1).properties == ROLLING
+
+
 def test_events_are_not_sought_with_a_memory_of_forces():
     law = ss.laws.with_memory(ss.laws.hertz_mindlin_reff(mu=0.5), "force")
     with pytest.raises(ValueError, match="a memory of forces was given: events are sought with slips"):

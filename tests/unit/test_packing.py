@@ -87,7 +87,7 @@ def test_rattlers_are_found_through_each_other():
     state = ss.accept(with_neighbor_list(state), trial)
     assert len(touching(state)) == 5
     assert rattlers(state).tolist() == [False] * 3 + [True] * 2
-    assert coordination(state) == 2.0
+    assert coordination(state) == 2.0 and coordination(state, 3) == 0
 
 
 def test_what_a_load_a_spring_or_a_fixed_body_holds_is_no_rattler():
