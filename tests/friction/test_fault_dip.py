@@ -12,7 +12,7 @@ from stickslip.experiments.fault import simulate as room
 from stickslip.experiments.fault.dipping import PUBLISHED, SURFACE, YEARS, evaluate_claims, paper_scenario
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, scenario
 from stickslip.figures import fault as figures
-from stickslip.friction.fault_cycles import join_histories
+from stickslip.friction.fault_cycles import Energy, join_histories
 from stickslip.friction.fault_record import YEAR, Moment, Surface, hermite, hermite_rate
 from stickslip.friction.fault_state import steady_stress
 from stickslip.friction.half_space import half_space_stress, surface_displacement
@@ -367,7 +367,12 @@ def made(case, cell, factor=1.0):
 
 def test_series_are_drawn_in_years_and_megapascals_and_uplift_is_up():
     history = made((60.0, "thrust"), 25.0).history
-    history = history._replace(velocity=np.full_like(history.slip, 1e-9))
+    flat = ("max_velocity", "moment_rate", "profile_time", "profile_seismic", "profile_max_velocity", "profile_depth")
+    history = history._replace(
+        velocity=np.full_like(history.slip, 1e-9), theta=history.slip, profile_slip=np.zeros((2, 2)),
+        horizontal_velocity=history.down, down_velocity=history.down, **dict.fromkeys(flat, np.zeros(2)),
+        energy=Energy(0.0, 0.0, 0.0, 0.0), steps=1, rejected=0,
+    )  # fmt: skip
     top, normal, stress = figures.station_series(history).axes
     horizontal, uplift = figures.surface_series(history).axes
     for axes, values in (

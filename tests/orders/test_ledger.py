@@ -149,3 +149,4 @@ def test_rolling_has_a_column_of_its_own():
     book = record.ledger
     assert book.rolling[-1] > 0 and not book.coulomb.any()
     assert book.rolling[-1] == pytest.approx(book.external[-1] - book.tangential[-1], rel=1e-6)
+    assert np.abs(book.defect).max() < 1e-5 * book.rolling[-1]
