@@ -92,3 +92,9 @@ def test_a_sweep_of_cycles_is_drawn(tmp_path):
     assert "<h2>Cycles</h2>" in (tmp_path / "out" / "report.html").read_text()
     again = stickslip_here("run", "study.toml", "--out", "out", "--workers", "1", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
+
+
+def test_the_first_interval_does_not_count():
+    velocity = np.ones(40)
+    velocity[[10, 15, 25, 35]] = 1e3
+    assert recurrence(np.arange(40.0), velocity) == 10.0

@@ -131,3 +131,11 @@ def test_bad_restitution_is_refused_with_a_sentence():
         ss.laws.with_restitution(ss.laws.linear(), 1.3, radius=0.5, mass=1.0, speed=0.1)
     with pytest.raises(ValueError, match="speed = 0"):
         ss.laws.collision(ss.laws.linear(), radius=0.5, mass=1.0, speed=0)
+
+
+def test_elastic_constants_are_those_of_hertz_and_mindlin():
+    """Two alike spheres: k_n = 4/3 E/(2 (1 − ν²)), k_t = 8 G/(2 (2 − ν)) with G = E/(2 (1 + ν))."""
+    young, poisson = 3.0, 0.25
+    shear = young / (2 * (1 + poisson))
+    expected = 4 / 3 * young / (2 * (1 - poisson**2)), 8 * shear / (2 * (2 - poisson))
+    assert ss.laws.elastic_constants(young, poisson) == pytest.approx(expected)

@@ -139,3 +139,8 @@ def test_the_examples_of_control_work():
     from stickslip.core import control
 
     assert doctest.testmod(control).failed == 0
+
+
+def test_a_rigid_group_keeps_the_velocity_that_drives_it():
+    driven = ss.control.driven(ss.control.loads(3), [0, 1], [0.1, 0.2, 0, 0, 0, 0.3])
+    assert ss.control.rigid(driven, [0, 1]).rate[:2].tolist() == [[0.1, 0.2, 0, 0, 0, 0]] * 2

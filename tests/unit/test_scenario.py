@@ -11,6 +11,7 @@ from stickslip.data import archive
 from stickslip.data.law_schema import LawTable
 from stickslip.experiments import contact_law
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
+from stickslip.loading.protocols import Change, perturbed
 from tests.conftest import make_law, make_packing, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -91,6 +92,14 @@ def test_the_example_is_the_paper_and_survives_a_round_trip(tmp_path):
 def test_path_passes_through_turning_points_and_wanted_loads():
     path = ss.protocols.load_path([0.0, 0.03, 0.01], 0.01, through=[0.015, 0.012])
     np.testing.assert_allclose(path, [0, 0.01, 0.012, 0.015, 0.02, 0.03, 0.02, 0.01], atol=1e-15)
+
+
+def test_a_change_lies_in_the_middle_of_its_bracket_and_disks_stay_in_their_plane():
+    assert Change(1.0, 2.0).load == 1.5
+    disks = ss.assembly(ss.disks([[0, 0], [3, 0]], 0.5), cell=ss.box(dim=2))
+    kicked = perturbed(disks, 1, 0.1).grains
+    assert kicked.velocity[:, :2].all() and kicked.spin[:, 2].all()
+    assert not kicked.velocity[:, 2].any() and not kicked.spin[:, :2].any()
 
 
 def test_archive_keeps_states_with_contact_memory_bit_for_bit(tmp_path):
