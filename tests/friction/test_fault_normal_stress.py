@@ -294,7 +294,7 @@ def test_initial_stress_varies_with_depth():
         ({"injection": {"flux": 1e-5, "stop": 8.64e6}}, "the effective normal stress falls to -"),
         ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "an injection from 5 to 3 s"),
         ({"normal_stress": {"amplitude": 51e6}}, "use smaller changes, or a larger normal stress"),
-        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "2 times, 1 depths and values of the shape (1, 1)"),
+        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "values has shape (1, 1) where (K, D) is needed"),
         ({"normal_stress": {"times": (1, 0), "changes": ((0,), (1,))}}, "the times of a table of normal stress do not"),
         ({"normal_stress": {"times": (0, 1), "changes": ((0,), (1, 2))}}, "differ in length"),
         ({"normal_stress": {"times": (0, 1e6), "changes": ((0,), (90e6,))}}, "but the cohesive length G D_c/(b σ) is"),
@@ -312,7 +312,7 @@ def test_bad_changes_are_refused_with_one_sentence(change, message):
 
 def test_bad_files_are_refused_with_one_sentence(tmp_path):
     wrong = "s.csv is not a table of numbers: give depths in m in the first row"
-    shape = "s.csv: a table of normal stress has 1 times, 2 depths and values of the shape"
+    shape = r"s.csv: values has shape \(1, 1\) where \(K, D\) is needed, as depth has D = 2"
     for text, message in (("", wrong), ("t,0\n", wrong), ("t,0\n1,x\n", wrong), ("t,0,1\n1,2\n", shape)):
         (tmp_path / "s.csv").write_text(text)
         with pytest.raises(ValueError, match=message):

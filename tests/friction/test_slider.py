@@ -208,7 +208,7 @@ def test_published_parameters_strengthen_with_velocity():
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1), LoadStep(0, 1))), "leg 2 lasts 0"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, np.nan),)), "leg 1 has the velocity nan"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 0.0),)), "give `before`"),
-        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, "x"),)), "something other than numbers"),
+        (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, "x"),)), "velocity must be a number"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[]), "times is empty"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[0, 2]), "within the legs, 0 to 1"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1),), times=[0.5, 0.2]), "sort the samples"),

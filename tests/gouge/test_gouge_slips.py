@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stickslip.experiments.gouge.dimensionless import Range
 from stickslip.experiments.gouge.protocol import Realization, Series
 from stickslip.experiments.gouge.protocol import Test as Leg
 from stickslip.experiments.gouge.scenario import GougeScenario
@@ -24,7 +25,7 @@ def series(velocity) -> Series:
 
 
 def realization(*tests: Leg) -> Realization:
-    return Realization(3, None, tests, {}, {})
+    return Realization(3, Range(*6 * [1.0]), tests, {}, {})
 
 
 def stick_slip() -> np.ndarray:

@@ -11,12 +11,13 @@ from matplotlib.lines import AxLine
 from matplotlib.transforms import Bbox
 
 import stickslip as ss
-from stickslip.core.state import empty_contacts
+from stickslip.core.state import assembly, disks, empty_contacts
 from stickslip.experiments.gouge.measures import Curve
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear, watch
 from stickslip.figures.outlines import body_limits
 from stickslip.figures.style import column_axes, label_axes, plot_fast, styled
+from stickslip.solve.freedom import freedom
 from stickslip.solve.spectrum import Spectrum
 from tests.unit.test_figures import holds, rising
 
@@ -70,7 +71,8 @@ def test_the_shape_of_a_mode_by_coordinate(phase):
     mass = np.outer([1.0, 2.0, 3.0], [1.0, 1.0, 0.5])
     norm = np.sqrt((mass * np.abs(part) ** 2).sum())
     mode = np.exp(1j * phase) * part.ravel() / norm
-    free = Made(mass=mass.ravel(), axis=np.tile([0, 1, 5], 3))
+    free = freedom(assembly(disks(np.eye(3), 0.5, mass=[1.0, 2.0, 3.0])))
+    assert (free.mass == mass.ravel()).all()
     modes = np.eye(9, dtype=complex)
     modes[:, 4] = mode
     eigenvalues = np.arange(9.0) + 0j

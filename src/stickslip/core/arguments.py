@@ -310,10 +310,11 @@ def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True)
     if isinstance(value, np.ndarray) and not value.shape and value.dtype.kind in "biuf":
         value = value[()]
     if isinstance(value, classes) and not isinstance(value, Complex):
-        if hasattr(value, "check_entries"):
-            value.check_entries()
-        elif hasattr(value, "_fields"):
-            _check_fields(f"{name}.", value, given=False)
+        if hasattr(value, "_fields") and not isinstance(value, type):
+            if hasattr(value, "check_entries"):
+                value.check_entries()
+            else:
+                _check_fields(f"{name}.", value, given=False)
         return _check_path(name, value) if Path in classes else value
     if bool in classes and isinstance(value, bool | np.bool_ | Integral) and value in (0, 1):
         return bool(value)
@@ -384,9 +385,10 @@ def _check_array(name: str, value, wanted: Array):
         raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
-    if "f" in wanted.kinds and array.dtype.kind in "bfO":  # all floats become doubles, and True is 1
-        return array.astype(int if array.dtype.kind == "b" else float, copy=False)
-    return array.astype(float) if array.dtype.kind == "O" else array
+    if array.dtype.kind == "b" and "f" in wanted.kinds and "c" not in wanted.kinds:  # numbers only, no mask: True is 1
+        return array.astype(int)
+    doubles = array.dtype.kind == "O" or (array.dtype.kind == "f" and "f" in wanted.kinds)
+    return array.astype(float, copy=False) if doubles else array
 
 
 def _are_numbers(array: np.ndarray) -> bool:

@@ -8,12 +8,14 @@ from string import ascii_lowercase
 from typing import Literal, NamedTuple
 
 from ..core.arguments import checked
+from ..core.readable import readable
 from .style import common_style
 
 FORMATS, WIDTHS = ("png", "pdf", "svg"), (86, 178)  # [mm]: one column, and two
 UNDATED = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}  # the same figure has the same bytes
 
 
+@readable
 class Look(NamedTuple):
     """How figures are written."""
 
