@@ -20,8 +20,8 @@ def series(velocity) -> Series:
     time = DT * np.arange(1, len(velocity) + 1)
     slip, load_point = np.cumsum(velocity) * DT, V * time
     friction = 0.4 + K * (load_point - slip)
-    zero = np.zeros(len(time))
-    return Series(time, load_point, slip, velocity, friction, friction, zero, zero, zero, zero, zero, zero, zero)
+    zero, fabric = np.zeros(len(time)), np.zeros((len(time), 3, 3))
+    return Series(time, load_point, slip, velocity, friction, friction, zero, zero, zero, zero, zero, zero, fabric)
 
 
 def realization(*tests: Leg) -> Realization:

@@ -90,3 +90,8 @@ def test_restitution_of_collisions_matters_only_if_a_difference_exceeds_its_inte
     assert f"outside their 95 % intervals: {outside}; small" in row.note
     missing = gouge_claims._restitution_of_collisions({"plain": plain})
     assert missing.measured is None and "needs holds" in missing.note
+
+
+def test_a_number_without_an_interval_decides_nothing():
+    """As that of a single sample."""
+    assert text.below_or_not(Number(0.001, np.nan, 1, 1, np.zeros(0)), 0.0178) is None

@@ -301,7 +301,7 @@ def test_a_pulse_of_a_pinned_grain_also_drives_others_by_its_velocity(packing):
     law = ss.laws.hertz_mindlin(mu=0.3, damping="viscoelastic", damping_n=0.5, damping_t=0.5)
     motion = response.forced_motion(pinned(packing), law, 0.0, None)
     drive, times, factors = push(packing, (0, 0)), [0.0, 3.0, 5.0], [0.0, 1.0, 0.0]
-    ways = trigger._pulse_ways(motion, drive, times, factors, 10.0, 2e-3)
+    ways, _ = trigger._pulse_ways(motion, drive, times, factors, 10.0, 2e-3)
     still, moving, prescribed = (part[:, 0] for part in motion.drives(drive))
     n, pull, drag, slope = len(motion.free), motion.pull, motion.drag, [1 / 3, -1 / 2, 0.0]
 

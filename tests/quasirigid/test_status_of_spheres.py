@@ -49,7 +49,7 @@ def test_rates_are_those_of_small_increments_by_newtons_method():
         choice = ss.quasirigid.contact_status(m, load, critical=share <= 1e-12)
         assert choice.verdict is Verdict.UNIQUE
         strain, errors = m.free.strain(choice.velocity), []
-        for size in (1e-3, 1e-4):
+        for size in (1e-3, 3e-4):  # below 1e-4 the tolerance of the limit shows, 5e-12 of strain
             moved = state._replace(control=between(state.control, end, size))
             moved, outcome = ss.equilibrate(moved, law, check="nothing")
             assert outcome.ok
@@ -57,7 +57,7 @@ def test_rates_are_those_of_small_increments_by_newtons_method():
             errors.append(np.abs(change / size - strain).max() / np.abs(strain).max())
         tried += 1
         assert errors[0] < 0.01
-        assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.2)
+        assert errors[1] == pytest.approx(0.3 * errors[0], rel=0.15)
     assert tried >= 2
 
 

@@ -11,7 +11,7 @@ from matplotlib.lines import AxLine
 from matplotlib.transforms import Bbox
 
 import stickslip as ss
-from stickslip.core.state import assembly, disks, empty_contacts
+from stickslip.core.state import empty_contacts
 from stickslip.experiments.gouge.measures import Curve
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear, watch
@@ -71,7 +71,9 @@ def test_the_shape_of_a_mode_by_coordinate(phase):
     mass = np.outer([1.0, 2.0, 3.0], [1.0, 1.0, 0.5])
     norm = np.sqrt((mass * np.abs(part) ** 2).sum())
     mode = np.exp(1j * phase) * part.ravel() / norm
-    free = freedom(assembly(disks(np.eye(3), 0.5, mass=[1.0, 2.0, 3.0])))
+    free = freedom(
+        ss.packings.from_arrays(3 * np.diag([1.0, 1.0, 0.0]), [0.5] * 3, ss.laws.linear(), mass=[1.0, 2.0, 3.0], dim=2)
+    )
     assert (free.mass == mass.ravel()).all()
     modes = np.eye(9, dtype=complex)
     modes[:, 4] = mode

@@ -345,7 +345,7 @@ def _quasi_static(main: GougeResult) -> Claim:
     ratios = ", ".join(f"{held.at(t).value:.1e} after {t:g} s" for t in (1e-3, 1e-2, 1e-1, 1.0) if t <= last * 1.01)
     return _statement(
         "quasi-static", "Text: the supplement calls its simulations quasi-static and prints no number",
-        bool(number < INERTIAL and sliding.value + sliding.half < ENERGY),
+        bool(number < INERTIAL and sliding.value + np.nan_to_num(sliding.half) < ENERGY),
         f"at {before:g} m/s inertial number {number:.1e}, kinetic over elastic energy {sliding.value:.1e} ± "
         f"{sliding.half:.0e}; in holds {ratios}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end "
         f"of {last:g} s; {_scale_note(main)}",

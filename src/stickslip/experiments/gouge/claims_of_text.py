@@ -64,7 +64,7 @@ def _peaks(result: GougeResult | None) -> list[Claim]:
             f"after 1.43 s, t̄ = k V_i t/(a σ): {first.value:.4f} ± {first.half:.4f}", error=first.half / 2,
         ),
         claim(
-            "collapse-of-peaks", collapse, True, None if abs(off.value) <= off.half else False, "", 0.0,
+            "collapse-of-peaks", collapse, True, False if abs(off.value) > off.half else None, "", 0.0,
             f"slope of peaks minus a fifth of the peak at V_r = V_i: {off.value:.4f} ± {off.half:.4f}, zero if peaks "
             f"are proportional to 5 + ln(V_r/V_i); an interval that contains zero does not show that they collapse",
         ),
@@ -81,8 +81,8 @@ def collapse_defect(x: np.ndarray, peaks: list[Number]) -> Number:
 
 
 def below_or_not(number: Number, limit: float) -> bool | None:
-    """Whether a number is below a limit; None if the limit lies in its 95 % interval."""
-    return None if abs(number.value - limit) <= number.half else bool(number.value < limit)
+    """Whether a number is below a limit; None if the limit lies in its 95 % interval, or if that is not known."""
+    return bool(number.value < limit) if abs(number.value - limit) > number.half else None
 
 
 def _time_step(scenario: GougeScenario) -> Claim:
