@@ -67,10 +67,11 @@ TABLE = (
         "energy overlap* delta* index area* fn ft c? x y z step c_* f_*"),
     Row("column of a table", HARMLESS, "frame no nr number index time step timestep t absv u speed vmag colou?r c "
         "coordination* coord*number z cn neighbo?rs numneighbo?rs numcontacts contacts ncontacts mask name angle* phi "
-        "psi theta orientation* quat* q? rot* a b g info volume voronoi* area stress* sigma* pressure p energy ekin "
-        "epot kinetic* potential* temperature temp displacement* disp* d?min* contactforce* contacttorque* "
+        "psi theta orientation* quat* q? rot* info volume voronoi* area stress stress? stress?? sigma sigma? sigma?? "
+        "pressure p energy ekin "
+        "epot kinetic* potentialenergy* temperature temp displacement* disp disp? d?min* contactforce* contacttorque* "
         "resultant* inertia* label cluster* edge rattler* dstn dstv* state status void* porosity packingfraction "
-        "localdensity reserved* vorticity* strain* vel*mag* *mag *energy* "
+        "localdensity reserved reserved? vorticity* strain* vel*mag* *mag *energy* "
         "ke pe nbr* numcontact* particleid* parent* bodyid angmom* angularmomentum* accel* a? alpha? ori*"),
     Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
     Row("column of a table", UNKNOWN, "f? force* load* external* torque*",

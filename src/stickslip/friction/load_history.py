@@ -16,7 +16,7 @@ CANDIDATES, SEARCHED = 400, 4000  # times that are tried for a change of velocit
 MOST, ROUNDS = 60, 40  # changes, and iterations of their times
 CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and share of the largest velocity, below which one counts as zero
-OFF, CLEARLY = 0.1, 6.0  # departure of a displacement from a stated leg: over its length, and over the noise
+OFF, CLEARLY = 0.03, 6.0  # departure of a displacement from a stated leg: over its length, and over the noise
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
 
 
@@ -124,8 +124,8 @@ def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
 def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray) -> str:
     """Sentence on the stated leg that a measured displacement contradicts most; empty if it contradicts none.
 
-    It does if the displacement within a leg departs from the stated line by more than a tenth of the way, and by more
-    than its noise.
+    It does if the displacement within a leg departs from the stated line by more than 3 % of the way, and by more than
+    its noise.
     """
     noise = float(np.sqrt(np.mean(np.diff(place, 2) ** 2) / 6)) if len(place) > 2 else 0.0
     start, worst, told = float(time[0]), OFF, ""

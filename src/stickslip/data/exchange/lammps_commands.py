@@ -138,6 +138,8 @@ def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) ->
     bare = QUOTED.sub(" ", line) if log else line
     if log and words[0] == "echo" and words[1:2] in (["none"], ["screen"]):
         run.acts["echo"] = f"{command.source} does not repeat the commands that follow `{' '.join(words)}`"
+    if log and words[:2] == ["log", "none"]:
+        run.acts["echo"] = f"{command.source} does not have the commands that follow `log none`"
     if not log and words[0] in OPENING and words[1:2] != ["SELF"]:
         run.unknown.append(" ".join(words))
     if UNRESOLVED.search(bare):

@@ -142,6 +142,8 @@ def stored_samples(folder: Path) -> dict[str, dict[int, Sample]]:
     ArchiveError
         As in `samples.read_samples`.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is not a folder: give the folder of stored samples")
     stored = read_samples(folder, {name: paper_size_scenario(damping=name) for name in (MAIN, LOW)})
     if not stored[MAIN]:
         raise ValueError(f"{folder} has no samples with {MAIN}: add --realizations N to compute N of them")
