@@ -149,7 +149,7 @@ def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: 
     if rows == 3:
         x, y = np.log(ratios), [p.value for p in peaks]
         panels[2].errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLACK, lw=0.7)
-        label = f"slope {slope.value:.3f} ± {slope.half:.3f}"
+        label = f"slope {slope.value:.3f}" + (f" ± {slope.half:.3f}" if np.isfinite(slope.half) else "")
         panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=RED, lw=0.8, label=label)
         label_axes(panels[2], x=r"$\ln V_r/V_i$", y=r"peak of $\mu - \mu_{ss}$")
         legend_above(panels[2])
