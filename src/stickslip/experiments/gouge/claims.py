@@ -253,11 +253,11 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
     pairs = _compare_dampings(*by_eq8[:2])
     differences = {name: difference(*pair) for name, pair in pairs.items()}
     telling = all(half <= TELLING for name, (_, half) in differences.items() if name != "steady friction")
-    alike = all(abs(value) <= half for value, half in differences.values())
+    apart = any(abs(value) > half for value, half in differences.values())
     listed = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
     gammas = " and ".join(f"{damping(r.scenario):.2g}" for r in by_eq8[:2])
     return _statement(
-        id, source, alike if telling or not alike else None,
+        id, source, False if apart else True if telling else None,
         f"ε = 0.98 and 0.3 by Eq 8, γ_n = {gammas} 1/(m s); alike if all differences lie within their 95 % intervals: "
         f"{listed}; {_scale_note(by_eq8[1])}",
     )  # fmt: skip
