@@ -174,7 +174,9 @@ def numba_functions(kind: Kind) -> dict:
 def _compile(function, made: dict, njit):
     """Copy of a function in which it and all functions that it calls are compiled."""
     if isinstance(function, types.ModuleType) and function is not np:
-        module = types.ModuleType(function.__name__)
+        if function in made:  # modules may refer to each other
+            return made[function]
+        module = made[function] = types.ModuleType(function.__name__)
         vars(module).update({name: _compile(value, made, njit) for name, value in vars(function).items()})
         return module
     if not isinstance(function, types.FunctionType):
@@ -183,10 +185,17 @@ def _compile(function, made: dict, njit):
         scope, cells = {}, [types.CellType() for _ in function.__closure__ or ()]
         copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__, tuple(cells))
         made[function] = njit(**_OPTIONS, **_INNER)(copy)
-        scope.update({name: _compile(value, made, njit) for name, value in function.__globals__.items()})
+        named = {name: function.__globals__[name] for name in _names(copy.__code__) if name in function.__globals__}
+        scope.update({name: _compile(value, made, njit) for name, value in named.items()})
         for cell, old in zip(cells, function.__closure__ or (), strict=True):
             cell.cell_contents = _compile(old.cell_contents, made, njit)
     return made[function]
+
+
+def _names(code: types.CodeType) -> set[str]:
+    """Global names that code uses, with those of functions within it."""
+    inner = (part for part in code.co_consts if isinstance(part, types.CodeType))
+    return {*code.co_names, *(name for part in inner for name in _names(part))}
 
 
 def _summarize_numba_error(message: str, files: set[str]) -> str:
