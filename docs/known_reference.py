@@ -1,4 +1,4 @@
-"""Write the table of what is known of foreign files into docs/exchange.md, from `stickslip.known`.
+"""Write the table of foreign commands, columns and sections into docs/exchange.md, from `stickslip.known`.
 
 python docs/known_reference.py          # also run by `make docs`; a test compares the result
 """

@@ -1,8 +1,8 @@
-"""What is known of foreign files: the one table of what is used, and of what has no influence on forces.
+"""Commands, sections, columns and files of other programs: those that are used, and those without influence on forces.
 
 Readers look up each command of a log, section of a data file, column of a table or a laboratory record, and file of a
-folder. What is not in the table is not understood, and neither is what it lists with a reason: that acts on grains in
-a way that is not read. Names are patterns of `fnmatch`.
+folder. A name that is not in the table is not understood. Names with a reason are not understood either: they act on
+grains in a way that is not read. Names are patterns of `fnmatch`.
 """
 
 from fnmatch import fnmatchcase

@@ -74,6 +74,7 @@ def test_fronts_have_distance_over_delay_and_their_speed_if_they_have_one():
     for axes, front, line in ((top, forward, True), (bottom, backward, False)):
         assert holds(axes, front.delay, front.distance)
         assert holds(axes, np.array([0, 4]) / front.speed, [0, 4], linestyle="--") == line
+        assert any("fitted speed" in text.get_text() for text in axes.get_legend().get_texts()) == line
     assert "breaching" in top.get_xlabel() and top.get_ylabel() == "distance\nfrom disk 1 [$2R$]"
     assert "sliding by 0.1" in bottom.get_xlabel() and bottom.get_ylabel() == "distance\nfrom last disk [$2R$]"
     words, others = (axes.get_legend().get_texts()[-1].get_text() for axes in (top, bottom))

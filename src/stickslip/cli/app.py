@@ -140,7 +140,7 @@ class FigureOptions(NamedTuple):
     letters: Annotated[bool, typer.Option("--letters", help="Letter the panels of figures: (a), (b) …")] = False
 
     def look(self):
-        """How figures are written; ValueError with one sentence if this is not possible."""
+        """Return the formats, width and letters of figures; raise ValueError if one of them is not available."""
         from ..figures.saving import FORMATS, WIDTHS, Look
 
         for kind in self.formats or ():

@@ -43,7 +43,7 @@ def units_of(kind: type) -> dict[str, str]:
 
 @cache
 def meanings_of(kind: type) -> dict[str, str]:
-    """What the fields of a NamedTuple are, in words: the comments beside them, without shapes, types and units.
+    """Meanings of the fields of a NamedTuple: the comments beside them, without shapes, types and units.
 
     Examples
     --------

@@ -168,7 +168,7 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
     )  # fmt: skip
     for axes in (top, bottom):
         if axes.get_legend_handles_labels()[0]:
-            if len(axes.lines) > len(axes.containers):  # besides the points of each front
+            if any(line.get_linestyle() == "--" for line in axes.lines):
                 axes.plot([], [], "--", color=BLACK, lw=0.8, label=f"fitted speed $V(F_x)$ [{SPEED}]")
             legend_above(axes, ncol=1)
         else:

@@ -17,7 +17,7 @@ UNDATED = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}  # t
 
 @readable
 class Look(NamedTuple):
-    """How figures are written."""
+    """Formats, width and panel letters of figures."""
 
     formats: tuple[str, ...] = ("png",)
     width: Literal[86, 178] = 86  # in mm

@@ -1,4 +1,4 @@
-"""Packings from whatever holds them: the one way in for all commands, and conversion to other formats."""
+"""Packings from files, run folders and measured forces, for all commands, and conversion to other formats."""
 
 from pathlib import Path
 

@@ -63,7 +63,7 @@ class Reading(NamedTuple):
 
     @property
     def met(self) -> dict[str, list[str]]:
-        """What the reader of a foreign file met: used, without influence on forces, and not understood."""
+        """Names in a foreign file by group: used, without influence on forces, and not understood."""
         return account_of(self.notes)
 
 
