@@ -1,12 +1,15 @@
 """Durations of tests: `make durations` measures them, stores them in durations.json, and prints the slowest.
 
 Seconds of processor time include those of child processes that have ended. Files start in the order of their stored
-durations, the longest first, so that no worker is left with a long one at the end.
+durations, the longest first, so that no worker is left with a long one at the end. `--shard 3/8` runs the third of
+eight parts of about equal duration, which together are all tests.
 """
 
+import argparse
 import json
 import os
-from collections import defaultdict
+from collections import Counter, defaultdict
+from itertools import accumulate
 from pathlib import Path
 
 import pytest
@@ -14,23 +17,56 @@ import pytest
 STORE = Path(__file__).with_name("durations.json")
 LEAST, SHOWN = 0.2, 10  # shortest test that is stored on its own [s], and number of tests printed for each folder
 _SPENT = pytest.StashKey[float]()
+KINDS = "seconds", "slow"
+UNKNOWN = 1.0  # seconds of a test that was never measured
+
+
+def shard(text: str) -> tuple[int, int]:
+    """Number of a part, and how many parts there are."""
+    part, of, parts = text.partition("/")
+    if not (of and part.isdecimal() and parts.isdecimal() and 1 <= int(part) <= int(parts)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no shard: the third of eight is 3/8")
+    return int(part), int(parts)
 
 
 def pytest_addoption(parser):
     parser.addoption("--store-durations", action="store_true", help="store the processor time of every test")
+    parser.addoption("--shard", type=shard, help="run one of several parts of the tests, for example 3/8")
 
 
-def stored() -> dict[str, float]:
-    """Processor time of tests, and of the remaining tests of each file together [s]."""
-    return json.loads(STORE.read_text())["seconds"] if STORE.exists() else {}
+def _kind(config) -> str:
+    return "slow" if config.option.markexpr == "slow" else "seconds"
 
 
-def pytest_collection_modifyitems(items):
-    """Sort files by their stored durations."""
+def stored(kind: str = "seconds") -> dict[str, float]:
+    """Processor time of tests, or of slow ones, and of the remaining tests of each file together [s]."""
+    return json.loads(STORE.read_text()).get(kind, {}) if STORE.exists() else {}
+
+
+def cut(names: list[str], durations: dict[str, float], parts: int) -> list[int]:
+    """Part of each test, from 0: parts are contiguous, and take about the same time."""
+    rest = Counter(name.partition("::")[0] for name in names if name not in durations)
+    spent = []
+    for name in names:
+        file = name.partition("::")[0]
+        spent.append(durations[name] if name in durations else durations.get(file, UNKNOWN * rest[file]) / rest[file])
+    ends = list(accumulate(spent))
+    return [min(parts - 1, int((end - own / 2) / ends[-1] * parts)) for end, own in zip(ends, spent, strict=True)]
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """Sort files by their stored durations, and keep one shard of what markers have left."""
+    durations = stored(_kind(config))
     files = defaultdict(float)
-    for name, seconds in stored().items():
+    for name, seconds in durations.items():
         files[name.partition("::")[0]] += seconds
     items.sort(key=lambda item: -files[item.nodeid.partition("::")[0]])
+    if config.option.shard and items:
+        part, parts = config.option.shard
+        chosen = [k == part - 1 for k in cut([item.nodeid for item in items], durations, parts)]
+        config.hook.pytest_deselected(items=[item for item, kept in zip(items, chosen, strict=True) if not kept])
+        items[:] = [item for item, kept in zip(items, chosen, strict=True) if kept]
 
 
 def _timed(item):
@@ -65,24 +101,32 @@ def pytest_runtest_makereport(item):
 
 def pytest_configure(config):
     if config.getoption("--store-durations") and not hasattr(config, "workerinput"):
-        config.pluginmanager.register(_Store())
+        config.pluginmanager.register(_Store(_kind(config), config.option.shard))
 
 
 class _Store:
     """Collect the reports of all workers."""
 
-    def __init__(self):
-        self.seconds = defaultdict(float)
+    def __init__(self, kind, shard):
+        self.kind, self.shard, self.seconds = kind, shard, defaultdict(float)
+
+    def _is_kept(self, name):
+        """Whether a duration stays: that of a file that was not run, or of another shard."""
+        file = name.partition("::")[0]
+        ran = {ran.partition("::")[0] for ran in self.seconds}
+        return (STORE.parents[1] / file).exists() and (file not in ran or bool(self.shard) and name not in self.seconds)
 
     def pytest_runtest_logreport(self, report):
         self.seconds[report.nodeid] += dict(report.user_properties).get("processor", 0.0)
 
     def pytest_sessionfinish(self):
-        kept = defaultdict(float)
+        values = {kind: stored(kind) for kind in KINDS}
+        kept = {name: seconds for name, seconds in values[self.kind].items() if self._is_kept(name)}
         for name, seconds in self.seconds.items():
-            kept[name if seconds >= LEAST else name.partition("::")[0]] += seconds
-        rounded = {name: round(seconds, 2) for name, seconds in sorted(kept.items())}
-        STORE.write_text(json.dumps({"unit": "s of processor time", "seconds": rounded}, indent=1) + "\n")
+            entry = name if seconds >= LEAST else name.partition("::")[0]
+            kept[entry] = kept.get(entry, 0.0) + seconds
+        values[self.kind] = {name: round(seconds, 2) for name, seconds in sorted(kept.items())}
+        STORE.write_text(json.dumps({"unit": "s of processor time"} | values, indent=1) + "\n")
 
     def pytest_terminal_summary(self, terminalreporter):
         folders = defaultdict(list)
