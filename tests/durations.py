@@ -114,7 +114,9 @@ class _Store:
         """Whether a duration stays: that of a file that was not run, or of another shard."""
         file = name.partition("::")[0]
         ran = {ran.partition("::")[0] for ran in self.seconds}
-        return (STORE.parents[1] / file).exists() and (file not in ran or bool(self.shard) and name not in self.seconds)
+        return (STORE.parents[1] / file).exists() and (
+            file not in ran or (bool(self.shard) and name not in self.seconds)
+        )
 
     def pytest_runtest_logreport(self, report):
         self.seconds[report.nodeid] += dict(report.user_properties).get("processor", 0.0)
