@@ -76,8 +76,9 @@ lock:  ## regenerate the lock files with uv
 $(RUN): requirements-run.lock pyproject.toml
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'stickslip needs Python 3.11 or later: make PYTHON=python3.12')"
 	@echo "installing into .venv (about half a minute, once)"
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-run.lock
+	@$(PYTHON) $(BUILD) >/dev/null 2>&1 & built=$$!; $(PYTHON) -m venv .venv && \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-run.lock; \
+	  installed=$$?; wait $$built; exit $$installed  # a fault of the compiler is reported below
 	$(COMPILER)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@

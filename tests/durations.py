@@ -31,6 +31,7 @@ def shard(text: str) -> tuple[int, int]:
 
 def pytest_addoption(parser):
     parser.addoption("--store-durations", action="store_true", help="store the processor time of every test")
+    parser.addoption("--fastest-first", action="store_true", help="run the fastest tests first")
     parser.addoption("--shard", type=shard, help="run one of several parts of the tests, for example 3/8")
 
 
@@ -43,13 +44,19 @@ def stored(kind: str = "seconds") -> dict[str, float]:
     return json.loads(STORE.read_text()).get(kind, {}) if STORE.exists() else {}
 
 
-def cut(names: list[str], durations: dict[str, float], parts: int) -> list[int]:
-    """Part of each test, from 0: parts are contiguous, and take about the same time."""
+def expected(names: list[str], durations: dict[str, float]) -> list[float]:
+    """Duration of each test; those that are not stored share the rest of their file [s]."""
     rest = Counter(name.partition("::")[0] for name in names if name not in durations)
     spent = []
     for name in names:
         file = name.partition("::")[0]
         spent.append(durations[name] if name in durations else durations.get(file, UNKNOWN * rest[file]) / rest[file])
+    return spent
+
+
+def cut(names: list[str], durations: dict[str, float], parts: int) -> list[int]:
+    """Part of each test, from 0: parts are contiguous, and take about the same time."""
+    spent = expected(names, durations)
     ends = list(accumulate(spent))
     return [min(parts - 1, int((end - own / 2) / ends[-1] * parts)) for end, own in zip(ends, spent, strict=True)]
 
@@ -62,6 +69,9 @@ def pytest_collection_modifyitems(config, items):
     for name, seconds in durations.items():
         files[name.partition("::")[0]] += seconds
     items.sort(key=lambda item: -files[item.nodeid.partition("::")[0]])
+    if config.option.fastest_first:
+        spent = expected([item.nodeid for item in items], durations)
+        items[:] = [items[k] for k in sorted(range(len(items)), key=spent.__getitem__)]
     if config.option.shard and items:
         part, parts = config.option.shard
         chosen = [k == part - 1 for k in cut([item.nodeid for item in items], durations, parts)]

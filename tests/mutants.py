@@ -1,13 +1,15 @@
 """Faults put into copies of the tree, to see whether a test notices: `make mutants` prints the share that is noticed.
 
-The faults are in mutants.toml. Each names a file, a line by its text, and the faulty line. The tests are those of the
-room of the file (see `rooms.py`), without slow ones; for the compiled core they are those of `CORE`. A fault whose line
-is not found, or found more than once, is an error of the list.
+The faults are in mutants.toml. Each names a file, a line by its text, and the faulty line; a fault whose line is not
+found, or found more than once, is an error of the list. `--record` runs the suite once and stores which tests execute
+which lines. The tests of a fault are those that execute its statement, or without a record those of the room of the
+file (see `rooms.py`); for the compiled core, those of `CORE`. The fastest run first, slow tests not at all.
 
-python -m tests.mutants [--room solve] [--sample 20] [--workers 2] [--check]
+python -m tests.mutants [--record] [--room solve] [--sample 20] [--again] [--workers 2] [--check]
 """
 
 import argparse
+import ast
 import json
 import os
 import random
@@ -18,14 +20,19 @@ import sys
 import tempfile
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from queue import SimpleQueue
 from typing import NamedTuple
 
+from coverage import CoverageData
+
+from stickslip._core import build
 from tests import rooms
-from tests.durations import stored
 
 ROOT = rooms.ROOT
 LIST, RESULTS = Path(__file__).with_name("mutants.toml"), ROOT / "results" / "mutants.json"
+RECORD = RESULTS.with_suffix(".coverage")
 CORE = (
     "tests/derivatives",
     "tests/laws",
@@ -52,8 +59,13 @@ class Mutant(NamedTuple):
         """First folder below the package, or the name of a module at its top."""
         return Path(self.file).parts[2].removesuffix(".py")
 
-    def apply(self, root: Path) -> None:
-        """Put the fault into a copy of the tree.
+    @property
+    def is_compiled(self) -> bool:
+        """Whether it is a fault of the compiled core."""
+        return self.file.endswith((".h", ".cpp"))
+
+    def line(self, root: Path) -> int:
+        """Number of the line, from 0.
 
         Raises
         ------
@@ -65,9 +77,21 @@ class Mutant(NamedTuple):
         found = [k for k, line in enumerate(lines) if line.strip() == self.was.strip()]
         if len(found) != 1:
             raise ValueError(f"{self.file} has {len(found)} lines {self.was!r}: the list needs exactly one")
-        line = lines[found[0]]
-        lines[found[0]] = line[: len(line) - len(line.lstrip())] + self.now.strip()
+        return found[0]
+
+    @contextmanager
+    def applied(self, root: Path):
+        """Put the fault into a copy of the tree for a while."""
+        place, path = self.line(root), root / self.file
+        right = path.read_text(encoding="utf-8")
+        lines = right.split("\n")
+        line = lines[place]
+        lines[place] = line[: len(line) - len(line.lstrip())] + self.now.strip()
         path.write_text("\n".join(lines), encoding="utf-8")
+        try:
+            yield
+        finally:
+            path.write_text(right, encoding="utf-8")
 
 
 def read() -> list[Mutant]:
@@ -75,47 +99,83 @@ def read() -> list[Mutant]:
     return [Mutant(**table) for table in tomllib.loads(LIST.read_text(encoding="utf-8"))["mutant"]]
 
 
-def tests_of(room: str) -> list[str]:
-    """Files of tests, those that take the least time first."""
-    if room == "_core":
+def record() -> None:
+    """Run the suite, and store which tests execute which lines."""
+    RECORD.parent.mkdir(exist_ok=True)
+    words = "-n", str(os.cpu_count()), "--dist", "loadfile", "--timeout", "600"
+    cover = "--cov", "--cov-context=test", "--cov-report="
+    env = os.environ | {"COVERAGE_FILE": str(RECORD)}
+    subprocess.run([sys.executable, "-m", "pytest", *words, *cover], cwd=ROOT, env=env)
+
+
+def _spans(tree: ast.AST, line: int) -> list[range]:
+    """Lines of the statement at a line (from 1), without its body, and bodies of the functions around it."""
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and node.lineno <= line <= node.end_lineno]
+    nodes.sort(key=lambda node: node.end_lineno - node.lineno)  # the innermost first
+    spans = []
+    for node in nodes:
+        body = getattr(node, "body", None)
+        if isinstance(node, ast.FunctionDef):
+            spans.append(range(body[0].lineno, node.end_lineno + 1))
+        elif node is nodes[0] and not isinstance(node, ast.ClassDef):
+            spans.append(range(node.lineno, body[0].lineno if body else node.end_lineno + 1))
+    return spans
+
+
+def tests_of(mutant: Mutant) -> list[str]:
+    """Tests that may notice a fault: those that execute its statement, or those of its room."""
+    if mutant.is_compiled:
         files = [path for name in CORE for path in sorted((ROOT / name).glob("test_*.py"))]
     else:
-        files = rooms.files(room)
-    spent: dict[str, float] = {}
-    for name, seconds in stored().items():
-        file = name.partition("::")[0]
-        spent[file] = spent.get(file, 0.0) + seconds
-    names = [path.relative_to(ROOT).as_posix() for path in files]
-    return sorted(names, key=lambda name: spent.get(name, 0.0))
+        if RECORD.exists():
+            data = CoverageData(str(RECORD))
+            data.read()
+            contexts = data.contexts_by_lineno(str(ROOT / mutant.file))
+            tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
+            for span in _spans(tree, mutant.line(ROOT) + 1):
+                names = {name.rpartition("|")[0] for line in span for name in contexts.get(line, ())} - {""}
+                if names:
+                    return sorted(names)
+        files = rooms.files(mutant.room)
+    return [path.relative_to(ROOT).as_posix() for path in files]
 
 
-def is_noticed(mutant: Mutant) -> str:
+def _copy(folder: Path) -> Path:
+    """Copy the tree, with the core of this machine alone."""
+    for part in COPIED:
+        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", "_build"))
+    for path in ROOT.iterdir():
+        if path.is_file():
+            shutil.copy2(path, folder)
+    for level in set(build.LEVELS) - {build.best_level()}:
+        build.library_path(level, folder / "src/stickslip/_core").unlink(missing_ok=True)
+    return folder
+
+
+def _environment(root: Path) -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(root / "src"), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def is_noticed(mutant: Mutant, root: Path, tests: list[str], right: Path) -> str:
     """Return the first test that fails with the fault and passes without it, or what else stops them; "" if none."""
-    with tempfile.TemporaryDirectory(prefix="mutant-") as name:
-        root, broken = Path(name), []
-        for part in COPIED:
-            shutil.copytree(ROOT / part, root / part, ignore=shutil.ignore_patterns("__pycache__", "_build"))
-        for path in ROOT.iterdir():
-            if path.is_file():
-                shutil.copy2(path, root)
-        mutant.apply(root)
-        env = os.environ | {"PYTHONPATH": str(root / "src"), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        if mutant.room == "_core" and mutant.file.endswith((".h", ".cpp")):
-            build = [sys.executable, root / "src/stickslip/_core/build.py", "--all"]
-            if subprocess.run(build, cwd=root, env=env, capture_output=True).returncode:
+    broken: list[str] = []
+    with mutant.applied(root):
+        if mutant.is_compiled:
+            call = [sys.executable, root / "src/stickslip/_core/build.py"]
+            if subprocess.run(call, cwd=root, env=_environment(root), capture_output=True).returncode:
                 return "the compiler"
-        while "::" in (failed := _first_failure(root, env, [*tests_of(mutant.room), *broken])):
-            if _first_failure(ROOT, env | {"PYTHONPATH": str(ROOT / "src")}, [failed]) != failed:
+        while "::" in (failed := _first_failure(root, [*tests, *broken])):
+            if _first_failure(right, [failed]) != failed:
                 break
             broken.append(f"--deselect={failed}")  # without the fault as well
         return failed
 
 
-def _first_failure(root: Path, env: dict[str, str], tests: list[str]) -> str:
+def _first_failure(root: Path, tests: list[str]) -> str:
     """Name of the first test that fails, or how the tests ended; "" if all pass."""
-    call = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *tests]
+    call = [sys.executable, "-m", "pytest", "-x", "--fastest-first", "-p", "no:cacheprovider", *tests]
     try:
-        done = subprocess.run(call, cwd=root, env=env, capture_output=True, text=True, timeout=LONGEST)
+        done = subprocess.run(call, cwd=root, env=_environment(root), capture_output=True, text=True, timeout=LONGEST)
     except subprocess.TimeoutExpired:
         return "too slow"
     failed = re.findall(r"(?m)^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout)
@@ -130,26 +190,45 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--check", action="store_true", help="only check that every fault applies")
+    parser.add_argument("--record", action="store_true", help="run the suite first, and store the lines of each test")
+    parser.add_argument("--again", action="store_true", help="try the test first that noticed a fault the last time")
     given = parser.parse_args()
     chosen = [mutant for mutant in read() if given.room in (None, mutant.room)]
     for mutant in chosen:
-        with tempfile.TemporaryDirectory() as name:
-            (Path(name) / mutant.file).parent.mkdir(parents=True)
-            shutil.copy2(ROOT / mutant.file, Path(name) / mutant.file)
-            mutant.apply(Path(name))
+        mutant.line(ROOT)
     if given.check:
         return print(f"all {len(chosen)} faults apply")
     if given.sample:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
+    if given.record:
+        record()
+    before = {}
+    if given.again and RESULTS.exists():
+        before = {Mutant(**row): noticed for row in json.loads(RESULTS.read_text()) if (noticed := row.pop("noticed"))}
+    roots: SimpleQueue[Path] = SimpleQueue()
+
+    def run(mutant: Mutant) -> str:
+        root = roots.get()
+        try:
+            last = before.get(mutant, "")
+            if "::" in last and "::" in (noticed := is_noticed(mutant, root, [last], right)):
+                return noticed
+            return is_noticed(mutant, root, tests_of(mutant), right)
+        finally:
+            roots.put(root)
+
     found = []
-    with ThreadPoolExecutor(given.workers) as pool:
-        for mutant, noticed in zip(chosen, pool.map(is_noticed, chosen), strict=True):
-            found.append((mutant, noticed))
+    with tempfile.TemporaryDirectory(prefix="mutants-") as name, ThreadPoolExecutor(given.workers) as pool:
+        right = _copy(Path(name) / "right")
+        for k in range(given.workers):
+            roots.put(_copy(Path(name) / str(k)))
+        for mutant, noticed in zip(chosen, pool.map(run, chosen), strict=True):
+            found.append(mutant._asdict() | {"noticed": noticed})
             print(f"{'noticed' if noticed else 'MISSED '}  {mutant.file}: {mutant.now}  {noticed}", flush=True)
-    share = sum(bool(noticed) for _, noticed in found) / max(1, len(found))
+            RESULTS.parent.mkdir(exist_ok=True)
+            RESULTS.write_text(json.dumps(found, indent=1))
+    share = sum(bool(row["noticed"]) for row in found) / max(1, len(found))
     print(f"{share:.1%} of {len(found)} faults are noticed")
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps([mutant._asdict() | {"noticed": noticed} for mutant, noticed in found], indent=1))
     return None
 
 
