@@ -63,6 +63,8 @@ def _elsewhere(tmp_path, monkeypatch):
         ("unfix move\ngroup low id 1:3\ngroup up subtract all low\nfix a low nve/sphere\nfix b up nve/sphere", ""),
         ("fix still all momentum 1 linear 1 1 1", "it removes momentum, and walls, loads and held grains change"),
         ("fix back all recenter INIT INIT INIT", "it moves grains back, and walls, loads and held grains change"),
+        ("group d dynamic all every 10\nfix a d addforce 0 0 1", "the members of group d change with time"),
+        ("group d dynamic all every 10\ngroup d static\nfix z all langevin 1 1 1 4\nunfix z", ""),
         ("fix m all momentum/chunk 1 c linear 1 1 1", "fix m (momentum/chunk) was not taken over: it acts"),
         ("pair_style gran/hooke 2000 NULL 20 NULL 0.4 1", "it has no springs along contacts"),
         ("labelmap atom 1 a 2 b\ngroup low type b\nfix z low spring/self 1\nunfix z\nfix c low freeze\nunfix c", ""),

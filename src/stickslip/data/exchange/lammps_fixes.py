@@ -50,6 +50,8 @@ class Course:
 
     def members(self, group: str) -> np.ndarray:
         """(N,) bool, members of a group; ValueError if they are not known."""
+        if any(words[0] == "dynamic" for words in self.run.groups.get(group, ())[-1:]):
+            raise ValueError(f"the members of group {group} change with time (`group {group} dynamic`)")
         mask = self.masks.get(group)
         mask = group_members(self.run, group, self.packing.ids, self.types, self.n) if mask is None else mask
         if mask is None:
