@@ -146,8 +146,8 @@ def _check_widths(path: Path, headings: list[str], rows: list[tuple[int, list[st
     for number, row in rows:
         if len(row) != len(headings):
             raise ValueError(
-                f"{path}, line {number}, has {len(row)} fields but the header has {len(headings)}: correct the line, or, "
-                f"if commas are decimal ones, separate columns by semicolons"
+                f"{path}, line {number}, has {len(row)} fields but the header has {len(headings)}: correct the line, "
+                f"or, if commas are decimal ones, separate columns by semicolons"
             )
 
 
