@@ -40,13 +40,13 @@ TABLE = (
     Row("style beside the pair style", HARMLESS, "none zero"),
     Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
     Row("fix", USED, "wall/gran wall/gran/region gravity freeze setforce addforce deform nve nve/sphere nve/limit "
-        "NEIGH_HISTORY* neigh_history*"),
-    Row("fix", HARMLESS, "enforce2d print ave/* vector balance property/atom store/* STORE/* halt momentum* pour "
-        "deposit evaporate dt/reset heat/flow controller recenter numdiff* nonaffine/displacement DUMMY GROUP"),
+        "momentum recenter NEIGH_HISTORY* neigh_history*"),
+    Row("fix", HARMLESS, "enforce2d print ave/* vector balance property/atom store/* STORE/* halt pour "
+        "deposit evaporate dt/reset heat/flow controller numdiff* nonaffine/displacement DUMMY GROUP"),
     Row("fix", UNKNOWN, "adapt*", "it changes sizes or laws"),
-    Row("fix", UNKNOWN, "accelerate/* addtorque* aveforce bond/* box/relax brownian* damping/* drag efield* external "
-        "indent langevin* lineforce move npt* nph* nvt* nve/* planeforce poems press/* propel/* python/* restrain "
-        "rigid* shake rattle spring* temp/* viscous* wall/* bpm/* mesh/* rheo* lb/* cfd/* couple/*",
+    Row("fix", UNKNOWN, "accelerate/* momentum/* addtorque* aveforce bond/* box/relax brownian* damping/* drag efield* "
+        "external indent langevin* lineforce move npt* nph* nvt* nve/* planeforce poems press/* propel/* python/* "
+        "restrain rigid* shake rattle spring* temp/* viscous* wall/* bpm/* mesh/* rheo* lb/* cfd/* couple/*",
         "it acts on the grains"),
     Row("section", USED, "Atoms Velocities Atom?Type?Labels"),
     Row("section", HARMLESS, "Masses *?Type?Labels Bond?Coeffs Angle?Coeffs Dihedral?Coeffs Improper?Coeffs"),
@@ -72,7 +72,8 @@ TABLE = (
         "epot kinetic* potentialenergy* temperature temp displacement* disp disp? d?min* contactforce* contacttorque* "
         "resultant* inertia* label cluster* edge rattler* dstn dstv* state status void* porosity packingfraction "
         "localdensity reserved reserved? vorticity* strain* vel*mag* *mag *energy* "
-        "ke pe nbr* numcontact* particleid* parent* bodyid angmom* angularmomentum* accel* a? alpha? ori*"),
+        "ke pe nbr* numcontact* particleid* parent* bodyid angmom* angularmomentum* alpha? ori*"),
+    Row("column of a table", UNKNOWN, "accel* a?", "the same acceleration of all grains may be gravity"),
     Row("column of a table", UNKNOWN, "type* mat* material* species", "grains of several kinds may have several laws"),
     Row("column of a table", UNKNOWN, "f? force* load* external* torque*",
         "it may come from outside, beside the contacts"),

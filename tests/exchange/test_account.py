@@ -57,7 +57,17 @@ def _elsewhere(tmp_path, monkeypatch):
         ("group low id 1:3\nfix z low freeze\nfix h all gravity 1 vector 0 0 -1", "it comes after the fix that holds"),
         ("fix w2 all wall/gran 2000 NULL 50 NULL 0.5 1 zplane 0 NULL", "as in LAMMPS before 2019"),
         ("fix q all gravity v_g vector 0 0 -1", "v_g is a variable, whose value only LAMMPS knows"),
-        ("pair_style hybrid/overlay granular lj/cut 0.5", "it adds several styles (granular lj/cut 0.5)"),
+        ("pair_style hybrid/overlay granular lj/cut 0.5", "no pair_coeff gives the types of the grains a law"),
+        ("fix twice all nve/sphere", "fix twice (nve/sphere) was not taken over: it moves 24 grains that another fix"),
+        ("group low id 1:3\nfix slow low nve/limit 0.1", "it moves 3 grains that another fix moves as well"),
+        ("unfix move\ngroup low id 1:3\ngroup up subtract all low\nfix a low nve/sphere\nfix b up nve/sphere", ""),
+        ("fix still all momentum 1 linear 1 1 1", "it removes momentum, and walls, loads and held grains change"),
+        ("fix back all recenter INIT INIT INIT", "it moves grains back, and walls, loads and held grains change"),
+        ("group d dynamic all every 10\nfix a d addforce 0 0 1", "the members of group d change with time"),
+        ("group d dynamic all every 10\ngroup d static\nfix z all langevin 1 1 1 4\nunfix z", ""),
+        ("fix m all momentum/chunk 1 c linear 1 1 1", "fix m (momentum/chunk) was not taken over: it acts"),
+        ("pair_style gran/hooke 2000 NULL 20 NULL 0.4 1", "it has no springs along contacts"),
+        ("labelmap atom 1 a 2 b\ngroup low type b\nfix z low spring/self 1\nunfix z\nfix c low freeze\nunfix c", ""),
     ],
 )
 def test_commands_that_may_make_forces_have_their_names_and_places(line, text, cases, tmp_path):
@@ -65,6 +75,49 @@ def test_commands_that_may_make_forces_have_their_names_and_places(line, text, c
     notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
     left_out = [note for note in notes if isinstance(note, Obstacle)]
     assert any(text in note for note in left_out) if text else not left_out
+
+
+GRANULAR = "granular hooke 2000 20 tangential linear_history 571.4 0.5 0.4 damping mass_velocity"
+HOOKE_HISTORY = "gran/hooke/history 2000 571.4 20 10 0.4 1"
+
+
+@pytest.mark.parametrize(
+    ("lines", "text"),
+    [
+        (f"hybrid {HOOKE_HISTORY}\npair_coeff * * gran/hooke/history", ""),
+        (f"hybrid/overlay {HOOKE_HISTORY} zero 1\npair_coeff * * gran/hooke/history\npair_coeff * * zero", ""),
+        (f"hybrid/scaled 1.0 {HOOKE_HISTORY}\npair_coeff * * gran/hooke/history", ""),
+        (f"hybrid granular {HOOKE_HISTORY}\npair_coeff 1 * {GRANULAR}\npair_coeff 2 2 gran/hooke/history", ""),
+        (f"hybrid granular\npair_coeff 1 1 {GRANULAR}\npair_coeff 2 2 {GRANULAR}", ""),
+        (f"granular\nlabelmap atom 1 a 2 b\npair_coeff a a {GRANULAR[9:]}\npair_coeff b b {GRANULAR[9:]}", ""),
+        (f"granular\npair_coeff a a {GRANULAR[9:]}", "the type a is no number, and no labelmap gives it one"),
+        (
+            f"hybrid {HOOKE_HISTORY}\npair_coeff * * gran/hooke/history\npair_coeff 1 2 none",
+            "pair_coeff gives types 1 and 2 no forces, and 22 contacts between them would have some here",
+        ),
+        (
+            f"hybrid/scaled 0.5 {HOOKE_HISTORY} v_a lj/cut 1\npair_coeff * * gran/hooke/history",
+            "it multiplies forces by factors (0.5 v_a), and only factors of 1 are read",
+        ),
+        (
+            f"hybrid/overlay {HOOKE_HISTORY} lj/cut 1\npair_coeff * * gran/hooke/history\npair_coeff 1 2 lj/cut 1 1",
+            "it adds the forces of gran/hooke/history and lj/cut, and one contact law is read",
+        ),
+        (
+            f"hybrid {HOOKE_HISTORY} lj/cut 1\npair_coeff 1 * gran/hooke/history\npair_coeff 2 2 lj/cut 1 1",
+            "its part lj/cut acts between some types: no law here is equal to it",
+        ),
+    ],
+)
+def test_parts_of_hybrid_styles_and_labels_of_types(lines, text, cases, tmp_path):
+    """The law is that of the part alone, or the true cause is named."""
+    in_poured(cases, tmp_path, f"pair_style {lines}", "poured.data")
+    changed(tmp_path, "log.lammps", "write_data poured.data", f"pair_style {lines}\nwrite_data poured.data")
+    read = ss.io.read_packing(tmp_path)
+    left_out = [note for note in read.notes if isinstance(note, Obstacle)]
+    assert any(text in note for note in left_out) if text else not left_out
+    if not text:
+        np.testing.assert_allclose(read.law.table[:2, :2], np.tile([2000, 571.4, 0.4, 20, 10], (2, 2, 1)), rtol=1e-3)
 
 
 def obstacles(folder, **options):
@@ -222,6 +275,52 @@ def test_the_spacing_is_that_of_the_lattice_before_the_region(cases, tmp_path):
     assert ss.io.read_packing(tmp_path).state.walls.point[:, 2].min() == pytest.approx(-1)
 
 
+@pytest.mark.parametrize(
+    ("lines", "text"),
+    [
+        ("fix p all addforce 0 0 -0.3", "loads: forces on 24 of 24 grains would balance without the external forces"),
+        ("unfix g", "gravity: forces on 24 of 24 grains would balance under gravity (0, 0, -1)"),
+        (
+            "unfix g\nfix g all gravity 9 vector 0 0 -1\nfix p all addforce 0 0 5.2359878",
+            "gravity: forces on 24 of 24 grains would balance under gravity (0, 0, -2)",
+        ),
+    ],
+)
+def test_loads_that_were_read_are_not_missing(lines, text, cases, capsys, tmp_path):
+    """A push that the packing has not come to rest under is a cause of its own."""
+    _, said = answer(capsys, "stability", in_poured(cases, tmp_path, lines), "--modes", tmp_path / "m.npz")
+    assert text in said and ("likely causes: - gravity" in said) == text.startswith("gravity")
+
+
+def test_grains_without_memory_of_contacts(cases, tmp_path):
+    """A restart file of a style without history: its records end where memory would begin."""
+    content = (cases / "sheared" / "sheared.restart").read_bytes()
+    _, (block,) = lammps_restart._blocks(content)
+    lists = content.index(b"\1\0\0\0\x12\0\0\0NEIGH_HISTORY_HH0")
+    head = content[:lists].replace(b"\x13\0\0\0gran/hertz/history\0", b"\x0b\0\0\0gran/hooke\0")
+    records = np.stack([block[k : k + lammps_restart.EXTRA] for k in lammps_restart._record_starts(block)[:-1]])
+    records[:, 0] = lammps_restart.EXTRA
+    parts = [head, bytes(8), lammps_restart.HEADER_END, lammps_restart.BLOCK, np.int32(records.size).tobytes()]
+    (tmp_path / "a.restart").write_bytes(b"".join([*parts, records.tobytes(), lammps_restart.MAGIC]))
+    read, known = ss.io.read_packing(tmp_path / "a.restart"), ss.io.read_packing(cases / "sheared" / "sheared.restart")
+    assert (read.state.grains.position == known.state.grains.position).all()
+    assert "pair_style gran/hooke of the restart file was not taken over: it has no springs" in obstacles(tmp_path)[0]
+
+
+def test_labels_of_types_are_those_of_the_file(cases, tmp_path):
+    """Of a restart file, as in a run that begins with `read_restart`, and of a data file."""
+    law = f"pair_style granular\npair_coeff small small {GRANULAR[9:]}\npair_coeff large large {GRANULAR[9:]}\n"
+    for name in ("sheared.restart", "labels.data"):
+        folder = tmp_path / name[:2]
+        folder.mkdir()
+        (folder / name).write_bytes((cases / "sheared" / name).read_bytes())
+        (folder / "in.x").write_text(
+            f"{law}fix m all nve/sphere\nwrite_restart sheared.restart\nwrite_data labels.data"
+        )
+        assert not any("labelmap" in note for note in obstacles(folder))
+        assert ss.io.read_packing(folder).law.table[0, 1, 0] == pytest.approx(2000)
+
+
 def test_the_law_of_every_pair_is_shown(cases, capsys):
     _, said = answer(capsys, "stability", cases / "materials")
     assert "types 1 and 1, type 1 and wall 1, type 2 and wall 1: kn = 732.6" in said
@@ -255,6 +354,9 @@ TABLE = "x,y,z,radius,vx,vy,vz,wx,wy,wz{heads}\n0,0,0,0.5,0,0,0,0,0,0{a}\n0.99,0
         (",bond", ",1", ",2", "column bond of t.csv"),
         (",material", ",0", ",1", ""),
         (",box", ",1", ",1", "grains may touch across a periodic box"),
+        (",ay", ",-9.81", ",-9.81", "column ay of t.csv is not understood: the same acceleration of all grains may be"),
+        (",accel_x,accel_y", ",0,-9.81", ",0,-9.81", "column accel_y of t.csv is not understood"),
+        (",ax,ay", ",0.1,0", ",-0.1,0", ""),
         (",|U|,mask,dstV_x", ",1,1,1", ",1,1,1", ""),
     ],
 )

@@ -436,3 +436,11 @@ def test_names_of_columns_that_are_not_known_are_refused(tmp_path, name, hint):
     path = written(tmp_path / "a.csv")
     with pytest.raises(ValueError, match=f"a column '{name}' was named, which is not known: {hint}"):
         read_record(path, columns={"time": 0, name: 1})
+
+
+def test_decimal_commas_between_commas_are_not_taken_for_columns(tmp_path):
+    """Whole seconds in the first column look like numbers of rows."""
+    rows = "".join(f"{k},{k},0,6{k % 7}1\n" for k in range(20))
+    (tmp_path / "a.csv").write_text(f"time [s],load_point [um],friction [-]\n{rows}")
+    with pytest.raises(ValueError, match="if commas are decimal ones, separate columns by semicolons"):
+        read_record(tmp_path / "a.csv")

@@ -76,6 +76,22 @@ def test_without_a_normal_stress_the_one_that_would_explain_it_is_named(tmp_path
     assert "GPa/m" in said and "normal stress of 5" in said
 
 
+def test_a_stiffness_that_is_a_quarter_off_is_told_with_both_values(tmp_path, lab):
+    (said,) = [
+        line for line in fit_report.doubts(found_in(tmp_path, lab, fixed={"stiffness": 1.25 * STIFFNESS}))
+        if "contradicts" in line
+    ]  # fmt: skip
+    assert "a stiffness of 1875 1/m contradicts the record, which shows 1494 1/m" in said and "unit" not in said
+
+
+@pytest.mark.parametrize(("factor", "size"), [(1e-3, "small"), (1e3, "large")])
+def test_the_unit_of_the_displacement_is_the_other_candidate(tmp_path, lab, factor, size):
+    record = lab._replace(load_point=factor * lab.load_point)
+    (said,) = [line for line in fit_report.doubts(found_in(tmp_path, record)) if "contradicts" in line]
+    assert f"or displacements are 1000 times too {size} (the unit of load_point, or of --velocity)" in said
+    assert "friction, 0" not in said
+
+
 def test_a_stiffness_that_fits_is_not_suspected(tmp_path, lab):
     for right in (1000.0, STIFFNESS, 2500.0):
         assert not [

@@ -30,6 +30,7 @@ from .atomic import write_atomically
 from .nodes import ArchiveError, Node, known_nouns, make_node, refuse_damage, restore
 
 SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
+REMEDY = "give the results.h5 of a run"
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _VERSIONS = ("numpy", "scipy", "h5py")
 _FILTERS = {"compression": "gzip", "shuffle": True}  # of datasets with more than 1000 numbers
@@ -82,12 +83,13 @@ def versions() -> str:
     return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS)])
 
 
-def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
+def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) -> dict:
     """Read the tree that `write` stored; states are returned as `State`.
 
     Parameters
     ----------
     nouns : classes of other NamedTuples and enums to restore; those not given are returned as dictionaries and strings
+    remedy : for a file that is no archive: the inputs that the caller accepts
 
     Raises
     ------
@@ -95,8 +97,8 @@ def read(path: str | Path, *, nouns: Iterable[type] = ()) -> dict:
         if the file is not an archive, is truncated, or has a schema that this version does not read.
     """
     known = known_nouns(nouns)
-    with _open(path) as file:
-        budget = Budget(path, file.id.get_filesize(), remedy="give the results.h5 of a run", error=ArchiveError)
+    with _open(path, remedy) as file:
+        budget = Budget(path, file.id.get_filesize(), remedy=remedy, error=ArchiveError)
         return {name: restore(_read_node(item, budget), known) for name, item in file.items()}
 
 
@@ -121,20 +123,20 @@ def attributes(path: str | Path) -> dict[str, str]:
 
 
 @contextmanager
-def _open(path):
-    with refuse_damage(path, "an archive", "give the results.h5 of a run"):
-        _check_checksum(path)
+def _open(path, remedy: str = REMEDY):
+    with refuse_damage(path, "an archive", remedy):
+        _check_checksum(path, remedy)
         with h5py.File(path) as file:
             _check_schema(path, file.attrs.get("schema"))
             yield file
 
 
-def _check_checksum(path) -> None:
-    check_regular_file(path, "give the results.h5 of a run")
+def _check_checksum(path, remedy: str) -> None:
+    check_regular_file(path, remedy)
     with open(path, "rb") as file:
         block = file.read(_BLOCK)
         if not block.startswith(_HEADER):
-            raise ArchiveError(f"{path} is not an archive: give the results.h5 of a run")
+            raise ArchiveError(f"{path} is not an archive of stickslip: {remedy}")
         digest = hashlib.file_digest(file, "sha256").hexdigest().encode()
     if block[len(_HEADER) :].strip() != digest:
         raise ArchiveError(

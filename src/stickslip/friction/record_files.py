@@ -136,6 +136,8 @@ def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str
     numbers = [row[0] for _, row in rows[:LEAST]]
     if len(titles) != len(rows[0][1]) - 1 or len(rows) < LEAST or not all(map(str.isdecimal, numbers)):
         return titles
+    if not any("." in field for _, row in rows[:LEAST] for field in row):  # commas may be decimal ones
+        return titles
     return ["", *titles] if len(set(np.diff([int(number) for number in numbers]))) == 1 else titles
 
 
@@ -144,7 +146,8 @@ def _check_widths(path: Path, headings: list[str], rows: list[tuple[int, list[st
     for number, row in rows:
         if len(row) != len(headings):
             raise ValueError(
-                f"{path}, line {number}, has {len(row)} fields but the header has {len(headings)}: correct the line"
+                f"{path}, line {number}, has {len(row)} fields but the header has {len(headings)}: correct the line, "
+                f"or, if commas are decimal ones, separate columns by semicolons"
             )
 
 

@@ -15,12 +15,14 @@ from .problem import pieces, residual, solve
 LEAST_FALL = 0.05  # of the residuals, below which a trend changes little
 SURE = 16.0  # χ² of the trends, four standard errors for one of them
 STEEP = 3.0  # ratio of a stiffness to the steepest rise of friction, either way, beyond which both are compared closely
-FAR, SURELY = 2.0, 1.25  # ratio of stiffnesses beyond which one contradicts the other; the latter beyond an interval
+FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses beyond which one contradicts the other; the latter beyond an interval
+CLEAR = 2.0  # half widths of the 95 % interval beyond which a stiffness contradicts an adequate fit
 NEAR = 1.3  # ratio within which a unit explains a stiffness
 BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
 BY_STRESS = {"Pa/m": 1.0, "kPa/m": 1e3, "MPa/m": 1e6, "GPa/m": 1e9}  # in Pa/m; GPa/m = MPa/mm
 NORMAL = 1e4, 1e9  # normal stresses in laboratories [Pa]
 USUAL = 1e7  # [Pa]
+PLAUSIBLE = 0.03, 3.0  # friction of faults
 
 
 class Gain(NamedTuple):
@@ -74,23 +76,39 @@ class StiffnessDoubt(NamedTuple):
     interval: tuple[float, float]  # 95 %; NaN if unknown
     unit: str  # a likelier unit of the number that was given; "" if none is known
     value: float  # that number converted from it [1/m]
+    friction: float = np.nan  # median of the record
     normal: float = np.nan  # normal stress with which `unit` would be right, if none was recorded [Pa]
 
     def __str__(self) -> str:
         low, high = self.interval
+        other = self.other_columns()
         between = f" (95 %: {low:.4g} to {high:.4g})" if np.isfinite(low) else ""
         doubt = f"a stiffness of {self.given:g} 1/m contradicts the record, which shows {self.shown:.4g} 1/m{between}"
         if not self.unit:
-            return f"{doubt}: check the value, or fit it with --free-stiffness"
+            return f"{doubt}: check the value, or fit it with --free-stiffness{other}"
         if np.isfinite(self.normal):
             return (
                 f"{doubt}: is its unit right? {self.given:g} {self.unit} would be {self.shown:.4g} 1/m at a normal "
-                f"stress of {self.normal / 1e6:.2g} MPa: divide it by the normal stress, or use --free-stiffness"
+                f"stress of {self.normal / 1e6:.2g} MPa: divide it by the normal stress, or use --free-stiffness{other}"
             )
         return (
             f"{doubt}: is its unit right? {self.given:g} {self.unit} is {self.value:.6g} 1/m: give --stiffness "
-            f"{self.value:.6g}, or use --free-stiffness"
+            f"{self.value:.6g}, or use --free-stiffness{other}"
         )
+
+    def other_columns(self) -> str:
+        """Units of columns that explain the contradiction as well: a stiffness is friction over displacement."""
+        power = float(np.log10(self.shown / self.given))
+        if round(power) == 0 or abs(power - round(power)) > np.log10(NEAR):
+            return ""
+        factor, small = f"{10.0 ** abs(round(power)):g}", power > 0
+        size = "small" if small else "large"
+        said = f"; or displacements are {factor} times too {size} (the unit of load_point, or of --velocity)"
+        if np.isfinite(self.friction) and not PLAUSIBLE[0] < self.friction < PLAUSIBLE[1]:
+            said += (
+                f", or friction, {self.friction:.2g}, is {factor} times too {'large' if small else 'small'} (stresses)"
+            )
+        return f"{said}, and then the stiffness is right"
 
 
 def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:
@@ -110,20 +128,28 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     if case.legs is None or "stiffness" in task.slots[0]:
         return None
     usual = _is_near(given, _steepest_rise(case), STEEP)
-    if usual and solution.adequate:
-        return None
     fixed = {name: value for name, value in task.fixed.items() if name != "stiffness" and np.isfinite(value)}
     free = tuple(name for name in task.names if name not in ("a", "b", "dc", "mu0"))
     again = build_fit(solve_fit(data, law=task.law, form=task.form, fixed=fixed, free=(*free, "stiffness")))
     shown, interval = again.values["stiffness"], again.intervals["stiffness"]
     if not np.isfinite(shown) or _is_near(given, shown, SURELY if again.adequate else FAR):
         return None
-    if interval[0] <= given <= interval[1] or (usual and not again.adequate):
+    if usual and not again.adequate:
         return None
-    rest = residual(task, solution.x)
-    if np.std(again.residuals[0][case.used]) > (1 - LEAST_FALL) * np.sqrt(np.mean(rest**2)):
+    width = np.log(interval[1] / interval[0]) / 2
+    if again.adequate and np.isfinite(width):
+        if abs(np.log(given / shown)) < CLEAR * width:
+            return None
+    elif interval[0] <= given <= interval[1] or not _falls(solution, again.residuals[0][case.used]):
         return None
-    return StiffnessDoubt(given, shown, interval, *_likelier_unit(given, shown, normal))
+    unit, value, needed = _likelier_unit(given, shown, normal)
+    return StiffnessDoubt(given, shown, interval, unit, value, float(np.median(np.abs(case.friction))), needed)
+
+
+def _falls(solution: Solution, rest: np.ndarray) -> bool:
+    """Whether residuals are noticeably smaller than those of a fit."""
+    before = residual(solution.task, solution.x)
+    return bool(np.std(rest) <= (1 - LEAST_FALL) * np.sqrt(np.mean(before**2)))
 
 
 def _is_near(value: float, other: float, ratio: float) -> bool:
@@ -145,6 +171,6 @@ def _likelier_unit(given: float, shown: float, normal: float | None) -> tuple[st
         return unit, given * known[unit], np.nan
     stresses = {unit: given * size / shown for unit, size in BY_STRESS.items()}
     unit = min(stresses, key=lambda symbol: abs(np.log(stresses[symbol] / USUAL)))
-    if normal is None and NORMAL[0] <= stresses[unit] <= NORMAL[1]:
+    if normal is None and not _is_near(given, shown, STEEP) and NORMAL[0] <= stresses[unit] <= NORMAL[1]:
         return unit, shown, stresses[unit]
     return "", np.nan, np.nan

@@ -188,7 +188,12 @@ def _load_causes(here: LinearisedState) -> list[str]:
     calm = np.abs(force - mass * pull).max(axis=1) <= small
     if calm.mean() > 0.5 and (np.abs(mass * pull) > small).any():
         g = ", ".join(f"{value:.3g}" for value in np.where(np.abs(pull) < 1e-6 * np.abs(pull).max(), 0.0, -pull))
-        causes.append(f"gravity: forces on {calm.sum()} of {len(calm)} grains would balance under gravity ({g})")
+        share, word = f"{calm.sum()} of {len(calm)} grains", _like_a_load(state, pull, small)
+        causes.append(
+            f"loads: forces on {share} would balance without {word}, under which the packing has not come to rest"
+            if word
+            else f"gravity: forces on {share} would balance under gravity ({g})"
+        )
         force = force - mass * pull
     loose = np.abs(force).max(axis=1) > small
     if not loose.any() and (np.abs(torque) > small).any():
@@ -202,6 +207,17 @@ def _load_causes(here: LinearisedState) -> list[str]:
                     f"a wall: the {loose.sum()} grains whose forces do not balance are the {edge} along {'xyz'[axis]}"
                 )
     return causes
+
+
+def _like_a_load(state: State, pull: np.ndarray, small: float) -> str:
+    """The loads that accelerate all free grains as they are accelerated; empty if none do."""
+    control, n = state.control, len(state.grains.radius)
+    free, mass = control.free[:n, :3].any(axis=1), state.grains.mass[:, None]
+    push, weight = control.force[:n], mass * control.gravity
+    for word, load in (("the external forces", push), ("gravity", weight), ("gravity and the forces", push + weight)):
+        if load.any() and (np.abs(load - mass * pull)[free].max(axis=1) <= small).mean() > 0.5:
+            return word
+    return ""
 
 
 def _torque_cause(law: Law) -> str:

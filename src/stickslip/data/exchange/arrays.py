@@ -167,6 +167,12 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
     return []
 
 
+REMEDY = (
+    "of HDF5 files, the results.h5 of a run and archives from write_packing or convert are read; "
+    "`stickslip docs exchange` lists other formats"
+)
+
+
 def recognize_archive(head: bytes) -> bool:
     """Return True for HDF5, which archives of this package begin after a checksum."""
     return b"\x89HDF\r\n\x1a\n" in head
@@ -174,7 +180,7 @@ def recognize_archive(head: bytes) -> bool:
 
 def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
     """Read the states of an archive, each with its path in the archive and the nearest law above it."""
-    tree = archive.read(path)
+    tree = archive.read(path, remedy=REMEDY)
     states = dict(_find_states(tree))
     if not states:
         raise PackingError(f"{path} contains no state: give an archive of states, or an .npz")

@@ -140,7 +140,13 @@ def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]
     """Account of the columns, and notes on those that are not understood; what is zero everywhere acts on nothing."""
     used = {name: USED for name in columns if name not in rest}
     zero = {name: HARMLESS for name in rest if np.ndim(columns[name]) and not np.any(columns[name])}
-    return account_for("column of a table", columns, what, used | zero, plain_name)
+    own = {name: HARMLESS for name in rest if _differs(plain_name(name), np.asarray(columns[name]))}
+    return account_for("column of a table", columns, what, used | zero | own, plain_name)
+
+
+def _differs(name: str, column: np.ndarray) -> bool:
+    """Whether a column has accelerations that differ from grain to grain, which are those by contacts as well."""
+    return bool(re.fullmatch(r"accel.*|a.", name)) and column.ndim > 0 and bool(np.ptp(column, axis=0).any())
 
 
 def at_rest(what: str, arrays: dict) -> list[str]:

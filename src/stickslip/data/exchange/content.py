@@ -39,6 +39,7 @@ class Packing(NamedTuple):
     setting: Callable[[State], State] | None = None  # puts the grains between walls and under loads
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
     law: Law | dict | None = None  # or options of `law_by_name`
+    labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
 
 
 def _opener(path: Path):

@@ -44,9 +44,14 @@ class Run(NamedTuple):
     acts: dict[str, str]  # sentences on what makes or changes forces, or may, and is not read, by what replaces it
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # words that commands began with, by their group
+    labels: dict[str, int]  # types of atoms by their labels
     year: int = 0  # of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
+
+    def numbers(self, words: Sequence[str]) -> list[str]:
+        """Words with the numbers of types in the place of their labels."""
+        return [str(self.labels.get(word, word)) for word in words]
 
     def steps(self) -> tuple[float, float] | None:
         """First and last time step; None if they are not known."""
@@ -97,7 +102,7 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
 
 
 def _empty(source: str, year: int = 0) -> Run:
-    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, year)
+    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, {}, year)
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
@@ -217,6 +222,12 @@ def _set(run: Run, key: str, rest: list[str]) -> None:
     elif key == "neigh_modify" and "exclude" in rest:
         part = " ".join(rest[rest.index("exclude") + 1 :][:3])
         run.settings["exclude"] = [] if part.startswith("none") else [*run.settings.get("exclude", []), part]
+    elif key == "labelmap" and rest[:1] == ["atom"]:
+        run.labels.update(
+            {label: int(number) for number, label in zip(rest[1::2], rest[2::2], strict=False) if number.isdecimal()}
+        )
+    elif key == "labelmap" and rest[:1] == ["clear"]:
+        run.labels.clear()
     elif key == "lattice":
         run.settings[LATTICE] = []  # a log has it in the next line
 
@@ -251,7 +262,7 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
     members = np.zeros(n, bool)
     for style, *arguments in run.groups.get(name, [["unknown"]]):
         if style in ("type", "id") and (types if style == "type" else ids) is not None:
-            members |= _select(types + 1 if style == "type" else ids, arguments)
+            members |= _select(*((types + 1, run.numbers(arguments)) if style == "type" else (ids, arguments)))
         elif style in ("union", "subtract", "intersect"):
             parts = [group_members(run, word, ids, types, n) for word in arguments if word != name]
             if any(part is None for part in parts) or not parts:

@@ -5,15 +5,16 @@ from itertools import combinations
 import numpy as np
 
 from ...builtin_laws import BY_NAME
-from ...core.laws.builtin import PARAMETERS
+from ...core.laws.builtin import PARAMETERS, linear
 from ...core.laws.properties import resists_rolling
+from ...core.measure import touching
 from ...core.readable import pluralize
 from ...core.state import State, empty_contacts, flat_walls, loads
-from ...known import HARMLESS, UNKNOWN, USED, find_row
-from ..sample import UNDECIDED, Absent, Assumption, NoTypes
+from ...known import HARMLESS, UNKNOWN, USED, find_row, plain_style
+from ..sample import UNDECIDED, Absent, Assumption, NoTypes, from_arrays
 from . import lammps_restart
 from .lammps_commands import numbers_in
-from .lammps_fixes import TAKEN, Course
+from .lammps_fixes import CENTRED, TAKEN, Course
 from .lammps_laws import (
     HISTORY,
     LIMITED,
@@ -25,9 +26,11 @@ from .lammps_laws import (
     law_of_contacts,
     memory_layout,
     mix,
+    no_equal,
     of_release,
 )
 
+BESIDE = "style beside the pair style"
 HEAVY = "held grains count as infinitely heavy in dashpots, as under fix freeze, where LAMMPS takes their masses"
 MOVERS = {  # fixes that move grains, and whether these also turn
     "nve": False, "nve/limit": False, "nve/noforce": False, "nve/sphere": True, "nve/bpm/sphere": True, "move": True,
@@ -74,7 +77,7 @@ def take_over(course: Course) -> None:
     for name, (group, style, *_) in run.fixes.items():
         if style in MOVERS:
             _try(course, name, lambda group=group, style=style: _take_mover(course, group, style))
-    for name, (group, style, *arguments) in run.fixes.items():
+    for name, (group, style, *arguments) in sorted(run.fixes.items(), key=lambda fix: fix[1][1] in CENTRED):
         _try(course, name, lambda *given: _take_fix(course, *given), name, style, group, arguments)
     _hold_the_rest(course)
     _finish_law(course)
@@ -96,8 +99,12 @@ def _try(course: Course, name: str, take, *given) -> None:
 
 
 def _take_mover(course: Course, group: str, style: str) -> None:
-    course.moved |= course.members(group)
-    course.turned |= course.members(group) & MOVERS[style]
+    members = course.members(group)
+    twice = int((course.moved & members).sum())
+    course.moved |= members
+    course.turned |= members & MOVERS[style]
+    if twice:
+        raise ValueError(f"it moves {pluralize(twice, 'grain')} that another fix moves as well, twice in a step")
 
 
 def _take_fix(course: Course, name: str, style: str, group: str, arguments: list[str]) -> None:
@@ -142,13 +149,89 @@ def _take_pairs(course: Course) -> None:
         elif style == "granular":
             _take_coefficients(course)
         elif style.startswith("hybrid"):
-            raise ValueError(f"it adds several styles ({' '.join(arguments)}), and one contact law is read")
+            _take_hybrid(course, style, arguments)
         else:
-            raise ValueError("no law here is equal to it")
+            raise ValueError(no_equal(style))
+        if not any(max(pair) < course.kinds for pair in course.contacts):
+            raise ValueError("no pair_coeff gives the types of the grains a law")
         course.met[USED].append(f"pair_style {style}")
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         place = course.run.places.get("pair_style", course.run.source)
         course.obstacle(f"pair_style {style} was not taken over: {problem} ({place})")
+
+
+def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
+    """Laws of the parts of a hybrid style, of which at most one may act between two types."""
+    parts, factors = _split_hybrid(arguments, {line[2] for line in course.run.pair_coeff if len(line) > 2})
+    if any(word not in ("1", "1.0") for word in factors):
+        raise ValueError(f"it multiplies forces by factors ({' '.join(factors)}), and only factors of 1 are read")
+    acting: dict[tuple[int, int], dict[str, list[str]]] = {}
+    for first, second, part, *rest in course.run.pair_coeff:
+        ends = {(min(a, b), max(a, b)) for a in _types(course, first) for b in _types(course, second)}
+        for pair in ends:
+            others = acting.get(pair, {}) if style != "hybrid" and part != "none" else {}
+            acting[pair] = others | {plain_style(part): rest}
+    for pair, own in acting.items():
+        own = {part: rest for part, rest in own.items() if find_row(BESIDE, part).group != HARMLESS}
+        if len(own) > 1:
+            raise ValueError(f"it adds the forces of {' and '.join(own)}, and one contact law is read")
+        for part, rest in own.items():
+            if part not in parts or (part != "granular" and part.removeprefix("gran/") not in HISTORY):
+                raise ValueError(f"its part {part} acts between some types: {no_equal(part)}")
+            words = rest if part == "granular" else parts[part]
+            course.contacts[pair] = contact_of(part.removeprefix("gran/"), words)[0]
+            course.stored += [] if part == "granular" else numbers_in(words[:5])
+    _mix_the_rest(course, set(acting))
+    apart = {pair for pair in acting if pair not in course.contacts}
+    if course.types is None and (apart or len({str(contact) for contact in course.contacts.values()}) > 1):
+        raise ValueError("the grains have no types (a column type), and its parts act between some types only")
+    _check_apart(course, apart)
+
+
+def _split_hybrid(arguments: list[str], given: set[str]) -> tuple[dict[str, list[str]], list[str]]:
+    """Words that follow each part of a hybrid style, and the factors before the parts of hybrid/scaled."""
+    parts: dict[str, list[str]] = {}
+    factors: list[str] = []
+    name = ""
+    scaled = bool(numbers_in(arguments[:1])) or arguments[0].startswith("v_")
+    for word in arguments:
+        if word in given or word == "granular" or "/" in word:
+            if scaled:
+                factors.append(parts[name].pop())
+            name = plain_style(word)
+            if name in parts:
+                raise ValueError(f"it has the part {name} twice, which is not read")
+            parts[name] = []
+        else:
+            parts.setdefault(name, []).append(word)
+    return parts, factors
+
+
+def _check_apart(course: Course, apart: set[tuple[int, int]]) -> None:
+    """Note contacts of types between which LAMMPS has no forces, and which are there here."""
+    if not apart or course.types is None:
+        return
+    arrays = {name: course.packing.arrays.get(name) for name in ("position", "radius", "cell", "periodic")}
+    state = from_arrays(**arrays, law=linear(), dim=course.packing.arrays.get("dim", 3))
+    rows = touching(state)
+    ends = np.sort(np.stack([course.types[state.contacts.i[rows]], course.types[state.contacts.j[rows]]]), axis=0)
+    for a, b in sorted(apart):
+        count = int(((ends[0] == a) & (ends[1] == b)).sum())
+        what = f"pair_coeff gives types {a + 1} and {b + 1} no forces"
+        if count:
+            course.obstacle(f"{what}, and {pluralize(count, 'contact')} between them would have some here")
+        else:
+            course.notes.append(
+                Assumption(f"{what}: none of them touch, and if they came to, they would have some here")
+            )
+
+
+def _mix_the_rest(course: Course, given: set[tuple[int, int]] = frozenset()) -> None:
+    """Laws of pairs of types that have none of their own, from those of both types."""
+    own = [a for a in range(course.kinds) if (a, a) in course.contacts]
+    for a, b in combinations(own, 2):
+        if (a, b) not in {*course.contacts, *given}:
+            course.contacts[a, b] = mix(course.contacts[a, a], course.contacts[b, b])
 
 
 def _take_coefficients(course: Course) -> None:
@@ -166,22 +249,20 @@ def _take_coefficients(course: Course) -> None:
         lines = {("1", "1"): next(iter(lines.values()))}
     given = {}
     for (first, second), arguments in lines.items():
-        ends = [(a, b) for a in _types(first, course.kinds) for b in _types(second, course.kinds)]
+        ends = [(a, b) for a in _types(course, first) for b in _types(course, second)]
         given |= {(min(pair), max(pair)): arguments for pair in ends}
     laws = {arguments: contact_of("granular", arguments)[0] for arguments in dict.fromkeys(given.values())}
     course.contacts |= {pair: laws[arguments] for pair, arguments in given.items()}
     course.stored += [number for arguments in laws for number in numbers_in(arguments)]
-    own = [a for a in range(course.kinds) if (a, a) in course.contacts]
-    for a, b in combinations(own, 2):
-        if (a, b) not in course.contacts:
-            course.contacts[a, b] = mix(course.contacts[a, a], course.contacts[b, b])
+    _mix_the_rest(course)
 
 
-def _types(word: str, kinds: int) -> range:
-    """Types, from 0, that a word such as 1, *, 2* or 1*3 means."""
+def _types(course: Course, word: str) -> range:
+    """Types, from 0, that a word such as 1, *, 2* or 1*3, or a label, means."""
+    (word,), kinds = course.run.numbers([word]), course.kinds
     low, star, high = word.partition("*")
     if not (low + high).isdecimal() and low + high:
-        raise ValueError(f"the type {word} is no number")
+        raise ValueError(f"the type {word} is no number, and no labelmap gives it one")
     first = int(low or 1)
     return range(first - 1, min(int(high or kinds) if star else first, kinds))
 

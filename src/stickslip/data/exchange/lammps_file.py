@@ -113,9 +113,9 @@ def _finish_packing(
     table: Table, ids: np.ndarray | None, arrays: dict, boundary: str | None, notes: list[str]
 ) -> Packing:
     """Packing with its cell, periodic flags and dimension."""
-    types, force = arrays.pop("types", None), arrays.pop("force", None)
+    types, force, labels = arrays.pop("types", None), arrays.pop("force", None), arrays.pop("labels", {})
     arrays, notes = add_box(table, arrays, boundary, notes)
-    return Packing(str(table.step), arrays, notes, table.step, ids, types, force)
+    return Packing(str(table.step), arrays, notes, table.step, ids, types, force, labels=labels)
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:

@@ -33,7 +33,8 @@ class Course:
     """Effects of the commands of a run: the law, walls and loads, and notes on what was not taken over."""
 
     def __init__(self, run: Run, packing: Packing, masks: dict[str, np.ndarray]):
-        self.run, self.packing, self.masks = run, packing, masks
+        self.packing, self.masks = packing, masks
+        self.run = run._replace(labels=(packing.labels or {}) | run.labels)
         self.notes: list[str] = []
         self.n, self.types = len(packing.arrays["radius"]), packing.types
         self.kinds = int(self.types.max()) + 1 if self.types is not None else 1
@@ -49,6 +50,8 @@ class Course:
 
     def members(self, group: str) -> np.ndarray:
         """(N,) bool, members of a group; ValueError if they are not known."""
+        if any(words[0] == "dynamic" for words in self.run.groups.get(group, ())[-1:]):
+            raise ValueError(f"the members of group {group} change with time (`group {group} dynamic`)")
         mask = self.masks.get(group)
         mask = group_members(self.run, group, self.packing.ids, self.types, self.n) if mask is None else mask
         if mask is None:
@@ -225,7 +228,32 @@ def _take_deform(course: Course, name: str, group: str, arguments: list[str]) ->
     course.notes.append(Assumption(f"{strained}: judged at the instant, with the cell fixed"))
 
 
+CENTRED = ("momentum", "recenter")  # fixes that come after all others, whose loads they may act against
+
+
+def _take_momentum(course: Course, name: str, group: str, arguments: list[str]) -> None:
+    """Check that a fix which removes momentum, or moves grains back to a place, has nothing to do.
+
+    Contacts between grains keep their total momentum, and a periodic box does not keep their angular one.
+    """
+    style, whole = course.run.fixes[name][1], course.members(group).all()
+    loaded = course.walls or course.gravity.any() or course.force.any() or not course.free[:, :3].all()
+    box = course.packing.arrays.get("periodic", np.zeros(3, bool))
+    turns = "angular" in arguments and np.any(box)
+    if style == "recenter" and arguments[3:4] == ["shift"]:
+        whole = whole and course.members(arguments[4]).all()
+    if whole and not loaded and not turns:
+        return
+    why = (
+        "walls, loads and held grains change the momentum of the others" if loaded
+        else f"contacts change the momentum of group {group}" if not whole
+        else "contacts across a periodic box change the angular momentum"
+    )  # fmt: skip
+    raise ValueError(f"{'it removes momentum' if style == 'momentum' else 'it moves grains back'}, and {why}")
+
+
 TAKEN = {
     "wall/gran": _take_wall, "wall/gran/region": _take_plane, "gravity": _take_gravity, "freeze": _take_freeze,
     "setforce": _take_setforce, "addforce": _take_addforce, "deform": _take_deform,
+    **dict.fromkeys(CENTRED, _take_momentum),
 }  # fmt: skip

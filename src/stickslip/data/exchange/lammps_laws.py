@@ -123,6 +123,15 @@ def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]
     return Contact(law, damping, values, tension), rest[not tension :]
 
 
+def no_equal(style: str) -> str:
+    """Why a pair style has no law here."""
+    if style.removeprefix("gran/") == "hooke":
+        return (
+            "it has no springs along contacts, so that friction holds no grain at rest, and no law here is equal to it"
+        )
+    return "no law here is equal to it"
+
+
 def wall_contact(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]]:
     """Law of a wall, as `contact_of`: the lever arms at walls are R."""
     contact, rest = contact_of(style, arguments)

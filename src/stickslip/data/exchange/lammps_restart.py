@@ -30,7 +30,7 @@ from ...known import UNKNOWN, USED, group_of, plain_style
 from ..sample import UNDECIDED, Absent, Obstacle, PackingError, account_for
 from .content import HEAD, Packing, only_state, read_content
 from .lammps_laws import HISTORY as HISTORY_LAWS
-from .lammps_laws import SAME_UNITS
+from .lammps_laws import SAME_UNITS, no_equal
 from .lammps_text import Table, add_box, restricted_box, whole_periods
 
 MAGIC = b"LammpS RestartT\x00"
@@ -58,6 +58,7 @@ FLAGS = {  # what follows the flags of a header
 }  # fmt: skip
 UNITS, STEP, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 31, 32, 33, 34, 35
 MOST_GROUPS = 32
+LABELS = 72  # the flag before labels of types
 STORED = "fix "  # how notes on stored fixes begin
 NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
 
@@ -119,7 +120,7 @@ def _record_starts(block: np.ndarray) -> np.ndarray:
     """Start of the record of each grain in a block, and the end of the last; ValueError if a record does not fit."""
     starts = [0]
     while starts[-1] < len(block):
-        starts.append(int(_ends(block, np.array(starts[-1:]), len(block), EXTRA + 2)[0]))
+        starts.append(int(_ends(block, np.array(starts[-1:]), len(block), EXTRA)[0]))
     return np.array(starts, np.int64)
 
 
@@ -233,7 +234,17 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
         left_out.append(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over")
     notes = [*([] if walls else notes), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
-    return Packing(str(box.step), arrays, notes, box.step, known.ids, known.types, memory=known, law=law)
+    return Packing(
+        str(box.step),
+        arrays,
+        notes,
+        box.step,
+        known.ids,
+        known.types,
+        memory=known,
+        law=law,
+        labels=_groups_and_labels(content, known.mask)[1],
+    )
 
 
 def stored_fixes(head: bytes) -> dict[str, str]:
@@ -258,23 +269,33 @@ def time_step(path: Path) -> int:
 
 def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
     """(N,) bool, members of each group whose name the file has."""
-    content = read_content(path)
-    masks, names = {}, []
+    return _groups_and_labels(read_content(path), memory.mask)[0]
+
+
+def _groups_and_labels(content: bytes, mask: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+    """Members of each named group, and types by their labels."""
+    masks, names, labels = {}, [], []
     try:
         _, at = _header(content)
         reader = Reader(content, at - 4)
         if reader.number("<i") != -1:
-            return {}
+            return {}, {}
         count = reader.number("<i")
         while len(masks) < count <= MOST_GROUPS and len(names) < MOST_GROUPS:
             named = content[reader.at : reader.at + 4] != bytes(4)
             name = _string(reader) if named else reader.take(4) and ""
             if name:
-                masks[name] = (memory.mask >> len(names) & 1).astype(bool)
+                masks[name] = (mask >> len(names) & 1).astype(bool)
             names.append(name)
     except ValueError:
-        return {}
-    return masks
+        return {}, {}
+    try:
+        if reader.number("<i") == LABELS and reader.number("<i"):
+            while len(labels) < LONGEST_NAME:
+                labels.append(_string(reader))
+    except ValueError:  # the end of the labels
+        pass
+    return masks, {label: k for k, label in enumerate(labels, start=1) if label}
 
 
 def _header(content: bytes) -> tuple[dict, int]:
@@ -314,6 +335,10 @@ def compare_pair_style(path: Path, numbers: Sequence[float]) -> tuple[str, list[
 def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
     style, at = _pair_style(head)
+    if style not in ("none", "granular") and style.removeprefix("gran/") not in HISTORY_LAWS and style[:6] != "hybrid":
+        return None, [
+            Obstacle(f"{UNDECIDED}pair_style {style} of the restart file was not taken over: {no_equal(style)}")
+        ]
     if style.removeprefix("gran/") not in HISTORY_LAWS:
         return None, [Absent(f"the coefficients of pair_style {style}: give the run's folder, or the law with --law")]
     reader = Reader(head, at)
@@ -374,12 +399,12 @@ def _read_block(block: np.ndarray, stores: list[str], values: int | None):
     position, velocity, spin = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY, SPIN))
     sizes = block[start + RADIUS], block[start + MASS], whole[start + TYPE] - 1, whole[start + TYPE + 1]
     entry, walls = start + EXTRA, 0
-    pairs = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
-    touched = [pairs]
+    none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
+    pairs, touched = [none], [none]  # of each part of a hybrid style, and of each wall
     for style in stores:
         end = _ends(block, entry, stop)
         if style.startswith(HISTORY):
-            pairs = _read_pairs(block, entry, end, tag, values)
+            pairs.append(_read_pairs(block, entry, end, tag, values))
         elif style.startswith(WALL):
             on, first = np.arange(len(tag)), 1
             if style.startswith(REGION):
@@ -390,8 +415,8 @@ def _read_block(block: np.ndarray, stores: list[str], values: int | None):
             touched.append((np.full(len(on), walls), tag[on], slip, more))
             walls += 1
         entry = end
-    at_walls = tuple(np.concatenate(columns) for columns in zip(*touched, strict=True))
-    return (tag, position, image, velocity, spin, *sizes), pairs, at_walls
+    joined = (tuple(map(np.concatenate, zip(*parts, strict=True))) for parts in (pairs, touched))
+    return (tag, position, image, velocity, spin, *sizes), *joined
 
 
 def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.ndarray, values: int | None):

@@ -272,6 +272,7 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         "mass": rows[:, at["density"]] * VOLUME * radius**3,
     }
     arrays["types"] = rows[:, at["type"]].astype(np.int64) - 1
+    arrays["labels"] = {label: int(number) for label, number in labels.items()}
     if rows.shape[1] == len(names) + 3:
         arrays["position"] = arrays["position"] + whole_periods(rows[:, -3:], vectors)
     if motion is not None:

@@ -91,6 +91,11 @@ def read_samples(folder: Path, scenarios: dict[str, GougeScenario]) -> dict[str,
     return {name: dict(sorted(mine.items())) for name, mine in found.items()}
 
 
+REMEDY = (
+    "give a folder that has only samples, which `stickslip reproduce gouge --paper-size` writes in its folder samples"
+)
+
+
 def read_sample(path: Path, *scenarios: GougeScenario) -> Sample:
     """Read a sample of one of several scenarios.
 
@@ -99,7 +104,8 @@ def read_sample(path: Path, *scenarios: GougeScenario) -> Sample:
     ArchiveError
         If the file is not a sample, or belongs to another scenario or version of the physics.
     """
-    about, content = archive.attributes(path), archive.read(path, nouns=(Realization, Range, Test, Series))
+    content = archive.read(path, nouns=(Realization, Range, Test, Series), remedy=REMEDY)
+    about = archive.attributes(path)
     sample, physics = content.get("sample"), content.get("physics")
     if not isinstance(sample, Realization):
         raise ArchiveError(f"{path} is not a sample of gouge: move it to another folder")
