@@ -140,6 +140,15 @@ def _working_in(folder: Path, output: Output):
             raise StoppedError("stopped by the user before anything was saved: run the command again") from None
 
 
+def _note_levels(folder: Path) -> None:
+    """Print a note on checkpoints that were computed by the core for other processors."""
+    from ..data.checkpoint import note_on_levels
+    from ..reports import terminal
+
+    if note := note_on_levels(folder):
+        terminal.console.print(note, style="yellow")
+
+
 def _reproduce_in(
     command: str, folder: Path, spread, output: Output, look, *, experiment: str, quick: bool, **asked
 ) -> None:  # fmt: skip
@@ -153,6 +162,7 @@ def _reproduce_in(
     chosen = papers()[experiment]
     if quick:
         terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
+    _note_levels(folder)
     with convert_errors(), terminal.progress() as tell:
         reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
@@ -249,6 +259,7 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look) ->
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
+    _note_levels(folder)
     with convert_errors(), terminal.progress() as tell:
         result = experiment.simulate(chosen, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
@@ -288,6 +299,7 @@ def resume(
             if saved.reproduction:
                 return _reproduce_in("resume", folder, spread, output, saved.look, **saved.reproduction)
             if saved.sweep:
+                _note_levels(folder)
                 options = {"yes": True, "figures": saved.figures, "look": saved.look}
                 return _run_sweep_in("resume", saved.sweep, folder, spread, output, **options)
             return _run_in("resume", saved.scenario, folder, spread, output, saved.look)
