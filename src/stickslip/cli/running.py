@@ -129,6 +129,7 @@ def _working_in(folder: Path, output: Output):
     """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.lock import lock_folder
+    from ..data.run_files import resume_command
     from ..reports import terminal
 
     with terminal.console_output(*output), lock_folder(folder):
@@ -136,7 +137,7 @@ def _working_in(folder: Path, output: Output):
             yield
         except KeyboardInterrupt:
             if is_worth_resuming(folder):
-                raise StoppedError(f"stopped by the user: continue with stickslip resume {folder}") from None
+                raise StoppedError(f"stopped by the user: continue with {resume_command(folder)}") from None
             raise StoppedError("stopped by the user before anything was saved: run the command again") from None
 
 
@@ -228,6 +229,7 @@ def run(
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
     """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
+    from ..data.run_files import resume_command
     from ..experiments.registry import experiment_of
     from ..reports import terminal
     from ..runs import folder as run_folder
@@ -243,7 +245,7 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
         checkpoint_in(folder, chosen).announce()
-    message = f"Submit job.slurm, or run sh run.sh; then stickslip resume {folder}."
+    message = f"Submit job.slurm, or run sh run.sh; then {resume_command(folder)}."
     finish(
         lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(message), output
     )  # fmt: skip
