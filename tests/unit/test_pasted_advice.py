@@ -78,7 +78,9 @@ CASES = {
     "not at rest": (moved, "stability m.npz", r"come to rest with (--settle)", {}),
     "page of a packing not at rest": (moved, "report m.npz --out m.html", r"settle the packing with (--settle)", {}),
     "several states": (moved, "stability two.h5 --settle", r"(--frame), from ([^,\s]*)", {}),
-    "several states to write": (moved, "convert two.h5 --to one.npz", r"with (--frame)", {"--frame": "--frame frames/000000"}),
+    "several states to write": (
+        moved, "convert two.h5 --to one.npz", r"with (--frame)", {"--frame": "--frame frames/000000"},
+    ),
     "no sliding at the start": (
         records, "fit held.csv --stiffness 2000 --law slip", r"\((--before)\)", {"--before": "--before 1e-6"},
     ),
