@@ -1,9 +1,11 @@
 """GSD: what is ours comes back to the last bit, what others wrote as far as it can, what is broken in one sentence."""
 
 import json
+import struct
 import subprocess
 import sys
 
+import gsd.fl
 import gsd.hoomd
 import numpy as np
 import pytest
@@ -202,6 +204,50 @@ def test_files_of_another_kind_are_refused(change, message, tmp_path):
     with pytest.raises(ss.packings.PackingError, match=message) as problem:
         ss.io.read_packing(tmp_path / "p.gsd")
     assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "message"),
+    [
+        (16, 2**63 + 128, "an index of 9223372036854775936 entries and 32 names is declared"),  # 0 bytes, modulo 2**64
+        (32, 2**58 + 1, "128 entries and 288230376151711745 names"),
+        (256 + 8, 2**61, "a chunk is declared beyond the end"),  # rows of the first chunk
+        (256 + 16, 2**63, "a chunk is declared beyond the end"),  # its place
+    ],
+)
+def test_numbers_of_the_header_and_the_index_are_checked_before_the_library_trusts_them(at, value, message, tmp_path):
+    """It read beyond the end of memory, and the process ended."""
+    ss.io.write_packing(tmp_path / "p.gsd", spheres(), SHARP)
+    content = bytearray((tmp_path / "p.gsd").read_bytes())
+    assert struct.unpack_from("<Q", content, 8)[0] == 256
+    struct.pack_into("<Q", content, at, value)
+    (tmp_path / "p.gsd").write_bytes(content)
+    with pytest.raises(ss.packings.PackingError, match=message):
+        ss.io.read_packing(tmp_path / "p.gsd")
+
+
+@pytest.mark.parametrize("of", ["particles", "bonds", "frames", "chunks"])
+def test_a_small_file_does_not_fill_the_memory(of, tmp_path):
+    """All but the number of particles may be left out, frames repeat the first one, and chunks may overlap."""
+    path, many = tmp_path / "p.gsd", 1000
+    with gsd.fl.open(path, "w", "made", "hoomd", [1, 4]) as file:
+        file.write_chunk(
+            "bonds/N" if of == "bonds" else "particles/N", np.array([2000 if of == "frames" else 2**30], "u4")
+        )
+        for name in range(many if of == "chunks" else 0):
+            file.write_chunk(f"log/{name}", np.zeros(1 if name else 20_000))
+        for k in range(many if of == "frames" else 1):
+            file.write_chunk("configuration/step", np.array([k + 1], "u8"))
+            file.end_frame()
+    if of == "chunks":
+        content = np.fromfile(path, np.uint8)
+        start, number = content[8:24].view("<u8")
+        index = content[start : start + number * gsd_file.ENTRY.itemsize].view(gsd_file.ENTRY)
+        index["rows"][1:many], index["at"][1:many] = index["rows"][1], index["at"][1]
+        content.tofile(path)
+    what = {"frames": "particles", "chunks": "frame 0"}.get(of, of)
+    with pytest.raises(ss.packings.PackingError, match=f"its {what} would take more than"):
+        ss.io.read_packings(path, law=SHARP)
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,6 @@ def test_columns_without_headings_are_advised_as_they_are_typed(tmp_path):
     first = stickslip_here("fit", "a.txt", "--law", "slip", "--stiffness", "1500", cwd=tmp_path)
     assert first.returncode == 2
     pasted = advice(told(first), "--columns")
-    pasted[1] = pasted[1].replace("time=", "time [s]=")
     again = stickslip_here("fit", "a.txt", "--law", "slip", "--stiffness", "1500", *pasted, cwd=tmp_path)
     assert again.returncode == 0, again.stderr
 

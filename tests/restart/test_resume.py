@@ -204,6 +204,22 @@ def test_pieces_of_another_version_are_refused(tmp_path, monkeypatch):
         one.load("piece")
 
 
+def test_checkpoints_of_another_level_of_the_core_are_named(tmp_path, monkeypatch):
+    from stickslip.data import checkpoint as room
+
+    monkeypatch.setattr(room.build, "usable_levels", lambda: ("base", "avx2"))
+    for level in ("avx2", "avx512", "base"):
+        monkeypatch.setattr(room.build, "best_level", lambda level=level: level)
+        one = room.Checkpoint(tmp_path / level, "scenario")
+        one.save("piece", {"x": 1.0})
+        assert room.note_on_levels(one.run) == ""
+    assert one.load("piece") == {"x": 1.0}
+    note = room.note_on_levels(tmp_path / "avx2")
+    assert "of the core for avx2, and this is the one for base: " in note
+    assert note.endswith("; STICKSLIP_LEVEL=avx2 continues with that core")
+    assert room.note_on_levels(tmp_path / "avx512").endswith("to round-off, not bit for bit")
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs limits on the size of files")
 def test_a_full_disk_ends_with_a_sentence_and_what_was_kept_is_whole(tmp_path):
     """A limit on the size of files stands for the disk: writing beyond it is an error, as it is there."""

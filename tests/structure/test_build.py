@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -92,7 +93,9 @@ def test_only_the_level_of_this_machine_is_built_unless_others_are_asked_for(tri
     if best == "base":
         return
     monkeypatch.setenv("STICKSLIP_LEVEL", "base")
-    with pytest.raises(build.BuildError, match=r"core-base\.\w+ does not exist: .*build.py --level base builds it$"):
+    with pytest.raises(
+        build.BuildError, match=r"core-base\.\w+ does not exist: .*build.py --level base --out \S+ builds it$"
+    ):
         build.library(build.best_level())
     monkeypatch.delenv("STICKSLIP_LEVEL")
     build.library_path(best).unlink()  # of another machine, say, with a lower level
@@ -171,12 +174,84 @@ def test_the_level_is_that_of_the_processor_or_a_lower_one(monkeypatch):
 
 def test_a_core_of_other_sources_is_refused_with_the_command_that_builds_it(trial, monkeypatch):
     monkeypatch.setenv("STICKSLIP_CORE", str(trial))
-    remedy = rf": .*python\S* {build.HERE / 'build.py'} --level base builds it$"
+    remedy = rf": .*python\S* {build.HERE / 'build.py'} --level base --out {trial} builds it$"
     with pytest.raises(build.BuildError, match=f"does not exist{remedy}"):
         build.library("base")
     build.build(trial, levels=("base",))
-    with pytest.raises(build.BuildError, match=f"was built from other sources than those in {build.HERE}{remedy}"):
+    with pytest.raises(
+        build.BuildError, match=f"is damaged, or was built from other sources than those in {build.HERE}{remedy}"
+    ):
         build.library("base")
+
+
+FAILS = {  # compilers that fail for one source, and what is said
+    "says nothing": ("exit 3", "ended with 3 and wrote no version-"),
+    "writes nothing": ("exit 0", "ended with 0 and wrote no version-"),
+    "is killed": ("kill -9 $$", "ended with -9 and wrote no version-"),
+    "writes half": ('c++ "$@" || exit; for a; do [ "$last" = -o ] && truncate -s 100 "$a"; last=$a; done', "version-"),
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="shell and linker of Linux")
+@pytest.mark.parametrize("how", FAILS)
+def test_a_compiler_that_fails_leaves_the_library_and_the_next_call_builds(trial, monkeypatch, how):
+    does, message = FAILS[how]
+    build.build(trial)
+    path = build.library_path(build.usable_levels(trial)[-1], trial)
+    before = path.read_bytes()
+    bad = trial / "bad"
+    good = f'[ -e {trial}/good ] && exec c++ "$@"'  # the same compiler, mended
+    bad.write_text(f'#!/bin/sh\n{good}\ncase "$*" in *-c*version.cpp*) {does};;\n*) exec c++ "$@";; esac\n')
+    bad.chmod(0o755)
+    monkeypatch.setenv("CXX", str(bad))
+    with pytest.raises(build.BuildError, match=f"^the core was not built: .*{message}") as error:
+        build.build(trial)
+    assert "\n" not in str(error.value) and path.read_bytes() == before
+    assert not list(trial.rglob(".[0-9]*"))
+    (trial / "good").touch()
+    assert "was built" in build.build(trial)
+
+
+@pytest.mark.parametrize("asked", ["'", "text"])
+def test_what_cannot_be_started_is_passed_over(trial, monkeypatch, capsys, asked):
+    (trial / "text").write_text("no program")
+    (trial / "text").chmod(0o755)
+    monkeypatch.setenv("CXX", asked if asked == "'" else str(trial / asked))
+    assert build.find_compiler().command[0] != asked
+    assert "does not compile: other compilers are tried" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_is_named_in_one_sentence(trial):
+    (trial / build.OBJECTS).touch()
+    with pytest.raises(
+        build.BuildError, match=rf"^the core was not built: {trial}/\{build.OBJECTS}: file exists; make"
+    ):
+        build.build(trial)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="files in the format of Linux")
+def test_truncated_libraries_are_built_again_and_never_loaded(trial):
+    """The system ended the process that loaded one."""
+    build.build(trial)
+    for path in trial.glob("core-*"):
+        whole = path.read_bytes()
+        for size in (0, 100, len(whole) // 2, len(whole) - 1):
+            path.unlink()  # it may be loaded
+            path.write_bytes(whole[:size])
+            assert build.stamp(path) == {}
+    assert "was built" in build.build(trial)
+    assert loaded(trial, build.usable_levels(trial)[-1]).version() == 3
+
+
+@pytest.mark.skipif(build.fcntl is None, reason="needs locks of files")
+def test_builds_at_the_same_time_wait_for_each_other(trial):
+    (trial / build.OBJECTS).mkdir()
+    (trial / build.OBJECTS / ".12-killed.o").touch()
+    with ThreadPoolExecutor(3) as pool:
+        said = [*pool.map(lambda force: build.build(trial, force=force), [True, False, True])]
+    assert sum("was built in" in text for text in said) >= 2, said
+    assert loaded(trial, build.usable_levels(trial)[-1]).version() == 3
+    assert not list(trial.rglob(".[0-9]*"))
 
 
 @pytest.mark.slow

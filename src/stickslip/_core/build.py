@@ -19,14 +19,21 @@ import platform
 import re
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
 import sysconfig
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 HERE = Path(__file__).resolve().parent
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
@@ -44,6 +51,7 @@ _X86 = {
 }
 _MARCH = _X86 if MACHINE == "x86_64" else {"base": []}
 LEVELS = tuple(_MARCH)  # lowest first
+OBJECTS = ".objects"  # folder of compiled sources beside the libraries
 PROBE, PROBE_SOURCE = "probe", "level.cpp"  # library that finds the level, compiled for the lowest one
 FLAGS = [
     "-std=c++17", "-O3", "-fPIC", "-fvisibility=hidden", "-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics",
@@ -111,7 +119,11 @@ def find_compiler() -> Compiler | None:
 
     CXX=ziglang asks for the last. On Windows, those of the path are not tried.
     """
-    asked = shlex.split(os.environ.get("CXX", ""))
+    text = os.environ.get("CXX", "")
+    try:
+        asked = shlex.split(text)
+    except ValueError:  # an open quotation
+        asked = [text]
     if asked == ["ziglang"]:
         candidates = _ziglang()
     else:
@@ -143,7 +155,12 @@ def _try_compiler(command: list[str]) -> Compiler | None:
 
 
 def _run(command: list) -> subprocess.CompletedProcess:
-    return subprocess.run([*map(str, command)], capture_output=True, text=True, errors="replace")
+    """Run a command; one that cannot be started has an exit status too."""
+    command = [*map(str, command)]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, errors="replace")
+    except OSError as error:
+        return subprocess.CompletedProcess(command, 126, "", f"{error.strerror}: {command[0]}")
 
 
 def digest(folder: Path = HERE) -> str:
@@ -164,21 +181,32 @@ def library_path(level: str, folder: Path | None = None) -> Path:
 
 
 def stamp(path: Path) -> dict[str, str]:
-    """Digest, compiler, command, target and sanitizers as stored in a library; empty if there is none."""
-    if not path.exists():
-        return {}
-    mark = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", path.read_bytes())
-    return json.loads(mark[1]) if mark else {}
+    """Digest, compiler, command, target and sanitizers as stored in a library; empty if there is no whole one."""
+    content = path.read_bytes() if path.is_file() else b""
+    mark = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", content)
+    return json.loads(mark[1]) if mark and not _is_truncated(content) else {}
+
+
+def _is_truncated(content: bytes) -> bool:
+    """Return True if an ELF file ends before its table of sections, which is its end; loading it could be fatal."""
+    if not content.startswith(b"\x7fELF\x02\x01"):  # other than 64-bit and little-endian
+        return False
+    start, size, number = struct.unpack("<40x Q 10x HH", content[:62])
+    return start + size * number > len(content)
 
 
 def library(level: str) -> Path:
     """Path of the library of a level. An error if there is none, or if it was built from other sources."""
-    choice = ["--level", level] if level in LEVELS else []
-    path, remedy = library_path(level), f"{shlex.join([sys.executable, str(HERE / 'build.py'), *choice])} builds it"
+    path, command = library_path(level), [sys.executable, str(HERE / "build.py")]
+    command += ["--level", level] if level in LEVELS else []
+    command += ["--out", str(path.parent)] if path.parent != HERE else []
+    remedy = f"{shlex.join(command)} builds it"
     if not path.exists():
         raise BuildError(f"the compiled core {path} does not exist: {remedy}")
     if stamp(path).get("digest") != digest():
-        raise BuildError(f"the compiled core {path} was built from other sources than those in {HERE}: {remedy}")
+        raise BuildError(
+            f"the compiled core {path} is damaged, or was built from other sources than those in {HERE}: {remedy}"
+        )
     return path
 
 
@@ -226,6 +254,11 @@ def build(
     sanitize : sanitizers of the compiler, separated by commas
     force : build even if the libraries are up to date
     verbose : print commands, and all that the compiler says of an error
+
+    Raises
+    ------
+    BuildError
+        if there is no compiler, if it fails, or if a file cannot be written. Libraries that exist are unchanged.
     """
     start, out = time.perf_counter(), out or folder
     wanted = {"digest": digest(folder), "sanitize": sanitize}
@@ -235,32 +268,54 @@ def build(
     def is_current(name: str) -> bool:
         return wanted.items() <= stamp(library_path(name, out)).items()
 
-    if not force and is_current(PROBE) and all(map(is_current, levels or usable_levels(out)[-1:])):
-        return "the compiled core is up to date"
-    compiler = find_compiler()
-    if compiler is None:
-        raise BuildError(NO_COMPILER)
-    if sanitize and compiler.is_zig:
-        raise BuildError("sanitizers need GCC or Clang: set CXX to one of them")
-    made = {"asked": asked or "", "compiler": compiler.version, "command": shlex.join(compiler.command)}
-    made |= {"target": _zig_target() if compiler.is_zig else ""}
-    if force:
-        shutil.rmtree(out / ".objects", ignore_errors=True)
-    making = _Making(compiler, folder, out, wanted | made, verbose)
-    making.make([PROBE])
-    levels = levels or usable_levels(out)[-1:]
-    making.make(levels)
+    def is_done() -> bool:
+        return not force and is_current(PROBE) and all(map(is_current, levels or usable_levels(out)[-1:]))
+
+    try:
+        if is_done():
+            return "the compiled core is up to date"
+        with _alone_in(out):
+            if is_done():
+                return "another process has built the core"
+            making = _Making(folder, out, wanted, force, verbose)
+            making.make([PROBE])
+            levels = levels or usable_levels(out)[-1:]
+            making.make(levels)
+    except OSError as error:
+        raise BuildError(
+            f"the core was not built: {error.filename or out}: {(error.strerror or str(error)).lower()}; make it "
+            "writable, or give another folder with --out, which STICKSLIP_CORE then names"
+        ) from None
     names, seconds = " and ".join(levels), time.perf_counter() - start
-    return f"the compiled core ({names}) was built in {seconds:.1f} s by {compiler.version}"
+    return f"the compiled core ({names}) was built in {seconds:.1f} s by {making.compiler.version}"
+
+
+@contextmanager
+def _alone_in(out: Path):
+    """Wait for a build of another process in the same folder."""
+    (out / OBJECTS).mkdir(parents=True, exist_ok=True)
+    with open(out / OBJECTS / "lock", "w") as file:
+        if fcntl:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 class _Making:
     """Compilation and linking of libraries."""
 
-    def __init__(self, compiler: Compiler, folder: Path, out: Path, made: dict[str, str], verbose: bool):
+    def __init__(self, folder: Path, out: Path, wanted: dict[str, str], force: bool, verbose: bool):
+        compiler = find_compiler()
+        if compiler is None:
+            raise BuildError(NO_COMPILER)
+        if wanted["sanitize"] and compiler.is_zig:
+            raise BuildError("sanitizers need GCC or Clang: set CXX to one of them")
+        made = {"asked": "", "compiler": compiler.version, "command": shlex.join(compiler.command)}
+        made |= wanted | {"target": _zig_target() if compiler.is_zig else ""}
         self.compiler, self.folder, self.out, self.made, self.verbose = compiler, folder, out, made, verbose
-        self.objects = out / ".objects"
-        self.objects.mkdir(parents=True, exist_ok=True)
+        self.objects = out / OBJECTS
+        killed = self.objects.glob(".[0-9]*") if fcntl else ()  # files of builds that were killed
+        for path in [*killed, *(self.objects.glob("*.o") if force else ())]:
+            path.unlink(missing_ok=True)
         self.shared = b"".join(path.read_bytes() for path in _headers(folder)) + compiler.version.encode()
         self.stamp = self.objects / "stamp.cpp"
         _replace(self.stamp, _STAMP.format(json.dumps(_MARK + json.dumps(made))).encode())
@@ -275,7 +330,13 @@ class _Making:
         for name in names:
             own = [target for target, job in zip(made, jobs, strict=True) if job[1] == name]
             command = [*self.compiler.link(self.made["sanitize"]), *self._extra(name), *sorted(own)]
-            _make(library_path(name, self.out), command, self.objects, self.verbose)
+            try:
+                _make(library_path(name, self.out), command, self.objects, self.verbose)
+            except BuildError as error:
+                if "undefined" not in str(error):  # an object may be damaged
+                    for path in own:
+                        path.unlink(missing_ok=True)
+                raise
             for path in set(self.objects.glob(f"*-{name}-*.o")) - set(own):
                 path.unlink(missing_ok=True)
 
@@ -307,8 +368,12 @@ def _make(target: Path, command: list, scratch: Path, verbose: bool) -> None:
     if verbose:
         print(shlex.join(map(str, command)))
     run = _run(command)
-    if run.returncode:
+    if run.returncode or not part.exists():
         part.unlink(missing_ok=True)
+        if not run.stderr.strip():
+            raise BuildError(
+                f"the core was not built: {command[0]} ended with {run.returncode} and wrote no {target.name}"
+            )
         raise BuildError(run.stderr if verbose else _first_error(run.stderr))
     if run.stderr:
         print(run.stderr, end="", file=sys.stderr)
@@ -356,7 +421,7 @@ def main() -> None:
         levels = LEVELS if given.all else tuple(given.level)
         options = {"sanitize": given.sanitize, "force": given.force, "verbose": given.verbose}
         print(build(HERE, given.out, levels=levels, **options))
-    except (BuildError, OSError) as error:
+    except BuildError as error:
         sys.exit(str(error))
     if given.sanitize:
         print(f"STICKSLIP_CORE={given.out} LD_PRELOAD={preload(given.sanitize)} loads it")

@@ -129,6 +129,7 @@ def _working_in(folder: Path, output: Output):
     """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.lock import lock_folder
+    from ..data.run_files import resume_command
     from ..reports import terminal
 
     with terminal.console_output(*output), lock_folder(folder):
@@ -136,8 +137,17 @@ def _working_in(folder: Path, output: Output):
             yield
         except KeyboardInterrupt:
             if is_worth_resuming(folder):
-                raise StoppedError(f"stopped by the user: continue with stickslip resume {folder}") from None
+                raise StoppedError(f"stopped by the user: continue with {resume_command(folder)}") from None
             raise StoppedError("stopped by the user before anything was saved: run the command again") from None
+
+
+def _note_levels(folder: Path) -> None:
+    """Print a note on checkpoints that were computed by the core for other processors."""
+    from ..data.checkpoint import note_on_levels
+    from ..reports import terminal
+
+    if note := note_on_levels(folder):
+        terminal.console.print(note, style="yellow")
 
 
 def _reproduce_in(
@@ -153,6 +163,7 @@ def _reproduce_in(
     chosen = papers()[experiment]
     if quick:
         terminal.console.print(f"--quick cuts: {chosen.paper.cuts}.")
+    _note_levels(folder)
     with convert_errors(), terminal.progress() as tell:
         reproduction = chosen.paper.reproduce(quick=quick, **asked, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
@@ -218,6 +229,7 @@ def run(
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
     """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
+    from ..data.run_files import resume_command
     from ..experiments.registry import experiment_of
     from ..reports import terminal
     from ..runs import folder as run_folder
@@ -233,7 +245,7 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
         checkpoint_in(folder, chosen).announce()
-    message = f"Submit job.slurm, or run sh run.sh; then stickslip resume {folder}."
+    message = f"Submit job.slurm, or run sh run.sh; then {resume_command(folder)}."
     finish(
         lambda: json_output.common_fields("run", files=paths), paths, lambda: terminal.console.print(message), output
     )  # fmt: skip
@@ -249,6 +261,7 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look) ->
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
+    _note_levels(folder)
     with convert_errors(), terminal.progress() as tell:
         result = experiment.simulate(chosen, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
@@ -288,6 +301,7 @@ def resume(
             if saved.reproduction:
                 return _reproduce_in("resume", folder, spread, output, saved.look, **saved.reproduction)
             if saved.sweep:
+                _note_levels(folder)
                 options = {"yes": True, "figures": saved.figures, "look": saved.look}
                 return _run_sweep_in("resume", saved.sweep, folder, spread, output, **options)
             return _run_in("resume", saved.scenario, folder, spread, output, saved.look)

@@ -24,6 +24,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from .._core import build
 from ..core.reading import Budget, check_regular_file
 from ..core.units import Units, units_from
 from .atomic import write_atomically
@@ -80,7 +81,8 @@ def versions() -> str:
     """
     from importlib.metadata import version
 
-    return ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in _VERSIONS)])
+    python, core = f"python {platform.python_version()}", f"core for {build.best_level()}"
+    return ", ".join([python, *(f"{name} {version(name)}" for name in _VERSIONS), core])
 
 
 def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) -> dict:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import __version__
+from .._core import build
 from ..core.arguments import check_value
 from ..core.units import Units
 from . import records
@@ -95,7 +96,7 @@ class Checkpoint(NamedTuple):
     def save(self, name: str, value: Any) -> None:
         """Write a piece, all or nothing; it survives whatever happens to this process."""
         self.announce()
-        about = {"scenario": self.scenario, "stickslip": __version__, "part": self._place}
+        about = {"scenario": self.scenario, "stickslip": __version__, "part": self._place, "core": build.best_level()}
         records.append(self.folder, name, to_bytes(make_node(value, self.units)), about)
 
     def load(self, name: str, kind: Any = Any) -> Any:
@@ -171,6 +172,19 @@ def is_worth_resuming(folder: Path) -> bool:
     """Return True if any part of an unfinished run or sweep has been saved in its folder."""
     inside = [path for place in (UNFINISHED, MEMBERS) for path in (folder / place).rglob("*")]
     return any(path.suffix in (records.SUFFIX, ".h5") and not path.name.startswith(".") for path in inside)
+
+
+def note_on_levels(folder: Path) -> str:
+    """Sentence on checkpoints that were computed by the core for other processors; empty if there are none."""
+    levels = {_read_index(path).about.get("core") for path in folder.rglob(f"*{records.SUFFIX}")}
+    others, level = sorted(levels - {None, build.best_level()}), build.best_level()
+    if not others:
+        return ""
+    return (
+        f"{folder} contains checkpoints of the core for {' and '.join(others)}, and this is the one for {level}: the "
+        f"results will agree with those of an undisturbed run to round-off, not bit for bit"
+        + (f"; STICKSLIP_LEVEL={others[0]} continues with that core" if others[0] in build.usable_levels() else "")
+    )
 
 
 def read_pieces(folder: Path) -> tuple[dict[str, Node], dict[str, str]]:

@@ -1,6 +1,7 @@
 """Names of the files that runs write into their folders."""
 
 import re
+import shlex
 from pathlib import Path
 
 from .checkpoint import SCENARIO
@@ -33,6 +34,11 @@ def foreign_files_message(folder: Path, names: list[str]) -> str:
 def join_names(names: list[str]) -> str:
     """Join names for a message; if there are many, only the first few are listed."""
     return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+
+
+def resume_command(folder: Path) -> str:
+    """Return the command that continues a run, as it is typed."""
+    return shlex.join(["stickslip", "resume", str(folder)])
 
 
 def is_run_file(name: str) -> bool:

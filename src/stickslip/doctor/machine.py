@@ -71,7 +71,8 @@ def compiled_core() -> dict[str, str]:
     level = build.best_level()
     stamp = build.stamp(build.library(level))
     built = [name for name in build.LEVELS if build.library_path(name).exists()]
-    return {"level": level, "levels": ", ".join(built), "compiler": stamp["compiler"], "folder": str(build.HERE)}
+    folder = str(build.library(level).parent)
+    return {"level": level, "levels": ", ".join(built), "compiler": stamp["compiler"], "folder": folder}
 
 
 def parts() -> list[OptionalPart]:

@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from ..core.arguments import Array, Bodies, Numbers, Result, Series, checked
 from ..core.measure import wrapped
 from ..core.state import State
+from ..core.units import with_unit
 from .outlines import APART, body_limits
 from .style import (
     BLACK,
@@ -58,7 +59,7 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
         drawn = draw_grains_by_speed(axes, state, place, loose, top)
         _draw_walls(axes, state)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], tops[k // columns]), aspect="equal")
-        axes.set_title(f"$t$ = {state.time:.4g}", fontsize=7, pad=2)
+        axes.set_title(f"$t$ = {with_unit(f'{state.time:.4g}', 'time')}", fontsize=7, pad=2)
     for axes in panels.flat[len(shown) :]:
         axes.axis("off")
     for axes in panels[-1]:

@@ -377,7 +377,7 @@ def _check_columns(path: Path, header: list[str], known: dict, motion: bool) -> 
     seen = [repr(shortened(field)) for field in header if field]
     if not seen:
         nameless = (
-            f"its {len(header)} columns have no headings; give their numbers (--columns 'time=0,load_point [um]=1,"
+            f"its {len(header)} columns have no headings; give their numbers (--columns 'time [s]=0,load_point [um]=1,"
             f"friction=2')"
         )
         raise ValueError(f"{path} has no column for {lacks}: {nameless if header else 'it has no columns of numbers'}")

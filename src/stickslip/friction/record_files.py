@@ -88,7 +88,7 @@ def _text_sheet(path: Path, text: str, known: Callable[[str], bool], *, named: b
             return Sheet(titles[-1] if titles else [""] * width, [None] * width, rows=rows)
         raise ValueError(
             f"{path} has no row of headings above its numbers: add one, such as 'time [s], load_point [um], friction "
-            f"[-]', or give the numbers of the columns (--columns 'time=0,load_point [um]=1,friction=2')"
+            f"[-]', or give the numbers of the columns (--columns 'time [s]=0,load_point [um]=1,friction=2')"
         )
     if any(line.count('"') % 2 for line in above[place:]):
         raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")

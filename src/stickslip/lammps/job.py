@@ -6,6 +6,7 @@ from shutil import rmtree
 from ..core.dynamics.engine import Leg
 from ..data.atomic import write_atomically
 from ..data.checkpoint import LEGS
+from ..data.run_files import resume_command
 from ..data.schema import ScenarioError
 from .run import sample_path
 from .script import DATA, INPUT, SAMPLE, write_input
@@ -65,7 +66,8 @@ def clear_legs(folder: Path) -> None:
     """
     if any((folder / LEGS).rglob(SAMPLE)):
         raise ScenarioError(
-            f"{folder} contains states that LAMMPS wrote: continue with stickslip resume, or choose another folder"
+            f"{folder} contains states that LAMMPS wrote: continue with {resume_command(folder)}, or choose another "
+            f"folder"
         )
     rmtree(folder / LEGS, ignore_errors=True)
 

@@ -19,6 +19,7 @@ from ..core.state import OPEN, SLIDE, STICK, State
 from ..data import archive
 from ..data.checkpoint import SWEEP, read_pieces
 from ..data.nodes import known_nouns, refuse_damage, restore, units_within
+from ..data.run_files import resume_command
 from .sweep.dataset import is_sweep, open_sweep
 
 RESULTS = "results.h5"
@@ -62,7 +63,7 @@ def open_dataset(place: str | Path) -> xr.DataTree:
         return xr.DataTree(open_sweep(path))
     if (path / SWEEP).is_file():
         raise ValueError(
-            f"{path} contains an unfinished sweep: finish it with stickslip resume {path} to get its dataset"
+            f"{path} contains an unfinished sweep: finish it with {resume_command(path)} to get its dataset"
         )
     if path.is_dir() and not (path / RESULTS).is_file():
         return _open_unfinished(path)

@@ -10,7 +10,7 @@ from ..data import archive
 from ..data.atomic import name_file_in_errors
 from ..data.checkpoint import SCENARIO, SWEEP, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
 from ..data.manifest import allow_overwriting, check_hidden, digest, find_foreign, read_manifest, write_manifest
-from ..data.run_files import NUMBERS, foreign_files_message, is_run_file, join_names, list_files
+from ..data.run_files import NUMBERS, foreign_files_message, is_run_file, join_names, list_files, resume_command
 from ..reports.terminal import console
 
 
@@ -111,7 +111,7 @@ def staged_results(folder: Path, *, failures=()):
         if others := find_foreign(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(
                 f"{folder} contains files that another program wrote during the run ({join_names(others)}): move them "
-                f"away, then continue from the saved results with stickslip resume {folder}"
+                f"away, then continue from the saved results with {resume_command(folder)}"
             )
         write_manifest(staging, files)
     except BaseException:

@@ -1,6 +1,7 @@
 """Pages and movies of a run or a packing; a page is one self-contained file."""
 
 import json
+import shlex
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from ..data.exchange.frame import Frame, frame_of
 from ..data.exchange.lammps_folder import is_run_folder
 from ..data.exchange.motion import mode_frames, read_mode
 from ..data.law_file import check_law_files, trust_law_files
-from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, list_files
+from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, list_files, resume_command
 from ..data.sample import PackingError
 from ..figures import animation as film
 from ..figures import page
@@ -120,7 +121,7 @@ def folder_content(
         return _sweep_content(folder)
     if not (folder / NUMBERS).is_file():
         if (folder / UNFINISHED).is_dir():
-            raise ValueError(f"{folder} contains an unfinished run: finish it with stickslip resume {folder}")
+            raise ValueError(f"{folder} contains an unfinished run: finish it with {resume_command(folder)}")
         raise ValueError(f"{folder} contains no results: give a folder written by stickslip run or reproduce")
     about = archive.attributes(folder / NUMBERS)
     experiment = _experiment_name(about["scenario"])
@@ -341,7 +342,8 @@ def _sweep_content(folder: Path) -> PageContent:
         text += page.paragraph(f"and {len(rows) - ROWS} more in {DATASET}", kind="soft")
     if empty:
         text += page.paragraph(f"No member has {', '.join(map(_readable, empty))}.", kind="soft")
-    without = f"A sweep has no packing: show that of a member with stickslip report {folder}/members/NAME."
+    member = shlex.quote(str(folder / "members" / "NAME"))
+    without = f"A sweep has no packing: show that of a member with stickslip report {member}."
     text += page.paragraph(without, kind="soft")
     figures = (
         [("Cycles", page.pictures({"cycles": (folder / CYCLES).read_bytes()}))] if (folder / CYCLES).is_file() else []

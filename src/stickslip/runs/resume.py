@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import shlex
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -75,7 +76,9 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
     install_results(folder)
     known, arguments = unfinished_scenario(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():
-        raise ValueError(f"{folder} contains nothing to resume: start with stickslip run SCENARIO --out {folder}")
+        raise ValueError(
+            f"{folder} contains nothing to resume: start with stickslip run SCENARIO --out {shlex.quote(str(folder))}"
+        )
     if known is None and (folder / NUMBERS).is_file():
         return None
     if known and (others := find_foreign(folder, is_run_file)):

@@ -176,8 +176,10 @@ class BirthForm(NamedTuple):
 def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     """Normal form of a complex pair near its birth: bursts or runaway, and the contact that is lost first.
 
-    Forces are those of the trial memory around the accepted state. Rattlers, which nothing holds, stay where they are,
-    and collisions with them do not count.
+    Forces are those of the trial memory around the accepted state, without velocities: laws with dashpots are refused.
+    In free runs of the disk array, a burst reached the predicted amplitude within 2 %, and the contact that was
+    predicted was lost at the predicted amplitude within 8 % (`tests/modes/test_birth.py`). Rattlers, which
+    nothing holds, stay where they are, and collisions with them do not count.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ import bz2
 import gzip
 import lzma
 import re
+import shlex
 import zlib
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -58,7 +59,7 @@ def _zstandard(path: Path):
             continue
     raise PackingError(
         f"{path} is compressed with Zstandard, which Python reads from version 3.14 on: decompress it with "
-        f"`unzstd {path.name}`, or `pip install zstandard`"
+        f"`unzstd {shlex.quote(path.name)}`, or `pip install zstandard`"
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core import state as core
 from ...core.readable import pluralize
+from ...core.reading import Budget, Reader
 from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
@@ -25,6 +26,11 @@ SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
 PREFIX = "stickslip/"
 CONTACTS = ("sticking", "sliding")  # types of the bonds that show contacts
 META = f"{PREFIX}meta"
+ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # of the index of a file
+ENTRY.names = "frame", "rows", "at", "columns", "id", "type", "flags"
+NAME, TYPES = 64, np.array([0.0, 1, 2, 4, 8, 1, 2, 4, 8, 4, 8, 1])  # bytes of a name, and of numbers by type
+# bytes that a particle or bond takes in memory, even if the file has its number alone: all else has defaults
+TAKES = {"particles": 300, "bonds": 20, "angles": 24, "dihedrals": 32, "impropers": 32, "constraints": 16, "pairs": 20}
 NOUNS = {
     "grains": core.Grains,
     "walls": core.Walls,
@@ -137,10 +143,16 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     """
     hoomd = require("gsd.hoomd", "exchange")
     try:
+        sizes = _sizes_of_frames(path)  # first, because the library trusts them
         with hoomd.open(str(path), "r") as file:
             if not len(file):
                 raise PackingError(f"{path} has no frames: give a GSD file with at least one")
             chosen = chosen_frames(path, [str(k) for k in range(len(file))], frame)
+            budget = Budget(path, path.stat().st_size, remedy="write it again", error=PackingError)
+            for k in chosen:
+                budget.take(sizes.get(k, 0), f"frame {k}")
+                for part, size in TAKES.items():
+                    budget.take(size * _number(file.file, k, part), part)
             return [_read_frame(path, file, k) for k in chosen]
     except PackingError:
         raise
@@ -150,6 +162,32 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
             f"{path} cannot be read as GSD ({type(problem).__name__}: {why[:120]}): it is truncated, of another "
             f"version, or not a GSD file"
         ) from None
+
+
+def _sizes_of_frames(path: Path) -> dict[int, float]:
+    """Bytes of all chunks of each frame, as the index of the file has them: chunks may overlap."""
+    stored = path.stat().st_size
+    with open(path, "rb") as file:
+        head = Reader(file.read(40), 8)
+        (start, number), (names, most) = (head.array("<u8", 2).tolist() for _ in range(2))
+        if start + number * ENTRY.itemsize > stored or names + most * NAME > stored:
+            raise ValueError(f"an index of {number} entries and {most} names is declared in a file of {stored} bytes")
+        file.seek(start)
+        index = np.frombuffer(file.read(number * ENTRY.itemsize), ENTRY)
+    index = index[np.cumprod(index["at"] != 0).astype(bool)]  # the first without a place ends it
+    size = TYPES[np.minimum(index["type"], len(TYPES) - 1)] * index["rows"] * index["columns"]
+    if ((index["at"] < 0) | (index["at"] + size > stored)).any():
+        raise ValueError("a chunk is declared beyond the end of the file")
+    frames, places = np.unique(index["frame"], return_inverse=True)
+    sizes = np.bincount(places, 8.0 * index["rows"] * index["columns"])  # as numbers in double precision
+    return dict(zip(frames.tolist(), sizes.tolist(), strict=True))
+
+
+def _number(file, frame: int, part: str) -> int:
+    """Number of particles or bonds in a frame; without one it is that of the first frame."""
+    name = f"{part}/N"
+    at = next((k for k in (frame, 0) if file.chunk_exists(k, name)), None)
+    return 0 if at is None else int(file.read_chunk(at, name)[0])
 
 
 def _read_frame(path, file, number: int) -> Packing:

@@ -1,0 +1,135 @@
+"""Advice that commands print in the form of commands or options: pasted back, it is accepted and does as it says."""
+
+import importlib.metadata
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from packaging.requirements import Requirement
+
+import stickslip as ss
+from stickslip import extras
+from stickslip._core import build
+from stickslip.data.checkpoint import checkpoint_in
+from stickslip.experiments.registry import read_scenario
+from tests.conftest import stickslip_here
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SLIDER = 'experiment = "rate-state"\nsamples.number = 10\n'
+
+
+def stopped(folder: Path) -> None:
+    """A run that was killed before it had saved anything."""
+    (folder / "my run").mkdir()
+    (folder / "s.toml").write_text(SLIDER)
+    checkpoint_in(folder / "my run", read_scenario(folder / "s.toml")).announce()
+
+
+def packing(folder: Path) -> None:
+    shutil.copy(EXAMPLES / "sheared_spheres.npz", folder / "a.npz")
+
+
+def moved(folder: Path) -> None:
+    """A packing that is not in equilibrium, and files with several states."""
+    state, law = ss.packings.jammed(16, packing_fraction=0.9, dim=2, seed=1)[0], ss.laws.hertz_mindlin(mu=0.5)
+    place = state.grains.position + [1e-3, 0, 0] * (np.arange(16) % 2)[:, None]
+    state = state._replace(grains=state.grains._replace(position=place))
+    ss.io.write_packing(folder / "m.npz", state, law)
+    ss.io.write_packing(folder / "two.h5", [ss.io.frame_of(one, law) for one in (state, state)])
+    ss.io.write_packing(folder / "bare.xyz", state, law)
+
+
+def sliders(folder: Path) -> None:
+    (folder / "s.toml").write_text(SLIDER)
+    (folder / "t.toml").write_text(SLIDER + "seed = 3\n")
+    assert stickslip_here("run", "s.toml", "--out", "my out", "--quiet", cwd=folder).returncode == 0
+
+
+def records(folder: Path) -> None:
+    time = np.arange(0.0, 40.0, 0.5)
+    place = np.where(time < 10, 0.0, 1e-5 * (time - 10))
+    np.savetxt(folder / "held.csv", np.stack([time, 0.6 + 0.01 * np.sin(time), place], axis=1), delimiter=",",
+               header="time [s],friction [-],load_point [m]", comments="")  # fmt: skip
+    legs = ss.friction.velocity_steps([1e-6, 1e-5, 1e-6], distance=6e-5)
+    surface = ss.friction.RateState(mu0=0.6, a=0.01, b=0.015, dc=1e-5, v0=1e-6)
+    time = np.arange(0.0, sum(leg.duration for leg in legs), 0.5)
+    place = np.interp(time, np.cumsum([0, *(leg.duration for leg in legs)]), 6e-5 * np.arange(4))
+    friction = ss.friction.spring_slider(surface, ss.friction.Spring(stiffness=2e3), legs, times=time).friction
+    friction = friction + 1e-4 * np.random.default_rng(0).normal(size=len(time))
+    ss.friction.write_csv(folder / "slid.csv", ss.friction.LabRecord(time, friction, place))
+    np.savetxt(folder / "bare.csv", np.stack([time, 1e6 * place, friction], axis=1), delimiter=",")
+
+
+def empty(folder: Path) -> None:
+    (folder / "s.toml").write_text(SLIDER)
+    (folder / "new run").mkdir()
+
+
+# what is made, the command, its advice, and what is put in place of what only the user knows
+CASES = {
+    "resume before a page": (stopped, "report 'my run'", r"finish it with stickslip (.*)", {}),
+    "first run": (empty, "resume 'new run'", r"start with stickslip (.*)", {"SCENARIO": "s.toml"}),
+    "other scenario": (sliders, "run t.toml --out 'my out'", r"or add (--overwrite)", {}),
+    "file in the way": (moved, "convert m.npz --to bare.xyz", r"or add (--overwrite)", {}),
+    "not at rest": (moved, "stability m.npz", r"come to rest with (--settle)", {}),
+    "page of a packing not at rest": (moved, "report m.npz --out m.html", r"settle the packing with (--settle)", {}),
+    "several states": (moved, "stability two.h5 --settle", r"(--frame), from ([^,\s]*)", {}),
+    "several states to write": (
+        moved, "convert two.h5 --to one.npz", r"with (--frame)", {"--frame": "--frame frames/000000"},
+    ),
+    "no sliding at the start": (
+        records, "fit held.csv --stiffness 2000 --law slip", r"\((--before)\)", {"--before": "--before 1e-6"},
+    ),
+    "no stiffness": (records, "fit slid.csv --law slip", r"give (--stiffness K)", {"K": "2000"}),
+    "stiffness to be fitted": (records, "fit slid.csv --law slip", r"or (--free-stiffness)", {}),
+    "no headings": (records, "fit bare.csv --stiffness 2000 --law slip", r"\((--columns '.*')\)", {}),
+    "parameter of a law": (
+        packing, "stability a.npz --law walton_braun --coulomb sharp --settle", r"(--parameter k_unload=…)", {"…": "2"},
+    ),
+    "sharp friction": (
+        moved, "stability m.npz --coulomb rough --settle", r"use (sharp) or", {"sharp": "--coulomb sharp"},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_advice_can_be_pasted(tmp_path, case):
+    make, command, pattern, own = CASES[case]
+    make(tmp_path)
+    words = shlex.split(command)
+    first = stickslip_here(*words, cwd=tmp_path)
+    said = " ".join((first.stdout + first.stderr).split())
+    found = re.search(pattern, said)
+    assert found, said
+    text = " ".join(found.groups())
+    for name, value in own.items():
+        text = text.replace(name, value)
+    pasted = shlex.split(text)
+    again = stickslip_here(*(words if pasted[0].startswith("--") else []), *pasted, cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert not re.search(pattern, " ".join((again.stdout + again.stderr).split()))
+
+
+def test_the_command_that_builds_a_core_builds_that_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("STICKSLIP_CORE", str(tmp_path / "my core"))
+    with pytest.raises(build.BuildError) as error:
+        build.library("base")
+    _, *words = shlex.split(re.search(r"exist: (.*) builds it$", str(error.value))[1])
+    built = []
+    monkeypatch.setattr(build, "build", lambda *given, **options: built.append((*given, options["levels"])))
+    monkeypatch.setattr(sys, "argv", words)
+    build.main()
+    assert words[0] == str(build.HERE / "build.py")
+    assert built == [(build.HERE, tmp_path / "my core", ("base",))]
+
+
+def test_extras_that_doctor_advises_exist():
+    known = importlib.metadata.metadata("stickslip").get_all("Provides-Extra")
+    for extra in extras.EXTRAS:
+        pip, install, requirement = shlex.split(extras.install_command(extra).strip("`"))
+        assert (pip, install) == ("pip", "install")
+        assert Requirement(requirement).name == "stickslip" and Requirement(requirement).extras <= {*known}
