@@ -12,9 +12,11 @@ import h5py
 import numpy as np
 import pytest
 
+import stickslip as ss
 from stickslip.cli import main
 from stickslip.data.checkpoint import read_pieces
-from stickslip.data.nodes import ArchiveError, restore
+from stickslip.data.nodes import ArchiveError, make_node, restore, to_bytes
+from stickslip.experiments import EXPERIMENTS
 from tests.conftest import stickslip_here as stickslip
 
 FLOW = """
@@ -270,3 +272,13 @@ def killed_after(process, seconds):
         os.killpg(process.pid, signal.SIGKILL)
         process.said = "".join(process.communicate())
         return True
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_a_run_whose_parts_are_all_saved_gives_the_same_numbers(name, tmp_path):
+    """Results are restored from what a killed run leaves, with the classes of all their fields."""
+    scenario = ss.scenario(experiment=name, **EXPERIMENTS[name].smallest[0])
+    first, second = (
+        to_bytes(make_node(EXPERIMENTS[name].numbers(ss.simulate(scenario, folder=tmp_path)))) for _ in range(2)
+    )
+    assert first == second

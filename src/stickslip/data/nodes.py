@@ -11,7 +11,8 @@ import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import Enum
-from typing import NamedTuple
+from functools import cache
+from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
@@ -104,8 +105,27 @@ def trimmed(contacts: Contacts) -> Contacts:
 
 
 def known_nouns(nouns: Iterable[type]) -> dict[str, type]:
-    """Classes that `restore` may build, by name: states and laws, and those given."""
-    return {noun.__name__: noun for noun in (*_NOUNS, *nouns)}
+    """Classes that `restore` may build, by name: states and laws, those given, and those of their fields."""
+    found = {noun.__name__: noun for noun in _NOUNS}
+    rest = list(nouns)
+    while rest:
+        noun = rest.pop()
+        if found.setdefault(noun.__name__, noun) is noun and hasattr(noun, "_fields"):
+            rest += [inner for inner in _classes_of_fields(noun) if inner.__name__ not in found]
+    return found
+
+
+@cache
+def _classes_of_fields(noun: type) -> tuple[type, ...]:
+    """NamedTuples and enums in the annotations of a NamedTuple."""
+
+    def within(annotation) -> Iterator[type]:
+        if isinstance(annotation, type) and (hasattr(annotation, "_fields") or issubclass(annotation, Enum)):
+            yield annotation
+        for inner in get_args(annotation):
+            yield from within(inner)
+
+    return tuple(inner for annotation in get_type_hints(noun).values() for inner in within(annotation))
 
 
 def restore(node: Node, known: dict[str, type]):
