@@ -114,7 +114,6 @@ def rows(*, smallest: bool = False):
     shown = [min(looks, key=lambda one: abs(one.strain - end)) for end in ends]
     labels = [f"ε = {one.strain:.3f}, sin φ = {one.ratio:.2f}" for one in shown]
     save(ss.figures.response_envelopes([one.envelope for one in shown], labels), OUT / "envelopes.png")
-    page = PAGE.read_text(encoding="utf-8")
-    before, _, rest = page.partition(MARK)
-    after = rest[rest.index(MARK) :] if MARK in rest else ""
-    PAGE.write_text(f"{before}{MARK}\n{table(paths)}\n{after or MARK}", encoding="utf-8")
+    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
+    _, end, tail = rest.partition("<!-- end -->")
+    PAGE.write_text(f"{head}{begin}\n{table(paths)}\n{end}{tail}", encoding="utf-8")

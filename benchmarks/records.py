@@ -97,8 +97,13 @@ def processor() -> str:
     return f"{name}, {os.cpu_count()} cores"
 
 
-def _git(*words: str, root: Path = ROOT) -> str:
-    return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True).stdout.strip()
+def commit(root: Path = ROOT) -> str:
+    """Commit of the code, with `-dirty` if package or benchmarks differ from it."""
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True).stdout.strip()
+
+    return git("rev-parse", "--short", "HEAD") + ("-dirty" if git("status", "--porcelain", "src", "benchmarks") else "")
 
 
 def texts(name: str, root: Path = ROOT, *, kind: str = "") -> dict[str, dict]:
@@ -117,7 +122,7 @@ def store(name: str, command: str, rooms, values: dict[str, dict], seconds: floa
     values = values | texts(name, root, kind="written")
     old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"values": {}}
     common = {
-        "command": command, "commit": _git("describe", "--always", "--dirty", root=root),
+        "command": command, "commit": commit(root),
         "date": datetime.now(UTC).date().isoformat(), "processor": processor(),
         "rooms": {room: fingerprint(room, root) for room in rooms},
     }  # fmt: skip
