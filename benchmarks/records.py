@@ -304,8 +304,8 @@ def main() -> None:
     records = read()
     found = {name: one for name, record in records.items() if (one := stale(record))}
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for head in ("command", "stale", "changed", "seconds"):
-        table.add_column(head, justify="right" if head in ("stale", "seconds") else "left", overflow="fold")
+    for head in ("command", "stale", "changed", "processor time [s]"):
+        table.add_column(head, justify="right" if head in ("stale", "processor time [s]") else "left", overflow="fold")
     for name in sorted(found, key=lambda one: records[one]["seconds"]):
         rooms = sorted({room for rooms in found[name].values() for room in rooms})
         record = records[name]
