@@ -33,6 +33,7 @@ CODE = {".py", ".cpp", ".h", ".cu"}
 LINK = re.compile(r'\[([^\]]*)\]\(((?:[\w./]*/)?numbers\.md)#([\w-]+) "([^"]+)"\)')
 BLOCK = re.compile(r"<!-- (measured by|written by python -m benchmarks) (\w+)[^>]*-->(.*?)<!-- end -->", re.S)
 COMMON = ("command", "commit", "date", "processor", "rooms")
+NOT_RECORDED = "not recorded"  # processor of a number that was in the documentation before these records
 DIGITS = 2  # significant ones, unless an entry has others
 console = Console()
 
@@ -211,14 +212,16 @@ def overview(records: dict[str, dict]) -> str:
         "",
         "Numbers that this package measured, with the command that measures each. Numbers in the text link to this",
         "page; the title of the link is the name of the number. *Text of* a page was transcribed from the output of a",
-        "command, or written by it. Where no processor was recorded, the number is older than these records, and the",
-        "commit is the one that wrote it down. `make numbers` lists the numbers that are older than the code.",
+        "command, or written by it. Numbers that are older than these records have the day and the commit on which they",
+        "were written down, and no processor. `make numbers` lists the numbers that are older than the code.",
     ]
     for name, record in records.items():
         lines += ["", f"## {name}", "", f"`{record['command']}`"]
         groups: dict[tuple, list[str]] = {}
         for key, one in entries(record).items():
-            about = f"Measured on {one['date']} at commit `{one['commit']}`, processor {one['processor']}:"
+            known = one["processor"] != NOT_RECORDED
+            about = f"{'Measured' if known else 'Written down'} on {one['date']} at commit `{one['commit']}`"
+            about += f", {one['processor']}:" if known else ":"
             groups.setdefault(about, []).append(_line(key, one))
         for about, rows in groups.items():
             lines += ["", about, "", *rows]
