@@ -212,8 +212,8 @@ def overview(records: dict[str, dict]) -> str:
         "",
         "Numbers that this package measured, with the command that measures each. Numbers in the text link to this",
         "page; the title of the link is the name of the number. *Text of* a page was transcribed from the output of a",
-        "command, or written by it. Numbers that are older than these records have the day and the commit on which they",
-        "were written down, and no processor. `make numbers` lists the numbers that are older than the code.",
+        "command, or written by it. Numbers older than these records have the day and the commit on which they were",
+        "written down, and no processor. `make numbers` lists the numbers that are older than the code.",
     ]
     for name, record in records.items():
         lines += ["", f"## {name}", "", f"`{record['command']}`"]
