@@ -14,7 +14,7 @@ endef
 
 unexport PYTHONDONTWRITEBYTECODE  # the many processes that tests start would compile the package anew
 
-.PHONY: demo test durations coverage mutants quick slow lint bench docs release wheel lock clean
+.PHONY: demo test durations coverage mutants quick slow lint bench numbers docs release wheel lock clean
 
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
@@ -46,8 +46,11 @@ lint: $(STAMP)  ## check style, import layers and types
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-bench: $(STAMP)  ## measure speed relative to other codes and reference kernels; writes bench.json
-	$(BIN)/python -m benchmarks
+bench: $(STAMP)  ## measure speed relative to other codes and reference kernels; `python -m benchmarks` lists all benchmarks
+	$(BIN)/python -m benchmarks all
+
+numbers: $(STAMP)  ## list the numbers in README and docs that are older than the code; RERUN=10m measures as many again
+	$(BIN)/python -m benchmarks.records $(if $(RERUN),--rerun $(RERUN))
 
 docs: $(DOCS)  ## build the documentation into docs/_build/html and run the tutorials; warnings are errors
 	$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html

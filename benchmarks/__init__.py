@@ -1,1 +1,63 @@
-"""Speed relative to other codes and reference kernels, measured alternately in the same run, and time budgets."""
+"""Benchmarks, each run by `python -m benchmarks NAME`: speed beside other codes, and numbers of the documentation."""
+
+from typing import NamedTuple
+
+
+class Benchmark(NamedTuple):
+    """A command that measures numbers."""
+
+    about: str
+    seconds: float  # that it takes on one core, about
+    rooms: tuple[str, ...]  # of `src/stickslip` on which its numbers depend
+    place: str = ""  # module and function of the rows, by default `NAME:rows`
+    ratios: bool = False  # whether it is a part of `make bench`
+
+
+STEPS = ("_core", "builtin_laws", "core")  # time steps
+STATICS = (*STEPS, "loading", "solve")
+PATHS = (*STATICS, "quasirigid")
+FRICTION = ("_core/fault.cpp", "_core/rate_state.h", "_core/slider.cpp", "friction")
+DISKS = (*STATICS, "experiments/disk_array", "experiments/sphere_shear")
+GOUGE = (*STEPS, "loading", "experiments/gouge")
+
+BENCHMARKS = {
+    "after_instability": Benchmark("predictions of `birth_form` beside free runs", 1800, STATICS),
+    "ten_disks": Benchmark("time steps of ten disks, beside LAMMPS", 60, STEPS, ratios=True),
+    "backward_front": Benchmark("speed of the backward front of a pushed array of disks", 600, DISKS),
+    "budgets": Benchmark("time of `stickslip reproduce --quick`", 300, (*PATHS, "experiments"), ratios=True),
+    "catalogue": Benchmark("catalogue of events: tables and figures", 20_000, (*STATICS, "experiments/catalogue")),
+    "collapses": Benchmark("paths through collapses, beside slow dynamics", 1800, PATHS),
+    "collisions": Benchmark("restitution for both readings of a damping, beside LAMMPS", 20, STEPS),
+    "contact_laws": Benchmark("a user's law beside the built-in one", 60, STEPS),
+    "contact_number": Benchmark("contact number of frictional packings", 240, STATICS),
+    "contact_status": Benchmark("status of critical contacts, beside slower methods", 120, PATHS, ratios=True),
+    "device": Benchmark("time steps on a graphics processor, beside all cores", 600, STEPS),
+    "directions_of_failure": Benchmark("which sign of failure comes first", 300, STATICS),
+    "element_tests": Benchmark("triaxial tests and response envelopes", 1000, (*STATICS, "experiments/element_test")),
+    "engine": Benchmark("time steps of many spheres, beside LAMMPS and YADE", 600, STEPS, ratios=True),
+    "engine_sizes": Benchmark(
+        "time steps of dilute and dense grains, and of up to a million", 2400, STEPS, "engine:size_rows", ratios=True
+    ),
+    "equilibrium": Benchmark("reliability of verdicts off equilibrium", 600, STATICS),
+    "fault": Benchmark("time steppers for earthquake cycles, beside SciPy", 300, FRICTION),
+    "first_result": Benchmark("seconds to the first result of each command", 200, (*STATICS, "cli", "experiments")),
+    "frictionless_shear": Benchmark("angle of friction of spheres without friction", 900, STATICS),
+    "gouge": Benchmark("time steps of fault gouge, beside LAMMPS", 900, GOUGE, ratios=True),
+    "gouge_steps": Benchmark("what velocity steps of gouge determine", 10, ("friction", "experiments/gouge")),
+    "gouge_thickness": Benchmark("gouge of 14 D beside 20 D", 3600, GOUGE),
+    "hold_energy": Benchmark("energy of vibrations in holds of gouge", 900, GOUGE),
+    "inclusions": Benchmark("inflated grains beside elasticity", 300, STATICS),
+    "lammps_ranks": Benchmark("LAMMPS on several MPI ranks", 60, ("lammps",)),
+    "load_paths": Benchmark("ends of load paths, and slow dynamics", 3600, PATHS),
+    "measured_forces": Benchmark("verdicts from measured forces", 60, (*STATICS, "data/exchange")),
+    "packings": Benchmark("time to generate packings", 120, STATICS),
+    "pairs_by_law": Benchmark("which laws make complex pairs: table of a sweep", 20, DISKS),
+    "qdyn": Benchmark("earthquake cycles, beside QDYN", 600, FRICTION, ratios=True),
+    "quasi_static": Benchmark("strain steps of frictional spheres", 3000, STATICS),
+    "rate_state": Benchmark("the spring-slider, beside LSODA", 30, FRICTION, ratios=True),
+    "rigid_clusters": Benchmark("rigid clusters by linear algebra and by the pebble game", 60, PATHS),
+    "spectra": Benchmark("spectra of large packings, beside LAPACK", 1500, STATICS, "spheres:spectra", ratios=True),
+    "spheres": Benchmark("strain steps of spheres, beside damped dynamics", 900, STATICS, ratios=True),
+    "unresolved_events": Benchmark("unresolved events of packings without friction", 900, STATICS),
+    "writing": Benchmark("time and size of archives, movies and reports", 600, ("data", "figures", "reports")),
+}

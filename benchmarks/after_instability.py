@@ -1,6 +1,6 @@
 """What follows an instability: predictions of `birth_form` against free runs of many states.
 
-    python -m benchmarks.after_instability [states of each kind, by default 24] [kinds: arrays mixed disks spheres]
+    python -m benchmarks after_instability [states of each kind, by default 24] [kinds: arrays mixed disks spheres]
 
 24 states of each kind take about half an hour on one core, two thirds of it for spheres. The tables of the
 documentation have 24 arrays, mixed arrays and disks, and 20 spheres.
@@ -14,7 +14,6 @@ or reaches the Coulomb limit is compared with the predicted one, and contacts th
 that some do. Events of rattlers are left out, all others count.
 """
 
-import sys
 import warnings
 from collections import Counter
 from itertools import pairwise
@@ -244,12 +243,14 @@ KINDS = {
 }
 
 
-def main(each: int = 24, wanted=tuple(KINDS)) -> None:
-    """Compare as many states of each kind, and print one line for each and the shares of right predictions."""
-    rows, without = {}, Counter()
+def rows(*words: str, smallest: bool = False):
+    """Compare as many states of each kind: one line for each, and the shares of right predictions."""
+    each = 1 if smallest else next((int(word) for word in words if word.isdigit()), 24)
+    wanted = ["arrays"] if smallest else [word for word in words if not word.isdigit()] or list(KINDS)
+    found_rows, without = {}, Counter()
     for name in wanted:
-        states, rows[name], tried = KINDS[name](np.random.default_rng(0)), [], 0
-        while len(rows[name]) < each:
+        states, found_rows[name], tried = KINDS[name](np.random.default_rng(0)), [], 0
+        while len(found_rows[name]) < each:
             tried += 1
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ss.modes.UnstableEquilibriumWarning)
@@ -260,22 +261,17 @@ def main(each: int = 24, wanted=tuple(KINDS)) -> None:
             if isinstance(row, str):
                 without[f"{name}: {row}"] += 1
                 continue
-            rows[name].append(row)
-            print(describe(name, row), flush=True)
-    for name, group in rows.items():
+            found_rows[name].append(row)
+            yield describe(name, row)
+    for name, group in found_rows.items():
         for where, near in (("|q|/|p| ≤ 1/3", True), ("|q|/|p| > 1/3", False)):
             chosen_rows = [row for row in group if (row.form.nearness <= birth.NEAR_BIRTH) == near]
-            print(summarise(f"{name}, {where}", chosen_rows))
+            yield summarise(f"{name}, {where}", chosen_rows)
         for low, high in pairwise(GROWTH):
             chosen_rows = [row for row in group if low <= row.form.growth_rate / row.form.frequency < high]
-            print(summarise(f"{name}, {low:g} ≤ σ/ω < {high:g}", chosen_rows))
-    every = [row for group in rows.values() for row in group]
-    print(summarise("all", every))
-    print(summarise("all in which no contact closes before", [r for r in every if foreseen(r.form)[0] < 0]))
+            yield summarise(f"{name}, {low:g} ≤ σ/ω < {high:g}", chosen_rows)
+    every = [row for group in found_rows.values() for row in group]
+    yield summarise("all", every)
+    yield summarise("all in which no contact closes before", [r for r in every if foreseen(r.form)[0] < 0])
     for reason, count in without.items():
-        print(f"left out, {reason}: {count}")
-
-
-if __name__ == "__main__":
-    count = next((int(word) for word in sys.argv[1:] if word.isdigit()), 24)
-    main(count, [word for word in sys.argv[1:] if not word.isdigit()] or tuple(KINDS))
+        yield f"left out, {reason}: {count}"

@@ -1,6 +1,6 @@
 """What sets the speed of the backward front of a pushed array of disks: the table of `docs/disk_array.md`.
 
-python -m benchmarks.backward_front     # about ten minutes; writes front.csv and the table
+python -m benchmarks backward_front     # about ten minutes; writes front.csv and the table
 """
 
 import csv
@@ -14,7 +14,7 @@ from stickslip.experiments.disk_array.measures import backward_front, backward_o
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/disk_array/front.csv", ROOT / "docs/disk_array.md"
-MARK = "<!-- written by python -m benchmarks.backward_front -->\n"
+MARK = "<!-- written by python -m benchmarks backward_front -->\n"
 REALIZATIONS, PUSH, THRESHOLD = 60, 0.087, 0.05
 THRESHOLDS = (0.01, 0.02, 0.05, 0.1, 0.2)
 
@@ -48,11 +48,11 @@ def cases() -> list[tuple[str, dict, tuple[float, ...], tuple[float, ...]]]:
     ]  # fmt: skip
 
 
-def measure(words: str, tables: dict, pushes: tuple[float, ...], thresholds: tuple[float, ...]) -> list[Speeds]:
+def measure(words: str, tables: dict, pushes, thresholds, realizations: int = REALIZATIONS) -> list[Speeds]:
     """Run one ensemble; one row for each threshold."""
     result = ss.simulate(ss.scenario(
         experiment="disk-array", **tables, load={"push": (0.0, *pushes), "step": 2e-3}, dynamics={"loads": ()},
-        sliding={"loads": pushes, "realizations": REALIZATIONS, "thresholds": thresholds},
+        sliding={"loads": pushes, "realizations": realizations, "thresholds": thresholds},
     ))  # fmt: skip
     modes, ensemble, last = result.path[-1].spectrum, result.sliding[pushes[0]], backward_order(result)[0][0]
     rows = []
@@ -65,7 +65,6 @@ def measure(words: str, tables: dict, pushes: tuple[float, ...], thresholds: tup
             float(modes.frequency[y_mode(modes)] / np.pi), float(np.nanmean(ensemble.drift[:, k])),
             float(np.nanmean(ensemble.profile[:, k, last])),
         ))  # fmt: skip
-        print(rows[-1], flush=True)
     return rows
 
 
@@ -99,5 +98,13 @@ def table(rows: list[Speeds]) -> str:
     )  # fmt: skip
 
 
-if __name__ == "__main__":
-    write([row for case in cases() for row in measure(*case)])
+def rows(*, smallest: bool = False):
+    """Measure all cases, and write the table of the page."""
+    if smallest:
+        yield from map(str, measure("", {"array": {"disks": 5}}, (PUSH / 2,), (THRESHOLD,), 2))
+        return
+    found = []
+    for case in cases():
+        found += measure(*case)
+        yield str(found[-1])
+    write(found)

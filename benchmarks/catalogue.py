@@ -1,9 +1,9 @@
 """Reference catalogue of events: at least 1,000 events of several contact laws, in two and three dimensions.
 
-    python -m benchmarks.catalogue FOLDER               # runs what is not yet there: several core-hours, one process
-    python -m benchmarks.catalogue FOLDER sharp-0.5 …   # only these, or gouge; other laws may run beside
-    python -m benchmarks.catalogue FOLDER --draw        # only the tables and figures, from what is finished
-    python -m benchmarks.catalogue --estimate           # classes and exponents anew, from the stored eigenvalues
+    python -m benchmarks catalogue FOLDER               # runs what is not yet there: several core-hours, one process
+    python -m benchmarks catalogue FOLDER sharp-0.5 …   # only these, or gouge; other laws may run beside
+    python -m benchmarks catalogue FOLDER --draw        # only the tables and figures, from what is finished
+    python -m benchmarks catalogue --estimate           # classes and exponents anew, from the stored eigenvalues
 
 Every law is run in parts, each in a folder of its own. A run that was stopped continues with the packing at which it
 was stopped. Tables, figures and the summary of `docs/catalogue.md` are written to `docs/reference/catalogue`.
@@ -31,7 +31,7 @@ from stickslip.runs.writer import write_result
 
 OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
 PAGE = Path(__file__).parents[1] / "docs/catalogue.md"
-MARK = "<!-- written by python -m benchmarks.catalogue -->\n"
+MARK = "<!-- written by python -m benchmarks catalogue -->\n"
 GOUGE = Path(__file__).parents[1] / "examples/gouge_stick_slip.toml"
 DISKS, SPHERES = {"grains": 50, "dim": 2, "packing_fraction": 0.845}, {"grains": 40, "dim": 3, "packing_fraction": 0.66}
 SHEAR = {"drag": 0.1, "step": 4e-4, "resolution": 1e-6, "window": 4e-4}
@@ -287,13 +287,18 @@ def _area(one: Skill) -> str:
     return f"{one.roc.area:.3f} ({one.low:.3f} to {one.high:.3f})"
 
 
-if __name__ == "__main__":
-    if sys.argv[1:] == ["--estimate"]:
-        sys.exit(estimate_again())
-    if len(sys.argv) < 2:
-        sys.exit("give the folder of the runs, as in python -m benchmarks.catalogue results/catalogue")
-    if unknown := set(sys.argv[2:]) - {*RUNS, "gouge", "--draw"}:
+def rows(*words: str, smallest: bool = False):
+    """Compute, or only draw, and write the reference; the smallest size makes the summary of what is stored."""
+    if smallest:
+        yield from (f"{law}: {class_counts(table)}" for law, table in stored(()).items())
+    elif words == ("--estimate",):
+        estimate_again()
+    elif not words:
+        sys.exit("give the folder of the runs, as in python -m benchmarks catalogue results/catalogue")
+    elif unknown := set(words[1:]) - {*RUNS, "gouge", "--draw"}:
         sys.exit(f"unknown: {', '.join(sorted(unknown))}; use {', '.join(RUNS)}, gouge or --draw")
-    if "--draw" not in sys.argv:
-        compute(Path(sys.argv[1]), sys.argv[2:] or [*RUNS, "gouge"])
-    write_reference(Path(sys.argv[1]))
+    else:
+        if "--draw" not in words:
+            compute(Path(words[0]), list(words[1:]) or [*RUNS, "gouge"])
+        write_reference(Path(words[0]))
+    yield "Written: docs/reference/catalogue" if not smallest else ""

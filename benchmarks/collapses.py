@@ -1,7 +1,7 @@
 """Load paths through collapses, compared with slow dynamics of the whole path under the same drag.
 
-    python -m benchmarks.collapses             # all samples (about half an hour on one core)
-    python -m benchmarks.collapses --only disks-load
+    python -m benchmarks collapses             # all samples (about half an hour on one core)
+    python -m benchmarks collapses disks-load
 
 Stated beforehand, for the first collapse of each sample: dynamics collapses within 1 % of the load at which the path
 does, and the displacements of the grains from shortly before it to shortly after it differ by at most a tenth, and so
@@ -10,7 +10,6 @@ how often it is late by no more than the duration of the collapse. A collapse am
 ones are not compared.
 """
 
-import argparse
 import time
 from typing import NamedTuple
 
@@ -81,26 +80,24 @@ def state_at(load: float, loads: np.ndarray, states: list[State]) -> State:
     return states[int(np.abs(loads - load).argmin())]
 
 
-def compare(case: Case) -> "Difference | None":
-    """Print the first collapse of a path and of slow dynamics; return the differences of its load and its field."""
+def compare(case: Case) -> "tuple[str, Difference | None]":
+    """A line on the first collapse of a path and of slow dynamics, and the differences of its load and its field."""
     begin = time.perf_counter()
     path = load_path(case.state, case.law, case.end, increment=INCREMENT, drag=DRAG)
     seconds, real = time.perf_counter() - begin, [c for c in path.collapses if not c.quiet]
     head = f"{case.name:24s} {path.verdict.name:10s} {path.points[-1].load:.4f} {len(real)} collapses ({seconds:.0f} s)"
     if not real:
-        print(f"{head}", flush=True)
-        return None
+        return head, None
     run = slow_dynamics(case.state, case.law, case.end, time=WHOLE, until=min(1.0, real[0].load + 0.04), drag=DRAG)
     first = real[0]
     off, field, wall = first_collapse(case, path, run, first)
     late = first.duration / WHOLE + 2 * run.load[0]
-    print(
+    line = (
         f"{head}, first at {first.load:.4f} (largest {first.largest:.1e}, overlap {first.overlap:.2f}): dynamics "
         f"{off:+.4f} of the leg, {off / first.load:+.2%} (its duration: {late:.4f}), field {field:.1%}, wall or cell "
-        f"{wall:.1%}",
-        flush=True,
+        f"{wall:.1%}"
     )
-    return Difference(off / first.load, off - late, field, wall)
+    return line, Difference(off / first.load, off - late, field, wall)
 
 
 class Difference(NamedTuple):
@@ -143,14 +140,15 @@ def strength(case: Case, series, ends) -> float:
     return float(last.cell.vectors[1, 1] / first.cell.vectors[1, 1] - 1)
 
 
-def main() -> None:
-    """Compare the samples selected on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", choices=list(KINDS), help="only samples of this kind")
-    chosen = parser.parse_args().only
+def rows(*kinds: str, smallest: bool = False):
+    """Compare the samples of some kinds, by default of all; one for the smallest size."""
     for name, (make, seeds) in KINDS.items():
-        if chosen in (None, name):
-            results = [out for out in (compare(make(seed)) for seed in seeds) if out is not None]
+        if name in (["spheres-displacement"] if smallest else kinds or KINDS):
+            results = []
+            for seed in seeds[:1] if smallest else seeds:
+                words, out = compare(make(seed))
+                results += [] if out is None else [out]
+                yield words
             tests = {
                 f"load within {LOAD:.0%}": [abs(r.load) <= LOAD for r in results],
                 "or late by its duration": [abs(r.load) <= LOAD or -LOAD < r.late <= 0 for r in results],
@@ -158,8 +156,4 @@ def main() -> None:
                 f"wall or cell within {FIELD:.0%}": [r.wall <= FIELD for r in results],
             }
             counts = ", ".join(f"{words} {sum(passed)}" for words, passed in tests.items())
-            print(f"{name}: of {len(results)} that collapse: {counts}", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            yield f"{name}: of {len(results)} that collapse: {counts}"

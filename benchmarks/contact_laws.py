@@ -1,6 +1,6 @@
 """Time per step of a user-defined copy of a built-in law, and of one with rolling resistance, relative to the built-in.
 
-python benchmarks/contact_laws.py
+python -m benchmarks contact_laws
 """
 
 import math
@@ -9,6 +9,8 @@ import time
 import numpy as np
 
 import stickslip as ss
+
+from .records import number
 
 ROUNDS, STEPS, DT = 7, 300, 0.05
 HERTZ = {"kn": 1.0, "kt": 2 / 7, "mu": 0.5}
@@ -38,29 +40,26 @@ def gas(side: int) -> ss.State:
     return ss.assembly(grains, cell=ss.box([side * 0.98] * 3, [True] * 3, 3))
 
 
-def ratio(state: ss.State, one: ss.Law, other: ss.Law) -> float:
+def ratio(state: ss.State, one: ss.Law, other: ss.Law, steps: int = STEPS) -> float:
     """Shortest time with the second law over that with the first, one thread."""
     best = [np.inf, np.inf]
     for _ in range(ROUNDS):
         for k, law in enumerate((one, other)):
             start = time.process_time()
-            ss.run(state, law, STEPS, DT, threads=1)
+            ss.run(state, law, steps, DT, threads=1)
             best[k] = min(best[k], time.process_time() - start)
     return best[1] / best[0]
 
 
-def main() -> None:
-    """Print both ratios."""
+def rows(*, smallest: bool = False):
+    """Both ratios."""
     own = {"normal_force": normal_force, "tangential_stiffness": tangential_stiffness}
     rolls = {"rolling_stiffness": rolling_stiffness, "rolling_cap": rolling_cap}
     built_in, copy = ss.laws.hertz_mindlin(**HERTZ), ss.laws.custom(**own, parameters=HERTZ)
     rolling = ss.laws.custom(**own, **rolls, parameters=HERTZ | {"kr": 0.01, "mu_r": 0.1})
-    for side, law, name in ((14, copy, "a copy of hertz_mindlin"), (10, rolling, "with rolling resistance")):
-        state = gas(side)
+    for side, law, name in ((14, copy, "copy of hertz_mindlin"), (10, rolling, "with rolling resistance")):
+        state = gas(5 if smallest else side)
         for one in (built_in, law):
             ss.run(state, one, 10, DT, threads=1)  # compile, or load from the cache
-        print(f"{name}, {side**3} spheres: {ratio(state, built_in, law):.2f} of the time of hertz_mindlin")
-
-
-if __name__ == "__main__":
-    main()
+        took = ratio(state, built_in, law, 2 if smallest else STEPS)
+        yield number(f"{name}, {len(state.grains.radius)} spheres, time over that of hertz_mindlin", took)

@@ -1,13 +1,10 @@
 """Contact number and packing fraction of frictional packings against μ; a few minutes.
 
-    python -m benchmarks.contact_number [SEEDS [DIM]]
+    python -m benchmarks contact_number [SEEDS [DIM]]
 
 Bidisperse disks (1 to 1.4) and equal spheres are compressed with friction by `packings.compressed`, to pressures at
 which grains overlap by 1e-3 of their diameter and less. Rattlers are not counted. The table is for docs/packings.md.
 """
-
-import sys
-import time
 
 import numpy as np
 
@@ -30,25 +27,20 @@ def excess(info, dim: int, mu: float) -> float:
     return info.coordination - (dim + 1 + 2 * info.sliding / held / dim if mu else 2 * dim)
 
 
-def main(seeds: int = 3, *dims: int) -> None:
-    """Print the table."""
-    start = time.process_time()
-    for dim in dims or SAMPLES:
-        about = SAMPLES[dim]
-        print(f"{dim}D, {about['n']} grains of radius {about['radius']}, p = {PRESSURE:g}, {seeds} packings each")
-        print("| μ | contact number | above isostaticity | packing fraction | sliding contacts | rattlers |")
-        print("|---|---|---|---|---|---|")
-        for mu in FRICTION:
-            found = [sample(dim, mu, seed) for seed in range(seeds)]
+def rows(seeds: str = "3", *dims: str, smallest: bool = False):
+    """The table."""
+    seeds, small = 2 if smallest else int(seeds), {"n": 20} if smallest else {}
+    for dim in [2] if smallest else list(map(int, dims)) or SAMPLES:
+        about = SAMPLES[dim] | small
+        yield f"{dim}D, {about['n']} grains of radius {about['radius']}, p = {PRESSURE:g}, {seeds} packings each"
+        yield "| μ | contact number | above isostaticity | packing fraction | sliding contacts | rattlers |"
+        yield "|---|---|---|---|---|---|"
+        for mu in FRICTION[1:2] if smallest else FRICTION:
+            found = [sample(dim, mu, seed, **small) for seed in range(seeds)]
             z, over = [i.coordination for i in found], np.mean([excess(i, dim, mu) for i in found])
             phi = np.mean([i.packing_fraction for i in found])
             sliding = np.mean([i.sliding / i.contacts for i in found])
             loose = np.mean([i.rattlers / about["n"] for i in found])
             error = np.std(z, ddof=1) / np.sqrt(seeds)
             line = (f"{np.mean(z):.2f} ± {error:.2f}", *(f"{x:.2f}" for x in (over, phi, sliding, loose)))
-            print(f"| {mu:g} | {' | '.join(line)} |", flush=True)
-    print(f"{time.process_time() - start:.0f} s")
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+            yield f"| {mu:g} | {' | '.join(line)} |"

@@ -1,13 +1,12 @@
 """Grain steps per second of a graphics processor beside this package's engine on all cores of the same machine.
 
-    python -m benchmarks.device [--rounds N]
+    python -m benchmarks device [ROUNDS]
 
 It first compares the bits of a short run with those of the same functions on this processor. Then batches of sheared
 gouge run on the device and, in turn, one system per core with the engine; the best of several rounds counts. Large
 samples are tiles of a small one, side by side.
 """
 
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 
@@ -21,6 +20,7 @@ from stickslip.ensemble.pool import default_workers
 from stickslip.experiments.gouge.protocol import slide_leg
 from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, prepare_sample
 from stickslip.experiments.gouge.scenario import GougeScenario
+from stickslip.extras import MissingExtraError
 
 CASES = ((3, 1), (3, 8), (3, 24), (3, 48), (1, 80), (1, 800))  # tiles along each side, and systems
 STEPS, OWN_STEPS, VELOCITY = 10_000, 1000, 0.02
@@ -81,27 +81,28 @@ def own_rate(leg: Leg) -> float:
     return len(leg.state.grains.radius) * leg.steps / (time.perf_counter() - start)
 
 
-def main() -> None:
-    """Print the comparison."""
-    rounds = int(sys.argv[sys.argv.index("--rounds") + 1]) if "--rounds" in sys.argv else 3
-    device, cores = open_device("cuda"), default_workers()
+def rows(rounds: str = "3", *, smallest: bool = False):
+    """The comparison."""
+    try:
+        device, cores = open_device("cuda"), default_workers()
+    except (MissingExtraError, RuntimeError) as problem:
+        yield f"device skipped: {problem}"
+        return
     sample = prepare_sample(scenario(), 0)
     short = slide_leg(scenario(), sample, VELOCITY, 500)
     (mine, _), (known, _) = (run_legs([short], where)[0] for where in (device, Processor()))
     same = all(np.array_equal(getattr(mine.grains, name), getattr(known.grains, name)) for name in mine.grains._fields)
-    print(f"bits after {short.steps} steps are those of this processor: {same}")
-    print("| systems | grains in each | device [1/s] | engine on all cores [1/s] | ratio |\n|---|---|---|---|---|")
-    for sides, systems in CASES:
+    yield f"bits after {short.steps} steps are those of this processor: {same}"
+    for sides, systems in CASES[:1] if smallest else CASES:
         leg = slide_leg(scenario(), tiled(sample, sides), VELOCITY, STEPS)
         rates, own = [], []
-        for _ in range(rounds):
+        for _ in range(1 if smallest else int(rounds)):
             rates.append(device_rate(device, [leg] * systems))
             with ProcessPoolExecutor(cores) as pool:
                 own.append(sum(pool.map(own_rate, [leg._replace(steps=OWN_STEPS)] * cores)))
         best, ours = max(rates), max(own)
         size = len(leg.state.grains.radius)
-        print(f"| {systems} | {size} | {best:.2e} | {ours:.2e} ({cores} cores) | {best / ours:.1f} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        yield {
+            "case": f"gouge, {systems} systems, on the device", "n": size, "threads": 1, "ours": best, "peer": ours,
+            "peer_name": f"engine on {cores} cores", "ratio": best / ours, "unit": "grain-steps/s",
+        }  # fmt: skip

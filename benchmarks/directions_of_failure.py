@@ -1,6 +1,6 @@
 """Which sign of failure comes first on a biaxial path: the table and the figure of `docs/directions_of_failure.md`.
 
-python -m benchmarks.directions_of_failure     # about five minutes, one process
+python -m benchmarks directions_of_failure     # about five minutes, one process
 """
 
 import csv
@@ -15,7 +15,7 @@ from stickslip.figures.saving import save
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/directions_of_failure", ROOT / "docs/directions_of_failure.md"
-MARK = "<!-- written by python -m benchmarks.directions_of_failure -->\n"
+MARK = "<!-- written by python -m benchmarks directions_of_failure -->\n"
 DISKS, PRESSURE, MU, SEEDS = 100, 1e-3, 0.3, range(1, 9)
 STEP, STEPS, EVERY, DIRECTIONS = 2e-4, 160, 10, 72
 SHOWN = 0.5, 0.9, 1.0  # shares of the strain of the first cone at which the figure shows seed 1
@@ -59,15 +59,15 @@ def look(state, law, strain: float) -> Look:
     return Look(strain, ratio, float(np.nanmin(envelope.normalised_work)), determinant, signs, envelope)
 
 
-def follow(seed: int) -> tuple[list[Look], float]:
+def follow(seed: int, disks: int = DISKS, steps: int = STEPS) -> tuple[list[Look], float]:
     """Compress one packing along y at constant σ_xx; also return the strain of the first rearrangement."""
     law = ss.laws.hertz_mindlin(mu=MU)
-    state, _ = ss.packings.jammed(DISKS, pressure=PRESSURE, dim=2, seed=seed)
+    state, _ = ss.packings.jammed(disks, pressure=PRESSURE, dim=2, seed=seed)
     state, _ = ss.equilibrate(state, law, check="nothing")
     side = {"xx": ss.measure.stress(state, law)[0, 0]}
     state = state._replace(control=ss.control.stress_controlled(state.control, side))
     looks = [look(state, law, 0.0)]
-    for k in range(1, STEPS + 1):
+    for k in range(1, steps + 1):
         end, outcome = ss.equilibrate(ss.packings.strained(state, np.diag([0, -STEP])), law, check="nothing")
         if not outcome.ok or outcome.fallback:
             looks.append(look(state, law, STEP * (k - 1)))
@@ -93,11 +93,15 @@ def table(paths: dict[int, tuple[list[Look], float]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
+def rows(*, smallest: bool = False):
     """Follow all samples, and write table, CSV and figure."""
     warnings.simplefilter("ignore")
+    if smallest:
+        yield table({1: follow(1, 20, 2)})
+        return
     OUT.mkdir(parents=True, exist_ok=True)
     paths = {seed: follow(seed) for seed in SEEDS}
+    yield table(paths)
     with (OUT / "looks.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["sample", "strain [1]", "sin_phi [1]", "least_work [1]", "determinant [1]", *SIGNS])
@@ -110,11 +114,6 @@ def main() -> None:
     shown = [min(looks, key=lambda one: abs(one.strain - end)) for end in ends]
     labels = [f"ε = {one.strain:.3f}, sin φ = {one.ratio:.2f}" for one in shown]
     save(ss.figures.response_envelopes([one.envelope for one in shown], labels), OUT / "envelopes.png")
-    page = PAGE.read_text(encoding="utf-8")
-    before, _, rest = page.partition(MARK)
-    after = rest[rest.index(MARK) :] if MARK in rest else ""
-    PAGE.write_text(f"{before}{MARK}\n{table(paths)}\n{after or MARK}", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
+    _, end, tail = rest.partition("<!-- end -->")
+    PAGE.write_text(f"{head}{begin}\n{table(paths)}\n{end}{tail}", encoding="utf-8")

@@ -1,7 +1,6 @@
 """CPU time of element tests of 1000 spheres, and of response envelopes of their states.
 
-    python -m benchmarks --element-tests           dynamic test and envelope; two minutes
-    python -m benchmarks --element-tests --large   also the quasi-static test; a quarter of an hour
+    python -m benchmarks element_tests
 
 A drained triaxial test of the sample of `examples/triaxial.toml` to an axial strain of 10 %, and the responses to 64
 probes at its end, where contacts slide.
@@ -26,18 +25,21 @@ STRAIN, DIRECTIONS = 0.1, 64
 BUDGETS = {"dynamic": 300, "quasi-static": 900, "envelope": 180}  # seconds of one core
 
 
-def triaxial(integrator: str):
+def triaxial(integrator: str, smallest: bool):
     """Result of the test of one sample, and its CPU seconds."""
     tables = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
     path = {"kind": "triaxial", "strain": STRAIN, "integrator": integrator}
     if integrator == "dynamic":
         path["inertial_number"] = tables["path"]["inertial_number"]
     tables |= {"realizations": 1, "check": False, "path": path}
+    if smallest:
+        tables["sample"] = tables["sample"] | {"grains": 60}
+        path |= {"strain": 1e-4, "step": 2e-5}
     start = time.process_time()
     return ss.simulate(ss.scenario(**tables), workers=1), time.process_time() - start
 
 
-def envelope(result, case: str) -> list[dict]:
+def envelope(result, case: str, directions: int) -> list[dict]:
     """CPU seconds of the response envelope of the last state, at rest, and the share without an answer."""
     state, pressure = result.runs[0].end, result.scenario.sample.pressure
     n, tolerance = len(state.grains.radius), BALANCED * pressure * float(2 * state.grains.radius.mean()) ** 2
@@ -45,26 +47,25 @@ def envelope(result, case: str) -> list[dict]:
     held = state._replace(control=ss.control.loads(n))
     rest, _ = settle(held, result.law, scales, tolerance=tolerance, keep=Factorisation())
     start = time.process_time()
-    answer = ss.protocols.response_envelope(rest, result.law, directions=DIRECTIONS)
-    seconds, case = time.process_time() - start, f"envelope of {DIRECTIONS} directions, {case}"
+    answer = ss.protocols.response_envelope(rest, result.law, directions=directions)
+    seconds, case = time.process_time() - start, f"envelope of {directions} directions, {case}"
     return [
         row(case, n, seconds, BUDGETS["envelope"], "budget"),
         row(f"{case}: share without equilibrium nearby", n, answer.collapsed.mean(), None, "", ""),
     ]
 
 
-def rows(full: bool) -> list[dict]:
-    """All rows; `full` adds the quasi-static test."""
+def rows(*, smallest: bool = False):
+    """All rows."""
     warnings.simplefilter("ignore")
     os.environ["OMP_NUM_THREADS"] = "1"
-    out = []
-    for integrator in ("dynamic", "quasi-static") if full else ("dynamic",):
-        result, seconds = triaxial(integrator)
+    for integrator in ("quasi-static",) if smallest else ("dynamic", "quasi-static"):
+        result, seconds = triaxial(integrator, smallest)
         run, case = result.runs[0], f"{integrator} triaxial test to {STRAIN:.0%}"
         n = len(run.end.grains.radius)
-        out += [
+        found = [
             row(case, n, seconds, BUDGETS[integrator], "budget"),
             row(f"{case}: strain reached", n, float(run.series.load[-1]), None, "", ""),
         ]
-        out += envelope(result, f"end of the {integrator} test")
-    return [r | {"threads": 1} for r in out]
+        found += envelope(result, f"end of the {integrator} test", 4 if smallest else DIRECTIONS)
+        yield from (one | {"threads": 1} for one in found)

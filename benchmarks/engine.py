@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
+
+from .records import console
 
 HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
 SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
-console = Console()
 PEERS = {  # LAMMPS sides and their names in the table
     "gran/hertz/history": "LAMMPS gran/hertz",
     "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
@@ -124,21 +124,28 @@ def sizes(counts) -> list[dict]:
     return [*out, row("memory per grain", counts[-1], 1, max(memory) / counts[-1], 1500.0, "budget", "bytes")]
 
 
-def rows(full: bool) -> list[dict]:
-    """All rows; without `full` only the two sizes with required ratios."""
-    dense, few = scene(3, 0.66, 10_000, 0.001), scene(3, 0.66, 100, 0.001)
-    out = compare("dense spheres", dense, 10_000, (*PEERS, "YADE"), 1000)
-    out += compare("dense spheres", few, 100, (PLAIN, OMP), 60_000)
+def rows(*, smallest: bool = False):
+    """Dense spheres on one and two threads, beside LAMMPS and YADE."""
+    few = scene(3, 0.66, 100, 0.001)
+    if smallest:
+        yield from compare("dense spheres", few, 100, (PLAIN, "YADE"), 100, rounds=1)
+        return
+    dense = scene(3, 0.66, 10_000, 0.001)
+    yield from compare("dense spheres", dense, 10_000, (*PEERS, "YADE"), 1000)
+    yield from compare("dense spheres", few, 100, (PLAIN, OMP), 60_000)
     if (os.cpu_count() or 1) > 1:
-        out += compare("dense spheres", dense, 10_000, (OMP,), 1000, threads=2)
-    out += threads(dense, 10_000)
-    if full:
-        for case, dim, fraction, speed in (
-            ("dilute spheres", 3, 0.3, 0.02), ("dense disks", 2, 0.86, 0.001), ("dilute disks", 2, 0.5, 0.02),
-        ):  # fmt: skip
-            out += compare(case, scene(dim, fraction, 10_000, speed), 10_000, (PLAIN, OMP), 1000, rounds=3)
-        out += sizes((1000, 10_000, 100_000, 1_000_000))
-    return out
+        yield from compare("dense spheres", dense, 10_000, (OMP,), 1000, threads=2)
+    yield from threads(dense, 10_000)
+
+
+def size_rows(*, smallest: bool = False):
+    """Dilute spheres and disks beside LAMMPS, and dense spheres of increasing number."""
+    n = 100 if smallest else 10_000
+    for case, dim, fraction, speed in (
+        ("dilute spheres", 3, 0.3, 0.02), ("dense disks", 2, 0.86, 0.001), ("dilute disks", 2, 0.5, 0.02),
+    ):  # fmt: skip
+        yield from compare(case, scene(dim, fraction, n, speed), n, (PLAIN, OMP), 1000, rounds=1 if smallest else 3)
+    yield from () if smallest else sizes((1000, 10_000, 100_000, 1_000_000))
 
 
 def threads(path: Path, n: int) -> list[dict]:

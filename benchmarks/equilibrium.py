@@ -1,6 +1,6 @@
 """Reliability of verdicts off equilibrium: three measurements that justify `BALANCED_BELOW`; ten minutes.
 
-    python -m benchmarks.equilibrium
+    python -m benchmarks equilibrium
 
 Packings of 15 to 60 disks and spheres are jammed without friction and then sheared quasi-statically with friction, by
 smooth and sharp laws with a friction coefficient of 0.3 and 10. For the first table grains are moved at random. For the
@@ -8,7 +8,6 @@ second the slips are removed, also for 500 disks. For the third positions and sl
 """
 
 import itertools
-import sys
 import time
 import warnings
 
@@ -71,19 +70,20 @@ def rounded(state, law, digits: int):
     )  # fmt: skip
 
 
-def without_slips(found) -> None:
-    """Print the shares of packings unstable with and without their slips, by the residual without slips."""
-    residual, with_them, forgotten = np.array(found, float).T
+def without_slips(found):
+    """Lines with the shares of packings unstable with and without their slips, by the residual without slips."""
+    residual, with_them, forgotten = np.array(found, float).reshape(-1, 3).T
     for low, high in itertools.pairwise(STEPS):
         here = (residual >= low) & (residual < high)
         if here.any():
-            print(
+            yield (
                 f"  {low:.0e} to {high:.0e}  {with_them[here].mean():.2f}  {forgotten[here].mean():.2f}  {here.sum()}"
             )
 
 
-def main(seconds: float = 300.0) -> None:
-    """Measure and print; takes `seconds` twice."""
+def rows(seconds: str = "300", *, smallest: bool = False):
+    """Measure; takes `seconds` twice."""
+    seconds = 0.01 if smallest else float(seconds)
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
     moved, small, large, texts = {level: [] for level in LEVELS}, [], [], {digits: [] for digits in DIGITS}
     for state, law, rng in packings(seconds):
@@ -97,19 +97,15 @@ def main(seconds: float = 300.0) -> None:
                 texts[digits].append(ss.measure.imbalance(rounded(state, law, digits), law))
             except ss.packings.PackingError:  # a contact was rounded away
                 texts[digits].append(np.inf)
-    for state, law, _ in packings(seconds, (500, 501), (-4.6, -3.6), (2,)):
+    for state, law, _ in packings(0 if smallest else seconds, (500, 501), (-4.6, -3.6), (2,)):
         forgotten = ss.stability(bare(state), law)
         large.append((forgotten.residual, ss.stability(state, law).grows, forgotten.grows))
-    print("grains moved at random: residual, share of changed verdicts, packings")
+    yield ("grains moved at random: residual, share of changed verdicts, packings")
     for level, changed in moved.items():
-        print(f"  {level:.0e}  {np.mean(changed):.3f}  {len(changed)}")
+        yield (f"  {level:.0e}  {np.mean(changed):.3f}  {len(changed)}")
     for words, found in (("15 to 60 grains", small), ("500 disks", large)):
-        print(f"slips removed, {words}: residual, share unstable with slips, without slips, packings")
-        without_slips(found)
-    print("text: digits, median and largest residual")
+        yield f"slips removed, {words}: residual, share unstable with slips, without slips, packings"
+        yield from without_slips(found)
+    yield ("text: digits, median and largest residual")
     for digits, found in texts.items():
-        print(f"  {digits}  {np.median(found):.1e}  {np.max(found):.1e}")
-
-
-if __name__ == "__main__":
-    main(*map(float, sys.argv[1:]))
+        yield (f"  {digits}  {np.median(found):.1e}  {np.max(found):.1e}")

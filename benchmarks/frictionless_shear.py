@@ -1,6 +1,6 @@
 """Angle of friction of spheres without friction in slow simple shear, against a published value; about fifteen minutes.
 
-    python -m benchmarks.frictionless_shear [GRAINS [SAMPLES]]
+    python -m benchmarks frictionless_shear [GRAINS [SAMPLES]]
 
 Spheres without friction have an angle of friction all the same: 5.76 ± 0.22 degrees in the limit of rigid grains and
 slow shear (Peyneau and Roux 2008, doi:10.1103/PhysRevE.78.011307, abstract; docs/reference/element_tests). Element
@@ -10,8 +10,6 @@ the first run: 10 % of the published value, or twice both errors together if tha
 docs/element_tests.md.
 """
 
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +17,15 @@ import numpy as np
 import stickslip as ss
 from stickslip.core.tables import read_table
 
+from .records import number
+
 PUBLISHED = Path(__file__).parents[1] / "docs" / "reference" / "element_tests" / "frictionless_shear.csv"
 RATES, POWERS = (1e-3, 3e-4, 1e-4), (0.4, 0.3, 0.5)  # inertial numbers; powers n, the first of them assumed
 STRAIN, STEADY = 0.4, 0.15  # shear strain, and that from which averages are taken
 BLOCKS = 5  # parts of the steady series whose scatter gives the error of a single sample
 
 
-def tangent(grains: int, samples: int, inertial_number: float) -> tuple[float, float]:
+def tangent(grains: int, samples: int, inertial_number: float, strain: float = STRAIN) -> tuple[float, float]:
     """Mean of tan φ in steady shear, and its standard error from samples or, of one sample, from blocks."""
     test = ss.scenario(
         experiment="element-test",
@@ -39,7 +39,7 @@ def tangent(grains: int, samples: int, inertial_number: float) -> tuple[float, f
         law={"kind": "hertz_mindlin_reff", "young": 1e8, "poisson": 0.2, "mu": 0.0},
         path={
             "kind": "simple-shear",
-            "strain": STRAIN,
+            "strain": strain,
             "step": 2e-3,
             "integrator": "dynamic",
             "inertial_number": inertial_number,
@@ -49,7 +49,7 @@ def tangent(grains: int, samples: int, inertial_number: float) -> tuple[float, f
     for run in ss.simulate(test, workers=1).runs:
         series = run.series
         ratio = np.abs(series.stress[:, 0, 1]) / series.stress[:, 1, 1]
-        steady = ratio[np.abs(series.load) > STEADY]
+        steady = ratio[np.abs(series.load) > STEADY / STRAIN * strain]
         means += [steady.mean()] if samples > 1 else [block.mean() for block in np.array_split(steady, BLOCKS)]
     return float(np.mean(means)), float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
@@ -62,25 +62,21 @@ def extrapolate(mean: np.ndarray, scatter: np.ndarray, power: float) -> tuple[fl
     return float(np.degrees(np.arctan(limit))), float(np.degrees(error))
 
 
-def main(grains: int = 1000, samples: int = 1) -> None:
-    """Print the table and the comparison."""
-    start = time.process_time()
+def rows(grains: str = "1000", samples: str = "1", *, smallest: bool = False):
+    """Tangent at each inertial number, its limit, and the verdict."""
+    grains, samples = 40 if smallest else int(grains), int(samples)
     _, (_, (_, value, error, doi)) = read_table(PUBLISHED)
-    print(f"{grains} spheres without friction, {samples} samples, γ from {STEADY:g} to {STRAIN:g}")
-    print("| I | tan φ | φ |\n|---|---|---|")
+    yield f"{grains} spheres without friction, {samples} samples, γ from {STEADY:g} to {STRAIN:g}"
     points = []
     for rate in RATES:
-        mean, scatter = tangent(grains, samples, rate)
+        mean, scatter = tangent(grains, samples, rate, 0.006 if smallest else STRAIN)
         points.append((mean, scatter))
-        print(f"| {rate:g} | {mean:.4f} ± {scatter:.4f} | {np.degrees(np.arctan(mean)):.2f}° |", flush=True)
+        yield number(f"tan φ, I = {rate:g}", mean, "", scatter)
+        yield number(f"φ, I = {rate:g}", float(np.degrees(np.arctan(mean))), "°")
     mean, scatter = np.array(points).T
     limits = [extrapolate(mean, scatter, power) for power in POWERS]
     limit, wide = limits[0][0], float(np.hypot(limits[0][1], np.ptp([value for value, _ in limits]) / 2))
     allowed = max(0.1 * float(value), 2 * float(np.hypot(wide, float(error))))
     verdict = "agrees" if abs(limit - float(value)) < allowed else "differs"
-    print(f"I → 0: {limit:.2f} ± {wide:.2f}°; published: {value} ± {error}° (doi:{doi}): {verdict}")
-    print(f"{time.process_time() - start:.0f} s")
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    yield number("φ, I → 0", limit, "°", wide)
+    yield f"published: {value} ± {error}° (doi:{doi}): {verdict}"

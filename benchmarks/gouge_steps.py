@@ -4,7 +4,7 @@ For sequences of velocity steps, errors of rate-and-state parameters follow from
 the a, b, D_c and stiffness of Ferdowsi & Rubin 2021, and the fluctuations of friction in steady sliding of the stored
 samples, whose correlation decays exponentially with slip. The cost is in samples of the protocol of the paper's size.
 
-python -m benchmarks.gouge_steps
+python -m benchmarks gouge_steps
 """
 
 from pathlib import Path
@@ -16,8 +16,6 @@ from stickslip.experiments.gouge.dimensionless import stiffness
 from stickslip.experiments.gouge.paper import MAIN, PAPER, STEPS, paper_size_scenario, stored_samples
 from stickslip.friction import LoadStep, RateState, Spring, spring_slider
 from stickslip.friction.measure import steady_mean
-
-from .engine import console
 
 SAMPLES, POINTS = 8, 120  # samples to be run, and points of each leg
 STORED = Path(__file__).parents[1] / "docs/reference/gouge_paper_size"
@@ -66,24 +64,18 @@ def errors(legs, spring: float, noise: tuple[float, float]) -> np.ndarray:
     return np.linalg.inv(jacobian.T @ np.linalg.solve(alike, jacobian))
 
 
-def main() -> None:
-    """Print the table."""
+def rows(*, smallest: bool = False):
+    """The table; the smallest size has its first row."""
     scenario = paper_size_scenario()
     size, spring = scenario.grains.mean, stiffness(scenario) / scenario.load.normal_stress
     noise = fluctuations(size)
-    console.print(f"friction fluctuates by {noise[0]:.3f}, over {noise[1] / size:.2f} D of slip; {SAMPLES} samples")
-    console.print("steps | b ± | D_c ± | correlation of ln b and ln D_c | a − b ± | cost of each [samples]")
-    for name, (velocities, slips) in SEQUENCES.items():
+    yield (f"friction fluctuates by {noise[0]:.3f}, over {noise[1] / size:.2f} D of slip; {SAMPLES} samples")
+    yield ("steps | b ± | D_c ± | correlation of ln b and ln D_c | a − b ± | cost of each [samples]")
+    for name, (velocities, slips) in list(SEQUENCES.items())[: 1 if smallest else None]:
         legs = [(v, s * size) for v, s in zip(velocities, slips, strict=True)]
         inner = errors(legs, spring, noise)
         size_of = 1.96 * np.sqrt(np.diag(inner))
         weights = np.array([A, -B, 0.0, 0.0])
         gap, alike = 1.96 * np.sqrt(weights @ inner @ weights), inner[1, 2] / np.sqrt(inner[1, 1] * inner[2, 2])
         cost = sum(slip / velocity for velocity, slip in legs[1:]) / scenario.duration
-        console.print(
-            f"{name} | {size_of[1]:.0%} | {size_of[2]:.0%} | {alike:.2f} | {gap:.4f} | {cost:.2f}", highlight=False
-        )
-
-
-if __name__ == "__main__":
-    main()
+        yield (f"{name} | {size_of[1]:.0%} | {size_of[2]:.0%} | {alike:.2f} | {gap:.4f} | {cost:.2f}")

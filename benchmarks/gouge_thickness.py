@@ -3,7 +3,7 @@
 The cell, the distribution of diameters and the protocol are those of the paper's size; only the number of grains
 differs. The sample is run unless it is stored, which takes an hour of one core; a run that is stopped goes on.
 
-python -m benchmarks.gouge_thickness
+python -m benchmarks gouge_thickness
 """
 
 from pathlib import Path
@@ -17,8 +17,6 @@ from stickslip.experiments.gouge.paper import MAIN, PAPER, paper_size_scenario, 
 from stickslip.experiments.gouge.simulate import GougeResult, simulate_gouge
 from stickslip.experiments.gouge.statistics import slope
 from stickslip.reports.terminal import progress
-
-from .engine import console
 
 STORED = Path(__file__).parents[1] / "docs/reference"
 NUMBER = 2900  # mobile grains of a layer of 14 D
@@ -40,27 +38,25 @@ def quantities(result: GougeResult) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    """Print the table."""
-    thick = paper_size_scenario(realizations=1)
+def thin_sample(thick) -> GougeResult:
+    """Result of the sample of 14 D."""
     thin = thick.model_copy(update={"grains": thick.grains.model_copy(update={"number": NUMBER})})
     with progress() as report:
         folder = Path("results/gouge-14-D")
-        one = simulate_gouge(thin, folder=folder, samples=STORED / "gouge_14_D", workers=1, report=report)
-    found = quantities(one)
-    stored = stored_samples(STORED / "gouge_paper_size")[MAIN].values()
+        return simulate_gouge(thin, folder=folder, samples=STORED / "gouge_14_D", workers=1, report=report)
+
+
+def rows(*, smallest: bool = False):
+    """The table; the smallest size has a stored sample of 20 D alone."""
+    thick = paper_size_scenario(realizations=1)
+    stored = list(stored_samples(STORED / "gouge_paper_size")[MAIN].values())[: 1 if smallest else None]
     others = [quantities(GougeResult(thick, (sample.realization,), (), 1)) for sample in stored]
+    found = others[0] if smallest else quantities(thin_sample(thick))
     count = len(others)
-    console.print(
-        f"quantity | 14 D, one sample | 20 D, mean of {count} | a further sample of 20 D, 95 %", highlight=False
-    )
+    yield (f"quantity | 14 D, one sample | 20 D, mean of {count} | a further sample of 20 D, 95 %")
     for name, value in found.items():
         values = np.array([other[name] for other in others])
         half = np.nan
         if count > 1:
             half = stdtrit(count - 1, 0.975) * values.std(ddof=1) * np.sqrt(1 + 1 / count)
-        console.print(f"{name} | {value:.4g} | {values.mean():.4g} | ± {half:.2g}", highlight=False)
-
-
-if __name__ == "__main__":
-    main()
+        yield f"{name} | {value:.4g} | {values.mean():.4g} | ± {half:.2g}"

@@ -1,15 +1,14 @@
 """Energy balance of vibrations in holds of fault gouge, for two tangential laws, several dampings and time steps.
 
-    python -m benchmarks.hold_energy                # 16 ledgers of 10 ms (about a quarter of an hour on two cores)
-    python -m benchmarks.hold_energy --steps        # holds of 20 ms with time steps from 5e-8 to 4e-7 s
-    python -m benchmarks.hold_energy --lammps       # holds of 0.1 s of one scenario with stickslip and with LAMMPS
+    python -m benchmarks hold_energy                # 16 ledgers of 10 ms (about a quarter of an hour on two cores)
+    python -m benchmarks hold_energy --steps        # holds of 20 ms with time steps from 5e-8 to 4e-7 s
+    python -m benchmarks hold_energy --lammps       # holds of 0.1 s of one scenario with stickslip and with LAMMPS
 
 One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. From some of its
 states the load point is held, with the law, damping and time step given in each row. Energies are means over the
 states, in units of the elastic energy of the contacts at the start of the hold.
 """
 
-import argparse
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -70,9 +69,8 @@ def places(scenario: GougeScenario):
     return [one.place for one in run_trunk(scenario, scenario.seed, own_engine(1), lambda *_: None).branches]
 
 
-def rows(cases, *, seconds: float, ledger: bool) -> None:
-    """Print one row per (name of a law, γ_n, dt)."""
-    starts = places(base())
+def holds(cases, starts, *, seconds: float, ledger: bool):
+    """One line per (name of a law, γ_n, dt)."""
     cases = list(cases)
     tasks = [
         (place, {"damping_n": gamma, "kind": LAWS[name]}, dt, seconds, ledger)
@@ -81,20 +79,20 @@ def rows(cases, *, seconds: float, ledger: bool) -> None:
     ]
     members = run_members(run_hold, tasks)
     words = [f"{name:>12}" for name in COLUMNS] if ledger else []
-    print("history   gamma_n       dt   friction  kin./elast.", *words, sep="  ")
+    yield "  ".join(["history   gamma_n       dt   friction  kin./elast.", *words])
     for k, (name, gamma, dt) in enumerate(cases):
         mine = members[k * len(starts) : (k + 1) * len(starts)]
         if failure := next((m.failure for m in mine if m.failure), None):
-            print(f"{name:8}  {gamma:7.1e}  {dt:7.0e}  {failure}")
+            yield f"{name:8}  {gamma:7.1e}  {dt:7.0e}  {failure}"
             continue
         found = [m.result for m in mine]
         change, kinetic = np.mean([f[0] for f in found]), np.mean([f[1] for f in found])
         books = [f"{np.mean([f[2][name] for f in found]):12.2e}" for name in COLUMNS] if ledger else []
         head = f"{name:8}  {gamma:7.1e}  {dt:7.0e}  {change:9.4f}  {kinetic:11.2e}"
-        print(head, *books, sep="  ", flush=True)
+        yield "  ".join([head, *books])
 
 
-def compare_engines() -> None:
+def compare_engines():
     """Compare the relaxation in 0.1 s between engines, for both tangential laws; each engine slides its own samples."""
     protocol = [base().protocol[0].model_dump() | {"holds": (1e-2, 1e-1), "branches": 3}]
     for name, gamma in product(LAWS, (1e4, 6e7)):
@@ -105,22 +103,17 @@ def compare_engines() -> None:
                 result = simulate_gouge(scenario, folder=Path(folder))
             curve = measures.hold_curve(result, VELOCITY)
             words = ", ".join(f"{curve.at(t).value:.4f} ± {curve.at(t).half:.4f} at {t:g} s" for t in (1e-2, 1e-1))
-            print(f"{name:8}  {gamma:7.1e}  {engine:9}  {words}", flush=True)
+            yield f"{name:8}  {gamma:7.1e}  {engine:9}  {words}"
 
 
-def main() -> None:
-    """Print the table selected on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", action="store_true", help="compare time steps, without a ledger")
-    parser.add_argument("--lammps", action="store_true", help="compare both engines")
-    asked = parser.parse_args()
-    if asked.lammps:
-        compare_engines()
-    elif asked.steps:
-        rows(product(("plain",), (1e4, 6e7), STEPS), seconds=2 * HOLD, ledger=False)
+def rows(*words: str, smallest: bool = False):
+    """The table that is asked for."""
+    if smallest:
+        starts = places(base(grains={"number": 40}, cell={"length": 0.017}, preparation={"slip": 0.01}))
+        yield from holds([("plain", 1e4, STEPS[0])], starts[:1], seconds=1e-4, ledger=True)
+    elif "--lammps" in words:
+        yield from compare_engines()
+    elif "--steps" in words:
+        yield from holds(product(("plain",), (1e4, 6e7), STEPS), places(base()), seconds=2 * HOLD, ledger=False)
     else:
-        rows(product(LAWS, DAMPINGS, (STEPS[0], STEPS[-1])), seconds=HOLD, ledger=True)
-
-
-if __name__ == "__main__":
-    main()
+        yield from holds(product(LAWS, DAMPINGS, (STEPS[0], STEPS[-1])), places(base()), seconds=HOLD, ledger=True)

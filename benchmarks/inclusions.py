@@ -1,10 +1,9 @@
-"""Inflated grains beside elasticity, with nothing fitted, and what fits prefer: `python -m benchmarks.inclusions`.
+"""Inflated grains beside elasticity, with nothing fitted, and what fits prefer: `python -m benchmarks inclusions`.
 
 A lattice, frictionless disks (single grains), and sheared disks with friction (every tenth grain; 13 of these in steps
-by 2 % and by 10 %). A number of disks, as `python -m benchmarks.inclusions 300`, makes it shorter.
+by 2 % and by 10 %). A number of disks, as `python -m benchmarks inclusions 300`, makes it shorter.
 """
 
-import sys
 import warnings
 
 import numpy as np
@@ -46,13 +45,21 @@ def describe(field) -> str:
     )
 
 
-def main(disks: int = 1000) -> None:
-    """Print the rows."""
+def rows(disks: str = "1000", *, smallest: bool = False):
+    """The rows."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield from _rows(100 if smallest else int(disks), smallest)
+
+
+def _rows(disks: int, smallest: bool):
     law = ss.laws.linear(1.0, 0.5, 0.5)
-    field = ss.modes.inflate(lattice(law, 40), law, growth=1e-9)
+    field = ss.modes.inflate(lattice(law, 20 if smallest else 40), law, growth=1e-9)
     rings = field.fit().rings
     expected = field.elastic(rings.radius)
-    print(f"triangular lattice: rings off by {np.abs(rings.mean[0] - expected).max() / expected.max():.1e} at most")
+    yield (f"triangular lattice: rings off by {np.abs(rings.mean[0] - expected).max() / expected.max():.1e} at most")
+    if smallest:
+        return
     for fraction in (0.95, 0.86):
         state, _ = ss.packings.jammed(disks, packing_fraction=fraction, dim=2, seed=1)
         centers = np.flatnonzero(~ss.measure.rattlers(state, 3))[:: disks // CENTERS][:CENTERS]
@@ -62,7 +69,7 @@ def main(disks: int = 1000) -> None:
             fits = field.fit()
             inside += abs(fits.models[0].near.real - field.lame[0]) < fits.models[0].errors[0]
             preferred.append(fits.preferred)
-        print(
+        yield (
             f"frictionless, {fraction}: A of the moduli in {inside} of {len(centers)} intervals, elastic preferred in "
             f"{preferred.count('elastic')}"
         )
@@ -70,17 +77,11 @@ def main(disks: int = 1000) -> None:
         state = sheared(disks, fraction)
         centers = np.flatnonzero(~ss.measure.rattlers(state, 2))[::10]
         field = ss.modes.inflate(state, ROUGH, centers, growth=1e-8)
-        print(f"μ = 0.3, {fraction}, linear, {len(centers)}: {describe(field)}")
+        yield (f"μ = 0.3, {fraction}, linear, {len(centers)}: {describe(field)}")
         for growth in (0.02, 0.1):
             field = ss.protocols.inflate(state, ROUGH, centers[::8], growth=growth, steps=5, tolerance=1e-12)
             opened, _, slid, _ = field.changes.sum(axis=1).mean(axis=0)
-            print(
+            yield (
                 f"μ = 0.3, {fraction}, steps to {growth}, {len(field.centers)}: {describe(field)}; around each "
                 f"{opened:.0f} contacts opened, {slid:.0f} began to slide"
             )
-
-
-if __name__ == "__main__":
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        main(*map(int, sys.argv[1:2]))

@@ -1,11 +1,10 @@
 """Strong scaling of LAMMPS over MPI ranks: the same 10,000 spheres on one core and more, alternating, best of rounds.
 
-`python -m benchmarks --lammps-ranks` measures on the cores at hand. `python -m benchmarks.lammps_ranks log.lammps …`
+`python -m benchmarks lammps_ranks` measures on the cores at hand. `python -m benchmarks lammps_ranks log.lammps …`
 prints the same numbers from logs of other runs, such as those of a folder that `stickslip run --export` wrote.
 """
 
 import re
-import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
@@ -48,42 +47,44 @@ def dense():
     return state, ss.laws.hertz_mindlin_reff(1.0, 0.4, 0.3, damping_n=0.3, damping_t=0.2)
 
 
-def rows() -> list[dict]:
-    """One row per number of ranks above one, with the speed of one rank as the peer."""
+def rows(*logs: str, smallest: bool = False):
+    """One row per number of ranks above one, with the speed of one rank as the peer; or the speeds in logs."""
     import os
 
     from stickslip.core.dynamics.engine import Leg
+    from stickslip.extras import MissingExtraError
     from stickslip.lammps.process import LOG, require_lammps
     from stickslip.lammps.run import run_leg
 
-    require_lammps(2)
+    if logs:
+        yield from speeds(logs)
+        return
+    try:
+        require_lammps(2)
+    except MissingExtraError as problem:
+        yield f"LAMMPS skipped: {problem}"
+        return
     state, law = dense()
     counts = [n for n in (1, 2, 4, 8, 16, 32) if n <= (os.cpu_count() or 1)]
     best = dict.fromkeys(counts, 0.0)
-    for _ in range(ROUNDS):
+    for _ in range(1 if smallest else ROUNDS):
         for ranks in counts:
             with tempfile.TemporaryDirectory() as name:
                 list(run_leg(Leg(state, law, 0.05, STEPS, 1, ranks=ranks), Path(name)))
                 best[ranks] = max(best[ranks], speed((Path(name) / LOG).read_text()).rate)
-    return [
+    yield from [
         {"case": "LAMMPS, dense spheres, dashpots, by MPI ranks", "n": 8 * PART, "threads": ranks, "ours": best[ranks],
          "unit": "grain-steps/s", "peer": best[1], "peer_name": "one rank", "ratio": best[ranks] / best[1]}
         for ranks in counts[1:]
     ]  # fmt: skip
 
 
-def main() -> None:
-    """Print the speeds in the logs given on the command line, and their ratios to that with the fewest ranks."""
-    found = sorted(speed(Path(path).read_text(errors="replace")) for path in sys.argv[1:])
-    if not found:
-        raise SystemExit("give logs of LAMMPS: python -m benchmarks.lammps_ranks log.lammps …")
+def speeds(logs):
+    """Lines with the speeds in logs, and their ratios to that with the fewest ranks."""
+    found = sorted(speed(Path(path).read_text(errors="replace")) for path in logs)
     for one in found:
         ratio = one.rate / found[0].rate
-        print(
+        yield (
             f"{one.ranks:6d} ranks, {one.grains} grains: {one.rate / 1e6:.3g} M grain-steps/s, {ratio:.2f} x "
             f"{found[0].ranks} ranks"
         )
-
-
-if __name__ == "__main__":
-    main()

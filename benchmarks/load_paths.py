@@ -1,15 +1,13 @@
 """Ends of quasi-rigid paths: dependence on the increment, and comparison with slow dynamics.
 
-    python -m benchmarks.load_paths                # 50 samples with four increments (about an hour on one core)
-    python -m benchmarks.load_paths --samples 8    # the first 8 samples
-    python -m benchmarks.load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
+    python -m benchmarks load_paths                # 50 samples with four increments (about an hour on one core)
+    python -m benchmarks load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
 
 A sample is a box of disks, complete or without its rattlers. The force on one wall grows to three times its initial
 value or falls to a tenth. Ends agree if they differ by 1 % at most. If they do not, at least one path must have
 reported other consistent choices, or that it is undecided.
 """
 
-import argparse
 import time
 from typing import NamedTuple
 
@@ -20,6 +18,8 @@ from stickslip.core.state import Control, State
 from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, settle, with_load
 from stickslip.loading.slow import slow_dynamics
 from stickslip.quasirigid.path import LoadPath, load_path
+
+from .records import number
 
 INCREMENTS = (0.01, 0.005, 0.002, 0.0005)
 DIRECTIONS = {"lid down": (TOP, 3.0), "side in": (RIGHT, 3.0), "lid up": (TOP, 0.1), "side out": (RIGHT, 0.1)}
@@ -102,19 +102,15 @@ def agree(ends: list[PathEnd]) -> bool:
     return max(loads) - min(loads) <= AGREE * max(loads)
 
 
-def compare(sample: Sample) -> list[PathEnd]:
-    """Compute the ends for all increments and print them one by one."""
+def compare(sample: Sample, increments=INCREMENTS) -> tuple[str, list[PathEnd]]:
+    """A line with the ends for all increments, and the ends."""
     state, law, end = prepare(sample)
-    ends = []
-    print(f"{sample.name:44s}", end="", flush=True)
-    for increment in INCREMENTS:
-        ends.append(follow_path(state, law, end, increment)[0])
-        print(f" {ends[-1].load:8.5f}", end="", flush=True)
+    ends = [follow_path(state, law, end, increment)[0] for increment in increments]
+    line = f"{sample.name:44s}" + "".join(f" {one.load:8.5f}" for one in ends)
     words = ",".join(sorted({one.verdict for one in ends}))
     forks, seconds = "/".join(str(one.forks) for one in ends), max(one.seconds for one in ends)
     verdict = "agree" if agree(ends) else "alternative" if any(o.forks or o.undecided for o in ends) else "DISAGREE"
-    print(f"  {verdict:11s} forks {forks}, {words}, {seconds:.1f} s", flush=True)
-    return ends
+    return f"{line}  {verdict:11s} forks {forks}, {words}, {seconds:.1f} s", ends
 
 
 def shift(states, sample: Sample) -> np.ndarray:
@@ -147,7 +143,7 @@ def slow_end(sample: Sample, state: State, law, end: Control, path: LoadPath) ->
     return None
 
 
-def compare_with_dynamics(some: list[Sample]) -> None:
+def compare_with_dynamics(some: list[Sample]):
     """Compare the ends of paths with those of slow dynamics, including all samples in the statistics."""
     ratios, survivors = [], 0
     for sample in some:
@@ -161,52 +157,45 @@ def compare_with_dynamics(some: list[Sample]) -> None:
         survivors += found is None
         ratios += [] if found is None else [found / path.load - 1]
         tail = "" if found is None else f", {found / path.load - 1:+.2%}"
-        print(
-            f"{sample.name:44s} path {path.load:.5f} {path.verdict}, dynamics {words}{tail}, {seconds:.0f} s",
-            flush=True,
-        )
+        yield f"{sample.name:44s} path {path.load:.5f} {path.verdict}, dynamics {words}{tail}, {seconds:.0f} s"
     size = np.sort(np.abs(ratios))
-    print(f"\n{len(some)} samples: {len(size)} collapse, {survivors} do not up to {BEYOND} times the last load")
+    yield f"{len(some)} samples: {len(size)} collapse, {survivors} do not up to {BEYOND} times the last load"
     for limit in (0.001, 0.003, 0.01, 0.03, 0.1):
-        print(f"  within {limit:6.1%} of the path's end: {int((size <= limit).sum())} of {len(some)}")
+        yield number(
+            f"dynamics collapses within {limit:.1%} of the end of the path", int((size <= limit).sum()), "samples"
+        )
     if len(size):
-        print(f"  relative difference of those that collapse: median {np.median(size):.2%}, largest {size[-1]:.2%}")
+        yield f"  relative difference of those that collapse: median {np.median(size):.2%}, largest {size[-1]:.2%}"
 
 
-def summary(results: list[list[PathEnd]]) -> None:
-    """Print how many samples agree and how many report an alternative."""
+def summary(results: list[list[PathEnd]]):
+    """How many samples agree and how many report an alternative."""
     same = [agree(ends) for ends in results]
     reported = [any(one.forks or one.undecided for one in ends) for ends in results]
     neither = sum(not a and not t for a, t in zip(same, reported, strict=True))
     also = sum(a and any(o.forks for o in ends) for a, ends in zip(same, results, strict=True))
-    print(f"\n{len(results)} samples with {len(INCREMENTS)} increments: {sum(same)} agree within {AGREE:.0%}")
-    print(f"  {len(same) - sum(same) - neither} do not, and a path reported an alternative or was undecided")
-    print(f"  {neither} do not, and no path reported anything")
-    print(f"  of those that agree, {also} also report alternatives")
+    yield number("samples", len(results))
+    yield number(f"ends agree within {AGREE:.0%}", sum(same), "samples")
+    yield number("ends differ, an alternative was reported", len(same) - sum(same) - neither, "samples")
+    yield number("ends differ, nothing was reported", neither, "samples")
+    yield number("ends agree, an alternative was reported", also, "samples")
     verdicts = sorted({one.verdict for ends in results for one in ends})
     counts = {v: sum(one.verdict == v for ends in results for one in ends) for v in verdicts}
-    print("  verdicts: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+    yield "  verdicts: " + ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
-def main() -> None:
-    """Run the comparison selected on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, help="number of samples")
-    parser.add_argument("--disks", type=int, choices=list(SIZES), help="only samples of this size")
-    parser.add_argument("--slow", type=int, metavar="N", help="compare N samples of 60 disks with slow dynamics")
-    chosen = parser.parse_args()
-    if chosen.slow:
-        compare_with_dynamics(samples({60: chosen.slow}))
+def rows(*words: str, smallest: bool = False):
+    """All samples with all increments; or, with `--slow N`, N samples of 60 disks compared with slow dynamics."""
+    if words:
+        yield from compare_with_dynamics(samples({60: int(words[1])}))
         return
-    some = samples({chosen.disks: SIZES[chosen.disks]} if chosen.disks else SIZES)[: chosen.samples]
     results, longest = [], {}
-    print(f"{'':44s}" + "".join(f" {increment:8g}" for increment in INCREMENTS))
-    for sample in some:
-        results.append(compare(sample))
-        longest[sample.n] = max(longest.get(sample.n, 0.0), *(one.seconds for one in results[-1]))
-    summary(results)
-    print("  longest path: " + ", ".join(f"{t:.1f} s of {n} disks" for n, t in longest.items()))
-
-
-if __name__ == "__main__":
-    main()
+    yield f"{'':44s}" + "".join(f" {increment:8g}" for increment in INCREMENTS)
+    for sample in samples({20: 1} if smallest else SIZES):
+        line, ends = compare(sample, INCREMENTS[:1] if smallest else INCREMENTS)
+        results.append(ends)
+        yield line
+        longest[sample.n] = max(longest.get(sample.n, 0.0), *(one.seconds for one in ends), 0.0)
+    yield from summary(results)
+    for n, seconds in longest.items():
+        yield number(f"longest path, {n} disks", seconds, "s")

@@ -1,8 +1,8 @@
 """Which contact laws make complex pairs: tables and figure of `docs/pairs_by_law.md`, from a sweep that has finished.
 
     stickslip run examples/pairs_by_law.toml --out results/pairs
-    python -m benchmarks.pairs_by_law results/pairs     # writes births.csv, and what --draw writes
-    python -m benchmarks.pairs_by_law --draw            # the figure, the table and the summary, from births.csv
+    python -m benchmarks pairs_by_law results/pairs     # writes births.csv, and what --draw writes
+    python -m benchmarks pairs_by_law --draw            # the figure, the table and the summary, from births.csv
 
 Every packing is in `docs/reference/pairs/births.csv`.
 """
@@ -22,7 +22,7 @@ from .births import UNLIMITED, Births, births_by_law, law_words
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/pairs", ROOT / "docs/pairs_by_law.md"
-MARK = "<!-- written by python -m benchmarks.pairs_by_law -->\n"
+MARK = "<!-- written by python -m benchmarks pairs_by_law -->\n"
 COLUMNS = {
     "strain": "onset_strain", "exponent": "onset_exponent", "at_limit": "onset_share_at_limit",
     "mobilisation": "onset_mobilisation", "pairs": "pairs_at_last_strain", "unstable": "unstable_steps",
@@ -90,9 +90,14 @@ def _share(count: int, total: int) -> str:
     return f"{count} of {total} ({low:.2f}–{high:.2f})"
 
 
-if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("give the folder of the sweep, as in python -m benchmarks.pairs_by_law results/pairs, or --draw")
-    if sys.argv[1] != "--draw":
-        collect(Path(sys.argv[1]))
+def rows(*words: str, smallest: bool = False):
+    """Write what was found in the folder of a sweep; the table alone for the smallest size."""
+    if smallest:
+        yield table(births_by_law(read_births()))
+        return
+    if len(words) != 1:
+        sys.exit("give the folder of the sweep, as in python -m benchmarks pairs_by_law results/pairs, or --draw")
+    if words[0] != "--draw":
+        collect(Path(words[0]))
     draw()
+    yield table(births_by_law(read_births()))

@@ -1,6 +1,6 @@
 """Earthquake cycles beside QDYN: recurrence, slip and processor time on the same faults; some ten minutes.
 
-    python -m benchmarks --qdyn
+    python -m benchmarks qdyn
 
 QDYN (Luo et al. 2017, doi:10.5281/zenodo.322459) is built from its source by `make` with gfortran and MPI, and found
 as `qdyn` on the path; the package of this name on PyPI is another program. The benchmark problem BP1-QD and a fault
@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 YEARS, YEAR, THRESHOLD, ROUNDS = 420.0, 365.25 * 86400, 1e-3, 3
 WIDTH, DENSITY, WAVE_SPEED, NORMAL, PLATE_RATE = 40e3, 2670.0, 3464.0, 50e6, 1e-9
@@ -56,7 +55,6 @@ LIMIT = ((1024, 1e-5), (2048, 1e-5))
 SAME_CELLS = (1024, 1e-4)
 GOOD = 3e-4  # of an event's time, or of the recurrence
 OURS = "import sys; from benchmarks.qdyn import ours; print(*ours(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])))"
-console = Console()
 
 
 def ours(name: str, cells: int, tolerance: float) -> tuple[float, float, float]:
@@ -142,33 +140,36 @@ def measure(name: str) -> tuple[dict, np.ndarray]:
     return best, (4 * fine - coarse) / 3
 
 
-def rows() -> list[dict]:
-    """Simulated years per second of both codes with about 1000 cells; prints a table; empty without QDYN."""
+def rows(*, smallest: bool = False):
+    """Table of results, and simulated years per second of both codes with about 1000 cells."""
+    if smallest:
+        yield f"ours, 512 cells: {run('BP1-QD', 'ours', 512, 1e-2)[1]}"
     if not shutil.which("qdyn"):
-        console.print("[yellow]QDYN skipped[/]: build it from its source, and put `qdyn` on the path")
-        return []
-    print("<!-- written by python -m benchmarks --qdyn -->")
+        yield "QDYN skipped: build it from its source, and put `qdyn` on the path"
+        return
+    if smallest:
+        return
     heads = ("event [years]", "error", "recurrence [years]", "error", "slip [m]", "error")
-    print(f"| fault | code | cells | tolerance | {' | '.join(heads)} | time [s] |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
-    return [row for name in PROBLEMS for row in _compare(name)]
+    yield f"| fault | code | cells | tolerance | {' | '.join(heads)} | time [s] |"
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    for name in PROBLEMS:
+        yield from _compare(name)
 
 
-def _compare(name: str) -> list[dict]:
-    """Print the lines of a problem, and return its rows."""
+def _compare(name: str):
+    """Lines of the table for a problem, and its rows."""
     best, limit = measure(name)
     errors = {case: np.abs(results / limit - 1) for case, (_, results) in best.items()}
     for code, cells, tolerance in ((code, *case) for code, chosen in CASES.items() for case in chosen):
         seconds, results = best[code, cells, tolerance]
         pairs = zip(results, errors[code, cells, tolerance], strict=True)
         numbers = " | ".join(f"{value:.6g} | {error:.0e}" for value, error in pairs)
-        print(f"| {name} | {code} | {cells} | {tolerance:.0e} | {numbers} | {seconds:.1f} |")
-    print("| {} | limit | | | {:.6g} | | {:.6g} | | {:.6g} | | |".format(name, *limit))
+        yield f"| {name} | {code} | {cells} | {tolerance:.0e} | {numbers} | {seconds:.1f} |"
+    yield "| {} | limit | | | {:.6g} | | {:.6g} | | {:.6g} | | |".format(name, *limit)
     same = {code: best[code, *SAME_CELLS][0] for code in CASES}
-    return [_row(name, "1024 cells", same)] + [
-        _row(name, f"{what} to {GOOD:.0e}", {code: _least(best, errors, code, k) for code in CASES})
-        for k, what in enumerate(("time of an event", "recurrence"))
-    ]
+    yield _row(name, "1024 cells", same)
+    for k, what in enumerate(("time of an event", "recurrence")):
+        yield _row(name, f"{what} to {GOOD:.0e}", {code: _least(best, errors, code, k) for code in CASES})
 
 
 def _least(best: dict, errors: dict, code: str, k: int) -> float:

@@ -1,7 +1,6 @@
 """CPU time of quasi-static strain steps of frictional spheres, factorisations per step, and share of fallbacks.
 
-    python -m benchmarks --steps           1000 spheres, and 20 packings of 100; five minutes
-    python -m benchmarks --steps --large   also 4000 and 10,000 spheres, and 500 steps of each packing
+    python -m benchmarks quasi_static
 
 Packings are jammed without friction and sheared by 1e-3 in ten steps with a friction coefficient of 0.5, those of
 10,000 spheres by 1.6e-4 in eight steps, because a step with rearrangements takes minutes there. The steps that follow
@@ -86,11 +85,13 @@ def robustness(count: int, packings: int = 20, n: int = 100) -> list[dict]:
     return [r | {"threads": 1} for r in rows]
 
 
-def rows(full: bool) -> list[dict]:
-    """All rows; `full` adds large packings and takes an hour."""
+def rows(*, smallest: bool = False):
+    """All rows."""
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
     os.environ["OMP_NUM_THREADS"] = "1"  # else damped dynamics runs on all cores, and waiting threads count as busy
-    out = timed_steps(1000, 2e-5, 50) + timed_steps(1000, 1e-4, 50)
-    if full:
-        out += timed_steps(4000, 2e-5, 30) + timed_steps(4000, 1e-4, 30) + timed_steps(10_000, 2e-5, 20)
-    return out + robustness(500 if full else 25)
+    if smallest:
+        yield from robustness(2, packings=1, n=30)
+        return
+    for case in ((1000, 2e-5, 50), (1000, 1e-4, 50), (4000, 2e-5, 30), (4000, 1e-4, 30), (10_000, 2e-5, 20)):
+        yield from timed_steps(*case)
+    yield from robustness(500)

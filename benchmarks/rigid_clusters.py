@@ -1,6 +1,6 @@
 """Rigid clusters by linear algebra and by the pebble game: large lattices with holes, and a load path with its pairs.
 
-python -m benchmarks.rigid_clusters
+python -m benchmarks rigid_clusters
 """
 
 import time
@@ -13,43 +13,41 @@ METHODS = ("null-space", "pebbles")
 SIDE, SLIDING = 100, 0.3
 
 
-def lattice(holes: float, law):
+def lattice(holes: float, law, across: int = SIDE):
     """Triangular lattice of disks with holes; a share SLIDING of the contacts slides."""
     rng = np.random.default_rng(0)
-    sites = np.array([(x + 0.5 * y, y * 0.75**0.5) for y in range(SIDE) for x in range(SIDE)])
+    sites = np.array([(x + 0.5 * y, y * 0.75**0.5) for y in range(across) for x in range(across)])
     places = 0.99 * sites[rng.random(len(sites)) > holes]
     state = ss.packings.from_arrays(places, np.full(len(places), 0.5), law, dim=2)
     mode = state.contacts.mode * (1 + (rng.random(len(state.contacts.mode)) < SLIDING))
     return state._replace(contacts=state.contacts._replace(mode=mode.astype(np.int8)))
 
 
-def report(name: str, state, law, more: str = "") -> None:
-    """Print what both methods say about a state."""
+def report(name: str, state, law, more: str = ""):
+    """Lines with what both methods say about a state."""
     for method in METHODS:
         start = time.process_time()
         clusters = ss.quasirigid.rigid_clusters(state, law, method=method)
         seconds = time.process_time() - start
-        print(
+        yield (
             f"{name:>18} {method:>10} {seconds:5.2f} s: largest {clusters.sizes[:1]}, floppy {clusters.floppy}, "
-            f"redundant {clusters.redundant}, hinges {np.count_nonzero(clusters.contact < 0)}{more}",
-            flush=True,
+            f"redundant {clusters.redundant}, hinges {np.count_nonzero(clusters.contact < 0)}{more}"
         )
 
 
-def main() -> None:
-    """Print the numbers of docs/quasi_rigid.md."""
+def rows(*, smallest: bool = False):
+    """The numbers of docs/quasi_rigid.md."""
     law = ss.laws.linear(kn=1.0, kt=0.5, mu=0.4)
+    across = 10 if smallest else SIDE
     for holes in (0.1, 0.2, 0.3):
-        report(f"{SIDE}², {holes:.0%} holes", lattice(holes, law), law)
+        yield from report(f"{across}², {holes:.0%} holes", lattice(holes, law, across), law)
+    if smallest:
+        return
     state, law = ss.packings.biaxial_box(150, seed=3)
     end = ss.quasirigid.with_load(state.control, 150 + ss.packings.TOP, 3.0)
     path = ss.quasirigid.load_path(state, law, end, increment=0.02)
-    print(path.summary)
+    yield str(path.summary)
     for point in [*path.points[:: max(1, len(path.points) // 10)], path.points[-1]]:
         values = ss.spectrum(point.state, law, modes=False).eigenvalues
         pairs = np.count_nonzero(values.imag > 1e-9 * np.abs(values).max())
-        report(f"load {point.load:.3f}", point.state, law, f", complex pairs {pairs}")
-
-
-if __name__ == "__main__":
-    main()
+        yield from report(f"load {point.load:.3f}", point.state, law, f", complex pairs {pairs}")

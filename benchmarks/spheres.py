@@ -171,12 +171,10 @@ def sheared_packing(n: int):
     return state
 
 
-def fastest_at_size(sizes) -> list[dict]:
+def fastest_at_size(sizes):
     """Processor seconds on one thread until the fastest pair is known, with a budget for each size."""
     from stickslip.solve.fastest import fastest_pair
 
-    fastest_pair(packing(100), LAW, dense_below=0, rate=1e-2)  # compiles the kernels
-    rows = []
     for n, budget in sizes:
         state = sheared_packing(n)
         with one_thread():
@@ -188,15 +186,13 @@ def fastest_at_size(sizes) -> list[dict]:
             f"budget (growth rate {found.growth_rate:.3g}; {found.bottom.found} modes below {found.bottom.limit:.3g}, "
             f"{known}; {len(found.candidates) - 1} windows above, {found.unverified} peaks not verified)"
         )
-        rows.append(row("fastest pair", n, seconds, budget, name) | {"threads": 1})
-    return rows
+        yield row("fastest pair", n, seconds, budget, name) | {"threads": 1}
 
 
-def pairs_by_size(sizes) -> list[dict]:
+def pairs_by_size(sizes):
     """All complex pairs compared with LAPACK, without and with eigenvectors, in processor seconds on one thread."""
     from stickslip.solve.pairs import complex_pairs
 
-    rows = []
     for n in sizes:
         state = sheared_packing(n)
         matrix = dynamical_matrix(state, LAW, freedom(state)).toarray()
@@ -208,14 +204,13 @@ def pairs_by_size(sizes) -> list[dict]:
                 times.append(time.process_time() - start)
         for peer, words in zip(times[1:], ("λ only", "λ and modes"), strict=True):
             line = row("all complex pairs with modes", n, times[0], peer, f"LAPACK, {words}") | {"threads": 1}
-            rows.append(line | {"ratio": peer / times[0]})
-    return rows
+            yield line | {"ratio": peer / times[0]}
 
 
-def spectra(full: bool) -> list[dict]:
-    """Spectra at size: the fastest pair and all pairs. Sizes beyond 1000 require `--large`."""
-    more = [(4000, 60.0), (10_000, 300.0)] if full else []
-    return fastest_at_size([(1000, 8.0), *more]) + pairs_by_size([300, 600, 1000] if full else [300, 600])
+def spectra(*, smallest: bool = False):
+    """Spectra at size: the fastest pair and all pairs."""
+    yield from fastest_at_size([(100, 8.0)] if smallest else [(1000, 8.0), (4000, 60.0), (10_000, 300.0)])
+    yield from pairs_by_size([100] if smallest else [300, 600, 1000])
 
 
 def robustness(n: int, steps: int, seeds) -> list[dict]:
@@ -236,12 +231,16 @@ def robustness(n: int, steps: int, seeds) -> list[dict]:
     return rows
 
 
-def rows(full: bool) -> list[dict]:
-    """All rows. Sizes beyond 1000 take a quarter of an hour and require `--large`."""
-    out = strain_steps() + long_steps(100, 30) + steps_at_size([(1000, 0.15)]) + long_steps(1000, 20) + pairs_at_size()
-    seeds = [(s, f) for s, f in enumerate((0.66, 0.67, 0.68, 0.69, 0.70))]
-    out += robustness(100, 300, seeds) + robustness(1000, 60, [(0, 0.68)])
-    out += spectra(full)
-    if full:
-        out += steps_at_size([(4000, 2.5), (10_000, 10.0)])
-    return out
+def rows(*, smallest: bool = False):
+    """All rows; `spectra` is a benchmark of its own."""
+    if smallest:
+        yield from long_steps(30, 2)
+        yield from robustness(30, 2, [(0, 0.68)])
+        return
+    yield from strain_steps()
+    yield from long_steps(100, 30)
+    yield from steps_at_size([(1000, 0.15), (4000, 2.5), (10_000, 10.0)])
+    yield from long_steps(1000, 20)
+    yield from pairs_at_size()
+    yield from robustness(100, 300, enumerate((0.66, 0.67, 0.68, 0.69, 0.70)))
+    yield from robustness(1000, 60, [(0, 0.68)])

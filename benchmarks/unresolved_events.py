@@ -1,12 +1,11 @@
 """What unresolved events of packings without friction have in common, for `docs/catalogue.md`.
 
-    python -m benchmarks.unresolved_events        # 32 packings of the catalogue: a quarter of an hour, one process
+    python -m benchmarks unresolved_events        # 32 packings of the catalogue: a quarter of an hour, one process
 
 For each event, the contact or gap that is nearest to touching in the last stable state is sought, and whether one of
 its grains almost floats, so that it is not among the grains whose eigenvalues count. The table of the page is written.
 """
 
-from collections import Counter
 from unittest.mock import patch
 
 import numpy as np
@@ -21,7 +20,7 @@ from stickslip.loading.event_types import EventKind
 from .catalogue import PAGE, RUNS
 
 PACKINGS, PER_PART = 32, 4
-MARK = "<!-- written by python -m benchmarks.unresolved_events -->\n"
+MARK = "<!-- written by python -m benchmarks unresolved_events -->\n"
 NEAR = 1e-8  # distance from touching, in units of the mean diameter, that a strain of the last bracket covers
 
 
@@ -33,7 +32,7 @@ def nearest(found: Break) -> tuple[float, bool]:
     return float(abs(overlap[row])), not (supported[contacts.i[row]] and supported[contacts.j[row]])
 
 
-def collect() -> list[tuple[EventKind, float, bool]]:
+def collect(parts: int = PACKINGS // PER_PART, each: int = PER_PART) -> list[tuple[EventKind, float, bool]]:
     """Kind, distance and floating grain of every event of the packings."""
     rows, describe = [], events.describe
 
@@ -43,11 +42,10 @@ def collect() -> list[tuple[EventKind, float, bool]]:
         return event
 
     with patch.object(events, "describe", observe):
-        for part in range(PACKINGS // PER_PART):
+        for part in range(parts):
             scenario = RUNS["frictionless"].scenario(part)
-            for seed in range(scenario.seed, scenario.seed + PER_PART):
+            for seed in range(scenario.seed, scenario.seed + each):
                 shear_sample(scenario, seed, silent)
-                print(seed, Counter(kind.name for kind, *_ in rows), flush=True)
     return rows
 
 
@@ -62,7 +60,13 @@ def table(rows: list[tuple[EventKind, float, bool]]) -> str:
     return text
 
 
-if __name__ == "__main__":
+def rows(*, smallest: bool = False):
+    """Write and return the table of the page; the smallest size follows one packing and writes nothing."""
+    if smallest:
+        yield table(collect(1, 1))
+        return
+    found = table(collect())
+    yield found
     head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
     _, end, tail = rest.partition("<!-- end -->")
-    PAGE.write_text(f"{head}{begin}\n{table(collect())}\n{end}{tail}", encoding="utf-8")
+    PAGE.write_text(f"{head}{begin}\n{found}\n{end}{tail}", encoding="utf-8")

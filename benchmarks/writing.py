@@ -101,11 +101,9 @@ def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit
     }  # fmt: skip
 
 
-def rows() -> list[dict]:
+def rows(*, smallest: bool = False):
     """All rows."""
-    out = []
     for kind in PACKINGS:
-        out += frames(kind, 100_000)
-    for kind in PACKINGS:
-        out += pages(kind, 10_000)
-    return out
+        yield from frames(kind, 100 if smallest else 100_000)
+    for kind in () if smallest else PACKINGS:
+        yield from pages(kind, 10_000)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent)]
 # tutorials call `stickslip` by name, even if the environment is not activated
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 
@@ -14,6 +14,7 @@ import known_reference  # noqa: E402
 import scenario_reference  # noqa: E402
 
 import stickslip  # noqa: E402
+from benchmarks import records  # noqa: E402
 
 project = "stickslip"
 author = "The stickslip developers"
@@ -28,7 +29,7 @@ extensions = [
     "sphinx-mathjax-offline",  # equations work offline
     "sphinx_copybutton",
 ]
-exclude_patterns = ["_build", "figures", "reference"]
+exclude_patterns = ["_build", "figures", "reference", "numbers"]
 nitpicky = True  # broken cross-references are errors
 nitpick_ignore_regex = [("py:exc", r"\w+Error")]  # exceptions of other packages and of internal modules
 
@@ -57,11 +58,18 @@ html_show_sphinx = False
 copybutton_exclude = ".linenos, .gp, .go"
 
 
+def name_older_numbers(app, page, source):
+    """Add the numbers that are older than the code to the page of all numbers."""
+    if page == "numbers":
+        source[0] += records.older(records.read())
+
+
 def setup(app):
     """Write the generated pages and connect the handlers that adapt docstrings."""
     scenario_reference.write(HERE / "scenario")
     api_reference.write(HERE / "api")
     known_reference.write()
+    app.connect("source-read", name_older_numbers)
     app.connect("autodoc-process-docstring", api_reference.described, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", api_reference.mend)
     app.connect("autodoc-process-signature", api_reference.short)

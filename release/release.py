@@ -4,6 +4,7 @@ The version must be the same in the package, CITATION.cff, .zenodo.json, the con
 is built from the unpacked sdist, `twine check --strict` reads both, and `stickslip doctor` runs in a new environment
 with nothing but the wheel and its dependencies. `--repository URL` names the address of the repository, which then
 stands in the metadata, the README's links, CITATION.cff and the conda recipe of what is built; the sources have none.
+A number in the README that is older than the code stops a release.
 """
 
 import argparse
@@ -40,6 +41,14 @@ def unreleased_changes() -> str | None:
     """Return a sentence if the changelog has no section for this version, else None."""
     wanted, text = package_version(), (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     return None if f"\n## {wanted}" in text else f"CHANGELOG.md has no section '## {wanted}': rename 'Unreleased'"
+
+
+def stale_numbers() -> list[str]:
+    """One sentence for each number in the README that is older than the code on which it depends."""
+    sys.path.insert(0, str(ROOT))
+    from benchmarks.records import stale_in_readme
+
+    return stale_in_readme()
 
 
 def _find(pattern: str, path: Path) -> str:
@@ -113,7 +122,7 @@ def main() -> None:
     words.add_argument("--rehearse", action="store_true", help="even if versions do not agree")
     words.add_argument("--repository", metavar="URL", help="address of the repository")
     given = words.parse_args()
-    problems = [*inconsistent_versions(), *filter(None, [unreleased_changes()])]
+    problems = [*inconsistent_versions(), *filter(None, [unreleased_changes()]), *stale_numbers()]
     if not given.repository:
         problems.append("no address was given: add --repository URL")
     if problems and not given.rehearse:

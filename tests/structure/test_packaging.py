@@ -17,6 +17,7 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
+from benchmarks.records import stale_in_readme
 from stickslip import __version__, extras
 from stickslip._core import build
 from stickslip.doctor import machine
@@ -212,6 +213,7 @@ def built_version():
 def test_a_release_names_one_version_everywhere():
     release = runpy.run_path(str(ROOT / "release" / "release.py"))
     assert release["package_version"]() == version("stickslip")
+    assert release["stale_numbers"]() == stale_in_readme()
     assert release["inconsistent_versions"]() == []
 
 

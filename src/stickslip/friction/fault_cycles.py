@@ -1,7 +1,7 @@
 """Simulation of sequences of earthquakes and aseismic slip on a straight fault.
 
 The time step follows from the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
-`python -m benchmarks.fault` compares it with the solvers of SciPy at equal error.
+`python -m benchmarks fault` compares it with the solvers of SciPy at equal error.
 """
 
 from typing import NamedTuple

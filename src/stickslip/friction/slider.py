@@ -1,6 +1,6 @@
 """Slider with rate-and-state friction on a spring, in logarithms of velocity and states; see `laws` for their rows.
 
-`python -m benchmarks --friction` compares the speed of the integrator with that of LSODA.
+`python -m benchmarks rate_state` compares the speed of the integrator with that of LSODA.
 """
 
 from typing import NamedTuple

@@ -14,7 +14,7 @@ from ..core.measure import Committed, contact_velocity, overlaps, volume
 from ..core.state import SLIDE, STICK, Contacts, State
 from .linearised import LinearisedState, linearised
 
-# Share of the mean contact force, from `python -m benchmarks.equilibrium`. Up to 1e-3, moving grains at random changes
+# Share of the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, moving grains at random changes
 # the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings had a wrong verdict without its slips; the
 # first wrong ones appear beyond that. Text with eight digits leaves 2e-4 in packings of 60 grains and about 1e-3 in
 # larger ones.

@@ -1,0 +1,329 @@
+"""Numbers in README and documentation: where they come from, and which of them are older than the code.
+
+`docs/numbers/NAME.json` holds the numbers of one command, with commit, date, processor and a hash of each room of
+`src/stickslip` on which they depend. Pages show a number as a link, `[2.3](numbers.md#NAME "key")`, whose text is
+written from the store. Text between `<!-- measured by NAME -->` and `<!-- end -->` was transcribed by hand, and is
+stored as a hash; text after `<!-- written by python -m benchmarks NAME -->` is written by the benchmark.
+
+    python -m benchmarks.records                 # numbers older than their rooms, and the time to measure them again
+    python -m benchmarks.records --rerun 10m     # measure again those that fit into ten minutes, cheapest first
+    python -m benchmarks.records --write         # only write the numbers into the pages
+    python -m benchmarks.records --transcribed NAME   # text measured by NAME now has the numbers of the stored run
+"""
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import platform
+import re
+import subprocess
+import sys
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+ROOT = Path(__file__).parents[1]
+CODE = {".py", ".cpp", ".h", ".cu"}
+LINK = re.compile(r'\[([^\]]*)\]\(((?:[\w./]*/)?numbers\.md)#([\w-]+) "([^"]+)"\)')
+BLOCK = re.compile(r"<!-- (measured by|written by python -m benchmarks) (\w+)[^>]*-->(.*?)<!-- end -->", re.S)
+COMMON = ("command", "commit", "date", "processor", "rooms")
+NOT_RECORDED = "not recorded"  # processor of a number that was in the documentation before these records
+DIGITS = 2  # significant ones, unless an entry has others
+console = Console()
+
+
+@cache
+def _code(path: Path, _modified: int) -> str:
+    """Text of a source file without comments, docstrings and blank lines; indentation is kept in Python only."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return " ".join(re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.S).split())
+    text = re.sub(r'(^[ \t]*)?""".*?"""', lambda m: m[0] if m[1] is None else "", text, flags=re.M | re.S)
+    lines = (re.sub(r"(?:^|\s)\s*#(?: |:|!).*", "", line).rstrip() for line in text.splitlines())
+    return "\n".join(filter(None, lines))
+
+
+def fingerprint(room: str, root: Path = ROOT) -> str:
+    """Hash of the code of a room (a folder or file of `src/stickslip`), without comments and docstrings."""
+    place = root / "src" / "stickslip" / room
+    files = [place] if place.is_file() else [*place.rglob("*"), place.with_name(f"{place.name}.py")]
+    code = sorted(path for path in files if path.is_file() and path.suffix in CODE and ".objects" not in path.parts)
+    if not code:
+        raise FileNotFoundError(f"src/stickslip has no room {room!r}")
+    found = hashlib.sha256()
+    for path in code:
+        found.update(f"{path.relative_to(root)}\n{_code(path, path.stat().st_mtime_ns)}\n".encode())
+    return found.hexdigest()[:12]
+
+
+def folder(root: Path = ROOT) -> Path:
+    """Folder of the store."""
+    return root / "docs" / "numbers"
+
+
+def read(root: Path = ROOT) -> dict[str, dict]:
+    """Records of all commands by name."""
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder(root).glob("*.json"))}
+
+
+def entries(record: dict) -> dict[str, dict]:
+    """Each number of a record, with what it has in common with the others, unless it has its own."""
+    common = {key: record[key] for key in COMMON}
+    return {key: common | one for key, one in record["values"].items()}
+
+
+def changed(rooms: dict[str, str | None], root: Path = ROOT) -> list[str]:
+    """Rooms whose code differs from that which was measured, or is not known."""
+    return [room for room, known in rooms.items() if known is None or known != fingerprint(room, root)]
+
+
+def stale(record: dict, root: Path = ROOT) -> dict[str, list[str]]:
+    """Changed rooms by key of a number that is older than them."""
+    found = {key: changed(one["rooms"], root) for key, one in entries(record).items()}
+    return {key: rooms for key, rooms in found.items() if rooms}
+
+
+def processor() -> str:
+    """Name and number of cores of the processor."""
+    try:
+        name = re.search(r"model name\s*: (.+)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))[1]
+    except (OSError, TypeError):
+        name = platform.processor() or platform.machine()
+    return f"{name}, {os.cpu_count()} cores"
+
+
+def commit(root: Path = ROOT) -> str:
+    """Commit of the code, with `-dirty` if package or benchmarks differ from it."""
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True).stdout.strip()
+
+    return git("rev-parse", "--short", "HEAD") + ("-dirty" if git("status", "--porcelain", "src", "benchmarks") else "")
+
+
+def texts(name: str, root: Path = ROOT, *, kind: str = "") -> dict[str, dict]:
+    """Hashes of the text of pages that a command measured, by the words `text of PAGE`; `kind` as in the marks."""
+    found: dict[str, list[str]] = {}
+    for path in pages(root):
+        for how, one, body in BLOCK.findall(path.read_text(encoding="utf-8")):
+            if one == name and how.startswith(kind):
+                found.setdefault(f"text of {path.relative_to(root).as_posix()}", []).append(" ".join(body.split()))
+    return {key: {"text": hashlib.sha256("\n".join(bodies).encode()).hexdigest()[:12]} for key, bodies in found.items()}
+
+
+def store(name: str, command: str, rooms, values: dict[str, dict], seconds: float, lines=(), root: Path = ROOT) -> Path:
+    """Write the numbers and lines of a run. Numbers that it does not have keep their date; digits shown are kept."""
+    path = folder(root) / f"{name}.json"
+    values = values | texts(name, root, kind="written")
+    old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"values": {}}
+    common = {
+        "command": command, "commit": commit(root),
+        "date": datetime.now(UTC).date().isoformat(), "processor": processor(),
+        "rooms": {room: fingerprint(room, root) for room in rooms},
+    }  # fmt: skip
+    kept = {}
+    for key, one in (entries(old) if old["values"] else {}).items():
+        if key in values:
+            values[key] = {k: v for k, v in one.items() if k == "digits"} | values[key]
+        else:
+            kept[key] = {k: v for k, v in one.items() if k not in common or v != common[k]}
+    record = common | {"seconds": round(seconds, 1), "values": kept | values}
+    record |= {"lines": list(lines)} if lines else {}
+    return _save(path, record)
+
+
+def transcribed(name: str, root: Path = ROOT) -> Path:
+    """Date the text of pages that a command measured as the stored run of the command."""
+    record = read(root)[name]
+    return _save(folder(root) / f"{name}.json", record | {"values": record["values"] | texts(name, root)})
+
+
+def _save(path: Path, record: dict) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return path
+
+
+def measured(row: dict) -> dict[str, dict]:
+    """Numbers of a row of a benchmark by key: its value, and its ratio to a peer."""
+    if "value" in row:
+        return {row["case"]: {k: v for k, v in row.items() if k != "case" and v is not None}}
+    many = (f", {row['n']:,}" if row["n"] >= 1e4 else f", {row['n']}") if row["n"] else ""
+    case = f"{row['case']}{many}" + (f", {row['threads']} threads" if row["threads"] > 1 else "")
+    found = {case: {"value": _rounded(row["ours"]), "unit": row["unit"]}}
+    if row["ratio"] is not None:
+        found[f"{case}, ratio to {row['peer_name'].split(' (')[0]}"] = {"value": _rounded(row["ratio"]), "unit": ""}
+    return found
+
+
+def number(case: str, value: float, unit: str = "", error: float | None = None) -> dict:
+    """Row of a benchmark: a number with its unit and error."""
+    more = {} if error is None else {"error": _rounded(error)}
+    return {"case": case, "value": _rounded(value), "unit": unit} | more
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def shown(one: dict) -> str:
+    """A number as pages show it, without its unit."""
+    value, digits = one["value"], one.get("digits", DIGITS)
+    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}")))) if value else 0
+    if not -4 < size < 7:
+        text = f"{value:.{digits - 1}e}".replace("e-0", "e-").replace("e+0", "e")
+    else:
+        decimals = max(digits - 1 - size, 0)
+        text = f"{value:,.{decimals}f}" if abs(value) >= 1e4 else f"{value:.{decimals}f}"
+        if "error" in one:
+            text += f" ± {one['error']:.{decimals}f}"
+    return text.replace("-", "−", 1) if value < 0 else text
+
+
+def pages(root: Path = ROOT) -> list[Path]:
+    """README and pages that people write, in which numbers stand."""
+    made = {"numbers.md"}
+    found = [p for p in sorted((root / "docs").rglob("*.md")) if not {"_build", "api", "reference"} & {*p.parts}]
+    return [root / "README.md", *(path for path in found if path.name not in made)]
+
+
+def with_numbers(text: str, records: dict[str, dict]) -> str:
+    """Text of a page with the numbers of the store; KeyError names one that the store does not have."""
+
+    def link(found: re.Match) -> str:
+        _, page, name, key = found.groups()
+        if key not in records.get(name, {"values": ()})["values"]:
+            raise KeyError(f"docs/numbers/{name}.json has no number {key!r}")
+        return f'[{shown(records[name]["values"][key])}]({page}#{name} "{key}")'
+
+    return LINK.sub(link, text)
+
+
+def overview(records: dict[str, dict]) -> str:
+    """The page of all numbers."""
+    lines = [
+        "# Where numbers come from",
+        "",
+        "Numbers that this package measured, with the command that measures each. Numbers in the text link to this",
+        "page; the title of the link is the name of the number. *Text of* a page was transcribed from the output of a",
+        "command, or written by it. Numbers older than these records have the day and the commit on which they were",
+        "written down, and no processor. `make numbers` lists the numbers that are older than the code.",
+    ]
+    for name, record in records.items():
+        lines += ["", f"## {name}", "", f"`{record['command']}`"]
+        groups: dict[tuple, list[str]] = {}
+        for key, one in entries(record).items():
+            known = one["processor"] != NOT_RECORDED
+            about = f"{'Measured' if known else 'Written down'} on {one['date']} at commit `{one['commit']}`"
+            about += f", {one['processor']}:" if known else ":"
+            groups.setdefault(about, []).append(_line(key, one))
+        for about, rows in groups.items():
+            lines += ["", about, "", *rows]
+    return "\n".join(lines) + "\n"
+
+
+def _line(key: str, one: dict) -> str:
+    """A number in the overview; text of a page is a link to the page."""
+    if "text" in one:
+        page = key.removeprefix("text of ")
+        place = page.removeprefix("docs/") if page.startswith("docs/") else f"../{page}"
+        return f"- text of [{page}]({place})"
+    return f"- {key}: {shown(one)} {one['unit']}".rstrip()
+
+
+def older(records: dict[str, dict], root: Path = ROOT) -> str:
+    """Section of the page that names the numbers older than the code."""
+    lines = ["", "## Older than the code", "", "Code on which these numbers depend has changed since:", ""]
+    for name, record in records.items():
+        if found := stale(record, root):
+            rooms = ", ".join(f"`{room}`" for room in sorted({one for rooms in found.values() for one in rooms}))
+            what = "all" if len(found) == len(record["values"]) else "; ".join(found)
+            lines.append(f"- [{name}](#{name}): {what} ({rooms})")
+    return "\n".join(lines) + "\n"
+
+
+def write(root: Path = ROOT) -> list[Path]:
+    """Write the numbers of the store into all pages; return the pages that changed."""
+    records, out = read(root), []
+    texts = {path: with_numbers(path.read_text(encoding="utf-8"), records) for path in pages(root)}
+    for path, text in (texts | {root / "docs" / "numbers.md": overview(records)}).items():
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+            out.append(path)
+    return out
+
+
+def stale_in_readme(root: Path = ROOT) -> list[str]:
+    """One sentence for each number in the README that is older than the code; the release needs an empty list."""
+    records, out = read(root), []
+    for text, _, name, key in LINK.findall((root / "README.md").read_text(encoding="utf-8")):
+        if rooms := stale(records[name], root).get(key):
+            command = records[name]["command"]
+            out.append(f"README.md: {text} ({key}) is older than {', '.join(rooms)}: run `{command} --store`")
+    return out
+
+
+def seconds_of(words: str) -> float:
+    """Seconds of a time such as 10m, 90s or 1.5h; ValueError if it is not one."""
+    found = re.fullmatch(r"([\d.]+)([smh])", words)
+    if not found:
+        raise ValueError(f"the time was {words!r}: write it as in 90s, 10m or 2h")
+    return float(found[1]) * {"s": 1, "m": 60, "h": 3600}[found[2]]
+
+
+def affordable(costs: dict[str, float], limit: float) -> list[str]:
+    """Names whose costs fit into a limit together, cheapest first."""
+    out = []
+    for name, cost in sorted(costs.items(), key=lambda one: one[1]):
+        if cost > limit:
+            break
+        limit -= cost
+        out.append(name)
+    return out
+
+
+def main() -> None:
+    """List stale numbers, or measure them again."""
+    parser = argparse.ArgumentParser(description="Numbers of the documentation that are older than the code.")
+    parser.add_argument("--rerun", metavar="TIME", help="measure again as much as fits into this time, as in 10m")
+    parser.add_argument("--write", action="store_true", help="only write the numbers into the pages")
+    parser.add_argument("--transcribed", metavar="NAME", help="text measured by NAME has the numbers of the stored run")
+    given = parser.parse_args()
+    if given.transcribed:
+        transcribed(given.transcribed)
+    if given.write or given.transcribed:
+        console.print(*(f"Written: {path.relative_to(ROOT)}" for path in write()), sep="\n")
+        return
+    try:
+        limit = seconds_of(given.rerun) if given.rerun else 0.0
+    except ValueError as problem:
+        parser.error(str(problem))
+    records = read()
+    found = {name: one for name, record in records.items() if (one := stale(record))}
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for head in ("command", "stale", "changed", "processor time [s]"):
+        table.add_column(head, justify="right" if head in ("stale", "processor time [s]") else "left", overflow="fold")
+    for name in sorted(found, key=lambda one: records[one]["seconds"]):
+        rooms = sorted({room for rooms in found[name].values() for room in rooms})
+        record = records[name]
+        count = f"{len(found[name])} of {len(record['values'])}"
+        table.add_row(record["command"], count, ", ".join(rooms), f"{record['seconds']:,.0f}")
+    console.print(table if found else "No number is older than the code.")
+    ours = {  # others are commands of users, or wait for somebody to transcribe text
+        name: records[name]["seconds"]
+        for name in found
+        if records[name]["command"].startswith("python -m ") and changed(records[name]["rooms"])
+    }
+    for name in affordable(ours, limit):
+        console.print(f"[bold]{records[name]['command']}[/]")
+        subprocess.run([sys.executable, *records[name]["command"].split()[1:], "--store"], cwd=ROOT)
+
+
+if __name__ == "__main__":
+    main()
