@@ -28,9 +28,9 @@ INPUTS = {  # place, options; pages and movies, which take seconds, are made of 
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory):
+def here(tmp_path_factory, few_spheres):
     folder = tmp_path_factory.mktemp("inputs")
-    shutil.copy(example("sheared_spheres.npz"), folder / "packing.npz")
+    shutil.copy(few_spheres, folder / "packing.npz")
     shutil.copy(example("measured_disks.csv"), folder / "disks.csv")
     with tarfile.open(CASES) as packed:
         packed.extractall(folder / "cases", filter="data")

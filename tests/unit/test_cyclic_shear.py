@@ -9,6 +9,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.core.arguments import checked
 from stickslip.core.dynamics.ledger import Ledger
 from stickslip.core.outcome import NotInEquilibriumError
 from stickslip.experiments.contact_law import make_law
@@ -27,6 +28,7 @@ def scenario(sample=DISKS, law=SOFT, **more):
     return ss.scenario(experiment="cyclic-shear", sample=sample, law=law, **more)
 
 
+@checked  # states are checked once, not in each step
 def responses(rig, amplitude, number=2):
     """Cycles of a sample at one amplitude."""
     ends, cycles = [rig.sample], []
@@ -301,6 +303,7 @@ def test_cycles_that_end_early_are_left_out(monkeypatch):
     assert len(run.responses) == 1 and "cycle 1 at an amplitude of 0.0001 was not finished" in run.ended
 
 
+@pytest.mark.usefixtures("plain_figures")
 def test_the_command_line_writes_a_table_of_cycles(tmp_path, monkeypatch, capsys):
     (tmp_path / "test.toml").write_text(
         'experiment = "cyclic-shear"\nsample = {dim = 2, grains = 40, pressure = 100.0, friction = 0.1}\n'

@@ -220,10 +220,11 @@ def test_a_state_that_cannot_be_probed_gives_a_reason(result):
     assert len(list(figures(lame))) == 5
 
 
-def test_figures_and_tables_of_probes_are_written(result, tmp_path, monkeypatch, capsys):
+def test_figures_and_tables_of_probes_are_written(result, tmp_path, monkeypatch, capsys, request):
     *_, first, second = figures(result)
     assert [first[0], second[0]] == ["fig6_directions.png", "fig7_envelopes.png"]
     assert min(len(png(figure)) for _, figure in (first, second)) > 5000
+    request.getfixturevalue("plain_figures")
     (tmp_path / "test.toml").write_text(
         'experiment = "element-test"\nsample = {dim = 2, grains = 40, pressure = 100.0}\npath = {strain = 1e-5}\n'
         "probes = {states = 1, directions = 8}\n"
