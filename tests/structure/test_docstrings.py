@@ -4,6 +4,8 @@ import doctest
 import inspect
 import pkgutil
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,7 @@ import stickslip
 
 MODULES = [m.name for m in pkgutil.walk_packages(stickslip.__path__, "stickslip.")]
 MODULES = [name for name in MODULES if "__main__" not in name and "-" not in name]  # nor compiled libraries
+MODULES = [name for name in MODULES if ">>>" in Path(find_spec(name).origin).read_text(encoding="utf-8")]
 
 
 class Finder(doctest.DocTestFinder):
