@@ -64,7 +64,7 @@ def _loud_floating_point():
 # folders and files without tests of figures
 PLAIN = {
     "hardening", "restart", "ensemble", "laws", "peers", "exchange", "watch", "reports", "test_cli", "test_output",
-    "test_lock",
+    "test_lock", "test_help",
 }  # fmt: skip
 _savefig = Figure.savefig
 

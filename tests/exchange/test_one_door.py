@@ -50,7 +50,7 @@ def said(folder, *command):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("kind", INPUTS)
+@pytest.mark.parametrize("kind", INPUTS)  # a folder of LAMMPS takes 3 s, since all commands read it
 def test_all_commands_and_functions_take_every_input(kind, here, tmp_path):
     place, options = INPUTS[kind]
     known = said(here, "stability", place, *options)

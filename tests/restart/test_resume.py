@@ -127,7 +127,8 @@ def whole(path, scenario):
     return path / "whole"
 
 
-@pytest.mark.timeout(300)  # another process compiles
+@pytest.mark.timeout(300)
+# 4 s: a process of its own is killed with its workers, and a second run is compared with what the first one leaves
 def test_a_flow_that_was_killed_leaves_the_file_of_one_that_was_not(tmp_path):
     scenario = FLOW.format(settle=6.0, open=6.0)
     out, kept, _ = run_killed_once(tmp_path, scenario, after=4)

@@ -25,7 +25,12 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ("docs/quasi_rigid.md", 0, (" events,", " alternatives")),
         ("docs/quasi_rigid.md", 1, ("MECHANISM 0.8",)),
         ("docs/quasi_rigid.md", 2, ("[106  41  17] 37 [109  42  17] 33",)),
-        ("docs/quasi_rigid.md", 4, ("the force grows: the full load was reached", "the lid is moved: ")),
+        pytest.param(
+            "docs/quasi_rigid.md",
+            4,
+            ("the force grows: the full load was reached", "the lid is moved: "),
+            marks=pytest.mark.slow,
+        ),
         ("docs/quasi_rigid.md", 5, ("'UNIQUE': ", "'MECHANISM': ")),
         ("docs/look.md", 0, ("2 axes",)),
         ("docs/many_runs.md", 0, ("'spring.stiffness': 4, 'seed': 2", "1/m")),

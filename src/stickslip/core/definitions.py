@@ -9,7 +9,10 @@ from functools import cache
 @cache
 def _classes(module) -> dict[str, str]:
     """Source of the classes at the top of a module: `inspect` parses the whole module for each of them."""
-    text = inspect.getsource(module)
+    try:
+        text = inspect.getsource(module)
+    except (OSError, TypeError):  # an interpreter
+        return {}
     lines = text.splitlines()
     tops = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
     return {node.name: "\n".join(lines[node.lineno - 1 : node.end_lineno]) for node in tops}
