@@ -9,7 +9,8 @@ from stickslip import extras
 from stickslip._core import build
 from stickslip.doctor import machine, report, selfcheck
 from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, compare
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
+from tests.published.test_disk_array import stickslip as stickslip_process
 
 STORED = json.loads(selfcheck.STORED.read_text())
 
@@ -64,7 +65,7 @@ def test_what_breaks_on_the_way_is_reported_and_the_rest_goes_on(monkeypatch, ca
 
 
 def test_the_command_tells_and_succeeds(tmp_path):
-    run = stickslip("doctor", cwd=tmp_path)
+    run = stickslip_process("doctor", cwd=tmp_path)  # its output is a pipe
     assert run.returncode == 0, run.stderr
     assert "all is well" in run.stdout
     assert "\x1b" not in run.stdout
