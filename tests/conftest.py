@@ -15,6 +15,7 @@ from hypothesis import settings
 from matplotlib.figure import Figure
 from PIL import Image
 
+import stickslip as ss
 from stickslip.core.contacts.forces import accept, forces
 from stickslip.core.laws.builtin import for_pair
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
@@ -62,7 +63,8 @@ def _loud_floating_point():
 
 # folders and files without tests of figures
 PLAIN = {
-    "hardening", "restart", "ensemble", "laws", "peers", "exchange", "watch", "test_cli", "test_output", "test_lock"
+    "hardening", "restart", "ensemble", "laws", "peers", "exchange", "watch", "reports", "test_cli", "test_output",
+    "test_lock", "test_help",
 }  # fmt: skip
 _savefig = Figure.savefig
 
@@ -74,10 +76,26 @@ def _save_noise(figure, path, format=None, **options):
     return Image.effect_noise((300, 300), 100).save(path, format)
 
 
+@pytest.fixture
+def plain_figures(monkeypatch):
+    """For a test that writes figures without looking at them."""
+    monkeypatch.setattr(Figure, "savefig", _save_noise)
+
+
 @pytest.fixture(autouse=True)
-def _plain_figures(request, monkeypatch):
+def _plain_figures(request):
     if {request.path.parent.name, request.path.stem} & PLAIN:
-        monkeypatch.setattr(Figure, "savefig", _save_noise)
+        request.getfixturevalue("plain_figures")
+
+
+@pytest.fixture(scope="session")
+def few_spheres(tmp_path_factory):
+    """A sheared packing with a complex pair, smaller than that of the examples: a file of the same arrays."""
+    law = ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth")
+    packing, _ = ss.packings.jammed(18, packing_fraction=0.7, seed=1)
+    state = ss.protocols.ramp(packing, np.arange(0, 5e-3, 2.5e-4), ss.protocols.aqs(law))[-1].state
+    ss.io.write_packing(path := tmp_path_factory.mktemp("few") / "few_spheres.npz", state, law)
+    return path
 
 
 def make_law(name, coulomb, mu=0.4, **more):

@@ -52,11 +52,12 @@ def used(path: Path) -> frozenset[str]:
     for name, room in _imports(path).items():
         needed.add(names.get(name, room) if room in SPACES or room == name else room)
     for node in ast.walk(_tree(path)):
-        if isinstance(node, ast.Attribute):
-            dotted = ast.unparse(node)
-            if dotted.startswith("ss."):
-                parts = dotted.split(".")[1:3]
-                needed |= {names.get(".".join(parts), parts[0]), names.get(parts[0], parts[0])}
+        parts = []
+        while isinstance(node, ast.Attribute):
+            parts.insert(0, node.attr)
+            node = node.value
+        if parts and isinstance(node, ast.Name) and node.id == "ss":
+            needed |= {names.get(".".join(parts[:2]), parts[0]), names.get(parts[0], parts[0])}
     return frozenset(needed)
 
 

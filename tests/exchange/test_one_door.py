@@ -28,9 +28,9 @@ INPUTS = {  # place, options; pages and movies, which take seconds, are made of 
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory):
+def here(tmp_path_factory, few_spheres):
     folder = tmp_path_factory.mktemp("inputs")
-    shutil.copy(example("sheared_spheres.npz"), folder / "packing.npz")
+    shutil.copy(few_spheres, folder / "packing.npz")
     shutil.copy(example("measured_disks.csv"), folder / "disks.csv")
     with tarfile.open(CASES) as packed:
         packed.extractall(folder / "cases", filter="data")
@@ -50,7 +50,7 @@ def said(folder, *command):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("kind", INPUTS)
+@pytest.mark.parametrize("kind", INPUTS)  # a folder of LAMMPS takes 3 s, since all commands read it
 def test_all_commands_and_functions_take_every_input(kind, here, tmp_path):
     place, options = INPUTS[kind]
     known = said(here, "stability", place, *options)

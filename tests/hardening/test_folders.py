@@ -13,6 +13,7 @@ from stickslip.cli import main
 from stickslip.data import manifest
 from stickslip.data.checkpoint import checkpoint_in, unfinished_scenario
 from stickslip.data.run_files import is_run_file, list_files
+from stickslip.ensemble import pool
 from stickslip.experiments.rate_state import simulate as slider
 from stickslip.runs import folder as report
 from stickslip.runs import writer
@@ -45,6 +46,7 @@ NAMES = ("series.csv", "claims.json", "report.html", "movie.gif", "fig1_mine.png
 def call(tmp_path, monkeypatch, capsys):
     """The command line in a folder with two scenarios: called with words, it returns exit code and what was said."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pool, "default_workers", lambda: 1)  # members of sweeps run in this process
     for seed in (0, 1):
         (tmp_path / f"{seed}.toml").write_text(SLIDER.format(seed=seed))
     (tmp_path / "many.toml").write_text(SWEEP)

@@ -17,6 +17,7 @@ from stickslip.ensemble.worker import WorkerProcess
 from stickslip.experiments.catalogue import read_table
 from stickslip.experiments.registry import ScenarioError, read_tables
 from stickslip.runs.bibliography import bibtex, read_scenarios
+from tests.conftest import stickslip_here
 
 
 def test_a_worker_does_not_import_from_the_working_directory(tmp_path):
@@ -83,7 +84,7 @@ def test_a_law_file_that_nobody_allowed_is_not_run(tmp_path, name, arguments):
     folder = tmp_path / "run"
     folder.mkdir()
     write_scenario(folder, name)
-    done = subprocess.run([sys.executable, "-m", "stickslip", *arguments], cwd=tmp_path, capture_output=True, text=True)
+    done = stickslip_here(*arguments, cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert f"{folder / 'law.py'} is a Python program that you have not allowed to run" in done.stderr
     assert not (folder / "was-run").exists() and not (tmp_path / "out").exists()
@@ -109,8 +110,7 @@ def test_a_device_is_not_read(tmp_path):
             call()
     os.mkfifo(pipe := tmp_path / "fifo")
     for arguments in (["fit", "/dev/random"], ["fit", pipe], ["run", pipe, "--out", "out"], ["cite", pipe]):
-        call = [sys.executable, "-m", "stickslip", *map(str, arguments)]
-        done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=30)
+        done = stickslip_here(*arguments, cwd=tmp_path)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
         assert "is a device or a pipe, which may never end" in done.stderr
 
@@ -144,8 +144,7 @@ def test_what_was_allowed_once_runs_and_a_changed_text_does_not(tmp_path):
 )
 def test_text_that_is_no_table_ends_with_a_sentence(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
-    call = [sys.executable, "-m", "stickslip", "run", name, "--out", "out"]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
+    done = stickslip_here("run", name, "--out", "out", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert message in done.stderr
     assert not (tmp_path / "out").exists()

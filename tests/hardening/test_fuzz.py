@@ -192,11 +192,11 @@ def check_packings(count, tmp_path, capsys):
 
 
 def test_some_mutated_scenarios(tmp_path, capsys):
-    check_scenarios(300, tmp_path, capsys)
+    check_scenarios(120, tmp_path, capsys)
 
 
 def test_some_mutated_packings(tmp_path, capsys):
-    check_packings(150, tmp_path, capsys)
+    check_packings(80, tmp_path, capsys)
 
 
 def test_damaged_archives_are_closed(tmp_path, capsys):
@@ -316,7 +316,7 @@ def check_foreign(count, folder):
 
 
 def test_some_damaged_files_of_other_programs(tmp_path):
-    check_foreign(400, tmp_path)
+    check_foreign(200, tmp_path)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from stickslip.ensemble import pool
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\nseed = {seed}\nsamples.number = 10\n'
@@ -14,7 +15,8 @@ HIDDEN = (".writing", ".unfinished", ".anew", "unfinished")
 
 
 @pytest.fixture
-def here(tmp_path):
+def here(tmp_path, monkeypatch):
+    monkeypatch.setattr(pool, "default_workers", lambda: 1)  # members of sweeps run in this process
     for seed in (0, 1):
         (tmp_path / f"{seed}.toml").write_text(SLIDER.format(seed=seed))
     for key in ("surface.mu0", "surface.b"):

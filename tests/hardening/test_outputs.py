@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,14 +10,13 @@ from stickslip.data.exchange import files
 from stickslip.loading import reading
 from tests.conftest import stickslip_here
 
-PACKING = Path(__file__).parents[2] / "examples" / "sheared_spheres.npz"
 SHARP = ("--coulomb", "sharp")
 LAW = ["--law", "hertz_mindlin", "--kn", "1", "--kt", "0.28", "--mu", "10", "--damping-n", "0", "--damping-t", "0"]
 
 
 @pytest.fixture
-def here(tmp_path):
-    shutil.copy(PACKING, tmp_path / "a.npz")
+def here(few_spheres, tmp_path):
+    shutil.copy(few_spheres, tmp_path / "a.npz")
     return tmp_path
 
 
@@ -37,7 +35,7 @@ def refused(message, *call, cwd):
 
 @pytest.mark.parametrize("name", ["b.npz", "b.h5", "b.gsd", "b.vtu", "b.xyz", "b.data"])
 @pytest.mark.parametrize("kind", ["file", "link", "loose link"])
-def test_a_conversion_replaces_a_file_only_if_asked(here, name, kind):
+def test_a_conversion_replaces_a_file_only_if_asked(here, few_spheres, name, kind):
     if name in ("b.gsd", "b.vtu"):
         pytest.importorskip({"b.gsd": "gsd", "b.vtu": "pyevtk"}[name])
     if kind == "file":
@@ -50,7 +48,7 @@ def test_a_conversion_replaces_a_file_only_if_asked(here, name, kind):
         assert stickslip_here("convert", "a.npz", "--to", name, "--overwrite", cwd=here).returncode == 0
         assert not (here / name).is_symlink()
         assert (here / name).stat().st_size > 1000
-    assert (here / "a.npz").read_bytes() == PACKING.read_bytes()
+    assert (here / "a.npz").read_bytes() == few_spheres.read_bytes()
 
 
 def test_what_is_written_beside_replaces_nothing_either(here):
@@ -68,7 +66,7 @@ def test_what_is_written_beside_replaces_nothing_either(here):
 
 
 def test_modes_and_laws_that_a_conversion_reads_stay(here):
-    modes = np.ones((1, 50, 3)) * 1j
+    modes = np.ones((1, 18, 3)) * 1j
     np.savez(here / "m.npz", eigenvalue=[1j], exponent=[1j], translation=modes, rotation=modes, rattlers=[])
     (here / "m.xyz").hardlink_to(here / "m.npz")
     text = "m.xyz would replace its own input file: give another name"
@@ -93,7 +91,7 @@ def test_frames_for_paraview_replace_nothing(here):
 
 
 def modes_of(folder):
-    modes = np.ones((1, 50, 3)) * 1j
+    modes = np.ones((1, 18, 3)) * 1j
     np.savez(folder / "m.npz", eigenvalue=[1j], exponent=[1j], translation=modes, rotation=modes, rattlers=[])
 
 
@@ -142,12 +140,12 @@ def test_in_the_folder_of_a_run_its_own_page_is_replaced_and_no_other(here):
     assert "exists: give another name" in stickslip_here("report", "out", cwd=here).stderr
 
 
-@pytest.mark.timeout(180)  # two encoded movies on a busy machine
+@pytest.mark.slow
 def test_a_movie_in_mp4_is_known_as_one(here):
     pytest.importorskip("imageio_ffmpeg")
     modes_of(here)
     for _ in range(2):
-        run = stickslip_here("movie", "a.npz", "--modes", "m.npz", "--frames", "6", "--out", "b.mp4", cwd=here)
+        run = stickslip_here("movie", "a.npz", "--modes", "m.npz", "--frames", "2", "--out", "b.mp4", cwd=here)
         assert run.returncode == 0, run.stderr
     shutil.copy(here / "a.npz", here / "b.mp4")
     assert "b.mp4 exists" in stickslip_here("movie", "a.npz", "--modes", "m.npz", "--out", "b.mp4", cwd=here).stderr

@@ -132,13 +132,14 @@ def test_plates_of_gouge_have_a_size(tmp_path, length):
 
 def test_every_size_of_a_scenario_is_within_its_limit_before_anything_is_allocated(request):
     """Whichever number is huge or tiny, the scenario is refused in a sentence, or all its sizes are allowed."""
-    refused, taken = 0, 0
+    refused, taken, seen = 0, 0, set()
     request.addfinalizer(tracemalloc.stop)  # also after a failure, as it makes all that follows three times slower
     tracemalloc.start()
     for tables in scenarios().values():
         for kind, values in ((float, (1e90, 4e12, 1e-12, 1e-90)), (int, (4_000_000_000, 10**18))):
             for place in numbers(tables, kind):
-                for value in values:
+                key = (tables["experiment"], *(word for word in place if isinstance(word, str)))
+                for value in () if key in seen else values:  # each key of an experiment once
                     try:
                         chosen = scenario(**with_number(tables, place, value))
                     except ScenarioError as problem:
@@ -148,10 +149,11 @@ def test_every_size_of_a_scenario_is_within_its_limit_before_anything_is_allocat
                     else:
                         taken += 1
                         assert all(size.number <= LIMITS[size.kind] for size in chosen.sizes()), (place, value)
+                seen.add(key)
     _, peak = tracemalloc.get_traced_memory()
     assert peak < 100e6  # the largest fault that is allowed takes 8 MB for each of its properties
-    assert refused > 500
-    assert taken > 500
+    assert refused > 200
+    assert taken > 200
 
 
 @pytest.mark.parametrize(

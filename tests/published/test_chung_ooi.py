@@ -146,7 +146,7 @@ def test_1_and_2_elastic_normal_impact(test, case, kind):
 
 
 @pytest.mark.parametrize("kind", ALL)
-@pytest.mark.parametrize("case", ["aluminium oxide", "cast iron"])
+@pytest.mark.parametrize("case", ["aluminium oxide", pytest.param("cast iron", marks=pytest.mark.slow)])
 def test_3_restitution_is_the_prescribed_one(case, kind):
     """Each sphere is a material of its own, whose dashpot with the wall gives the restitution asked."""
     pair = Pair(3, case)

@@ -1,5 +1,7 @@
 """A run that is stopped, written, read and continued is the run, to the last bit: laws, memories, controls, threads."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ LAWS = {
 }
 
 
+@cache
 def flowing(n, dim, seed=0):
     """A packing with random velocities and spins, in which contacts open, close and slide within 100 steps."""
     state, _ = jammed(n, packing_fraction=0.66 if dim == 3 else 0.86, dim=dim, seed=seed)

@@ -67,19 +67,19 @@ def test_the_library_of_every_level_holds_every_source(trial):
 
 
 def test_only_what_changed_is_compiled(trial):
-    levels = len(build.LEVELS)
+    levels, two = 2, {"levels": build.LEVELS[:2]}
     probe = ["core", "stamp"]
-    build.build(trial, **ALL)
-    assert changed(trial, lambda: build.build(trial, **ALL)) == []
+    build.build(trial, **two)
+    assert changed(trial, lambda: build.build(trial, **two)) == []
     (trial / "version.cpp").write_text(SOURCES["version.cpp"].replace("VERSION;", "VERSION + 1;"))
     expected = sorted([*["core", "stamp", "version"] * levels, *probe])
-    assert changed(trial, lambda: build.build(trial, **ALL)) == expected
+    assert changed(trial, lambda: build.build(trial, **two)) == expected
     (trial / "version.h").write_text("#define VERSION 4\n")
     expected = sorted([*["core", "fused", "level", "stamp", "version"] * levels, *probe, "level"])
-    assert changed(trial, lambda: build.build(trial, **ALL)) == expected
+    assert changed(trial, lambda: build.build(trial, **two)) == expected
     assert loaded(trial).version() == 5
     assert len(list(trial.rglob("*.o"))) == 4 * levels + 2  # none of older sources
-    assert changed(trial, lambda: build.build(trial, **ALL, force=True)) == expected
+    assert changed(trial, lambda: build.build(trial, **two, force=True)) == expected
 
 
 def test_only_the_level_of_this_machine_is_built_unless_others_are_asked_for(trial, monkeypatch):

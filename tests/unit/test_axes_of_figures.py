@@ -287,10 +287,10 @@ def long_run(most: float):
     return Made(time=time, touching=300 + rising(n), growth_rate=0.01, pairs=2, strain=0.1, **columns)
 
 
-NAMES = ("a", "b", "dc", "mu0")
+NAMES = ("a", "b", "dc")
 
 
-@pytest.mark.parametrize("most", [3e4, 5.6e5, 1e8, 2e-5, 0.0175])
+@pytest.mark.parametrize("most", [5.6e5, 2e-5, 0.0175])
 def test_tick_labels_neither_overlap_nor_have_an_offset(most):
     """Time steps and strains of any size: the power of ten is in the label of the axis."""
     step = np.linspace(0, most, 30)
@@ -305,9 +305,9 @@ def test_tick_labels_neither_overlap_nor_have_an_offset(most):
     ]  # fmt: skip
     for figure in figures:
         assert not clashes(figure)
-    power = {3e4: 4, 5.6e5: 5, 1e8: 7, 2e-5: -5}.get(most)  # ticks of the last but one end at 8e7
+    power = {5.6e5: 5, 2e-5: -5}.get(most)
     label = figures[0].axes[1].get_xlabel()
-    assert label == (rf"time step [$10^{{{power}}}$]" if power else "time step") or most == 1e8
+    assert label == (rf"time step [$10^{{{power}}}$]" if power else "time step")
     assert ("10^" in label) == (power is not None)
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
+from stickslip.core.arguments import checked
 from stickslip.core.dynamics.ledger import Ledger
 from stickslip.core.outcome import NotInEquilibriumError
 from stickslip.experiments.contact_law import make_law
@@ -27,6 +28,7 @@ def scenario(sample=DISKS, law=SOFT, **more):
     return ss.scenario(experiment="cyclic-shear", sample=sample, law=law, **more)
 
 
+@checked  # states are checked once, not in each step
 def responses(rig, amplitude, number=2):
     """Cycles of a sample at one amplitude."""
     ends, cycles = [rig.sample], []
@@ -118,6 +120,7 @@ def test_only_the_imposed_stress_stays_constant(spheres):
     assert held.gamma[0] == pytest.approx(1e-4 * np.sin(2 * np.pi * np.arange(13) / 12), abs=1e-8)
 
 
+# 3 s: the error of trapezia falls only if the second loop has several times as many steps as the first
 def test_the_ledger_closes_the_area_of_a_loop_in_which_grains_rearrange(spheres):
     """In two parts: the balance of the ledger itself, and the trapezia of the loop, whose error falls with the step."""
     left = []
@@ -301,6 +304,7 @@ def test_cycles_that_end_early_are_left_out(monkeypatch):
     assert len(run.responses) == 1 and "cycle 1 at an amplitude of 0.0001 was not finished" in run.ended
 
 
+@pytest.mark.usefixtures("plain_figures")
 def test_the_command_line_writes_a_table_of_cycles(tmp_path, monkeypatch, capsys):
     (tmp_path / "test.toml").write_text(
         'experiment = "cyclic-shear"\nsample = {dim = 2, grains = 40, pressure = 100.0, friction = 0.1}\n'

@@ -1,8 +1,6 @@
 """`stickslip doctor`: it tells what is there, and fails when a number is wrong."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -11,7 +9,8 @@ from stickslip import extras
 from stickslip._core import build
 from stickslip.doctor import machine, report, selfcheck
 from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, compare
-from tests.published.test_disk_array import stickslip
+from tests.conftest import stickslip_here as stickslip
+from tests.published.test_disk_array import stickslip as stickslip_process
 
 STORED = json.loads(selfcheck.STORED.read_text())
 
@@ -66,7 +65,7 @@ def test_what_breaks_on_the_way_is_reported_and_the_rest_goes_on(monkeypatch, ca
 
 
 def test_the_command_tells_and_succeeds(tmp_path):
-    run = stickslip("doctor", cwd=tmp_path)
+    run = stickslip_process("doctor", cwd=tmp_path)  # its output is a pipe
     assert run.returncode == 0, run.stderr
     assert "all is well" in run.stdout
     assert "\x1b" not in run.stdout
@@ -76,15 +75,11 @@ def test_the_command_tells_and_succeeds(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path):
+def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path, monkeypatch):
     stored = STORED | {"numbers": STORED["numbers"] | {"contact force, normal": 1.0}}
     (tmp_path / "numbers.json").write_text(json.dumps(stored))
-    code = "\n".join([
-        "import sys, pathlib, stickslip.doctor.selfcheck as s",
-        f"s.STORED = pathlib.Path({str(tmp_path)!r}, 'numbers.json')",
-        "sys.argv = ['stickslip', 'doctor', '--json']", "from stickslip.cli import main", "main()",
-    ])  # fmt: skip
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    monkeypatch.setattr(selfcheck, "STORED", tmp_path / "numbers.json")
+    run = stickslip("doctor", "--json")
     assert run.returncode == 1
     out = json.loads(run.stdout)
     assert out["ok"] is False

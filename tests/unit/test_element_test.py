@@ -214,7 +214,7 @@ def test_lammps_follows_the_same_path():
 def test_friction_during_the_compression_controls_the_density():
     loose, dense = (
         make_sample(chosen.sample, make_law(chosen.law), 0, lambda *_: None)[1].packing_fraction
-        for chosen in (scenario(DISKS | {"friction": mu, "grains": 100}) for mu in (1.0, 0.0))
+        for chosen in (scenario(DISKS | {"friction": mu, "grains": 60}) for mu in (1.0, 0.0))
     )
     assert dense > loose + 0.01
 
@@ -377,6 +377,7 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(tmp_path, monkeypatc
     np.testing.assert_array_equal(again.runs[0].series.load, whole.load)
 
 
+@pytest.mark.usefixtures("plain_figures")
 def test_the_command_line_writes_series_with_units(tmp_path, monkeypatch, capsys):
     (tmp_path / "test.toml").write_text(
         'experiment = "element-test"\nsample = {dim = 2, grains = 40, pressure = 100.0}\npath = {strain = 1e-5}\n'

@@ -36,7 +36,8 @@ def scenario(**more):
 
 @pytest.fixture(scope="module")
 def result():
-    return ss.simulate(scenario(realizations=2, probes={"strains": [5e-4, 8e-3], "directions": 32}), workers=1)
+    sample, probes = DISKS | {"grains": 40}, {"strains": [5e-4, 8e-3], "directions": 32}
+    return ss.simulate(scenario(sample=sample, realizations=2, probes=probes), workers=1)
 
 
 def test_states_nearest_to_the_stated_strains_are_probed_in_the_first_sample_only(result):
@@ -178,6 +179,7 @@ def test_a_strain_of_the_way_back_is_probed_on_the_way_there():
     assert row == np.abs(loads[: turn + 1] - back).argmin()
 
 
+@pytest.mark.slow
 def test_contacts_slide_again_in_a_state_that_dynamics_brought_to_rest(monkeypatch):
     """Grains swing as they come to rest, and leave the Coulomb limit; the path would make them slide again."""
     path = {"strain": 2e-3, "integrator": "dynamic", "inertial_number": 1e-3}
@@ -220,10 +222,11 @@ def test_a_state_that_cannot_be_probed_gives_a_reason(result):
     assert len(list(figures(lame))) == 5
 
 
-def test_figures_and_tables_of_probes_are_written(result, tmp_path, monkeypatch, capsys):
+def test_figures_and_tables_of_probes_are_written(result, tmp_path, monkeypatch, capsys, request):
     *_, first, second = figures(result)
     assert [first[0], second[0]] == ["fig6_directions.png", "fig7_envelopes.png"]
     assert min(len(png(figure)) for _, figure in (first, second)) > 5000
+    request.getfixturevalue("plain_figures")
     (tmp_path / "test.toml").write_text(
         'experiment = "element-test"\nsample = {dim = 2, grains = 40, pressure = 100.0}\npath = {strain = 1e-5}\n'
         "probes = {states = 1, directions = 8}\n"

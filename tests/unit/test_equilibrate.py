@@ -17,7 +17,7 @@ from stickslip.solve.newton import Factorisation
 LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")
 
 
-@pytest.mark.parametrize(("dim", "fraction"), [(3, 0.67), (2, 0.86)])
+@pytest.mark.parametrize(("dim", "fraction"), [pytest.param(3, 0.67, marks=pytest.mark.slow), (2, 0.86)])
 def test_large_strain_steps_all_end_in_equilibrium(dim, fraction):
     """Steps of 1e-3, a tenth of an overlap each: rattlers come and go, contacts vanish, Newton alone fails at times."""
     state, _ = jammed(40, packing_fraction=fraction, dim=dim, seed=0)

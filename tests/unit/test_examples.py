@@ -86,6 +86,7 @@ sys.meta_path[:] = [Installed if finder is PathFinder else finder for finder in 
 """
 
 
+@pytest.mark.slow
 def test_commands_of_the_readme_print_what_it_shows_with_what_they_install(tmp_path):
     """`pip install .` and nothing else: modules of all other distributions here cannot be imported."""
     steps = [step for session in sessions(ROOT / "README.md") for step in session]

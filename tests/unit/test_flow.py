@@ -313,6 +313,7 @@ remove = ["{gate}"]
 """
 
 
+@pytest.mark.usefixtures("plain_figures")
 def test_the_command_line_from_end_to_end(tmp_path):
     (tmp_path / "s.toml").write_text(TOML.format(number=30, gate="gate"))
     done = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")

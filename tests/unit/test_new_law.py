@@ -19,7 +19,9 @@ def pressed(dim, law_name="hertz_mindlin", coulomb="smooth"):
     return ss.accept(state, ss.forces(state, bare)[1])
 
 
-@pytest.mark.parametrize(("law_name", "coulomb", "dim"), CASES)
+@pytest.mark.parametrize(
+    ("law_name", "coulomb", "dim"), [case for case in CASES if case[2] == 2 or case[0] == "hertz_mindlin_reff"]
+)
 def test_the_jacobian_from_zero_slip_is_that_of_contacts_that_stick(law_name, coulomb, dim):
     state, law = pressed(dim, law_name, coulomb), make_law(law_name, coulomb)
     rows = ss.measure.touching(state)

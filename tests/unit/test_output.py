@@ -216,9 +216,7 @@ def test_bash_completes_names_engines_laws_and_leaves_files_to_itself(tmp_path):
     assert "complete -o default -F _stickslip_completion stickslip" in script.stdout  # default: names of files
     expected = {
         "stickslip re": ["reproduce", "resume", "report"],
-        "stickslip reproduce s": ["sphere-shear", "seas-bp1", "seas-bp3", "seas-bp6"],
         "stickslip run s.toml --engine l": ["lammps"],
-        "stickslip fit s.csv --law s": ["slip"],
         "stickslip stability s.npz --law hertz": [
             "hertz_mindlin",
             "hertz_mindlin_reff",

@@ -22,7 +22,7 @@ from stickslip.loading.biaxial import LEFT, RIGHT, TOP
 from stickslip.runs.writer import write_result
 from tests.conftest import stickslip_here as stickslip
 
-SMALL = {"experiment": "quasi-rigid", "seed": 1, "disks": {"number": 40}, "dynamics": {"times": (3e3, 1e4)}}
+SMALL = {"experiment": "quasi-rigid", "seed": 1, "disks": {"number": 40}, "dynamics": {"times": (1e3, 3e3)}}
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_table_one_holds_in_the_engine(small):
 
 
 def test_claims_have_all_ids_and_say_what_was_measured(small):
-    claims = {c.id: c for c in quasi_claims.evaluate_claims(small, cases=20, quick=True)}
+    claims = {c.id: c for c in quasi_claims.evaluate_claims(small, cases=8, quick=True)}
     assert list(claims) == [
         "table-I-relations", "status-map-bijective", "one-consistent-state", "non-unique-example",
         "path-vs-dynamics-error", "collapse-load-ratio", "stability-premise", "flutter-example", "apex-counterexample",
@@ -109,6 +109,8 @@ def test_difference_and_collapse_of_made_up_curves():
     path = Curve(load, load, load, load)
     late = Curve(load, load - 0.03, load, load)
     assert strain_difference(path, late) == pytest.approx(0.03)
+    fails = Curve(load, np.where(load > 0.96, load + 1, load - 0.03), load, load)  # not compared that near to the end
+    assert strain_difference(path, fails) == pytest.approx(0.03)
     energy = np.full(100, 1e-12)
     slow = SlowDynamics(1e5, path, energy / 10, 0.0)
     assert collapse_load([SlowDynamics(3e4, path, energy, 0.0), slow], path) is None
@@ -133,7 +135,7 @@ def test_run_leaves_curves_figures_numbers(small, tmp_path):
     ]  # fmt: skip
     rows = (tmp_path / "out" / "series.csv").read_text().splitlines()
     assert rows[0] == "sample,curve,load,strain,volumetric_strain,stress_ratio"
-    assert {row.split(",")[1] for row in rows[1:]} == {"path", "unloading", "dynamics 3000", "dynamics 10000"}
+    assert {row.split(",")[1] for row in rows[1:]} == {"path", "unloading", "dynamics 1000", "dynamics 3000"}
     numbers = archive.read(tmp_path / "out" / "results.h5")["samples"]["001"]
     assert numbers["path"]["load"][-1] == small.tested[0].path.load[-1]
     assert isinstance(numbers["frames"]["end"], ss.State)

@@ -1,8 +1,6 @@
 """What README and docs show must run."""
 
 import re
-import subprocess
-import sys
 from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
@@ -27,7 +25,12 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ("docs/quasi_rigid.md", 0, (" events,", " alternatives")),
         ("docs/quasi_rigid.md", 1, ("MECHANISM 0.8",)),
         ("docs/quasi_rigid.md", 2, ("[106  41  17] 37 [109  42  17] 33",)),
-        ("docs/quasi_rigid.md", 4, ("the force grows: the full load was reached", "the lid is moved: ")),
+        pytest.param(
+            "docs/quasi_rigid.md",
+            4,
+            ("the force grows: the full load was reached", "the lid is moved: "),
+            marks=pytest.mark.slow,
+        ),
         ("docs/quasi_rigid.md", 5, ("'UNIQUE': ", "'MECHANISM': ")),
         ("docs/look.md", 0, ("2 axes",)),
         ("docs/many_runs.md", 0, ("'spring.stiffness': 4, 'seed': 2", "1/m")),
@@ -38,12 +41,13 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
         ),
     ],
 )
-def test_the_examples_run_and_are_short(page, number, message, tmp_path):
+def test_the_examples_run_and_are_short(page, number, message, tmp_path, monkeypatch, capsys):
     code = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)[number]
     assert len(code.strip().splitlines()) <= 15
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    assert all(w in run.stdout for w in message), run.stdout
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, page, "exec"), {"__name__": "__main__"})
+    printed = capsys.readouterr().out
+    assert all(words in printed for words in message), printed
 
 
 def test_links_and_commands_exist():

@@ -148,7 +148,11 @@ def test_a_run_that_is_stopped_continues_with_what_is_saved(result, tmp_path, mo
             ("[1e-9, 0.02]", "[1e3]"),
             "kicks.velocities has 1000, with which grains move by more than a radius in a time",
         ),
-        (("[0.2, 0.3]\nstep = 0.1", "[2.0, 3.0]\nstep = 0.5"), "below all of load.loads: add smaller loads"),
+        pytest.param(
+            ("[0.2, 0.3]\nstep = 0.1", "[2.0, 3.0]\nstep = 0.5"),
+            "below all of load.loads: add smaller loads",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_input_that_proves_wrong_leaves_nothing(change, message, tmp_path, monkeypatch, capsys):

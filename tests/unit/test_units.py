@@ -4,10 +4,12 @@ import ast
 import importlib
 import re
 import typing
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import stickslip as ss
 from stickslip.cli import app
@@ -27,7 +29,6 @@ from stickslip.data import archive
 from stickslip.data.exchange.files import packing_units
 from stickslip.experiments.registry import EXPERIMENTS, read_tables
 from stickslip.figures.quantities import quantities
-from stickslip.figures.saving import render as png
 from stickslip.figures.view3d import view_data
 from stickslip.loading.event_types import Events
 from stickslip.runs import page
@@ -52,13 +53,16 @@ def exponents(unit: str) -> tuple:
     return tuple(total.tolist())
 
 
-def classes():
+@cache
+def classes() -> list[tuple]:
     """All NamedTuple classes of the package, with the text of their definitions."""
-    for path in sorted(PACKAGE.rglob("*.py")):
-        text = path.read_text(encoding="utf-8")
-        for node in ast.parse(text).body:
-            if isinstance(node, ast.ClassDef) and any("NamedTuple" in ast.unparse(base) for base in node.bases):
-                yield path, node, text.splitlines()
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.rglob("*.py"))}
+    return [
+        (path, node, text.splitlines())
+        for path, text in texts.items()
+        for node in (ast.parse(text).body if "(NamedTuple" in text or "NamedTuple)" in text else ())
+        if isinstance(node, ast.ClassDef) and any("NamedTuple" in ast.unparse(base) for base in node.bases)
+    ]
 
 
 def documented(node, lines) -> dict[str, set[str]]:
@@ -76,6 +80,7 @@ def documented(node, lines) -> dict[str, set[str]]:
 NO_UNITS = {"value, unit", "2", "0", "A + B cos(2 ω_r t + φ)", "degrees", "of the drive", "mm"}
 
 
+# 3 s: every module of the package is imported and read
 def test_archives_store_the_documented_units_of_all_classes(tmp_path):
     """One float for each field of each class; what has two units, as velocities beside spins, has none."""
     checked, tree, meant = 0, {}, {}
@@ -233,14 +238,20 @@ def test_experiments_in_si_refuse_other_units(name):
 
 @pytest.fixture(scope="module")
 def flows(tmp_path_factory):
-    """The same flow without units and with names for them."""
-    out = {}
-    for name, more in {"bare": {}, "named": {"units": MILLIMETRES}}.items():
-        out[name] = tmp_path_factory.mktemp(name)
-        chosen = ss.scenario(**FLOW, **more)
-        result = ss.simulate(chosen)
-        write_result(out[name], EXPERIMENTS["flow"], result)
-    return out
+    """Folders of the same flow without units and with names for them, and the labels of its figures as drawn."""
+    out, labels = {}, {}
+
+    def savefig(figure, *_, **__):
+        figure.draw_without_rendering()
+        words = (text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel()))
+        labels[name].update(re.sub(r"\$10\^.*?\$ ", "", " ".join(text.split())) for text in words)  # no powers of ten
+
+    with pytest.MonkeyPatch.context() as now:
+        now.setattr(Figure, "savefig", savefig)
+        for name, more in {"bare": {}, "named": {"units": MILLIMETRES}}.items():
+            out[name], labels[name] = tmp_path_factory.mktemp(name), set()
+            write_result(out[name], EXPERIMENTS["flow"], ss.simulate(ss.scenario(**FLOW, **more)))
+    return out | {"labels": labels}
 
 
 def test_a_run_names_its_units_everywhere(flows):
@@ -256,32 +267,23 @@ def test_a_run_names_its_units_everywhere(flows):
         assert series[1] == (flows["bare"] / "series.csv").read_text().splitlines()[1]
 
 
-def test_a_page_names_the_units_of_its_run(flows):
+def test_a_page_names_the_units_of_its_run(flows, monkeypatch):
+    monkeypatch.setattr(page, "render", lambda *_: b"")
     for name, speed, time in (("bare", "length/time", "time 0.1992,"), ("named", "mm/s", "time 0.1992 s,")):
-        app(["report", str(flows[name]), "--no-verdict", "-q"], standalone_mode=False)
-        text = (flows[name] / "report.html").read_text()
+        folder = flows[name]
+        app(["report", str(folder), "--no-verdict", "-q"], standalone_mode=False)
+        text = (folder / "report.html").read_text()
         assert f'<td class="">{"mm" if name == "named" else "length"}</td>' in text  # of the measure run_out
-        with units_in_use(packing_units(flows[name])):
-            shown = page.folder_content(flows[name], search=False)
+        with units_in_use(packing_units(folder)):
+            shown = page.folder_content(folder, search=False)
             data = view_data(shown.frames, shown.modes, labels=shown.labels)
         assert time in shown.labels[-1]
         assert speed in {quantity["unit"] for quantity in data["quantities"]}
 
 
 def test_labels_of_figures_name_units(flows):
-    values = {}
-    for name in flows:
-        result = ss.simulate(ss.scenario(**FLOW, **({"units": MILLIMETRES} if name == "named" else {})))
-        with units_in_use(result.scenario.named_units):
-            for _, figure in EXPERIMENTS["flow"].figures(result):
-                png(figure)
-                labels = {text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())}
-                plain = {
-                    re.sub(r"\$10\^.*?\$ ", "", " ".join(text.split())) for text in labels
-                }  # without powers of ten
-                values[name] = values.get(name, set()) | plain
-    assert {"$x$ [length]", "speed [length/time]", "energy [energy]", "time $t$ [time]"} <= values["bare"]
-    assert {"$x$ [mm]", "speed [mm/s]", "energy [g mm²/s²]", "time $t$ [s]"} <= values["named"]
+    assert {"$x$ [length]", "speed [length/time]", "energy [energy]", "time $t$ [time]"} <= flows["labels"]["bare"]
+    assert {"$x$ [mm]", "speed [mm/s]", "energy [g mm²/s²]", "time $t$ [s]"} <= flows["labels"]["named"]
 
 
 def test_formulas_in_labels_stay_as_they_are():
@@ -290,11 +292,11 @@ def test_formulas_in_labels_stay_as_they_are():
         assert unit_name("length^2") == "m²"
 
 
-def test_packings_have_units_as_well(tmp_path, capsys):
-    source = np.load(PACKAGE.parents[1] / "examples" / "sheared_spheres.npz")
+def test_packings_have_units_as_well(few_spheres, tmp_path, capsys):
+    source = np.load(few_spheres)
     np.savez(tmp_path / "named.npz", **source, units="mm, g, s")
     told = {}
-    for path in (PACKAGE.parents[1] / "examples" / "sheared_spheres.npz", tmp_path / "named.npz"):
+    for path in (few_spheres, tmp_path / "named.npz"):
         app(["stability", str(path), "--modes", str(tmp_path / "m.npz"), "-q"], standalone_mode=False)
         told[path.stem] = capsys.readouterr().out.strip()
         more = ["--after", "--more"] if path.stem == "named" else []
@@ -302,7 +304,7 @@ def test_packings_have_units_as_well(tmp_path, capsys):
         table = " ".join(capsys.readouterr().out.split())
         for text in ("period [s]", "growth rate [1/s]", "moduli in g/(mm s²)", " mm"):
             assert (text in table) == (path.stem == "named"), text
-    assert re.sub(r"(period|time) ([\d.e+]+)", r"\1 \2 s", told["sheared_spheres"]) == told["named"]
+    assert re.sub(r"(period|time) ([\d.e+]+)", r"\1 \2 s", told["few_spheres"]) == told["named"]
     np.savez(tmp_path / "wrong.npz", **source, units="furlongs")
     with pytest.raises(ValueError, match=r"wrong.npz: units = 'furlongs' was given: use"):
         app(["stability", str(tmp_path / "wrong.npz")], standalone_mode=False)

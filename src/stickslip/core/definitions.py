@@ -1,8 +1,21 @@
 """Definitions of NamedTuples: the comments beside their fields, and the shapes that these state."""
 
+import ast
 import inspect
 import re
 from functools import cache
+
+
+@cache
+def _classes(module) -> dict[str, str]:
+    """Source of the classes at the top of a module: `inspect` parses the whole module for each of them."""
+    try:
+        text = inspect.getsource(module)
+    except (OSError, TypeError):  # an interpreter
+        return {}
+    lines = text.splitlines()
+    tops = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
+    return {node.name: "\n".join(lines[node.lineno - 1 : node.end_lineno]) for node in tops}
 
 
 @cache
@@ -10,7 +23,8 @@ def definitions(kind: type) -> tuple[str, dict[str, str]]:
     """The first line of a NamedTuple's docstring, and the comments beside its fields."""
     names = getattr(kind, "_fields", ())
     try:
-        head, *lines = (line for line in inspect.getsource(kind).splitlines() if not re.match(r"@|class |\s*$", line))
+        text = _classes(inspect.getmodule(kind)).get(kind.__qualname__) or inspect.getsource(kind)
+        head, *lines = (line for line in text.splitlines() if not re.match(r"@|class |\s*$", line))
     except (OSError, TypeError, ValueError):  # no NamedTuple, or one defined in an interpreter
         return "", {}
     fields = (re.match(r"\s+(\w+): [^#]*#(.*)", line) for line in reversed(lines))
