@@ -67,7 +67,7 @@ PLAIN = {
 _savefig = Figure.savefig
 
 
-def _save_noise(figure, path, format=None, **options):
+def save_noise(figure, path, format=None, **options):
     """Save noise of the size of a figure, which takes a second to draw; frames of movies are drawn."""
     if format == "rgba":
         return _savefig(figure, path, format=format, **options)
@@ -77,7 +77,7 @@ def _save_noise(figure, path, format=None, **options):
 @pytest.fixture(autouse=True)
 def _plain_figures(request, monkeypatch):
     if {request.path.parent.name, request.path.stem} & PLAIN:
-        monkeypatch.setattr(Figure, "savefig", _save_noise)
+        monkeypatch.setattr(Figure, "savefig", save_noise)
 
 
 def make_law(name, coulomb, mu=0.4, **more):

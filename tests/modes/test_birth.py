@@ -23,13 +23,17 @@ LAW = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
 
 @cache
 def pushed(load: float):
-    """The array of Charan et al. 2020 pushed with a force, in the paper's units, in equilibrium under drag."""
-    state = ss.packings.disk_array(10, press=0.1 * UNIT)
-    for push in (*np.arange(0.0, load, 5e-4), load):
-        force = state.control.force.copy()
-        force[0, 0] = push * UNIT
-        state, outcome = ss.relax(state._replace(control=state.control._replace(force=force)), LAW, tolerance=1e-13)
-        assert outcome.ok
+    """The array of Charan et al. 2020 pushed with a force, in the paper's units, in equilibrium under drag.
+
+    The force grows in steps, and each step is made once.
+    """
+    step = 5e-4 if load < 0.01 else 4e-3
+    done = np.ceil(load / step - 1e-6) - 1
+    state = pushed(round(done * step, 10)) if done >= 0 else ss.packings.disk_array(10, press=0.1 * UNIT)
+    force = state.control.force.copy()
+    force[0, 0] = load * UNIT
+    state, outcome = ss.relax(state._replace(control=state.control._replace(force=force)), LAW, tolerance=1e-13)
+    assert outcome.ok
     return state
 
 
@@ -134,12 +138,12 @@ def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
     exponent = np.sqrt(-plane.value + 0j)
     exponent *= np.sign(exponent.real)
     u = plane.u0 + 1j * plane.value.imag * plane.u1
-    start = 0.02 * peak
+    start = 0.2 * peak
     first = np.concatenate([2 * start * u.real, 2 * start * (exponent * u).real])
-    times = np.linspace(0, 10 / sigma, 20_001)
+    times = np.linspace(0, 5 / sigma, 10_001)
     solution = solve_ivp(
-        lambda t, z: np.concatenate([z[3:], motion.force(z[:3])]), (0, times[-1]), first, "DOP853", times, rtol=1e-10,
-        atol=1e-14,
+        lambda t, z: np.concatenate([z[3:], motion.force(z[:3])]), (0, times[-1]), first, "DOP853", times, rtol=1e-8,
+        atol=1e-12,
     )  # fmt: skip
     assert np.abs(plane.u0 @ solution.y[:3]).max() / 2 == pytest.approx(peak, rel=0.02)
 
@@ -362,8 +366,5 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     )
     assert "dashpots" in reason["reason"] and form["beta"] == after["beta"]
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)
-    done = CliRunner().invoke(app, ["stability", "calm.h5", "--after", "--json"])
-    reason = json.loads(done.stdout)["after"]["reason"]
-    assert "0 complex pairs" in reason
     done = CliRunner().invoke(app, ["stability", "calm.h5", "--after"])
-    assert done.exit_code == 0 and reason in " ".join(done.output.split())
+    assert done.exit_code == 0 and "0 complex pairs" in " ".join(done.output.split())
