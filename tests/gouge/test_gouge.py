@@ -45,6 +45,7 @@ SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
 STEPS = {"kind": "velocity-steps", "velocities": [0.3, 0.1], "slip": 1.0}
 HOLDS = {"kind": "slide-hold-slide", "before": [0.3], "holds": [1e-2]}
 INTERVAL = 50 * 4e-7  # of samples [s]
+pytestmark = pytest.mark.timeout(600)  # 2 s of processor time have taken 42 s on a machine with other work
 Test.__test__ = False  # not a test of pytest's
 
 
