@@ -61,7 +61,7 @@ def sheared_spheres():
     control = ss.control.spring_loaded(control, lid, where, 0.05, times=[0.0, 8.0], displacement=[0.0, 0.4])
     moving = ss.packings.perturbed(state._replace(control=control), velocity=1e-3, seed=1)
     law = ss.laws.hertz_mindlin_reff(mu=0.5, damping="viscoelastic", damping_n=0.2, damping_t=0.1)
-    return Leg(moving, law, 0.02, 120, every=40)
+    return Leg(moving, law, 0.02, 200, every=40)
 
 
 def free_spheres():

@@ -219,7 +219,7 @@ def test_a_path_on_which_contacts_open_close_and_stick_again():
     path = load_path(state, law, with_load(state.control, 60 + TOP, 3.0))
     assert {"reaches the cone", "sticks again", "opens", "closes"} <= {e.kind for e in path.events}
     holds_everywhere(path)
-    for point in path.points:
+    for point in path.points[-60:]:
         matrix = ss.quasirigid.linear_system(point.state, law)
         k = ss.quasirigid.stiffness_matrix(matrix, np.zeros(len(matrix.limit), bool))
         assert abs(k).sum(axis=1).min() > 0

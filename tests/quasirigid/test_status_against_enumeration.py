@@ -18,10 +18,10 @@ from tests.quasirigid import brute_force as brute
 from tests.quasirigid.five_packings import KINDS, on_the_cone, sample, spheres
 
 
-def drawn(number: int, most: int, dim: int = 2, packings: int = 4):
+def drawn(number: int, most: int, dim: int = 2):
     """A packing, its critical contacts with their directions, and a load; all drawn at random, kind after kind."""
     rng = np.random.default_rng(number)
-    kind, seed = KINDS[number % 5], int(rng.integers(4)) % packings
+    kind, seed = KINDS[number % 5], int(rng.integers(4))
     m = sample(kind, seed) if dim == 2 else linear_system(*spheres(kind, seed)[:2], rattlers=spheres(kind, seed)[2])
     critical = rng.choice(m.count, int(rng.integers(1, most + 1)), replace=False)
     if rng.random() < 0.3:
@@ -66,9 +66,9 @@ def _at_the_edge(m, critical, rng):
     return v - g @ np.linalg.lstsq(g, v, rcond=None)[0]
 
 
-def disagreements(number: int, most: int, dim: int = 2, packings: int = 4) -> tuple[list[str], str]:
+def disagreements(number: int, most: int, dim: int = 2) -> tuple[list[str], str]:
     """Where `contact_status` and `certificate` differ from the enumeration, and the class of the case."""
-    m, load, critical = drawn(number, most, dim, packings)
+    m, load, critical = drawn(number, most, dim)
     problem = brute.dense(m, load, critical)
     unit = max(1.0, np.abs(problem.a).max())
     floor = 1e-11 * np.abs(problem.inverse @ load).max()  # rates are differences of velocities
@@ -186,12 +186,12 @@ def _about_certificate(a, unit, known) -> list[str]:
     return bad
 
 
-def all_disagreements(numbers, most=12, dim=2, packings=4) -> tuple[list, Counter]:
+def all_disagreements(numbers, most=12, dim=2) -> tuple[list, Counter]:
     """Cases with a disagreement, and how many cases fall in each class."""
     bad, classes = [], Counter()
     with np.errstate(all="warn", under="ignore"):  # the enumeration divides by what it then leaves out
         for number in numbers:
-            told, kind = disagreements(number, most, dim, packings)
+            told, kind = disagreements(number, most, dim)
             classes[kind] += 1
             bad += [(number, told)] if told else []
     return bad, classes
@@ -199,7 +199,7 @@ def all_disagreements(numbers, most=12, dim=2, packings=4) -> tuple[list, Counte
 
 @pytest.mark.parametrize(("dim", "count"), [(2, 80), (3, 50)])
 def test_random_cases_of_five_kinds_agree_with_enumeration(dim, count):
-    bad, classes = all_disagreements(range(count), 7, dim, packings=2 if dim == 3 else 4)
+    bad, classes = all_disagreements(range(count), 7, dim)
     assert bad == []
     assert {kind.split()[0] for kind in classes} >= {"UNIQUE", "NOT_UNIQUE", "UNSTABLE", "MECHANISM"}
 
