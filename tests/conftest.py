@@ -69,7 +69,7 @@ PLAIN = {
 _savefig = Figure.savefig
 
 
-def _save_noise(figure, path, format=None, **options):
+def save_noise(figure, path, format=None, **options):
     """Save noise of the size of a figure, which takes a second to draw; frames of movies are drawn."""
     if format == "rgba":
         return _savefig(figure, path, format=format, **options)
@@ -79,7 +79,7 @@ def _save_noise(figure, path, format=None, **options):
 @pytest.fixture
 def plain_figures(monkeypatch):
     """For a test that writes figures without looking at them."""
-    monkeypatch.setattr(Figure, "savefig", _save_noise)
+    monkeypatch.setattr(Figure, "savefig", save_noise)
 
 
 @pytest.fixture(autouse=True)

@@ -30,7 +30,11 @@ def test_all_experiments_are_here():
 
 
 @pytest.mark.parametrize(
-    "experiment", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("quasi-rigid", "gouge"))) for name in SWEPT]
+    "experiment",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in ("quasi-rigid", "gouge", "cyclic-shear")))
+        for name in SWEPT
+    ],
 )
 def test_a_member_leaves_numbers_with_units(experiment, tmp_path):
     tables, (table, name, unit) = EXPERIMENTS[experiment].smallest[0], SWEPT[experiment]

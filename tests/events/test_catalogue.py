@@ -4,6 +4,8 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from PIL import Image
 
 import stickslip as ss
 from stickslip.cli import main
@@ -12,6 +14,7 @@ from stickslip.experiments.catalogue.measures import measures
 from stickslip.experiments.catalogue.tables import event_table, rows_of, stack_tables, step_table, write_table
 from stickslip.figures import catalogue as figures
 from stickslip.runs.writer import write_result
+from tests.conftest import save_noise
 from tests.events.made import events_of, samples
 
 SMALL = {"packing": {"grains": 12, "packing_fraction": 0.9}, "shear": {"drag": 0.1}}
@@ -116,7 +119,12 @@ def call(monkeypatch, *arguments) -> int:
     return caught.value.code
 
 
+def save_black(figure, path, format=None, **options):
+    Image.new("L", (300, 300)).save(path, format)
+
+
 def test_a_run_that_was_stopped_goes_on_and_equals_one_that_was_not(made, monkeypatch, tmp_path):
+    monkeypatch.setattr(Figure, "savefig", save_black)  # which takes no second to draw
     text = (
         'experiment = "catalogue"\nevents = 6\npackings = 4\n[packing]\ngrains = 12\npacking_fraction = 0.9\n'
         "[shear]\ndrag = 0.1\n"
@@ -143,6 +151,7 @@ def test_a_run_that_was_stopped_goes_on_and_equals_one_that_was_not(made, monkey
 
 
 def test_the_dataset_has_the_tables_with_units(made, monkeypatch, tmp_path):
+    monkeypatch.setattr(Figure, "savefig", save_noise)
     result = ss.simulate(scenario(events=5), workers=1)
     write_result(tmp_path, ss.experiments.EXPERIMENTS["catalogue"], result)
     data = ss.io.open_dataset(tmp_path)

@@ -97,7 +97,7 @@ def test_a_stated_velocity_that_the_record_contradicts_is_told_and_prefers_nothi
     assert "--velocity" not in right and "the data prefer the slip law" in right
 
 
-@pytest.mark.parametrize("stiffness", [4500.0, 500.0, 300.0])
+@pytest.mark.parametrize("stiffness", [4500.0, 300.0])
 def test_both_laws_are_fitted_to_the_same_samples_and_a_wrong_stiffness_is_told(tmp_path, stiffness):
     friction = lab().friction.copy()
     friction[[40, 260, 330]] += 0.05

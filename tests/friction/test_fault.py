@@ -320,8 +320,8 @@ def integrated(fault, start, time):
     ("law", "form", "cuts"),
     [
         ("aging", "regularized", {}),
-        ("slip", "regularized", {}),
-        ("aging", "logarithmic", {"v1": 1.0, "v2": 1e-2}),
+        pytest.param("slip", "regularized", {}, marks=pytest.mark.slow),
+        pytest.param("aging", "logarithmic", {"v1": 1.0, "v2": 1e-2}, marks=pytest.mark.slow),
         ("slip", "logarithmic", {"v1": 1.0, "v2": 1e-2}),
     ],
 )
@@ -406,7 +406,7 @@ def test_order_of_the_time_stepper():
 
 @pytest.fixture(scope="module")
 def cycles():
-    return friction.simulate_fault(small(), 60.0, recording=friction.Recording(stations=(0.0, 1500.0)))
+    return friction.simulate_fault(small(), 35.0, recording=friction.Recording(stations=(0.0, 1500.0)))
 
 
 def test_events_and_energy_balance(cycles):
@@ -422,7 +422,7 @@ def test_events_and_energy_balance(cycles):
 
 
 def test_a_tighter_tolerance_moves_events_little(cycles):
-    tight = friction.simulate_fault(small(), 60.0, tolerance=1e-6)
+    tight = friction.simulate_fault(small(), 35.0, tolerance=1e-6)
     assert np.allclose(tight.events.start, cycles.events.start, rtol=1e-4)
     assert abs(tight.energy.residual) < 0.1 * abs(cycles.energy.residual) + 1e-9
 
@@ -439,10 +439,9 @@ def test_slip_of_samples_profiles_and_events_agree(cycles):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("second", [{}, SECOND])
-def test_a_continued_run_is_the_same_run(second):
+def test_a_continued_run_is_the_same_run():
     rare = friction.Recording(stations=(0.0, 1500.0), quiet_sampling=2 * YEAR)  # most steps are not sampled
-    fault = small(**second)
+    fault = small(**SECOND)
     single = friction.simulate_fault(fault, 25.0, recording=rare)
     parts, state = [], None
     for years in (6.0, 13.0, 25.0):

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import stickslip as ss
 from stickslip.cli import main
@@ -16,6 +17,7 @@ from stickslip.friction import fault_dataset
 from stickslip.friction.fault_record import YEAR
 from stickslip.runs.page import folder_content, write_page
 from stickslip.runs.writer import write_result
+from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 
 SMALL = """
@@ -128,6 +130,7 @@ def test_steps_have_the_tolerance_of_the_scenario(result, monkeypatch):
 
 
 def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
+    monkeypatch.setattr(Figure, "savefig", save_noise)
     two = 'law = "slip"\nb = 0.012\nb2 = 0.004\ndc2 = 5e-3'
     (tmp_path / "s.toml").write_text(SMALL.replace("[friction]", f"[friction]\n{two}").replace("60.0", "8.0"))
     monkeypatch.setattr(room, "PART", 3.0)
@@ -209,7 +212,8 @@ def test_bad_scenarios_are_refused_with_one_sentence(change, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_fault_that_cannot_nucleate_says_so(tmp_path):
+def test_a_fault_that_cannot_nucleate_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(Figure, "savefig", save_noise)
     (tmp_path / "s.toml").write_text(SMALL.replace("years = 60.0", "years = 5.0").replace("0.010", "0.020"))
     run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
     assert run.returncode == 0, run.stderr

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import solve_banded
 from scipy.optimize import brentq
@@ -19,6 +20,7 @@ from stickslip.friction.fault_record import YEAR
 from stickslip.friction.fault_state import perturbed_state, with_rates
 from stickslip.friction.normal_stress import INSTANTS
 from stickslip.runs.writer import write_result
+from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 
 SOURCE = friction.Injection(flux=1.25e-6, storage=1e-9, diffusivity=0.1, stop=8.64e6)
@@ -229,7 +231,7 @@ def crack(ratio, x, *, modulus, pressure, diffusion):
     return np.array([slip(at) if at < half else 0.0 for at in x]), half
 
 
-@pytest.mark.parametrize("ratio", [0.3, 0.6])
+@pytest.mark.parametrize("ratio", [pytest.param(0.3, marks=pytest.mark.slow), 0.6])
 def test_slip_with_constant_friction_is_that_of_viesca(ratio):
     """A direct effect a → 0 without evolution: the error falls with a, and that of an extrapolation with a²."""
     end, pressure, length = 1e6, 5e6, np.sqrt(4 * 0.1 * 1e6)
@@ -256,7 +258,8 @@ def test_slip_with_constant_friction_is_that_of_viesca(ratio):
 # ---- scenarios
 
 
-def test_the_archive_and_the_dataset_have_the_normal_stress(tmp_path):
+def test_the_archive_and_the_dataset_have_the_normal_stress(tmp_path, monkeypatch):
+    monkeypatch.setattr(Figure, "savefig", save_noise)
     smaller = {"line": {"width": 5e3, "cell": 100.0}, "run": {"years": 0.3, "stations": (0.0, 500.0)}}
     chosen = scenario(**(read_scenario(EXAMPLE).model_dump() | smaller))
     result = ss.simulate(chosen)

@@ -135,21 +135,24 @@ def test_a_comparison_is_made_of_likelihoods_sample_by_sample():
 
 
 def test_intervals_of_the_level_hold_it_in_95_of_100_records():
-    """1000 records of 24 samples: a standard deviation of 0.7 %, so that 93 to 97 % are three of them."""
-    clean, hits, count = record(STEP, number=12), 0, 1000
+    """250 records of 24 samples: a standard deviation of 1.4 %. Intervals that are 1/√2 as wide hold 83 %."""
+    clean, hits, count = record(STEP, number=12), 0, 250
     for k in range(count):
         noise = 1e-3 * correlated(k, len(clean.time), 0.0)
         best = fit(clean._replace(friction=clean.friction + noise), law="slip", fixed=KNOWN, noise="white")
         low, high = best.intervals["mu0"]
         hits += low <= 0.4 <= high
-    assert 0.93 * count <= hits <= 0.97 * count
+    assert 0.91 * count <= hits <= 0.985 * count
 
 
 def test_intervals_of_all_parameters_together_hold_the_truth_in_95_of_100_records():
-    """Pooled: 80 records of white noise, five intervals each; 1.1 % is one deviation if they are independent."""
-    hits = coverage("slip", STEPS, 0.0, (), 80, seed=0)
+    """Pooled: 40 records of white noise, five intervals each; 1.5 % is one deviation if they are independent.
+
+    Intervals that are 1/√2 as wide hold 83 %, and those that are √2 as wide 99.4 %.
+    """
+    hits = coverage("slip", STEPS, 0.0, (), 40, seed=0)
     assert len(hits) == 5
-    assert 0.93 <= sum(hits.values()) / (80 * len(hits)) <= 0.97
+    assert 0.91 <= sum(hits.values()) / (40 * len(hits)) <= 0.99
 
 
 @pytest.mark.slow
@@ -165,7 +168,7 @@ def test_coverage_with_many_fits(law, legs, rho, free):
 
 def test_intervals_that_ignore_correlation_fail():
     """What the filtering is for: with it left out, correlated noise is far outside of the intervals."""
-    hits, count, clean = 0, 30, record(STEPS, number=80)
+    hits, count, clean = 0, 15, record(STEPS, number=80)
     for k in range(count):
         noise = 1e-3 * correlated(k, len(clean.time), 0.8)
         best = fit(

@@ -221,12 +221,12 @@ def test_the_command_line_states_velocities_and_counts_spikes(tmp_path):
 
 @pytest.mark.parametrize("state", [0.2, 1.0])
 def test_a_start_away_from_steady_state_is_told_with_the_bias_it_makes(tmp_path, state):
-    friction = spring_slider(SURFACE, SPRING, LEGS, times=TIMES, theta=state * 1e-5 / 1e-6).friction
-    noise = 1e-4 * np.random.default_rng(6).normal(size=len(TIMES))
-    write_csv(tmp_path / "a.csv", LabRecord(TIMES, friction + noise, CLEAN.load_point))
+    friction = clean("aging", state, TIMES[SPARSE]) + 1e-4 * np.random.default_rng(6).normal(size=len(SPARSE))
+    write_csv(tmp_path / "a.csv", LabRecord(TIMES[SPARSE], friction, CLEAN.load_point[SPARSE]))
     arguments = ("fit", "a.csv", "--stiffness", "1e4", "--law", "aging")
     done = stickslip_here(*arguments, cwd=tmp_path)
     said = " ".join(done.stdout.split())
     assert ("does not start in steady state, but with 0.20" in said) == (state != 1.0), said
     assert ("use --free theta" in said) == (state != 1.0)
-    assert "does not start" not in stickslip_here(*arguments, "--free", "theta", cwd=tmp_path).stdout
+    if state != 1.0:
+        assert "does not start" not in stickslip_here(*arguments, "--free", "theta", cwd=tmp_path).stdout

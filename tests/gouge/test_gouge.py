@@ -1,6 +1,7 @@
 """Fault gouge: scenarios, one small sample from nothing to slides after holds, its files, its measures."""
 
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -43,15 +44,17 @@ LAW = {"damping_n": 1e4}
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
 STEPS = {"kind": "velocity-steps", "velocities": [0.3, 0.1], "slip": 1.0}
 HOLDS = {"kind": "slide-hold-slide", "before": [0.3], "holds": [1e-2]}
+INTERVAL = 50 * 4e-7  # of samples [s]
+pytestmark = pytest.mark.timeout(600)  # 2 s of processor time have taken 42 s on a machine with other work
 Test.__test__ = False  # not a test of pytest's
 
 
 def small(**more) -> GougeScenario:
     """A sample as small as its cell allows; steadiness is not asked for."""
     tables = {
-        "experiment": "gouge", "grains": {"number": 70}, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7,
+        "experiment": "gouge", "grains": {"number": 70}, "cell": {"length": 0.016, "width": 0.016}, "dt": 4e-7,
         "preparation": {"slip": 0.4, "window": 0.2, "change": 1.0, "approach": 10.0, "unbalanced": 0.03},
-        "sample_every": 100, "ledger_steps": 300, "law": LAW,
+        "sample_every": 50, "ledger_steps": 300, "law": LAW,
         "protocol": [
             {"kind": "velocity-steps", "velocities": (0.3, 0.6), "slip": 0.1, "twin": 0.05},
             {
@@ -61,6 +64,12 @@ def small(**more) -> GougeScenario:
         ],
     }  # fmt: skip
     return ss.scenario(**(tables | more))
+
+
+@cache
+def settled():
+    """Made once for all tests, none of which writes to it."""
+    return prepare_sample(small(), 0)
 
 
 @pytest.fixture(scope="module")
@@ -77,12 +86,13 @@ def test_a_batch_gives_the_realizations_of_single_runs(monkeypatch, tmp_path):
     scenario = small(realizations=2, preparation=preparation, protocol=[hold], ledger_steps=0)
     told = []
     result = simulate_gouge(scenario, folder=tmp_path, device="cuda", report=lambda *said: told.append(said))
-    assert not result.failures
+    assert not result.failures, result.failures
     assert len(result.realizations) == 2 and told
     assert simulate_gouge(scenario, folder=tmp_path, workers=1).reused == 2
     known = simulate_gouge(scenario, workers=1)
     for mine, own in zip(result.realizations, known.realizations, strict=True):
         assert [test[:4] for test in mine.tests] == [test[:4] for test in own.tests]
+        # the first leg only, where round-off is still below 1e-9: it grows by 1e4 or more until the last one
         for name in Series._fields:
             a, b = (getattr(r.tests[0].series, name) for r in (mine, own))
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-6 * np.abs(b).max(), err_msg=name)
@@ -103,7 +113,7 @@ def test_a_device_that_cannot_run_is_refused_in_one_sentence(monkeypatch):
 def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
     """Pieces are longer on a device, on which an interrupted run may be resumed."""
     scenario = small(preparation={"slip": 0.05, "steady": False, "approach": 10.0, "unbalanced": 0.03})
-    gouge, seconds = prepare_sample(scenario, 0), 11 * scenario.sample_every * scenario.dt
+    gouge, seconds = settled(), 11 * scenario.sample_every * scenario.dt
     kept = Checkpoint(tmp_path, scenario.text, (Gouge, Series))
 
     def stop(stage, share, text):
@@ -159,13 +169,13 @@ def test_the_estimate_counts_every_leg():
     size = 3e-3
     steps = 0.1 * size / 0.3 + 0.1 * size / 0.6 + 0.05 * size / 0.3
     holds = (0.1 + 0.1) * size / 0.3 + 2e-4 + 2 * (0.1 * size / 0.3 + 0.1 * size / 0.6)
-    assert chosen.steps == pytest.approx((0.4 * size / 0.3 + steps + holds) / 2e-7)
+    assert chosen.steps == pytest.approx((0.4 * size / 0.3 + steps + holds) / 4e-7)
 
 
 def test_a_time_step_that_is_too_long_is_refused_with_the_number():
     with pytest.raises(ss.experiments.ScenarioError, match=r"stable only up to about 9.9e-07: use about 2e-07"):
         small(dt=3e-6)
-    ran = prepare_sample(small(), 0)
+    ran = settled()
     assert 0.5 < small().longest_step / ss.measure.stable_time_step(ran.state, ran.law) < 2
 
 
@@ -258,15 +268,15 @@ def test_branches_start_where_they_were_told_to(ran):
     for test in (*one.of("step"), *one.of("twin"), *one.of("hold")):
         before = one.slide_to(test)
         assert (before.part, before.branch, before.velocity) == (test.part, test.branch, test.before)
-        assert test.series.time[0] == pytest.approx(before.series.time[-1] + 100 * 2e-7)
+        assert test.series.time[0] == pytest.approx(before.series.time[-1] + INTERVAL)
     twin = one.of("twin")[0]
     ahead = twin.series.load_point[0] - one.slide_to(twin).series.load_point[-1]
-    assert ahead == pytest.approx(0.3 * 100 * 2e-7)
+    assert ahead == pytest.approx(0.3 * INTERVAL)
     hold = one.of("hold")[0].series
     for reslide in one.of("reslide"):
-        at = int(np.argmin(np.abs(hold.time - (reslide.series.time[0] - 100 * 2e-7))))
-        assert hold.time[at] - hold.time[0] + 100 * 2e-7 == pytest.approx(reslide.hold)
-        assert reslide.series.slip[0] - hold.slip[at] < 2 * reslide.velocity * 100 * 2e-7
+        at = int(np.argmin(np.abs(hold.time - (reslide.series.time[0] - INTERVAL))))
+        assert hold.time[at] - hold.time[0] + INTERVAL == pytest.approx(reslide.hold)
+        assert reslide.series.slip[0] - hold.slip[at] < 2 * reslide.velocity * INTERVAL
 
 
 def test_several_branches_start_along_one_slide(tmp_path):
@@ -297,12 +307,16 @@ MOMENTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("moments", [{}, MOMENTS], ids=["plain", "moments"])
+def test_moments_and_memory_are_properties_of_the_law():
+    assert gouge_law(small(), 0.5).properties == 0
+    assert gouge_law(small(law=LAW | MOMENTS), 0.5).properties == KEEPS_FORCE | LEVER | ROLLING | TWISTING
+
+
+@pytest.mark.parametrize("moments", [{}, pytest.param(MOMENTS, marks=pytest.mark.slow)], ids=["plain", "moments"])
 def test_a_killed_realization_goes_on_from_its_branches(moments, tmp_path, monkeypatch):
     """What a branch has finished is not run again, and the result is that of a run that was not stopped."""
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
     chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0, law=LAW | moments)
-    assert gouge_law(chosen, 0.5).properties == (KEEPS_FORCE | LEVER | ROLLING | TWISTING if moments else 0)
     from stickslip.experiments.gouge import simulate as gouge_ensemble
 
     whole, calls = gouge_ensemble.run_branch, []
@@ -398,7 +412,7 @@ def test_if_all_fail_the_first_reason_is_told(monkeypatch):
 
 
 def test_a_spring_pulls_the_plate_from_where_it_is():
-    gouge = prepare_sample(small(), 5)
+    gouge = settled()
     pulled = attach_spring(gouge, 1e6, [gouge.state.time], [1e-6])
     forces = ss.control.spring_forces(pulled.state.control, pulled.state.grains.position, pulled.state.time)
     assert forces[pulled.top, 0].sum() == pytest.approx(1.0)
@@ -408,7 +422,7 @@ def test_a_spring_pulls_the_plate_from_where_it_is():
 
 
 def made(kind, before, velocity, hold, friction, *, begin=0.0, thickness=0.03) -> Test:
-    """A test with a given friction against slip and constants for all else; 100 steps of 2e-7 s between samples."""
+    """A test with a given friction against slip and constants for all else; 2e-5 s between samples."""
     count = len(friction)
     time = 2e-5 * np.arange(1, count + 1)
     columns = {name: np.zeros(count) for name in Series._fields}

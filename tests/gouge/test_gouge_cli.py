@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from stickslip.data import archive
 from stickslip.experiments.gouge import EXPERIMENT, paper
@@ -15,6 +16,7 @@ from stickslip.experiments.gouge.simulate import simulate_gouge
 from stickslip.experiments.registry import read_scenario, scenario
 from stickslip.runs import folder as report
 from stickslip.runs.writer import write_reproduction
+from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 from tests.gouge.test_gouge import small
 
@@ -50,8 +52,11 @@ def ran():
 
 
 @pytest.mark.timeout(300)  # another process compiles
-def test_a_run_leaves_figures_series_and_numbers(tmp_path):
-    """And says how long it will take, and what is out of range; a second run takes what is there."""
+def test_a_run_leaves_figures_series_and_numbers(tmp_path, monkeypatch):
+    """And says how long it will take, and what is out of range; a second run takes what is there.
+
+    5 s, for a sample with all kinds of tests and figures that are drawn.
+    """
     file, out = tmp_path / "gouge.json", tmp_path / "out"
     file.write_text(small().text)
     done = stickslip("run", file, "--out", out, "--workers", "1")
@@ -70,6 +75,7 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path):
     assert np.isfinite(found["realizations"]["0000"]["ledger"]["defect"]).all()
     fitted = stickslip("fit", out / "steps_0000_0.csv", "--law", "slip", "--stiffness", "1433")
     assert fitted.returncode == 0, fitted.stderr
+    monkeypatch.setattr(Figure, "savefig", save_noise)
     again = stickslip("run", file, "--out", out)
     assert "1 realizations had finished earlier and were not run again" in " ".join(again.stdout.split())
 

@@ -70,11 +70,13 @@ def test_other_samples_are_refused(stored, tmp_path, monkeypatch):
 def test_stored_samples_are_evaluated_and_added_to(tmp_path, monkeypatch, capsys):
     """The paper's size, reduced: first two samples of each damping run, then they are evaluated without a run."""
     whole = paper.paper_size_scenario
+    protocol = [{"kind": "slide-hold-slide", "before": (0.3,), "holds": (2e-4,), "approach": 0.05, "slip": 0.05}]
 
     def scenario(*arguments, **more):
         chosen = whole(*arguments, **more)
         update = {"realizations": chosen.realizations, "seed": chosen.seed}
-        return small(law=chosen.law.model_dump(), ledger_steps=0).model_copy(update=update)
+        tables = {"law": chosen.law.model_dump(), "protocol": protocol, "ledger_steps": 0}
+        return small(**tables).model_copy(update=update)
 
     monkeypatch.setattr(paper, "paper_size_scenario", scenario)
     monkeypatch.setattr(paper, "evaluate_claims", lambda holds, rest: [holds[paper.MAIN].realizations, rest])

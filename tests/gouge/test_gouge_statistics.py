@@ -48,19 +48,19 @@ def test_similarity_of_made_up_groups():
     assert np.isnan(intraclass_correlation([[1.0], [2.0]]))
 
 
-@pytest.mark.parametrize(("samples", "branches"), [(8, 3), (4, 3), (1, 8)])
-@pytest.mark.parametrize("shared", [0.0, 1.0])
+@pytest.mark.parametrize(("samples", "branches", "shared"), [(8, 3, 0.0), (4, 3, 1.0), (1, 8, 0.0)])
 def test_intervals_cover_what_they_promise(samples, branches, shared):
-    """95 % over 300 made-up experiments, within three standard errors of such a share (1.3 %) and the draws' own."""
-    if samples == 1 and shared:
-        pytest.skip("one sample does not tell how samples differ")
+    """95 % over 150 made-up experiments, a share with a standard error of 1.8 %; plus that of the draws.
+
+    Branches taken for samples hold 72 % where samples differ, and the scatter taken for the error of a mean all.
+    """
     rng, hits = np.random.default_rng(4), 0
     seeds = np.repeat(np.arange(samples), branches)
-    for _ in range(300):
+    for _ in range(150):
         values = shared * np.repeat(rng.normal(size=samples), branches) + rng.normal(size=len(seeds))
         found = level(values, seeds)
         hits += abs(found.value) <= found.half
-    assert 0.90 <= hits / 300 <= 0.99
+    assert 0.89 <= hits / 150 <= 0.99
 
 
 def test_the_bias_of_a_largest_value_is_told():

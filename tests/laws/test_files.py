@@ -22,6 +22,7 @@ from tests.conftest import make_packing, stickslip_here, stirred
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FLOW = """
 experiment = "flow"
+samples = 20
 gravity = [0.0, -1.0]
 [grains]
 number = 12
@@ -47,7 +48,7 @@ point = [4.0, 0.0]
 normal = [-1.0, 0.0]
 [[stages]]
 name = "pour"
-duration = 0.2
+duration = 0.02
 """
 
 

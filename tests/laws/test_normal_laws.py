@@ -20,7 +20,7 @@ from tests.conftest import make_packing, stickslip_here, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PACKING = EXAMPLES / "sheared_spheres.npz"
-FORMS, POINTS = Path(__file__).parent / "forms", 10_000
+FORMS, POINTS = Path(__file__).parent / "forms", 3000
 OWN = {
     "jkr": {"work": 2e-3}, "dmt": {"work": 2e-3}, "walton_braun": {"k_unload": 3.0},
     "liquid_bridge": {"surface_tension": 1e-3, "volume": 1e-4},

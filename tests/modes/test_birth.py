@@ -23,13 +23,17 @@ LAW = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=10.0, coulomb="smooth"), 0, 1)
 
 @cache
 def pushed(load: float):
-    """The array of Charan et al. 2020 pushed with a force, in the paper's units, in equilibrium under drag."""
-    state = ss.packings.disk_array(10, press=0.1 * UNIT)
-    for push in (*np.arange(0.0, load, 5e-4), load):
-        force = state.control.force.copy()
-        force[0, 0] = push * UNIT
-        state, outcome = ss.relax(state._replace(control=state.control._replace(force=force)), LAW, tolerance=1e-13)
-        assert outcome.ok
+    """The array of Charan et al. 2020 pushed with a force, in the paper's units, in equilibrium under drag.
+
+    The force grows in steps, and each step is made once.
+    """
+    step = 5e-4 if load < 0.01 else 4e-3
+    done = np.ceil(load / step - 1e-6) - 1
+    state = pushed(round(done * step, 10)) if done >= 0 else ss.packings.disk_array(10, press=0.1 * UNIT)
+    force = state.control.force.copy()
+    force[0, 0] = load * UNIT
+    state, outcome = ss.relax(state._replace(control=state.control._replace(force=force)), LAW, tolerance=1e-13)
+    assert outcome.ok
     return state
 
 
@@ -134,18 +138,21 @@ def test_growth_at_finite_amplitude_of_a_model_against_its_motion():
     exponent = np.sqrt(-plane.value + 0j)
     exponent *= np.sign(exponent.real)
     u = plane.u0 + 1j * plane.value.imag * plane.u1
-    start = 0.02 * peak
+    start = 0.2 * peak
     first = np.concatenate([2 * start * u.real, 2 * start * (exponent * u).real])
-    times = np.linspace(0, 10 / sigma, 20_001)
+    times = np.linspace(0, 5 / sigma, 10_001)
     solution = solve_ivp(
-        lambda t, z: np.concatenate([z[3:], motion.force(z[:3])]), (0, times[-1]), first, "DOP853", times, rtol=1e-10,
-        atol=1e-14,
+        lambda t, z: np.concatenate([z[3:], motion.force(z[:3])]), (0, times[-1]), first, "DOP853", times, rtol=1e-8,
+        atol=1e-12,
     )  # fmt: skip
     assert np.abs(plane.u0 @ solution.y[:3]).max() / 2 == pytest.approx(peak, rel=0.02)
 
 
 def test_squared_peaks_extrapolate_to_the_birth():
-    """peak² is linear in the distance from the birth: it vanishes where λ_i² does."""
+    """peak² is linear in the distance from the birth: it vanishes where λ_i² does.
+
+    5 s for three normal forms, two of which other tests take.
+    """
     loads = np.array([0.006, 0.0061, 0.0062])
     square = [form(load).cubic_peak ** 2 for load in loads]
     lines = [np.polyfit(loads, values, 1) for values in (square, [form(load).eigenvalue.imag ** 2 for load in loads])]
@@ -187,9 +194,8 @@ def test_a_burst_of_the_disk_array_ends_where_predicted():
     assert np.abs(amplitude(state, record, predicted, plane)).max() == pytest.approx(predicted.peak, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("load", "fate"), [pytest.param(0.007, "limit first", marks=pytest.mark.slow), (0.046, "runaway")]
-)
+@pytest.mark.parametrize(("load", "fate"), [(0.007, "limit first"), (0.046, "runaway")])
+@pytest.mark.slow
 def test_the_contact_that_is_lost_first_is_the_predicted_one(load, fate):
     state, known = pushed(load), form(load)
     assert known.fate == fate
@@ -208,6 +214,7 @@ def test_the_contact_that_is_lost_first_is_the_predicted_one(load, fate):
 
 def test_rates_are_those_of_the_spectrum_also_far_from_a_birth():
     computed, spectrum = form(0.046), ss.stability(pushed(0.046), LAW)
+    assert computed.fate == "runaway"
     assert computed.growth_rate == pytest.approx(spectrum.growth_rate[0], rel=1e-6)
     assert computed.frequency == pytest.approx(spectrum.frequency[0], rel=1e-6)
     assert computed._replace(detuned=2.0).fate == "resonance"
@@ -347,6 +354,7 @@ def test_what_has_no_normal_form_is_refused():
 
 
 def test_the_command_says_what_follows(tmp_path, monkeypatch):
+    """4 s for three normal forms: of the command, of the page, and without dashpots."""
     monkeypatch.chdir(tmp_path)
     ss.io.write_packing("array.h5", pushed(0.0062), LAW)
     done = CliRunner().invoke(app, ["stability", "array.h5", "--after", "--json"])
@@ -362,8 +370,5 @@ def test_the_command_says_what_follows(tmp_path, monkeypatch):
     )
     assert "dashpots" in reason["reason"] and form["beta"] == after["beta"]
     ss.io.write_packing("calm.h5", pushed(0.0055), LAW)
-    done = CliRunner().invoke(app, ["stability", "calm.h5", "--after", "--json"])
-    reason = json.loads(done.stdout)["after"]["reason"]
-    assert "0 complex pairs" in reason
     done = CliRunner().invoke(app, ["stability", "calm.h5", "--after"])
-    assert done.exit_code == 0 and reason in " ".join(done.output.split())
+    assert done.exit_code == 0 and "0 complex pairs" in " ".join(done.output.split())

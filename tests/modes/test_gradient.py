@@ -173,8 +173,8 @@ def test_the_spread_of_samples_is_the_linear_one(packing, slope):
         ).real
 
     sure = ss.modes.verdict_probability(packing, LAW, position_error=error, samples=3)
-    spread = np.std([sample() for _ in range(400)])
-    assert spread == pytest.approx(sure.deviation, rel=0.15)  # 1/√800 = 0.035 of 400 samples, and curvature
+    spread = np.std([sample() for _ in range(200)])
+    assert spread == pytest.approx(sure.deviation, rel=0.2)  # 1/√400 = 0.05 of 200 samples, and curvature
     assert sure.probability == 1.0 == sure.high
     assert sure.low == pytest.approx(0.025 ** (1 / 3))  # Clopper and Pearson
     assert 0 < sure.share < 1
@@ -195,9 +195,8 @@ def test_the_command_says_how_sure_it_is(tmp_path, monkeypatch):
     sure = json.loads(done.stdout)["position_error"]
     assert (sure["stable"], sure["samples"], len(sure["contact"])) == (0, 100, 2)
     assert sure["im_lambda"] == json.loads(done.stdout)["pairs"][0]["im_lambda"]
-    for error in ("0", "-1", "nan"):
-        refused = CliRunner().invoke(app, ["stability", file, f"--position-error={error}"])
-        assert refused.exit_code != 0 and not list(tmp_path.iterdir())
+    refused = CliRunner().invoke(app, ["stability", file, "--position-error=nan"])
+    assert refused.exit_code != 0 and not list(tmp_path.iterdir())
 
 
 def test_what_has_no_derivatives_is_said(packing):

@@ -49,6 +49,7 @@ def test_disks_deep_in_the_jammed_phase_answer_as_an_elastic_body(deep):
     assert abs(odd.screening.imag) < odd.errors[-1]
 
 
+@pytest.mark.slow
 def test_spheres_answer_as_an_elastic_body():
     state, _ = ss.packings.jammed(1000, packing_fraction=0.72, seed=1, tolerance=1e-12)
     field = ss.modes.inflate(state, SMOOTH, range(0, 1000, 20), growth=1e-9)
@@ -155,7 +156,7 @@ def test_a_field_without_tangential_displacement_is_fitted():
     assert fits.preferred == "elastic" and fits.models[0].near == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("centers", [1, 12])
+@pytest.mark.parametrize("centers", [1, pytest.param(12, marks=pytest.mark.slow)])
 def test_intervals_contain_the_truth_as_often_as_they_say(centers):
     rng, truth, draws = np.random.default_rng(1), 0.03 + 0.02j, 60
     inside = np.zeros((draws, 2), bool)
@@ -170,12 +171,12 @@ def test_intervals_contain_the_truth_as_often_as_they_say(centers):
 def test_an_odd_field_is_told_from_an_elastic_one():
     rng = np.random.default_rng(2)
     kinds = {0.0: [], 0.03: [], 0.03 + 0.02j: []}
-    for _ in range(25):
+    for _ in range(10):
         for screening, names in kinds.items():
             names.append(made(rng, screening, 0.01).fit().preferred)
-    assert kinds[0.0].count("elastic") >= 23
-    assert kinds[0.03].count("dipole") >= 23
-    assert kinds[0.03 + 0.02j].count("odd") == 25
+    assert kinds[0.0].count("elastic") >= 8
+    assert kinds[0.03].count("dipole") >= 8
+    assert kinds[0.03 + 0.02j].count("odd") == 10
 
 
 def test_the_growth_at_which_a_contact_changes_bounds_the_linear_response(rough):

@@ -179,8 +179,8 @@ def test_noise_of_two_coupled_modes_in_closed_form(skew):
 @pytest.mark.parametrize("skew", [0.0, 0.05, 0.15])
 def test_distance_to_instability_is_the_smallest_singular_value(skew):
     dynamics = fluctuations.energy_dynamics(*two_modes(1.3, skew, 0.2))[0]
-    scan = min(svdvals(dynamics - 1j * w * np.eye(4))[-1] for w in np.linspace(0.9, 1.4, 20_001))
-    assert fluctuations.distance_to_instability(dynamics) == pytest.approx(scan, rel=1e-5)
+    scan = min(svdvals(dynamics - 1j * w * np.eye(4))[-1] for w in np.linspace(0.9, 1.4, 4001))
+    assert fluctuations.distance_to_instability(dynamics) == pytest.approx(scan, rel=2e-4)
 
 
 def test_without_slip_every_mode_has_the_same_energy():

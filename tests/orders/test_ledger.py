@@ -81,7 +81,7 @@ def test_the_ledger_closes_over_a_hundred_thousand_steps():
     assert 1.0 < orders.min() < orders.max() < 3.0
 
 
-def cycles(law, corners, steps=400):
+def cycles(law, corners, steps=200):
     """Work done on K grains, each moved around its closed corners (K, C, 2: overlap, shear) against another."""
     many = len(corners)
     rest, around = np.zeros((many, 3)), np.concatenate([corners, corners[:, :1]], axis=1)
@@ -112,8 +112,8 @@ def test_closed_cycles_of_a_linear_contact_never_create_energy():
     law = ss.laws.linear(1.0, 0.8)
     for k in range(many):
         law = ss.laws.for_pair(law, k, k, mu=float(np.geomspace(0.05, 10.0, many)[k]))
-    # trapezia over four hundred steps a leg miss a corner of Coulomb's law by the square of a step
-    assert cycles(law, corners).min() > -2e-8
+    # trapezia over two hundred steps a leg miss a corner of Coulomb's law by the square of a step
+    assert cycles(law, corners).min() > -8e-8
 
 
 def test_a_cycle_of_a_hertz_mindlin_contact_creates_energy():
@@ -145,7 +145,7 @@ def test_rolling_has_a_column_of_its_own():
     control = ss.control.fixed(ss.control.loads(2), [0])
     control = ss.control.driven(control, [1], [0, 0, 0, 0, 0, 1e-3])
     pair = ss.packings.from_arrays([[0, 0, 0], [0.9, 0, 0]], [0.5, 0.5], law, dim=2)
-    _, record, _ = ss.run(pair._replace(control=control), law, 10_000, 0.05, every=100, ledger=True)
+    _, record, _ = ss.run(pair._replace(control=control), law, 4000, 0.125, every=40, ledger=True)
     book = record.ledger
     assert book.rolling[-1] > 0 and not book.coulomb.any()
     assert book.rolling[-1] == pytest.approx(book.external[-1] - book.tangential[-1], rel=1e-6)

@@ -42,18 +42,15 @@ def leaning(seed, law=LAW, strain=0.25):
     raise AssertionError("no suitable packing in 200 attempts")
 
 
-@pytest.mark.parametrize("coulomb", ["smooth", "sharp"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("coulomb", "seed"), [("smooth", 0), ("sharp", 1)])
 def test_jacobian_in_a_sheared_cell_against_differences(coulomb, seed):
     law = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.6, coulomb=coulomb)
     state = leaning(seed, law)
     assert {ss.STICK, ss.SLIDE} <= set(state.contacts.mode[touching(state)])
     free = freedom(state)
     analytic = assembled(state, contact_blocks(state, law)[0], free).toarray()
-    numeric = min(
-        (differences(state, law, free, HELD, h) for h in (1e-6, 2e-6, 4e-6)), key=lambda d: np.abs(d - analytic).max()
-    )
-    assert np.abs(numeric - analytic).max() <= 1e-8 * np.abs(analytic).max()
+    most = 1e-8 * np.abs(analytic).max()
+    assert any(np.abs(differences(state, law, free, HELD, h) - analytic).max() <= most for h in (2e-6, 4e-6, 1e-6))
 
 
 def test_translations_are_in_the_null_space():

@@ -1,10 +1,12 @@
 """Small states that exercise everything LAMMPS is told, and the comparison of a run of ours with one of LAMMPS."""
 
+from functools import cache
+
 import numpy as np
 
 import stickslip as ss
 from stickslip.core.state import empty_contacts
-from stickslip.loading.packing import jammed
+from stickslip.loading import packing
 
 REFF = ss.laws.hertz_mindlin_reff(1.0, 0.4, 0.3)
 REFF_DAMPED = ss.laws.hertz_mindlin_reff(1.0, 0.4, 0.3, damping_n=0.3, damping_t=0.2)
@@ -30,6 +32,12 @@ GRANULAR = {
 }
 
 
+@cache
+def jammed(number, packing_fraction, dim):
+    """Made once for all scenes, none of which writes to it."""
+    return packing.jammed(number, packing_fraction=packing_fraction, dim=dim, seed=0)[0]
+
+
 def fresh(state):
     """The state without contact memory."""
     return state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin))
@@ -37,7 +45,7 @@ def fresh(state):
 
 def stirred(number=200):
     """A dense periodic packing with random velocities and spins."""
-    state, _ = jammed(number, packing_fraction=0.66, seed=0)
+    state = jammed(number, 0.66, 3)
     velocity, spin = np.random.default_rng(0).normal(0, 0.02, (2, number, 3))
     return fresh(state._replace(grains=state.grains._replace(velocity=velocity, spin=spin)))
 
@@ -57,7 +65,7 @@ def on_a_floor():
 
 def stirred_disks():
     """A dense periodic packing of disks with random velocities and spins."""
-    state, _ = jammed(100, packing_fraction=0.88, dim=2, seed=0)
+    state = jammed(100, 0.88, 2)
     velocity, spin = np.random.default_rng(0).normal(0, 0.02, (2, 100, 3))
     velocity[:, 2], spin[:, :2] = 0, 0
     return fresh(state._replace(grains=state.grains._replace(velocity=velocity, spin=spin)))

@@ -293,10 +293,10 @@ RUNS = [
 ]
 TWO_THREADS = [RUNS[0], RUNS[7], ("cohesive-damped", 3, "difference")]
 FAST = [
-    *(("rolling-damped", 3, "difference", control, "rows") for control in (*PLAIN[2:], *FRAME)),
+    *(("rolling-damped", 3, "difference", control, "rows") for control in (*PLAIN[2:], *FRAME)[::2]),
     *(("hertz_mindlin-sharp", 3, "difference", control, "blocks") for control in (*PLAIN, *FRAME)),
     *(("hertz_mindlin_reff-sharp-viscoelastic", 2, "rate", control, "rows") for control in FRAME[2:]),
-    *((*run, control, ("rows", "blocks")[k % 2]) for k, run in enumerate(RUNS) for control in CONTROLS[k % 5 :: 5]),
+    *((*run, control, ("rows", "blocks")[k % 2]) for k, run in enumerate(RUNS) for control in CONTROLS[k % 15 :: 15]),
 ]
 
 
@@ -393,8 +393,8 @@ def test_the_samples_close_open_slide_and_stick_again():
     """Twins of the fast cases, none of which would notice a fault of what does not happen."""
     twins = [twin_after(*run)[1] for run in sorted({run[:4] for run in FAST}, key=str)]
     kinds = [event[0] for twin in twins for event in twin.events]
-    assert min(kinds.count(kind) for kind in ("closed", "opened", "limit")) > 100
-    assert sum(m.mode == STICK and m.reached for twin in twins for m in twin.memory.values()) > 50
+    assert min(kinds.count(kind) for kind in ("closed", "opened", "limit")) > 50
+    assert sum(m.mode == STICK and m.reached for twin in twins for m in twin.memory.values()) > 25
 
 
 # derivatives
@@ -458,7 +458,6 @@ JACOBIANS = (nothing, loaded_walls, held_grains, pressed_cell, sheared_at_pressu
              springs_in_a_cell)  # fmt: skip
 FAST_JACOBIANS = [
     ("rolling-damped", 2, pressed_cell, "held"),
-    ("rolling-damped", 2, springs, "free"),
     ("rolling-damped", 2, free_plate, "held"),
     ("cohesive-damped", 2, springs_in_a_cell, "free"),
     ("hertz_mindlin_rescaled-sharp", 2, springs, "free"),

@@ -71,7 +71,7 @@ def test_a_contact_in_stiff_surroundings_follows_its_push():
 
 
 @given(st.integers(0, 100_000))
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_one_to_one_where_all_pieces_are_stable_and_found_wherever_there_is_one(seed):
     apex = drawn(seed)
     every, coherent = consistent_statuses(apex)
@@ -85,7 +85,7 @@ def test_one_to_one_where_all_pieces_are_stable_and_found_wherever_there_is_one(
 
 
 @given(st.integers(0, 100_000))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_all_choices_together_against_one_by_one(seed):
     """Each choice solved and looked at by itself, without the stacked algebra of `every_choice`."""
     apex = drawn(seed)

@@ -125,7 +125,7 @@ def test_the_stiffness_with_a_machine_is_the_jacobian(dim):
         assert 1 / hard == pytest.approx(1 / soft + 7.0)
 
 
-def energies(monkeypatch, case):
+def energies(monkeypatch, case, increment=0.01):
     """Sum of what friction, dashpots and drag dissipate in the first collapse, and its record."""
     ledgers = []
 
@@ -136,7 +136,7 @@ def energies(monkeypatch, case):
 
     original = dynamics.run
     monkeypatch.setattr(dynamics, "run", run)
-    (event, *_) = ss.quasirigid.load_path(case.state, case.law, case.end, drag=0.1).collapses
+    (event, *_) = ss.quasirigid.load_path(case.state, case.law, case.end, increment=increment, drag=0.1).collapses
     spent = sum(float((x.coulomb + x.viscous + x.drag - x.nonpotential)[-1]) for x in ledgers)
     work = sum(float(x.external[-1]) for x in ledgers)
     return event, spent, work
@@ -144,7 +144,7 @@ def energies(monkeypatch, case):
 
 def test_the_work_of_the_load_is_stored_or_dissipated(monkeypatch):
     state, law = block(2)
-    event, spent, work = energies(monkeypatch, Case("", state, law, pushed(state, 2 * MU * PRESS * 1.25)))
+    event, spent, work = energies(monkeypatch, Case("", state, law, pushed(state, 2 * MU * PRESS * 1.25)), 0.1)
     assert event.released > 0
     assert event.work == pytest.approx(work, rel=1e-3)
     assert event.released == pytest.approx(spent, rel=1e-3)
@@ -216,7 +216,7 @@ def test_a_travel_is_a_vector(travel):
 
 def test_scenarios_go_through_collapses(tmp_path):
     table = {"experiment": "quasi-rigid", "seed": 2, "disks": {"number": 30}, "dynamics": {"times": ()}}
-    loading = {"factor": 1.5, "increment": 0.02, "collapses": True}
+    loading = {"factor": 1.5, "increment": 0.05, "collapses": True}
     scenario = ss.scenario(**table, loading=loading)
     result = simulate_quasi(scenario, folder=tmp_path, workers=1)
     (sample,) = result.tested

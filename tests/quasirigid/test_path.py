@@ -25,6 +25,13 @@ def box_of(seed):
     return biaxial_box(60, seed=seed)
 
 
+@cache
+def pressed(increment):
+    """Path of the first box while its lid is pressed down."""
+    state, law = box_of(1)
+    return load_path(state, law, with_load(state.control, 60 + TOP, 2.5), increment=increment)
+
+
 @pytest.fixture
 def boxed():
     return box_of(1)
@@ -35,7 +42,7 @@ def stable_boxes(wall, factor, increment):
 
     Which seeds lead to one differs among processors.
     """
-    for seed in range(1, 20):
+    for seed in range(3, 20):
         state, law = box_of(seed)
         path = load_path(state, law, with_load(state.control, 60 + wall, factor), increment=increment)
         if path.complete and "reaches the cone" in {e.kind for e in path.events}:
@@ -78,10 +85,8 @@ def test_a_pushed_block_slides_at_twice_mu_times_the_normal_force():
     assert back.points[-1].state.grains.position[0, 0] == pytest.approx(0, abs=1e-15)
 
 
-def test_the_path_converges_with_the_increment(boxed):
-    state, law = boxed
-    end = with_load(state.control, 60 + TOP, 2.5)
-    coarse, fine, finest = (load_path(state, law, end, increment=h) for h in (0.02, 0.01, 0.0025))
+def test_the_path_converges_with_the_increment():
+    coarse, fine, finest = map(pressed, (0.04, 0.02, 0.01))
     assert finest.verdict in (Verdict.UNSTABLE, Verdict.CONSISTENT)
     for path in (coarse, fine):
         assert path.points[-1].load == pytest.approx(finest.points[-1].load, rel=1e-3)
@@ -91,11 +96,7 @@ def test_the_path_converges_with_the_increment(boxed):
     errors = [np.abs(s - shift[2]).max() / np.abs(shift[2]).max() for s in shift[:2]]
     assert errors[1] < 3e-3  # 1e-3 or less with most samples; the sample differs among processors
     assert errors[1] < 0.75 * errors[0]
-    for path in (
-        coarse,
-        fine,
-        finest,
-    ):  # increments are brought back to balance; beside it, pairs that part push a little
+    for path in (coarse, fine, finest):  # brought back to balance; beside it, pairs that part push a little
         assert max(p.residual for p in path.points) < OUT_OF_BALANCE
 
 
@@ -117,9 +118,8 @@ def test_slow_dynamics_follow_the_path():
     assert errors[1] < 0.6 * errors[0]
 
 
-def test_forces_stay_in_the_cone_and_balance_along_the_path(boxed):
-    state, law = boxed
-    path = load_path(state, law, with_load(state.control, 60 + TOP, 2.0), increment=0.02)
+def test_forces_stay_in_the_cone_and_balance_along_the_path():
+    path = pressed(0.02)
     assert "reaches the cone" in {e.kind for e in path.events}
     holds_everywhere(path)
 
@@ -161,9 +161,9 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_reported(monkeypatch):
 
 
 def test_loading_the_other_wall_and_back():
-    state, law = next(stable_boxes(RIGHT, 1.03, 0.02))
+    state, law = next(stable_boxes(RIGHT, 1.03, 0.05))
     up = with_load(state.control, 60 + RIGHT, 1.03)
-    path = load_path(state, law, up, state.control, increment=0.02)
+    path = load_path(state, law, up, state.control, increment=0.05)
     assert path.verdict is Verdict.CONSISTENT
     assert path.points[-1].load == 2
     there = path.states[len(path.points) // 2].walls.point[RIGHT, 0]
@@ -213,21 +213,43 @@ def ends_alike(paths):
 CASES = [(3, TOP, 3.0), (4, RIGHT, 3.0), (6, RIGHT, 0.1), (5, TOP, 3.0)]
 
 
-@pytest.mark.parametrize("cases", [CASES[::2], pytest.param(CASES[1::2], marks=pytest.mark.slow)])
-def test_ends_do_not_depend_on_the_increment_nor_on_round_off(cases):
+def test_a_path_on_which_contacts_open_close_and_stick_again():
+    """Rattlers that a path moved aside are left out of k: their contacts are listed as sticking, but do not overlap."""
+    state, law = box_of(3)
+    path = load_path(state, law, with_load(state.control, 60 + TOP, 3.0))
+    assert {"reaches the cone", "sticks again", "opens", "closes"} <= {e.kind for e in path.events}
+    holds_everywhere(path)
+    for point in path.points[-60:]:
+        matrix = ss.quasirigid.linear_system(point.state, law)
+        k = ss.quasirigid.stiffness_matrix(matrix, np.zeros(len(matrix.limit), bool))
+        assert abs(k).sum(axis=1).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("cases", "increment"),
+    [
+        (CASES[2:3], 0.02),
+        pytest.param(CASES[::2], 0.004, marks=pytest.mark.slow),
+        pytest.param(CASES[1::2], 0.004, marks=pytest.mark.slow),
+    ],
+)
+def test_ends_do_not_depend_on_the_increment_nor_on_round_off(cases, increment):
     """The creeping case of earlier versions, and one in which a chain of disks lost its force contact by contact."""
     alike, kinds = [], set()
     for seed, wall, factor in cases:
         state, law = box_of(seed)
         end, rng = with_load(state.control, 60 + wall, factor), np.random.default_rng(seed)
         blurred = end._replace(force=end.force * (1 + 1e-12 * rng.normal(size=end.force.shape)))
-        paths = [load_path(state, law, end), load_path(state, law, blurred, increment=0.004)]
+        paths = [load_path(state, law, end), load_path(state, law, blurred, increment=increment)]
         alike.append(ends_alike(paths))
         for path in paths:
             assert len(path.points) < 2000
             kinds |= {e.kind for e in path.events}
         holds_everywhere(paths[0])
-    assert {"reaches the cone", "sticks again", "opens", "closes"} <= kinds
+    assert (
+        {"reaches the cone", "sticks again", "opens", "closes"} if len(cases) > 1 else {"reaches the cone"}
+    ) <= kinds
+    assert len(cases) > 1 or all(alike)
     assert sum(alike) >= len(cases) - 1  # few samples lie at a choice; which ones do differs from machine to machine
 
 
@@ -263,11 +285,11 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
         sticks = Alternative(np.zeros_like(choice.sliding), choice.velocity, choice.rate, True)
         return choice._replace(verdict=Verdict.NOT_UNIQUE, others=(sticks,))
 
-    end = with_load(state.control, 60 + TOP, 3.0)
-    plain = load_path(state, law, end)
+    end = with_load(state.control, 60 + TOP, 1.1)
+    plain = load_path(state, law, end, increment=0.05)
     first = next(e for e in plain.events if e.kind == "reaches the cone")
     monkeypatch.setattr(piece, "status_of_critical", with_another)
-    path = load_path(state, law, end)
+    path = load_path(state, law, end, increment=0.05)
     # where a contact closes and slides at once there may be one before
     fork = next(row for row in path.alternatives if row.load == pytest.approx(first.load))
     k = fork.contacts.index((first.i, first.j))

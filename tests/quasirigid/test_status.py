@@ -93,7 +93,7 @@ def test_a_certificate_for_many_contacts():
     assert certificate(two).verdict in (UniquenessVerdict.NOT_UNIQUE, UniquenessVerdict.SINGULAR)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(12))
 def test_status_of_a_packing_against_enumeration(seed):
     m, rng = jammed_disks(seed)
     critical = np.sort(rng.choice(m.count, 6, replace=False))
@@ -115,7 +115,7 @@ def test_status_of_a_packing_against_enumeration(seed):
         assert not mapped.bijective
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_minors_are_ratios_of_determinants_of_the_stiffness(seed):
     """det A_SS = det k(S)/det k₀."""
     m, rng = jammed_disks(seed)
@@ -223,7 +223,9 @@ def test_lemke_on_a_ray_does_not_make_a_packing_unstable(monkeypatch):
         monkeypatch.setattr(room, "MAPPED", 0)  # as for many contacts
         assert contact_status(m, load, critical=critical).verdict not in (Verdict.UNSTABLE, Verdict.MECHANISM)
         monkeypatch.setattr(room, "MAPPED", 14)
-    assert met > 2
+        if met > 2:
+            return
+    pytest.fail("fewer than three cases")
 
 
 def many(seed, count=18):
@@ -235,7 +237,7 @@ def many(seed, count=18):
 
 def test_beyond_fourteen_contacts_every_verdict_has_its_evidence():
     met = set()
-    for seed in range(150):
+    for seed in range(80):
         m, critical, load = many(seed)
         choice = contact_status(m, load, critical=critical, unique=True)
         met.add(choice.verdict)
@@ -360,7 +362,7 @@ def test_in_a_packing_of_two_contacts_no_status_is_found_that_is_not_consistent(
     state, law = ss.packings.biaxial_box(6, pressure=1e-3, mu=1.0, seed=1000, tolerance=1e-6)
     whole = linear_system(state, law)
     critical, rng, met = np.arange(whole.count)[:4], np.random.default_rng(0), set()
-    for _ in range(100):
+    for _ in range(50):
         m = whole._replace(sign=rng.choice([-1.0, 1.0], whole.count))
         slides = np.isin(np.arange(m.count), critical[rng.random(len(critical)) < 0.5])
         load = stiffness_matrix(m, slides) @ rng.normal(size=len(m.free))

@@ -84,9 +84,16 @@ def test_paths_do_not_depend_on_the_increment(seed):
     assert ends[0] == pytest.approx(ends[1], rel=2e-3)
 
 
-def test_forces_stay_in_the_cone_and_balance_along_a_path():
-    path = path_of(1)
-    assert {"reaches the cone", "sticks again"} <= {e.kind for e in path.events}
+@pytest.mark.parametrize(
+    ("seed", "until", "kinds"),
+    [
+        (2, 0.12, {"reaches the cone"}),
+        pytest.param(1, 1.0, {"reaches the cone", "sticks again"}, marks=pytest.mark.slow),
+    ],
+)
+def test_forces_stay_in_the_cone_and_balance_along_a_path(seed, until, kinds):
+    path = path_of(seed, until=until)
+    assert kinds <= {e.kind for e in path.events}
     for point in path.points:
         m = ss.quasirigid.linear_system(point.state, path.law)
         assert (m.margin > -OUT_OF_BALANCE * m.force[:, 0].mean()).all()
@@ -112,7 +119,7 @@ def test_a_pushed_sphere_slides_at_twice_mu_times_the_normal_force_in_any_direct
 def test_statuses_on_round_cones_are_those_of_the_return_mapping():
     """Statuses, and the stretching that the springs keep, contact by contact."""
     rng, kinds = np.random.default_rng(0), set()
-    for _ in range(50):
+    for _ in range(15):
         count = int(rng.integers(1, 4))
         root = rng.normal(size=(3 * count, 3 * count))
         sign = rng.choice([0.0, 1.0], count)

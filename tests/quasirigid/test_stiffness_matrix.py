@@ -14,7 +14,7 @@ from tests.derivatives.test_jacobian import sample
 
 @pytest.mark.parametrize("law_name", ["linear", "hertz_mindlin", "hertz_mindlin_reff", "forces"])
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_stiffness_is_minus_the_jacobian_in_stick_and_in_slip(law_name, dim, seed):
     """And so it is for any other statuses of the contacts at the limit, with the same geometric stiffness."""
     state, law = sample("hertz_mindlin" if law_name == "forces" else law_name, "sharp", dim, seed)
@@ -46,7 +46,7 @@ def test_stiffness_of_a_stress_controlled_cell(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_table_one_against_the_engine(dim, seed):
     """f = cF from the engine's resultants; dF = −K S cᵀ v dt from its contact forces before and after a small step.
 
