@@ -15,17 +15,17 @@ class Benchmark(NamedTuple):
 
 STEPS = ("_core", "builtin_laws", "core")  # time steps
 STATICS = (*STEPS, "loading", "solve")
-PATHS = (*STATICS, "quasirigid")
-FRICTION = ("_core/fault.cpp", "_core/rate_state.h", "_core/slider.cpp", "friction")
-DISKS = (*STATICS, "experiments/disk_array", "experiments/sphere_shear")
-GOUGE = (*STEPS, "loading", "experiments/gouge")
+PATHS = (*STATICS, "wings/status")
+FRICTION = ("_core/fault.cpp", "_core/rate_state.h", "_core/slider.cpp", "wings/faults/friction")
+DISKS = (*STATICS, "wings/papers/disk_array", "wings/papers/sphere_shear")
+GOUGE = (*STEPS, "loading", "wings/papers/gouge")
 
 BENCHMARKS = {
     "after_instability": Benchmark("predictions of `birth_form` beside free runs", 1800, STATICS),
     "ten_disks": Benchmark("time steps of ten disks, beside LAMMPS", 60, STEPS, ratios=True),
     "backward_front": Benchmark("speed of the backward front of a pushed array of disks", 600, DISKS),
     "budgets": Benchmark("time of `stickslip reproduce --quick`", 300, (*PATHS, "experiments"), ratios=True),
-    "catalogue": Benchmark("catalogue of events: tables and figures", 20_000, (*STATICS, "experiments/catalogue")),
+    "catalogue": Benchmark("catalogue of events: tables and figures", 20_000, (*STATICS, "wings/studies/catalogue")),
     "collapses": Benchmark("paths through collapses, beside slow dynamics", 1800, PATHS),
     "collisions": Benchmark("restitution for both readings of a damping, beside LAMMPS", 20, STEPS),
     "contact_laws": Benchmark("a user's law beside the built-in one", 60, STEPS),
@@ -33,7 +33,7 @@ BENCHMARKS = {
     "contact_status": Benchmark("status of critical contacts, beside slower methods", 120, PATHS, ratios=True),
     "device": Benchmark("time steps on a graphics processor, beside all cores", 600, STEPS),
     "directions_of_failure": Benchmark("which sign of failure comes first", 300, STATICS),
-    "element_tests": Benchmark("triaxial tests and response envelopes", 1000, (*STATICS, "experiments/element_test")),
+    "element_tests": Benchmark("triaxial tests and response envelopes", 1000, (*STATICS, "wings/soils/element_test")),
     "engine": Benchmark("time steps of many spheres, beside LAMMPS and YADE", 600, STEPS, ratios=True),
     "engine_sizes": Benchmark(
         "time steps of dilute and dense grains, and of up to a million", 2400, STEPS, "engine:size_rows", ratios=True
@@ -43,11 +43,13 @@ BENCHMARKS = {
     "first_result": Benchmark("seconds to the first result of each command", 200, (*STATICS, "cli", "experiments")),
     "frictionless_shear": Benchmark("angle of friction of spheres without friction", 900, STATICS),
     "gouge": Benchmark("time steps of fault gouge, beside LAMMPS", 900, GOUGE, ratios=True),
-    "gouge_steps": Benchmark("what velocity steps of gouge determine", 10, ("friction", "experiments/gouge")),
+    "gouge_steps": Benchmark(
+        "what velocity steps of gouge determine", 10, ("wings/faults/friction", "wings/papers/gouge")
+    ),
     "gouge_thickness": Benchmark("gouge of 14 D beside 20 D", 3600, GOUGE),
     "hold_energy": Benchmark("energy of vibrations in holds of gouge", 900, GOUGE),
     "inclusions": Benchmark("inflated grains beside elasticity", 300, STATICS),
-    "lammps_ranks": Benchmark("LAMMPS on several MPI ranks", 60, ("lammps",)),
+    "lammps_ranks": Benchmark("LAMMPS on several MPI ranks", 60, ("wings/lammps",)),
     "load_paths": Benchmark("ends of load paths, and slow dynamics", 3600, PATHS),
     "measured_forces": Benchmark("verdicts from measured forces", 60, (*STATICS, "data/exchange")),
     "packings": Benchmark("time to generate packings", 120, STATICS),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 import stickslip as ss
-from stickslip.experiments.disk_array.measures import backward_front, backward_order, drift_front, y_mode
+from stickslip.wings.papers.disk_array.measures import backward_front, backward_order, drift_front, y_mode
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/disk_array/front.csv", ROOT / "docs/disk_array.md"

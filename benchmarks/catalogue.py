@@ -19,15 +19,15 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.experiments import EXPERIMENTS
-from stickslip.experiments.catalogue.measures import class_counts
-from stickslip.experiments.catalogue.predictors import PREDICTORS, Skill, skills
-from stickslip.experiments.catalogue.report import law_label
-from stickslip.experiments.catalogue.tables import Table, read_table, rows_of, stack_tables, write_table
-from stickslip.figures import catalogue as figures
 from stickslip.figures.saving import save
 from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
 from stickslip.runs.writer import write_result
+from stickslip.wings.studies.catalogue import figures as figures
+from stickslip.wings.studies.catalogue.measures import class_counts
+from stickslip.wings.studies.catalogue.predictors import PREDICTORS, Skill, skills
+from stickslip.wings.studies.catalogue.report import law_label
+from stickslip.wings.studies.catalogue.tables import Table, read_table, rows_of, stack_tables, write_table
 
 OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
 PAGE = Path(__file__).parents[1] / "docs/catalogue.md"

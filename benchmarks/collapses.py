@@ -20,8 +20,8 @@ from stickslip.core.control import spring_forces
 from stickslip.core.state import Control, State
 from stickslip.loading.biaxial import TOP, biaxial_box, with_load, with_machine, with_travel
 from stickslip.loading.slow import SlowRun, slow_dynamics
-from stickslip.quasirigid.collapse import Collapse, displacements, without_drift
-from stickslip.quasirigid.path import LoadPath, load_path
+from stickslip.wings.status.collapse import Collapse, displacements, without_drift
+from stickslip.wings.status.path import LoadPath, load_path
 from tests.quasirigid.five_packings import spheres
 
 DRAG, WHOLE = 0.02, 1e6  # drag of both, and duration of the leg in slow dynamics

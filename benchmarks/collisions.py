@@ -6,8 +6,8 @@ python -m benchmarks collisions
 import numpy as np
 
 import stickslip as ss
-from stickslip.experiments.gouge.sample import damping, gouge_law
-from stickslip.experiments.gouge.scenario import GougeScenario
+from stickslip.wings.papers.gouge.sample import damping, gouge_law
+from stickslip.wings.papers.gouge.scenario import GougeScenario
 
 from .records import number
 from .ten_disks import run_python

@@ -12,13 +12,13 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import stickslip as ss
-from stickslip.quasirigid.apex_status import contact_status
-from stickslip.quasirigid.lcp import complementarity, lemke, principal_pivoting
-from stickslip.quasirigid.matrices import LinearSystem, linear_system, stiffness_matrix
-from stickslip.quasirigid.system import pinned_coordinates
-from stickslip.quasirigid.uniqueness import certificate
 from stickslip.solve.linear import one_thread
 from stickslip.solve.relax import relax
+from stickslip.wings.status.apex_status import contact_status
+from stickslip.wings.status.lcp import complementarity, lemke, principal_pivoting
+from stickslip.wings.status.matrices import LinearSystem, linear_system, stiffness_matrix
+from stickslip.wings.status.system import pinned_coordinates
+from stickslip.wings.status.uniqueness import certificate
 
 DISKS, CRITICAL, CHANGED, ROUNDS = 3000, 400, 5, 7
 COLD, WARM = 0.25, 0.1  # budgets [s]

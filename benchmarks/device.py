@@ -17,10 +17,10 @@ from stickslip.core.dynamics.batch import Device, Processor, run_legs
 from stickslip.core.dynamics.device import open_device
 from stickslip.core.dynamics.engine import Leg
 from stickslip.ensemble.pool import default_workers
-from stickslip.experiments.gouge.protocol import slide_leg
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, prepare_sample
-from stickslip.experiments.gouge.scenario import GougeScenario
 from stickslip.extras import MissingExtraError
+from stickslip.wings.papers.gouge.protocol import slide_leg
+from stickslip.wings.papers.gouge.sample import BOTTOM, TOP, Gouge, prepare_sample
+from stickslip.wings.papers.gouge.scenario import GougeScenario
 
 CASES = ((3, 1), (3, 8), (3, 24), (3, 48), (1, 80), (1, 800))  # tiles along each side, and systems
 STEPS, OWN_STEPS, VELOCITY = 10_000, 1000, 0.02

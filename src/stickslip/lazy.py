@@ -80,7 +80,8 @@ def attach(package: str, file: str):
             module, inner = where[name]
             if module == ".":
                 return import_module(f".{inner}", above)
-            return getattr(import_module(module, above), inner)
+            source = import_module(module, above)
+            return getattr(source, inner) if hasattr(source, inner) else import_module(f".{inner}", source.__name__)
         raise AttributeError(missing_attribute(package, name, where))
 
     return get, lambda: sorted(where), sorted(where)

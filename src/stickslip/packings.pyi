@@ -4,7 +4,6 @@ from .core.state import check as check
 from .data.sample import PackingError as PackingError
 from .data.sample import PackingWarning as PackingWarning
 from .data.sample import from_arrays as from_arrays
-from .experiments.flow.pouring import poured as poured
 from .loading.biaxial import BOTTOM as BOTTOM
 from .loading.biaxial import LEFT as LEFT
 from .loading.biaxial import RIGHT as RIGHT
@@ -19,3 +18,4 @@ from .loading.packing import with_push as with_push
 from .loading.protocols import perturbed as perturbed
 from .loading.shear import reduced_cell as reduced_cell
 from .loading.shear import sheared as sheared
+from .wings.studies.flow.pouring import poured as poured

@@ -1,6 +1,4 @@
 from .core.dynamics.device import run_batch as run_batch
-from .lammps.run import lammps_engine as lammps_engine
-from .lammps.run import run_in_lammps as run_in_lammps
 from .loading.envelope import Envelope as Envelope
 from .loading.envelope import localisation as localisation
 from .loading.envelope import response_envelope as response_envelope
@@ -17,3 +15,5 @@ from .loading.release import release as release
 from .loading.stress import cell_shear as cell_shear
 from .loading.stress import plate_shear as plate_shear
 from .loading.threshold import kinetic_threshold as kinetic_threshold
+from .wings.lammps.run import lammps_engine as lammps_engine
+from .wings.lammps.run import run_in_lammps as run_in_lammps

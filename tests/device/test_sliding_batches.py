@@ -7,7 +7,7 @@ import stickslip as ss
 from stickslip.core.dynamics import device
 from stickslip.core.dynamics.batch import Processor, Together
 from stickslip.experiments import realizations
-from stickslip.experiments.disk_array.simulate import simulate_disk_array
+from stickslip.wings.papers.disk_array.simulate import simulate_disk_array
 
 
 def scenario(**more):

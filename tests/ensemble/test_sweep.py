@@ -255,7 +255,7 @@ def test_members_that_fail_are_named_and_tried_again(tmp_path):
 def test_pieces_that_cannot_be_used_do_not_stop_a_member(tmp_path, monkeypatch):
     from stickslip.data.archive import ArchiveError
     from stickslip.data.checkpoint import UNFINISHED
-    from stickslip.experiments.rate_state import simulate as room
+    from stickslip.wings.faults.rate_state import simulate as room
 
     simulate = room.simulate_slider
 

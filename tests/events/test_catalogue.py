@@ -9,11 +9,11 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.experiments.catalogue import read_table, report, simulate
-from stickslip.experiments.catalogue.measures import measures
-from stickslip.experiments.catalogue.tables import event_table, rows_of, stack_tables, step_table, write_table
-from stickslip.figures import catalogue as figures
 from stickslip.runs.writer import write_result
+from stickslip.wings.studies.catalogue import figures as figures
+from stickslip.wings.studies.catalogue import read_table, report, simulate
+from stickslip.wings.studies.catalogue.measures import measures
+from stickslip.wings.studies.catalogue.tables import event_table, rows_of, stack_tables, step_table, write_table
 from tests.conftest import save_noise
 from tests.events.made import events_of, samples
 

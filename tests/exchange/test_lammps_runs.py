@@ -32,8 +32,8 @@ from stickslip.data.exchange.lammps_fixes import TAKEN, Plane
 from stickslip.data.exchange.lammps_laws import as_restitution, contact_of, law_of_contacts, mix, of_release
 from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle
-from stickslip.lammps.script import write_input
-from stickslip.lammps.supported import check_leg
+from stickslip.wings.lammps.script import write_input
+from stickslip.wings.lammps.supported import check_leg
 from tests.laws import granular_lammps
 from tests.peers.lammps_scenes import GRANULAR, LINEAR_DAMPED, REFF_DAMPED, between_walls, walls_law
 

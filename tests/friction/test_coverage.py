@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stickslip.friction.fitting import fit
-from stickslip.friction.noise import WHITE, autoregression, whitened
+from stickslip.wings.faults.friction.fitting import fit
+from stickslip.wings.faults.friction.noise import WHITE, autoregression, whitened
 from tests.friction.test_fit import HOLDS, PAPER, STEPS, STIFFNESS, TRUE, correlated, record
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from stickslip.friction.cycles import event_starts, passing_velocity, recurrence, repeated_slip
-from stickslip.friction.loads import LoadStep
-from stickslip.friction.ratestate import RateState, Spring, spring_slider
 from stickslip.runs.sweep.cycles import FIGURE
 from stickslip.runs.sweep.dataset import open_sweep
+from stickslip.wings.faults.friction.cycles import event_starts, passing_velocity, recurrence, repeated_slip
+from stickslip.wings.faults.friction.loads import LoadStep
+from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 
 STUDY = """

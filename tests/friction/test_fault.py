@@ -8,17 +8,17 @@ from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
 from stickslip import friction
-from stickslip.friction import laws
-from stickslip.friction.fault import check_fault
-from stickslip.friction.fault_cycles import join_histories
-from stickslip.friction.fault_record import YEAR, Moment, hermite, points
-from stickslip.friction.fault_state import initial_state, perturbed_state, steady_stress, with_rates
-from stickslip.friction.fault_step import NUMBER, Machine
-from stickslip.friction.laws import FORMS
-from stickslip.friction.ratestate import RateState, Spring, slider_of
-from stickslip.friction.slider import rates
-from stickslip.friction.stability import critical_stiffness, steady_sliding
-from stickslip.friction.stress_transfer import stress_matrix, stress_transfer
+from stickslip.wings.faults.friction import laws
+from stickslip.wings.faults.friction.fault import check_fault
+from stickslip.wings.faults.friction.fault_cycles import join_histories
+from stickslip.wings.faults.friction.fault_record import YEAR, Moment, hermite, points
+from stickslip.wings.faults.friction.fault_state import initial_state, perturbed_state, steady_stress, with_rates
+from stickslip.wings.faults.friction.fault_step import NUMBER, Machine
+from stickslip.wings.faults.friction.laws import FORMS
+from stickslip.wings.faults.friction.ratestate import RateState, Spring, slider_of
+from stickslip.wings.faults.friction.slider import rates
+from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
+from stickslip.wings.faults.friction.stress_transfer import stress_matrix, stress_transfer
 
 G = 32.04e9
 SECOND = {"b": 0.012, "b2": 0.004, "dc2": 5e-3}  # two states

@@ -9,16 +9,16 @@ from scipy.integrate import quad_vec, solve_ivp
 
 import stickslip as ss
 from stickslip import friction
-from stickslip.experiments.fault import simulate as room
-from stickslip.experiments.fault.dipping import PUBLISHED, SURFACE, YEARS, evaluate_claims, paper_scenario
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, scenario
-from stickslip.figures import fault as figures
-from stickslip.friction.fault_cycles import Energy, join_histories
-from stickslip.friction.fault_record import YEAR, Moment, Surface, hermite, hermite_rate
-from stickslip.friction.fault_state import steady_stress
-from stickslip.friction.half_space import half_space_stress, surface_displacement
-from stickslip.friction.stress_transfer import image_nodes, stress_transfer
 from stickslip.runs.writer import write_result
+from stickslip.wings.faults.fault import figures as figures
+from stickslip.wings.faults.fault import simulate as room
+from stickslip.wings.faults.fault.dipping import PUBLISHED, SURFACE, YEARS, evaluate_claims, paper_scenario
+from stickslip.wings.faults.friction.fault_cycles import Energy, join_histories
+from stickslip.wings.faults.friction.fault_record import YEAR, Moment, Surface, hermite, hermite_rate
+from stickslip.wings.faults.friction.fault_state import steady_stress
+from stickslip.wings.faults.friction.half_space import half_space_stress, surface_displacement
+from stickslip.wings.faults.friction.stress_transfer import image_nodes, stress_transfer
 from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 

@@ -8,15 +8,15 @@ from matplotlib.figure import Figure
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.experiments.fault import simulate as room
-from stickslip.experiments.fault.claims import evaluate_claims
-from stickslip.experiments.fault.paper import paper_scenario
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
-from stickslip.figures.fault import max_slip_velocity
 from stickslip.friction import fault_dataset
-from stickslip.friction.fault_record import YEAR
 from stickslip.runs.page import folder_content, write_page
 from stickslip.runs.writer import write_result
+from stickslip.wings.faults.fault import simulate as room
+from stickslip.wings.faults.fault.claims import evaluate_claims
+from stickslip.wings.faults.fault.figures import max_slip_velocity
+from stickslip.wings.faults.fault.paper import paper_scenario
+from stickslip.wings.faults.friction.fault_record import YEAR
 from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 

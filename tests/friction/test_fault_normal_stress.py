@@ -13,13 +13,13 @@ from scipy.special import erfc
 
 import stickslip as ss
 from stickslip import friction
-from stickslip.experiments.fault import simulate as room
-from stickslip.experiments.fault.injection import PUBLISHED, evaluate_claims, paper_scenario
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
-from stickslip.friction.fault_record import YEAR
-from stickslip.friction.fault_state import perturbed_state, with_rates
-from stickslip.friction.normal_stress import INSTANTS
 from stickslip.runs.writer import write_result
+from stickslip.wings.faults.fault import simulate as room
+from stickslip.wings.faults.fault.injection import PUBLISHED, evaluate_claims, paper_scenario
+from stickslip.wings.faults.friction.fault_record import YEAR
+from stickslip.wings.faults.friction.fault_state import perturbed_state, with_rates
+from stickslip.wings.faults.friction.normal_stress import INSTANTS
 from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stickslip import friction
-from stickslip.friction.fault_record import YEAR
-from stickslip.friction.fault_state import initial_state, perturbed_state, steady_stress
-from stickslip.friction.fault_step import EXPONENT, NUMBER, Machine
+from stickslip.wings.faults.friction.fault_record import YEAR
+from stickslip.wings.faults.friction.fault_state import initial_state, perturbed_state, steady_stress
+from stickslip.wings.faults.friction.fault_step import EXPONENT, NUMBER, Machine
 
 G, B, DC, NORMAL = 32e9, 0.015, 1e-3, 50e6
 LENGTH = G * DC / (B * NORMAL)  # L_b

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from stickslip.friction import closed_forms as closed
-from stickslip.friction import laws
-from stickslip.friction.fitting import fit
-from stickslip.friction.loads import LoadStep, slide_hold_slide, velocity_steps
-from stickslip.friction.model import Data
-from stickslip.friction.ratestate import RateState, Spring, prescribed, slider_of, spring_slider
-from stickslip.friction.slider import rates
-from stickslip.friction.stability import critical_stiffness, steady_sliding
+from stickslip.wings.faults.friction import closed_forms as closed
+from stickslip.wings.faults.friction import laws
+from stickslip.wings.faults.friction.fitting import fit
+from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
+from stickslip.wings.faults.friction.model import Data
+from stickslip.wings.faults.friction.ratestate import RateState, Spring, prescribed, slider_of, spring_slider
+from stickslip.wings.faults.friction.slider import rates
+from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 
 USUAL = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
 FORMS = {

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stickslip.friction.fitting import fit
-from stickslip.friction.laboratory import LabRecord, record_data, write_csv
-from stickslip.friction.load_history import find_steps, stated_steps, with_normal
-from stickslip.friction.loads import LoadStep, velocity_steps
-from stickslip.friction.model import Data
-from stickslip.friction.ratestate import RateState, Spring, spring_slider
+from stickslip.wings.faults.friction.fitting import fit
+from stickslip.wings.faults.friction.laboratory import LabRecord, record_data, write_csv
+from stickslip.wings.faults.friction.load_history import find_steps, stated_steps, with_normal
+from stickslip.wings.faults.friction.loads import LoadStep, velocity_steps
+from stickslip.wings.faults.friction.model import Data
+from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 
 SURFACE, SPRING = RateState(0.010, 0.006, 1e-5, 0.6, 1e-6), Spring(1e4)

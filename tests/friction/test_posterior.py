@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binom
 from scipy.stats import t as student
 
-from stickslip.friction.model import DEFAULTS, Data, model_friction, prepare
-from stickslip.friction.ratestate import RateState, prescribed
-from stickslip.friction.sampling import PERCENTS, posterior
 from stickslip.runs.sweep.definition import members, sweep
+from stickslip.wings.faults.friction.model import DEFAULTS, Data, model_friction, prepare
+from stickslip.wings.faults.friction.ratestate import RateState, prescribed
+from stickslip.wings.faults.friction.sampling import PERCENTS, posterior
 from tests.conftest import stickslip_here
 
 pytest.importorskip("emcee")

@@ -9,8 +9,8 @@ import pytest
 
 from stickslip.cli import app
 from stickslip.data import archive
-from stickslip.experiments.rate_state import simulate as room
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
+from stickslip.wings.faults.rate_state import simulate as room
 from tests.conftest import stickslip_here as stickslip
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state.toml"

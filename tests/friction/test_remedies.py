@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stickslip.experiments.rate_state import fit_report
-from stickslip.friction.fitting import fit, solve_fit
-from stickslip.friction.laboratory import LabRecord, write_csv
-from stickslip.friction.loads import velocity_steps
-from stickslip.friction.ratestate import RateState, Spring, spring_slider
-from stickslip.friction.remedies import gain_by
+from stickslip.wings.faults.friction.fitting import fit, solve_fit
+from stickslip.wings.faults.friction.laboratory import LabRecord, write_csv
+from stickslip.wings.faults.friction.loads import velocity_steps
+from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
+from stickslip.wings.faults.friction.remedies import gain_by
+from stickslip.wings.faults.rate_state import fit_report
 
 STIFFNESS, TREND, NOISE = 1500.0, 4.0, 2e-4
 SURFACE = RateState(0.010, 0.013, 1e-5, 0.6, 1e-6, "slip")

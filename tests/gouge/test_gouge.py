@@ -16,8 +16,9 @@ from stickslip.core.progress import silent
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
 from stickslip.data.checkpoint import Checkpoint
-from stickslip.experiments.gouge import measures, statistics
-from stickslip.experiments.gouge.dimensionless import (
+from stickslip.extras import MissingExtraError
+from stickslip.wings.papers.gouge import measures, statistics
+from stickslip.wings.papers.gouge.dimensionless import (
     Range,
     inertial_numbers,
     make_range,
@@ -25,9 +26,9 @@ from stickslip.experiments.gouge.dimensionless import (
     normalised_stiffness,
     stiffness,
 )
-from stickslip.experiments.gouge.protocol import Realization, Series, Test, _LegRunner, _log_binned, _mean_overlap
-from stickslip.experiments.gouge.report import numbers
-from stickslip.experiments.gouge.sample import (
+from stickslip.wings.papers.gouge.protocol import Realization, Series, Test, _LegRunner, _log_binned, _mean_overlap
+from stickslip.wings.papers.gouge.report import numbers
+from stickslip.wings.papers.gouge.sample import (
     BOTTOM,
     TOP,
     Gouge,
@@ -36,9 +37,8 @@ from stickslip.experiments.gouge.sample import (
     gouge_law,
     prepare_sample,
 )
-from stickslip.experiments.gouge.scenario import GougeScenario
-from stickslip.experiments.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
-from stickslip.extras import MissingExtraError
+from stickslip.wings.papers.gouge.scenario import GougeScenario
+from stickslip.wings.papers.gouge.simulate import MEMBERS, GougeResult, simulate_gouge
 
 LAW = {"damping_n": 1e4}
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
@@ -317,7 +317,7 @@ def test_a_killed_realization_goes_on_from_its_branches(moments, tmp_path, monke
     """What a branch has finished is not run again, and the result is that of a run that was not stopped."""
     hold = {"kind": "slide-hold-slide", "before": (0.3,), "holds": (4e-4,), "after": (), "approach": 0.1}
     chosen = small(protocol=[hold | {"branches": 2, "spacing": 0.2}], ledger_steps=0, law=LAW | moments)
-    from stickslip.experiments.gouge import simulate as gouge_ensemble
+    from stickslip.wings.papers.gouge import simulate as gouge_ensemble
 
     whole, calls = gouge_ensemble.run_branch, []
 
@@ -346,7 +346,7 @@ def test_a_branch_that_fails_is_told_with_its_sample(monkeypatch):
     def fails(scenario, start, *_):
         raise RuntimeError("it blew up")
 
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_branch", fails)
+    monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_branch", fails)
     with pytest.raises(RuntimeError, match="every realization failed, the first with realization 0 failed: it blew up"):
         simulate_gouge(small(ledger_steps=0), workers=1)
 
@@ -378,7 +378,7 @@ def test_the_energies_of_sliding_balance(ran):
 def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     """Neither by the same scenario nor by one that asks for more of them; what cannot be used stops the run."""
     result, folder = ran
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_trunk", refuse)
+    monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_trunk", refuse)
     again = simulate_gouge(small(realizations=2), folder=folder, workers=1)
     assert again.reused == 2
     for name, found in (("ran", result), ("read", again)):
@@ -396,7 +396,7 @@ def test_a_finished_realization_is_not_run_again(ran, monkeypatch, tmp_path):
     with pytest.raises(ArchiveError, match="damaged"):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
     file.write_bytes(whole)
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.__version__", "99.0")
+    monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.__version__", "99.0")
     with pytest.raises(ArchiveError, match=r"computed by stickslip .*, but this is version 99.0.*: move the file away"):
         simulate_gouge(small(realizations=2), folder=folder, workers=1)
 
@@ -406,7 +406,7 @@ def refuse(*_):
 
 
 def test_if_all_fail_the_first_reason_is_told(monkeypatch):
-    monkeypatch.setattr("stickslip.experiments.gouge.simulate.run_trunk", refuse)
+    monkeypatch.setattr("stickslip.wings.papers.gouge.simulate.run_trunk", refuse)
     with pytest.raises(RuntimeError, match="every realization failed, the first with realization 0 failed: not again"):
         simulate_gouge(small(), workers=1)
 

@@ -9,13 +9,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from stickslip.data import archive
-from stickslip.experiments.gouge import EXPERIMENT, paper
-from stickslip.experiments.gouge import claims as gouge_claims
-from stickslip.experiments.gouge import report as gouge_report
-from stickslip.experiments.gouge.simulate import simulate_gouge
 from stickslip.experiments.registry import read_scenario, scenario
 from stickslip.runs import folder as report
 from stickslip.runs.writer import write_reproduction
+from stickslip.wings.papers.gouge import EXPERIMENT, paper
+from stickslip.wings.papers.gouge import claims as gouge_claims
+from stickslip.wings.papers.gouge import report as gouge_report
+from stickslip.wings.papers.gouge.simulate import simulate_gouge
 from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 from tests.gouge.test_gouge import small

@@ -9,9 +9,9 @@ import pytest
 import stickslip as ss
 from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T
 from stickslip.data.law_schema import LawTable
-from stickslip.experiments.gouge.sample import damping, gouge_law
 from stickslip.experiments.registry import read_scenario
 from stickslip.solve.collision import eq8_damping
+from stickslip.wings.papers.gouge.sample import damping, gouge_law
 
 SLIDE = [{"kind": "slide", "velocity": 0.3, "slip": 1.0}]
 MEETING = {"size": 3e-3, "speed": 25.0}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stickslip.experiments.gouge import curves as gouge_curves
-from stickslip.experiments.gouge import measures
+from stickslip.wings.papers.gouge import curves as gouge_curves
+from stickslip.wings.papers.gouge import measures
 from tests.gouge.test_gouge import made, of_tests
 
 INTERVAL = 2e-5  # of `small()`

@@ -5,10 +5,10 @@ import pytest
 
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
-from stickslip.experiments.gouge import paper, samples
-from stickslip.experiments.gouge import simulate as simulation
-from stickslip.experiments.gouge.samples import EXACT, read_sample, read_samples, sample_path
-from stickslip.experiments.gouge.simulate import simulate_gouge
+from stickslip.wings.papers.gouge import paper, samples
+from stickslip.wings.papers.gouge import simulate as simulation
+from stickslip.wings.papers.gouge.samples import EXACT, read_sample, read_samples, sample_path
+from stickslip.wings.papers.gouge.simulate import simulate_gouge
 from tests.conftest import stickslip_here as stickslip
 from tests.gouge.test_gouge import small
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stickslip.experiments.gouge import measures
-from stickslip.experiments.gouge.statistics import Curve, combine, difference, intraclass_correlation, read_off
+from stickslip.wings.papers.gouge import measures
+from stickslip.wings.papers.gouge.statistics import Curve, combine, difference, intraclass_correlation, read_off
 
 
 def level(values, seeds):

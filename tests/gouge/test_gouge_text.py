@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stickslip.experiments.gouge import claims as gouge_claims
-from stickslip.experiments.gouge import claims_of_text as text
-from stickslip.experiments.gouge.paper import paper_scenario
-from stickslip.experiments.gouge.statistics import Number
-from stickslip.friction.loads import LoadStep
-from stickslip.friction.ratestate import RateState, Spring, spring_slider
+from stickslip.wings.faults.friction.loads import LoadStep
+from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
+from stickslip.wings.papers.gouge import claims as gouge_claims
+from stickslip.wings.papers.gouge import claims_of_text as text
+from stickslip.wings.papers.gouge.paper import paper_scenario
+from stickslip.wings.papers.gouge.statistics import Number
 
 
 def number(value, error):

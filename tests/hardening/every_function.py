@@ -22,7 +22,7 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.figures.claims import Row
-from stickslip.quasirigid.cone_apex import Apex
+from stickslip.wings.status.cone_apex import Apex
 
 PACKAGE = str(Path(ss.__file__).parent)
 SECONDS, MEMORY = 20, 4 << 30  # processor time of a call, and address space of the process [bytes]

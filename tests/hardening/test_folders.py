@@ -14,12 +14,12 @@ from stickslip.data import manifest
 from stickslip.data.checkpoint import checkpoint_in, unfinished_scenario
 from stickslip.data.run_files import is_run_file, list_files
 from stickslip.ensemble import pool
-from stickslip.experiments.rate_state import simulate as slider
 from stickslip.runs import folder as report
 from stickslip.runs import writer
 from stickslip.runs.resume import find_unfinished
 from stickslip.runs.sweep import report as sweep_report
 from stickslip.runs.sweep.run import SweepResult
+from stickslip.wings.faults.rate_state import simulate as slider
 
 SLIDER = """
 experiment = "rate-state"

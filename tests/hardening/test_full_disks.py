@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from stickslip.experiments.quasi_rigid import paper as quasi_rigid
+from stickslip.wings.papers.quasi_rigid import paper as quasi_rigid
 from tests.conftest import stickslip_here
 from tests.hardening.test_sizes import FLOW
 
@@ -86,7 +86,7 @@ def test_the_same_call_goes_on_wherever_a_disk_was_full_at_the_start(tmp_path, s
     with monkeypatch.context() as now:
         now.setattr(quasi_rigid, "reproduce", functools.wraps(quasi_rigid.reproduce)(stopped))
         now.setattr("stickslip.runs.sweep.run.run_members", stopped)
-        now.setattr("stickslip.experiments.flow.simulate._run_stage", stopped)
+        now.setattr("stickslip.wings.studies.flow.simulate._run_stage", stopped)
         with at_most(size):
             run = stickslip_here(*arguments, cwd=tmp_path)
         assert run.returncode in (2, 130), run.stderr

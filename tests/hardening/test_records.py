@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.data.exchange.frame import frame_of
 from stickslip.data.exchange.motion import mode_frames, read_mode
-from stickslip.friction.laboratory import read_record
+from stickslip.wings.faults.friction.laboratory import read_record
 from tests.conftest import make_law, make_packing, stirred
 
 

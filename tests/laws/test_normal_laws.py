@@ -15,7 +15,7 @@ from stickslip.core.library import core
 from stickslip.data.exchange.frame import law_from_dict, law_to_dict
 from stickslip.data.sample import PackingError, law_by_name
 from stickslip.data.schema import ScenarioError
-from stickslip.experiments.flow.pouring import flow_law
+from stickslip.wings.studies.flow.pouring import flow_law
 from tests.conftest import make_packing, stickslip_here, stirred
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

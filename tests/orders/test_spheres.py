@@ -8,7 +8,6 @@ from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.memory import HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, touching
-from stickslip.experiments.sphere_shear.simulate import find_onset
 from stickslip.loading.packing import frictionless, jammed
 from stickslip.loading.protocols import ramp
 from stickslip.loading.quasistatic import aqs
@@ -16,6 +15,7 @@ from stickslip.loading.release import release
 from stickslip.loading.shear import sheared
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import assembled, dynamical_matrix, freedom
+from stickslip.wings.papers.sphere_shear.simulate import find_onset
 from tests.derivatives.test_jacobian import differences
 
 LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 10.0, coulomb="smooth")

@@ -14,16 +14,16 @@ from stickslip.core.dynamics.run import join_samples, own_engine
 from stickslip.core.dynamics.run import sample as engine_sample
 from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
-from stickslip.experiments.gouge import queue
-from stickslip.experiments.gouge.protocol import load_point_lead, measure_series, slide_leg
-from stickslip.experiments.gouge.sample import BOTTOM, TOP, Gouge, gouge_law, prepare_sample
-from stickslip.experiments.gouge.simulate import find_engine
 from stickslip.extras import MissingExtraError
-from stickslip.friction.measure import steady_mean
-from stickslip.lammps import process
-from stickslip.lammps.run import lammps_engine
-from stickslip.lammps.script import contact_commands, motion_commands, write_input
-from stickslip.lammps.supported import check_leg
+from stickslip.wings.faults.friction.measure import steady_mean
+from stickslip.wings.lammps import process
+from stickslip.wings.lammps.run import lammps_engine
+from stickslip.wings.lammps.script import contact_commands, motion_commands, write_input
+from stickslip.wings.lammps.supported import check_leg
+from stickslip.wings.papers.gouge import queue
+from stickslip.wings.papers.gouge.protocol import load_point_lead, measure_series, slide_leg
+from stickslip.wings.papers.gouge.sample import BOTTOM, TOP, Gouge, gouge_law, prepare_sample
+from stickslip.wings.papers.gouge.simulate import find_engine
 
 SOFT = {"young": 5e9, "damping_n": 6e7}
 FEW = {"grains": {"number": 100}, "law": SOFT, "cell": {"length": 0.016, "width": 0.016}, "dt": 2e-7}
@@ -108,7 +108,9 @@ def test_without_mpi_one_sentence_says_what_is_missing(monkeypatch):
 
 
 def test_importing_the_module_does_not_import_lammps():
-    words = "import sys, stickslip.lammps.run, stickslip.experiments.gouge.simulate; print('lammps' in sys.modules)"
+    words = (
+        "import sys, stickslip.wings.lammps.run, stickslip.wings.papers.gouge.simulate; print('lammps' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout.strip() == "False"
 
 

@@ -18,16 +18,16 @@ from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
 from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.schema import ScenarioError
-from stickslip.experiments.flow import SETTLING, SHEARED
-from stickslip.experiments.flow import lammps as flow_lammps
-from stickslip.experiments.flow.pouring import poured
 from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
-from stickslip.friction.measure import steady_mean
-from stickslip.lammps import process, script
-from stickslip.lammps.job import leg_folder
-from stickslip.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
-from stickslip.lammps.supported import check_leg
+from stickslip.wings.faults.friction.measure import steady_mean
+from stickslip.wings.lammps import process, script
+from stickslip.wings.lammps.job import leg_folder
+from stickslip.wings.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
+from stickslip.wings.lammps.supported import check_leg
+from stickslip.wings.studies.flow import SETTLING, SHEARED
+from stickslip.wings.studies.flow import lammps as flow_lammps
+from stickslip.wings.studies.flow.pouring import poured
 from tests.conftest import stickslip_here
 from tests.peers.lammps_scenes import (
     DT,

@@ -13,9 +13,9 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.dynamics.timestep import stable_time_step
-from stickslip.experiments.flow.scenario import FlowScenario
 from stickslip.loading.packing import frictionless
 from stickslip.solve.quench import quench
+from stickslip.wings.studies.flow.scenario import FlowScenario
 
 
 class Units(NamedTuple):

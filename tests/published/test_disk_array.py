@@ -14,10 +14,10 @@ from PIL import Image
 
 from stickslip.core.state import State
 from stickslip.data import archive
-from stickslip.experiments.disk_array import measures as disk_measures
-from stickslip.experiments.disk_array import paper as disk_array
-from stickslip.experiments.disk_array import printed
 from stickslip.reports import claims as table
+from stickslip.wings.papers.disk_array import measures as disk_measures
+from stickslip.wings.papers.disk_array import paper as disk_array
+from stickslip.wings.papers.disk_array import printed
 from tests.conftest import stickslip_here
 
 pytestmark = pytest.mark.timeout(300)  # another process compiles
@@ -46,7 +46,7 @@ IDS = {
 # a quick reproduction with few realizations: nothing here depends on their number
 FEWER = """
 from functools import partial
-from stickslip.experiments.disk_array import arrest, paper
+from stickslip.wings.papers.disk_array import arrest, paper
 from stickslip.figures import disk_array
 disk_array.transition_movie = partial(disk_array.transition_movie, frames=60)
 arrest.REALIZATIONS[True] = 2

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from stickslip.quasirigid.matrices import stiffness_matrix
+from stickslip.wings.status.matrices import stiffness_matrix
 
 # share of the largest singular value of k below which one is zero
 NULL = 1e-9

@@ -13,7 +13,7 @@ from stickslip.core.laws.builtin import KT, MU
 from stickslip.core.state import SLIDE
 from stickslip.loading.biaxial import settle
 from stickslip.loading.shear import sheared
-from stickslip.quasirigid.matrices import linear_system
+from stickslip.wings.status.matrices import linear_system
 
 KINDS = ("box", "sheared", "row", "gravity", "strained")
 

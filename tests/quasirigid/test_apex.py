@@ -8,9 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
-from stickslip.experiments.quasi_rigid.cases import counterexample
-from stickslip.quasirigid import cone_apex as room
-from stickslip.quasirigid.cone_apex import (
+from stickslip.wings.papers.quasi_rigid.cases import counterexample
+from stickslip.wings.status import cone_apex as room
+from stickslip.wings.status.cone_apex import (
     OPENS,
     SLIDES,
     SLIDES_BACK,
@@ -22,8 +22,8 @@ from stickslip.quasirigid.cone_apex import (
     status_of_velocity,
     statuses_at_apex,
 )
-from stickslip.quasirigid.matrices import linear_system, statuses, stiffness_matrix
-from stickslip.quasirigid.opening import decide_statuses, reduce_to_contacts
+from stickslip.wings.status.matrices import linear_system, statuses, stiffness_matrix
+from stickslip.wings.status.opening import decide_statuses, reduce_to_contacts
 from tests.quasirigid.test_status import jammed_disks
 
 SPRINGS = np.diag([1.0, 0.5])

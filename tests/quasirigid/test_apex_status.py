@@ -5,10 +5,10 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.control import between
-from stickslip.quasirigid import apex_status
-from stickslip.quasirigid.events import APEX
-from stickslip.quasirigid.increment import external_force
-from stickslip.quasirigid.status import Verdict
+from stickslip.wings.status import apex_status
+from stickslip.wings.status.events import APEX
+from stickslip.wings.status.increment import external_force
+from stickslip.wings.status.status import Verdict
 from tests.quasirigid.test_status_of_spheres import path_of, squeezed
 
 PRESS = 0.01

@@ -5,10 +5,10 @@ import pytest
 
 import stickslip as ss
 from benchmarks.collapses import Case, disks_in_machine, disks_under_load, first_collapse, spheres_under_stress
-from stickslip.experiments.quasi_rigid.simulate import simulate_quasi
-from stickslip.quasirigid import collapse as dynamics
-from stickslip.quasirigid.path import COLLAPSE
-from stickslip.quasirigid.status import Verdict
+from stickslip.wings.papers.quasi_rigid.simulate import simulate_quasi
+from stickslip.wings.status import collapse as dynamics
+from stickslip.wings.status.path import COLLAPSE
+from stickslip.wings.status.status import Verdict
 from tests.quasirigid.five_packings import spheres
 
 GAP, PRESS, MU = 0.02, 0.01, 0.4

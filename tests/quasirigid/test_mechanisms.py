@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
-from stickslip.quasirigid.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
+from stickslip.wings.status.matrices import linear_system, stiffness_matrix
+from stickslip.wings.status.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from tests.conftest import make_law
 
 

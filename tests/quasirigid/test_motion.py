@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.experiments.quasi_rigid import growth, sliding
-from stickslip.quasirigid.matrices import linear_system, quadratic_form
+from stickslip.wings.papers.quasi_rigid import growth, sliding
+from stickslip.wings.status.matrices import linear_system, quadratic_form
 
 
 def test_speed_through_a_mechanism_is_force_over_mass_times_time():

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 
 import stickslip as ss
 from stickslip.loading.biaxial import TOP
-from stickslip.quasirigid import absence
-from stickslip.quasirigid import status as room
-from stickslip.quasirigid.apex_status import contact_status
-from stickslip.quasirigid.enumeration import AllSolutions, Solution, enumerate_solutions, status_map
-from stickslip.quasirigid.lcp import Complementarity, complementarity, lemke
-from stickslip.quasirigid.matrices import force_rates, linear_system, stiffness_matrix
-from stickslip.quasirigid.status import Verdict
-from stickslip.quasirigid.system import StatusSolver, pinned_coordinates
-from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
+from stickslip.wings.status import absence
+from stickslip.wings.status import status as room
+from stickslip.wings.status.apex_status import contact_status
+from stickslip.wings.status.enumeration import AllSolutions, Solution, enumerate_solutions, status_map
+from stickslip.wings.status.lcp import Complementarity, complementarity, lemke
+from stickslip.wings.status.matrices import force_rates, linear_system, stiffness_matrix
+from stickslip.wings.status.status import Verdict
+from stickslip.wings.status.system import StatusSolver, pinned_coordinates
+from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
 from tests.quasirigid.five_packings import sample

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
-from stickslip.quasirigid.absence import Absence, UnresistedMotion
-from stickslip.quasirigid.apex_status import contact_status
-from stickslip.quasirigid.lcp import complementarity
-from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
-from stickslip.quasirigid.status import Verdict
-from stickslip.quasirigid.system import regular_stiffness
-from stickslip.quasirigid.uniqueness import UniquenessVerdict, certificate
+from stickslip.wings.status.absence import Absence, UnresistedMotion
+from stickslip.wings.status.apex_status import contact_status
+from stickslip.wings.status.lcp import complementarity
+from stickslip.wings.status.matrices import linear_system, stiffness_matrix
+from stickslip.wings.status.status import Verdict
+from stickslip.wings.status.system import regular_stiffness
+from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate
 from tests.quasirigid import brute_force as brute
 from tests.quasirigid.five_packings import KINDS, on_the_cone, sample, spheres
 

@@ -5,8 +5,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.state import SLIDE, STICK
-from stickslip.quasirigid.matrices import damping_matrix, linear_system, quadratic_form, statuses, stiffness_matrix
 from stickslip.solve.freedom import jacobian
+from stickslip.wings.status.matrices import damping_matrix, linear_system, quadratic_form, statuses, stiffness_matrix
 from tests.conftest import make_law, make_packing, stirred
 from tests.derivatives.test_free_cell import packed
 from tests.derivatives.test_jacobian import sample

@@ -5,14 +5,14 @@ import pytest
 from scipy.linalg import LinAlgError
 
 import stickslip as ss
-from stickslip.quasirigid import status as room
-from stickslip.quasirigid import system as fast
-from stickslip.quasirigid.apex_status import contact_status
-from stickslip.quasirigid.enumeration import status_map
-from stickslip.quasirigid.lcp import Complementarity, complementarity, principal_pivoting
-from stickslip.quasirigid.matrices import linear_system, stiffness_matrix
-from stickslip.quasirigid.status import Verdict
-from stickslip.quasirigid.system import StatusSolver, elimination_order, pinned_coordinates
+from stickslip.wings.status import status as room
+from stickslip.wings.status import system as fast
+from stickslip.wings.status.apex_status import contact_status
+from stickslip.wings.status.enumeration import status_map
+from stickslip.wings.status.lcp import Complementarity, complementarity, principal_pivoting
+from stickslip.wings.status.matrices import linear_system, stiffness_matrix
+from stickslip.wings.status.status import Verdict
+from stickslip.wings.status.system import StatusSolver, elimination_order, pinned_coordinates
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
 

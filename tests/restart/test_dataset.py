@@ -8,7 +8,7 @@ from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.units import SI, Fields, in_si
 from stickslip.data import archive
 from stickslip.data.checkpoint import Checkpoint
-from stickslip.experiments.flow.simulate import FlowSeries, StageEnd
+from stickslip.wings.studies.flow.simulate import FlowSeries, StageEnd
 from tests.conftest import make_law, make_packing, stirred
 
 LAW = make_law("hertz_mindlin", "sharp")

@@ -10,10 +10,10 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.experiments.contact_law import make_law
-from stickslip.experiments.element_test import simulate as element
-from stickslip.experiments.element_test.paths import drive_of
-from stickslip.experiments.element_test.sample import make_sample
 from stickslip.solve.newton import Factorisation
+from stickslip.wings.soils.element_test import simulate as element
+from stickslip.wings.soils.element_test.paths import drive_of
+from stickslip.wings.soils.element_test.sample import make_sample
 
 STORE = Path(__file__).with_suffix(".json")
 SAMPLE = STORE.with_suffix(".npz")

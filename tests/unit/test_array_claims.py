@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from stickslip.experiments.disk_array import claims_of_fronts as fronts_rows
-from stickslip.experiments.disk_array import claims_of_modes as modes_rows
-from stickslip.experiments.disk_array import claims_of_motion as motion_rows
-from stickslip.experiments.disk_array import fronts, measures
-from stickslip.experiments.disk_array.arrest import Arrest
-from stickslip.experiments.disk_array.fronts import Front
 from stickslip.reports.claims import NOT_REPRODUCED, REPRODUCED, UNDECIDED
+from stickslip.wings.papers.disk_array import claims_of_fronts as fronts_rows
+from stickslip.wings.papers.disk_array import claims_of_modes as modes_rows
+from stickslip.wings.papers.disk_array import claims_of_motion as motion_rows
+from stickslip.wings.papers.disk_array import fronts, measures
+from stickslip.wings.papers.disk_array.arrest import Arrest
+from stickslip.wings.papers.disk_array.fronts import Front
 
 TIME = np.linspace(0.0, 1e4, 5001)
 

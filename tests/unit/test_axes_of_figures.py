@@ -12,13 +12,19 @@ from matplotlib.transforms import Bbox
 
 import stickslip as ss
 from stickslip.core.state import empty_contacts
-from stickslip.experiments.gouge.measures import Curve
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.figures import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear, watch
 from stickslip.figures.outlines import body_limits
 from stickslip.figures.style import column_axes, label_axes, plot_fast, styled
 from stickslip.solve.freedom import freedom
 from stickslip.solve.spectrum import Spectrum
+from stickslip.wings.faults.rate_state import figures as rate_state
+from stickslip.wings.lammps.watch import figures as watch
+from stickslip.wings.papers.disk_array import figures as disk_array
+from stickslip.wings.papers.gouge import figures as gouge
+from stickslip.wings.papers.gouge.measures import Curve
+from stickslip.wings.papers.quasi_rigid import figures as quasi_rigid
+from stickslip.wings.papers.sphere_shear import figures as sphere_shear
+from stickslip.wings.studies.flow import figures as flow
 from tests.unit.test_figures import holds, rising
 
 TIME = r"time $t$ [$\sqrt{m/(k_n\sqrt{2R})}$]"

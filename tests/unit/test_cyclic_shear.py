@@ -13,11 +13,11 @@ from stickslip.core.arguments import checked
 from stickslip.core.dynamics.ledger import Ledger
 from stickslip.core.outcome import NotInEquilibriumError
 from stickslip.experiments.contact_law import make_law
-from stickslip.experiments.cyclic_shear import measures, report, sands
-from stickslip.experiments.cyclic_shear import simulate as cyclic
-from stickslip.experiments.element_test.sample import make_sample
 from stickslip.experiments.experiment import named_measures
 from stickslip.figures.saving import render as png
+from stickslip.wings.soils.cyclic_shear import measures, report, sands
+from stickslip.wings.soils.cyclic_shear import simulate as cyclic
+from stickslip.wings.soils.element_test.sample import make_sample
 
 DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}
 SPHERES = {"grains": 60, "friction": 0.1}

@@ -12,9 +12,13 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.laws.builtin import with_values
 from stickslip.experiments.contact_law import make_law
-from stickslip.experiments.element_test import simulate as element
-from stickslip.experiments.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
-from stickslip.experiments.element_test.measures import (
+from stickslip.experiments.experiment import named_measures
+from stickslip.figures.saving import render as png
+from stickslip.solve.moduli import elastic_moduli
+from stickslip.solve.newton import Factorisation
+from stickslip.wings.soils.element_test import simulate as element
+from stickslip.wings.soils.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
+from stickslip.wings.soils.element_test.measures import (
     dilatancy_angle,
     estimate,
     face_stress,
@@ -25,13 +29,9 @@ from stickslip.experiments.element_test.measures import (
     sentences,
     work,
 )
-from stickslip.experiments.element_test.paths import drive_of
-from stickslip.experiments.element_test.report import columns, figures
-from stickslip.experiments.element_test.sample import check_pressures, make_sample
-from stickslip.experiments.experiment import named_measures
-from stickslip.figures.saving import render as png
-from stickslip.solve.moduli import elastic_moduli
-from stickslip.solve.newton import Factorisation
+from stickslip.wings.soils.element_test.paths import drive_of
+from stickslip.wings.soils.element_test.report import columns, figures
+from stickslip.wings.soils.element_test.sample import check_pressures, make_sample
 from tests.unit import element_test_lammps
 
 DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}

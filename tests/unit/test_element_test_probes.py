@@ -11,13 +11,13 @@ from matplotlib import pyplot as plt
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.experiments.contact_law import make_law
-from stickslip.experiments.element_test import simulate as element
-from stickslip.experiments.element_test.measures import estimates, sentences
-from stickslip.experiments.element_test.probes import describe_direction, first_seen, plane_of, probe
-from stickslip.experiments.element_test.report import figures
 from stickslip.experiments.experiment import named_measures
 from stickslip.figures.saving import render as png
 from stickslip.runs.page import folder_content
+from stickslip.wings.soils.element_test import simulate as element
+from stickslip.wings.soils.element_test.measures import estimates, sentences
+from stickslip.wings.soils.element_test.probes import describe_direction, first_seen, plane_of, probe
+from stickslip.wings.soils.element_test.report import figures
 
 DISKS = {"dim": 2, "grains": 60, "pressure": 100.0, "friction": 0.0}
 LAW = {"young": 1e9, "poisson": 0.2, "mu": 0.3}

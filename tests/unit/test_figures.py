@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 
-from stickslip.experiments.gouge.measures import Curve
-from stickslip.figures import disk_array, flow, gouge, quasi_rigid, rate_state, sphere_shear
 from stickslip.figures.claims import Row, claims_chart
-from stickslip.friction.loads import LoadStep
-from stickslip.friction.model import Data
+from stickslip.wings.faults.friction.loads import LoadStep
+from stickslip.wings.faults.friction.model import Data
+from stickslip.wings.faults.rate_state import figures as rate_state
+from stickslip.wings.papers.disk_array import figures as disk_array
+from stickslip.wings.papers.gouge import figures as gouge
+from stickslip.wings.papers.gouge.measures import Curve
+from stickslip.wings.papers.quasi_rigid import figures as quasi_rigid
+from stickslip.wings.papers.sphere_shear import figures as sphere_shear
+from stickslip.wings.studies.flow import figures as flow
 
 RNG = np.random.default_rng(0)
 

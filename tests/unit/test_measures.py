@@ -8,14 +8,14 @@ import pytest
 import stickslip as ss
 from stickslip.core import arguments
 from stickslip.core.dynamics.ledger import Ledger
-from stickslip.experiments.cyclic_shear.simulate import CyclicRun, Response
-from stickslip.experiments.element_test.simulate import ElementRun, ElementSeries, SmallStrain
-from stickslip.experiments.fault.simulate import FaultResult
-from stickslip.experiments.gouge import protocol as gouge_run
-from stickslip.experiments.rate_state.simulate import simulate_slider
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.friction.fault_cycles import Energy
-from stickslip.friction.fault_record import FaultEvents
+from stickslip.wings.faults.fault.simulate import FaultResult
+from stickslip.wings.faults.friction.fault_cycles import Energy
+from stickslip.wings.faults.friction.fault_record import FaultEvents
+from stickslip.wings.faults.rate_state.simulate import simulate_slider
+from stickslip.wings.papers.gouge import protocol as gouge_run
+from stickslip.wings.soils.cyclic_shear.simulate import CyclicRun, Response
+from stickslip.wings.soils.element_test.simulate import ElementRun, ElementSeries, SmallStrain
 from tests.events.made import samples
 
 LENGTH, TIME, VELOCITY, RATE, RATE_SQUARED, PER_LENGTH, FORCE, ENERGY, STRESS, NUMBER = range(10)

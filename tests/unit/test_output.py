@@ -14,12 +14,12 @@ from rich.table import Table
 from rich.text import Text
 
 from stickslip.data.checkpoint import UNFINISHED
-from stickslip.experiments.rate_state.simulate import simulate_slider
 from stickslip.experiments.registry import scenario
 from stickslip.reports import terminal
 from stickslip.reports.claims import claim
 from stickslip.runs import json_output as answers
 from stickslip.runs.sweep.definition import describe_differences
+from stickslip.wings.faults.rate_state.simulate import simulate_slider
 from tests.conftest import stickslip_here
 
 SLIDER = 'experiment = "rate-state"\n[samples]\nnumber = 12\n'

@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.experiments.disk_array import claims as disk_claims
-from stickslip.experiments.disk_array import measures as disk_measures
-from stickslip.experiments.disk_array.arrest import Arrest, find_arrest
-from stickslip.experiments.disk_array.fronts import fit_front
-from stickslip.experiments.quasi_rigid import claims as quasi_claims
-from stickslip.experiments.sphere_shear import claims as shear_claims
 from stickslip.loading.protocols import Growth
-from stickslip.quasirigid.path import LoadPath
-from stickslip.quasirigid.status import Verdict
 from stickslip.reports.claims import (
     NO_REFERENCE,
     NOT_REFUTED,
@@ -24,6 +16,14 @@ from stickslip.reports.claims import (
     UNDECIDED,
     note_quick_run,
 )
+from stickslip.wings.papers.disk_array import claims as disk_claims
+from stickslip.wings.papers.disk_array import measures as disk_measures
+from stickslip.wings.papers.disk_array.arrest import Arrest, find_arrest
+from stickslip.wings.papers.disk_array.fronts import fit_front
+from stickslip.wings.papers.quasi_rigid import claims as quasi_claims
+from stickslip.wings.papers.sphere_shear import claims as shear_claims
+from stickslip.wings.status.path import LoadPath
+from stickslip.wings.status.status import Verdict
 
 RATE, FREQUENCY = 1e-3, 0.5
 

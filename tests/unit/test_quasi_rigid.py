@@ -8,9 +8,11 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.experiments.quasi_rigid import EXPERIMENT, sliding
-from stickslip.experiments.quasi_rigid import claims as quasi_claims
-from stickslip.experiments.quasi_rigid.simulate import (
+from stickslip.loading.biaxial import LEFT, RIGHT, TOP
+from stickslip.runs.writer import write_result
+from stickslip.wings.papers.quasi_rigid import EXPERIMENT, sliding
+from stickslip.wings.papers.quasi_rigid import claims as quasi_claims
+from stickslip.wings.papers.quasi_rigid.simulate import (
     Curve,
     SlowDynamics,
     collapse_load,
@@ -18,8 +20,6 @@ from stickslip.experiments.quasi_rigid.simulate import (
     strain_difference,
     table_one,
 )
-from stickslip.loading.biaxial import LEFT, RIGHT, TOP
-from stickslip.runs.writer import write_result
 from tests.conftest import stickslip_here as stickslip
 
 SMALL = {"experiment": "quasi-rigid", "seed": 1, "disks": {"number": 40}, "dynamics": {"times": (1e3, 3e3)}}

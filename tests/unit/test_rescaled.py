@@ -12,9 +12,9 @@ from stickslip.core.laws.values import evaluate
 from stickslip.data.exchange.frame import law_from_dict, law_to_dict
 from stickslip.data.sample import LAWS
 from stickslip.data.schema import ScenarioError
-from stickslip.experiments.flow.pouring import flow_law
 from stickslip.loading.packing import jammed
 from stickslip.solve.stability import UNLOADED, stability
+from stickslip.wings.studies.flow.pouring import flow_law
 from tests.conftest import make_law, make_packing, stirred
 
 PLAIN = {"hertz_mindlin_rescaled": "hertz_mindlin", "hertz_mindlin_reff_rescaled": "hertz_mindlin_reff"}

@@ -9,10 +9,10 @@ import stickslip as ss
 from benchmarks import pairs_by_law
 from benchmarks.births import births_by_law
 from stickslip.core.state import volume
-from stickslip.experiments.sphere_shear import claims, claims_of_laws, claims_of_protocol, motion
-from stickslip.experiments.sphere_shear.claims_of_motion import late_births, motion_claims, number_claims
 from stickslip.reports.claims_report import place
 from stickslip.solve.freedom import jacobian
+from stickslip.wings.papers.sphere_shear import claims, claims_of_laws, claims_of_protocol, motion
+from stickslip.wings.papers.sphere_shear.claims_of_motion import late_births, motion_claims, number_claims
 
 RATE, FREQUENCY = 0.01, 0.4
 

@@ -11,8 +11,8 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.outcome import Outcome, Status
 from stickslip.experiments import ScenarioError
-from stickslip.experiments.threshold import simulate as threshold
 from stickslip.loading import threshold as kinetic
+from stickslip.wings.studies.threshold import simulate as threshold
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PACKING = {

@@ -11,11 +11,11 @@ import stickslip as ss
 from stickslip.data.exchange import follow
 from stickslip.data.exchange.follow import open_source
 from stickslip.data.sample import PackingError
-from stickslip.lammps.watch import loop, measures
-from stickslip.lammps.watch.loop import watch
-from stickslip.lammps.watch.table import describe, read_rows, write_rows
 from stickslip.solve.freedom import ZERO_BELOW, backbone, dynamical_matrix
 from stickslip.solve.spectrum import softest_eigenvalue
+from stickslip.wings.lammps.watch import loop, measures
+from stickslip.wings.lammps.watch.loop import watch
+from stickslip.wings.lammps.watch.table import describe, read_rows, write_rows
 from tests.conftest import stickslip_here
 from tests.exchange.packings import SHARP, spheres
 

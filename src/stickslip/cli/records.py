@@ -80,9 +80,9 @@ def fit(
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
     check_choice("law", model.law, LAWS)
     check_choice("form", model.form, FORMS)
-    from ..experiments.rate_state import fit_report
     from ..reports import terminal
     from ..runs import json_output
+    from ..wings.faults.rate_state import fit_report
 
     look = drawing.look()
     if out is not None:

@@ -59,8 +59,8 @@ def watch(
     if once and until_idle is not None:
         raise ValueError("--once was given with --until-idle: give one of them")
     from ..data.exchange.follow import open_source
-    from ..lammps.watch.record import watch_and_record
     from ..reports import terminal
+    from ..wings.lammps.watch.record import watch_and_record
 
     source = open_source(place, memory=not no_contacts, **options.values())
     table = out or source.folder / NAME

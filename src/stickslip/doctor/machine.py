@@ -16,8 +16,8 @@ from .. import __version__, extras
 from .._core import build
 from ..core.dynamics.driver import available_threads
 from ..ensemble import default_workers
-from ..lammps.process import load_error
 from ..solve.linear import factorised
+from ..wings.lammps.process import load_error
 
 CORE = ("numpy", "scipy", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
 DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # if it differs from the import name

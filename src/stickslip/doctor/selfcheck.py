@@ -22,14 +22,14 @@ from ..core.laws.builtin import Law, for_pair, hertz_mindlin, linear
 from ..core.outcome import Outcome
 from ..core.progress import Report, silent
 from ..core.state import SLIDE, STICK, State
-from ..friction.loads import slide_hold_slide
-from ..friction.ratestate import RateState, Spring, spring_slider
 from ..loading.packing import disk_array, with_push
 from ..loading.protocols import perturbed
-from ..quasirigid.apex_status import contact_status
-from ..quasirigid.matrices import linear_system
 from ..solve.relax import relax
 from ..solve.spectrum import spectrum
+from ..wings.faults.friction.loads import slide_hold_slide
+from ..wings.faults.friction.ratestate import RateState, Spring, spring_slider
+from ..wings.status.apex_status import contact_status
+from ..wings.status.matrices import linear_system
 
 STORED = Path(__file__).with_name("numbers.json")
 PUSHES = (0.5e-5, 1.0e-5, 1.5e-5)

@@ -13,19 +13,10 @@ from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.law_schema import renamed_keys
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers
-from . import (
-    catalogue,
-    cyclic_shear,
-    disk_array,
-    element_test,
-    fault,
-    flow,
-    gouge,
-    quasi_rigid,
-    rate_state,
-    sphere_shear,
-    threshold,
-)
+from ..wings.faults import fault, rate_state
+from ..wings.papers import disk_array, gouge, quasi_rigid, sphere_shear
+from ..wings.soils import cyclic_shear, element_test
+from ..wings.studies import catalogue, flow, threshold
 from .experiment import Experiment
 
 _ALL = (

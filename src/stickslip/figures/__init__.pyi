@@ -1,13 +1,13 @@
-from . import catalogue as catalogue
-from . import cyclic_shear as cyclic_shear
-from . import disk_array as disk_array
-from . import element_test as element_test
-from . import fault as fault
-from . import flow as flow
-from . import gouge as gouge
-from . import quasi_rigid as quasi_rigid
-from . import rate_state as rate_state
-from . import sphere_shear as sphere_shear
+from ..wings.faults.fault import figures as fault
+from ..wings.faults.rate_state import figures as rate_state
+from ..wings.papers.disk_array import figures as disk_array
+from ..wings.papers.gouge import figures as gouge
+from ..wings.papers.quasi_rigid import figures as quasi_rigid
+from ..wings.papers.sphere_shear import figures as sphere_shear
+from ..wings.soils.cyclic_shear import figures as cyclic_shear
+from ..wings.soils.element_test import figures as element_test
+from ..wings.studies.catalogue import figures as catalogue
+from ..wings.studies.flow import figures as flow
 from .animation import movie as movie
 from .claims import claims_chart as claims_chart
 from .envelopes import response_envelopes as response_envelopes
@@ -20,3 +20,28 @@ from .saving import Look as Look
 from .saving import save as save
 from .view3d import view as view
 from .waves import dispersion as dispersion
+
+__all__ = [
+    "Look",
+    "bursts",
+    "catalogue",
+    "claims_chart",
+    "cyclic_shear",
+    "disk_array",
+    "dispersion",
+    "element_test",
+    "fault",
+    "flow",
+    "gouge",
+    "growth_by_amplitude",
+    "inclusion",
+    "movie",
+    "packing",
+    "quasi_rigid",
+    "rate_state",
+    "response_envelopes",
+    "save",
+    "sphere_shear",
+    "static_and_kinetic",
+    "view",
+]

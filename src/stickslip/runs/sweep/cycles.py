@@ -11,7 +11,7 @@ from ...data.run_files import NUMBERS
 from ...experiments.registry import EXPERIMENTS, scenario_class
 from ...figures.saving import PLAIN, Look, render_all
 from ...figures.sweep import cycles
-from ...friction.cycles import repeated_slip
+from ...wings.faults.friction.cycles import repeated_slip
 from .definition import Sweep
 
 FIGURE = "cycles.png"

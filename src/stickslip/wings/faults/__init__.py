@@ -1,0 +1,1 @@
+"""Faults without grains: rate-and-state friction, records and their fits, spring-sliders, earthquake cycles."""

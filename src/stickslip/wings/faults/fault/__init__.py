@@ -1,0 +1,76 @@
+"""Earthquake cycles on a straight fault; `reproduce` runs the SEAS benchmark problems BP1-QD, BP3-QD and BP6-QD."""
+
+from functools import partial
+
+from ....experiments.experiment import Experiment, Paper, lazy_function
+from ....experiments.sources import STATE
+from ....lazy import attach
+from .scenario import FaultScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
+    """Return keys of references.bib, grouped by purpose."""
+    cut = scenario.friction.v1 or scenario.friction.v2
+    form = ("Okubo1989",) if cut else ("Rice2001",) if scenario.friction.form == "regularized" else ()
+    form += ("Gu1984",) if scenario.fault.states > 1 else ()
+    return {
+        "earthquake cycles": ("Erickson2020", "Rice1993", "Rubin2005"),
+        "rate-and-state friction": STATE[scenario.friction.law] + form,
+        "time stepping": ("Hairer1993",),
+        **({"faults that dip": ("Erickson2023", "Head1953")} if scenario.fault.dips else {}),
+        **({"normal stress that acts on the state": ("Linker1992",)} if scenario.friction.alpha else {}),
+        **({"injected fluid": ("Lambert2025",)} if scenario.injection.flux else {}),
+    }
+
+
+SMALLEST = {
+    "line": {"width": 2000.0, "cell": 100.0},
+    "friction": {"a": 0.010, "normal": 1e7},
+    "run": {"years": 1.0, "stations": [0.0]},
+}
+
+EXPERIMENT = Experiment(
+    scenario=FaultScenario,
+    words="earthquake cycles on a straight fault",
+    simulate=_here("simulate.simulate_cycles"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    files=_here("report.files"),
+    cycles=_here("report.cycles"),
+    references=references,
+    smallest=(SMALLEST,),
+    parallel=False,
+    paper=Paper(
+        name="seas-bp1",
+        title="SEAS benchmark problem BP1-QD: earthquake cycles on a strike-slip fault",
+        cuts="cells of 50 m instead of 25 m, and 700 years instead of 1200; the coarser runs have cells of 100 m",
+        scenario=_here("paper.paper_scenario"),
+        reproduce=_here("paper.reproduce"),
+        shows=_here("claims.shows"),
+    ),
+    more_papers=(
+        Paper(
+            name="seas-bp3",
+            title="SEAS benchmark problem BP3-QD: earthquake cycles on a dipping fault",
+            cuts="cells of 50 m instead of 25 m, 500 years instead of 1500, only dips with published series; the "
+            "coarser runs have cells of 62.5 m",
+            scenario=_here("dipping.paper_scenario"),
+            reproduce=_here("dipping.reproduce"),
+            shows=_here("dipping.shows"),
+        ),
+        Paper(
+            name="seas-bp6",
+            title="SEAS benchmark problem BP6-QD: aseismic slip due to injected fluid",
+            cuts="the slip law with cells of 19.5 m instead of 6.5 m, and samples every 20,000 s instead of 10,000 s",
+            scenario=_here("injection.paper_scenario"),
+            reproduce=_here("injection.reproduce"),
+            shows=_here("injection.shows"),
+        ),
+    ),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,318 @@
+"""Straight faults with rate-and-state friction, loaded by plate motion.
+
+Friction depends on depth. The body is linear elastic, its inertia is approximated by radiation damping (quasi-dynamic;
+J. R. Rice, J. Geophys. Res. 98, 9885 (1993), doi:10.1029/93JB00191).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import check_types, checked, require_positive
+from ....core.readable import readable
+from ....core.text import quoted
+from .laws import EVOLUTIONS, FORMS, form_code
+from .normal_stress import INSTANTS, Injection, Oscillation, StressTable
+from .stress_transfer import BOUNDARIES, StressTransfer, image_nodes, stress_transfer
+
+SHEARS = ("antiplane", "in-plane")
+SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
+MOST_CELLS = 1_000_000
+MOST_ENTRIES = 1e7  # of a table of the effect of the surface on a dipping fault
+LONGEST_CELL = 1 / 3  # over the cohesive length
+SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
+
+
+def _head(fault) -> str:
+    kind = f"{fault.slip} with a dip of {fault.dip:g}°" if fault.dips else fault.shear
+    return f"{kind}, {len(fault.depth)} cells of {fault.cell:g} m, {fault.law} law"
+
+
+@readable(head=_head)
+class Fault(NamedTuple):
+    """A straight fault of N cells of equal length; see `line_fault`. Units are SI."""
+
+    depth: np.ndarray  # (N,) of the centres of the cells, their distances down dip, or positions along the fault [m]
+    a: np.ndarray  # (N,) direct effect
+    b: np.ndarray  # (N,) evolution effect
+    dc: np.ndarray  # (N,) characteristic slip [m]
+    normal: np.ndarray  # (N,) effective normal stress, compression is positive [Pa]
+    cell: float  # length of a cell [m]
+    mu0: float = 0.6  # steady friction at v0
+    v0: float = 1e-6  # [m/s]
+    law: str = "aging"  # or "slip"
+    form: str = "regularized"  # or "logarithmic"
+    shear: str = "antiplane"  # or "in-plane"
+    shear_modulus: float = 32.04e9  # [Pa]
+    wave_speed: float = 3464.0  # of shear waves; infinite: no radiation damping [m/s]
+    poisson: float = 0.25  # Poisson's ratio, for in-plane shear
+    plate_rate: float = 1e-9  # slip velocity of the rest of the plane, or of the plates [m/s]
+    boundary: str = "surface"  # or "infinite" or "periodic"
+    thickness: float = np.inf  # of each plate, for a periodic fault [m]
+    v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
+    v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
+    b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
+    dc2: np.ndarray | float = 1.0  # (N,) or a number, its characteristic slip; has no effect if b2 = 0 [m]
+    alpha: float = 0.0  # effect of changes of the normal stress on the states
+    changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # of the normal stress in time
+    dip: float = 90.0  # of a fault that reaches the surface, for in-plane shear [degrees]
+    slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
+
+    def check_entries(self) -> None:
+        """Raise an error with a one-sentence message if an entry has a wrong type, shape or name."""
+        check_types(self)
+        choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
+        for name, allowed in choices.items():
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} = {getattr(self, name)!r} was given: use {' or '.join(map(repr, allowed))}")
+
+    @property
+    def modulus(self) -> float:
+        """G for antiplane and G/(1 − ν) for in-plane shear [Pa]."""
+        return self.shear_modulus / (1 - self.poisson) if self.shear == "in-plane" else self.shear_modulus
+
+    @property
+    def damping(self) -> float:
+        """Radiation damping η = G/(2 c_s) [Pa s/m]."""
+        return self.shear_modulus / (2 * self.wave_speed)
+
+    @property
+    def cuts(self) -> tuple[float, float]:
+        """Reference velocity over the cut-off velocities; 0 without a cut-off."""
+        return self.v0 / self.v1, self.v0 / self.v2
+
+    @property
+    def form_code(self) -> int:
+        """Code of the form of the law for kernels."""
+        return form_code(self.form, *self.cuts)
+
+    @property
+    def states(self) -> int:
+        """Number of state variables of a cell: 2 with `b2`, else 1."""
+        return 2 if np.any(np.asarray(self.b2) > 0) else 1
+
+    @property
+    def evolution(self) -> np.ndarray:
+        """Evolution effect of all states, b + b2 (N,)."""
+        return self.b + self.b2
+
+    @property
+    def weakening(self) -> np.ndarray:
+        """Rate at which friction falls with slip behind the tip of a rupture, b/D_c + b2/D_c2 (N,) [1/m]."""
+        return self.b / self.dc + self.b2 / np.asarray(self.dc2)
+
+    def sliding_at(self, velocity: float) -> "Fault":
+        """Fault without cut-off velocities that has the same slopes of friction in steady sliding at V [m/s].
+
+        Its direct effect is A = ∂μ/∂ln V = a/(1 + V/V1), its evolution effects are B = ∂μ/∂ln θ = b/(1 + V/V2) and
+        b2/(1 + V/V2).
+        """
+        direct, state = 1 + velocity / self.v1, 1 + velocity / self.v2
+        return self._replace(a=self.a / direct, b=self.b / state, b2=self.b2 / state, v1=np.inf, v2=np.inf)
+
+    @property
+    def dips(self) -> bool:
+        """Whether slip is in-plane and reaches a free surface, so that it changes the normal stress."""
+        return self.shear == "in-plane" and self.boundary == "surface"
+
+    @property
+    def sense(self) -> int:
+        """1 for a thrust fault, −1 for a normal fault."""
+        return SENSES[self.slip]
+
+    def normal_at(self, time: float, excess_slip: np.ndarray | None = None) -> np.ndarray:
+        """Effective normal stress at a time [s] (N,) [Pa], with the change due to slip minus plate motion [m]."""
+        slipped = 0.0 if excess_slip is None else self.transfer.tractions(excess_slip)[1]
+        return sum((change.change(self.depth, time) for change in self.changes), self.normal + slipped)
+
+    def state_shift(self, normal: np.ndarray) -> np.ndarray:
+        """Decrease of ln θ due to all changes of the normal stress until it has values σ (N,).
+
+        (α/b) ln(σ/σ₀), from θ' = … − (α/b) θ σ'/σ (Linker and Dieterich 1992, doi:10.1029/92JB00017).
+        """
+        if not self.alpha:
+            return np.zeros(len(self.depth))
+        effect = np.where(self.evolution > 0, self.evolution, np.inf)
+        return self.alpha / effect * np.log(normal / self.normal)
+
+    @property
+    def width(self) -> float:
+        """Length of all cells [m]."""
+        return self.cell * len(self.depth)
+
+    @property
+    def transfer(self) -> StressTransfer:
+        """Map from slip to shear and normal stress."""
+        size = len(self.depth), self.cell, self.modulus
+        if self.dips:
+            return stress_transfer(*size, "infinite", dip=self.dip, sense=self.sense)
+        return stress_transfer(*size, self.boundary, self.thickness)
+
+
+@checked
+def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None, **more) -> Fault:
+    """Fault whose properties vary piecewise linearly with depth.
+
+    Parameters
+    ----------
+    width : length of the part with rate-and-state friction; the rest of its plane slips at the plate rate [m]
+    cell : length of a cell; the width must be a whole number of them [m]
+    a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
+        interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
+        `b2` and `dc2`, for which both must be given, belong to a second state variable, see `RateState`
+    more : the other fields of `Fault`
+
+    Raises
+    ------
+    ValueError
+        if a parameter is not valid, or if cells are longer than a third of the cohesive length.
+
+    Examples
+    --------
+    The first benchmark problem of the SEAS initiative (Erickson et al. 2020, doi:10.1785/0220190248):
+
+    >>> a = [(15e3, 0.010), (18e3, 0.025)]
+    >>> fault = line_fault(40e3, 100.0, a=a, b=0.015, dc=8e-3, normal=50e6)
+    >>> fault
+    Fault: antiplane, 400 cells of 100 m, aging law
+    """
+    number = _count_cells(width, cell)
+    if unknown := set(more) - set(Fault._fields):
+        raise ValueError(f"{min(unknown)!r} was given: the other fields of a fault are {', '.join(Fault._fields[6:])}")
+    depth = (np.arange(number) + 0.5) * cell
+    given = {"a": a, "b": b, "dc": dc, "normal": normal, "b2": b2, "dc2": 1.0 if dc2 is None else dc2}
+    profiles = {name: profile(name, value, depth) for name, value in given.items()}
+    if dc2 is None and (profiles["b2"] > 0).any():
+        raise ValueError("b2 was given without dc2: a second state needs its characteristic slip")
+    fault = Fault(depth, cell=cell, **profiles, **more)
+    check_fault(fault)
+    return fault
+
+
+@checked
+def _count_cells(width: float, cell: float) -> int:
+    require_positive(width=width, cell=cell)
+    if not width / cell <= MOST_CELLS:
+        raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use at most {MOST_CELLS:,} cells")
+    number = round(width / cell)
+    if number < 3 or abs(number * cell - width) > 1e-6 * width:
+        raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use a width of at least three whole cells")
+    return number
+
+
+def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
+    """Values of a property at depths, from a number or from pairs (depth, value)."""
+    try:
+        points = np.asarray(value, float)
+    except (TypeError, ValueError):
+        points = None
+    if points is None or value is None or isinstance(value, str):
+        raise ValueError(f"{name} = {quoted(value)} was given: use a number, or pairs of depth and value")
+    if points.ndim == 0:
+        points = np.array([[0.0, float(points)]])
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
+        raise ValueError(f"{name} has shape {points.shape}: use a number, or pairs of depth and value")
+    if not np.isfinite(points).all():
+        raise ValueError(f"{name} contains {points[~np.isfinite(points)][0]}: use finite depths and values")
+    if (points[:, 0] < 0).any():
+        raise ValueError(f"{name} has a depth of {points[:, 0].min():g}: depths are counted from 0 downwards")
+    if (np.diff(points[:, 0]) < 0).any():
+        wrong = points[1:, 0][np.diff(points[:, 0]) < 0][0]
+        raise ValueError(f"the depths of {name} are not in order at {wrong:g}: sort them from the surface downwards")
+    return np.interp(depth, points[:, 0], points[:, 1])
+
+
+def check_fault(fault: Fault) -> None:
+    """Raise ValueError with one sentence if a fault is not valid, or if its cells are too long."""
+    fault.check_entries()
+    for name in ("a", "dc", "normal", "dc2"):
+        _check_values(name, getattr(fault, name), positive=True)
+    for name in ("b", "b2"):
+        _check_values(name, getattr(fault, name), positive=False)
+    require_positive(v0=fault.v0, shear_modulus=fault.shear_modulus)
+    for name in ("plate_rate", "alpha"):
+        if not (getattr(fault, name) >= 0 and np.isfinite(getattr(fault, name))):
+            raise ValueError(f"{name} = {getattr(fault, name)} was given: use a finite number that is not negative")
+    if fault.alpha > 0 and not (fault.evolution > 0).all():
+        raise ValueError(f"alpha = {fault.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
+    for change in fault.changes:
+        change.check()
+    if not fault.wave_speed > 0:
+        raise ValueError(f"wave_speed = {fault.wave_speed} was given: it must be positive")
+    if not -1 < fault.poisson < 0.5:
+        raise ValueError(f"poisson = {fault.poisson} was given: use a number between −1 and 0.5")
+    for name in ("v1", "v2"):
+        if not getattr(fault, name) > 0:
+            raise ValueError(
+                f"{name} = {getattr(fault, name)} was given: use a positive velocity, or inf for no cut-off"
+            )
+    if fault.form == "regularized" and any(fault.cuts):
+        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+    if not np.isfinite(fault.mu0):
+        raise ValueError(f"mu0 = {fault.mu0} was given: use a finite number")
+    _check_geometry(fault)
+    _check_cells(fault)
+
+
+def _check_values(name: str, values, *, positive: bool) -> None:
+    values = np.atleast_1d(np.asarray(values, float))
+    bad = ~np.isfinite(values) | ((values <= 0) if positive else (values < 0))
+    if bad.any():
+        allowed = "positive, finite values" if positive else "finite values that are not negative"
+        raise ValueError(f"{name} = {values[bad][0]:g} was given: use {allowed}")
+
+
+def check_normal(fault: Fault, until: float) -> None:
+    """Raise ValueError if the effective normal stress up to `until` [s] is not positive, or too large for the cells."""
+    breaks = [time for change in fault.changes for time in change.breaks if time <= until]
+    for time in sorted([*np.linspace(0.0, until, INSTANTS), *breaks]) if fault.changes else ():
+        normal = fault.normal_at(time)
+        if not normal.min() > 0:
+            raise ValueError(
+                f"the effective normal stress falls to {normal.min():.4g} Pa at {fault.depth[normal.argmin()]:g} m "
+                f"after {time:.4g} s: use smaller changes, or a larger normal stress"
+            )
+        _check_cells(fault._replace(normal=normal))
+
+
+def _check_geometry(fault: Fault) -> None:
+    if fault.shear == "in-plane" and fault.boundary == "periodic":
+        raise ValueError("boundary = 'periodic' was given with in-plane shear: use 'surface' or 'infinite'")
+    if not 0 < fault.dip <= 90:
+        raise ValueError(
+            f"dip = {fault.dip:g} was given: use degrees above 0 and up to 90, and slip = 'thrust' or 'normal'"
+        )
+    if not fault.dips and (fault.dip != 90 or fault.slip != "thrust"):
+        raise ValueError(
+            f"dip = {fault.dip:g} and slip = {fault.slip!r} were given with {fault.shear} shear and boundary = "
+            f"{fault.boundary!r}: use in-plane shear and boundary = 'surface'"
+        )
+    number = len(fault.depth)
+    if fault.dips and image_nodes(number, fault.dip) * number > MOST_ENTRIES:
+        raise ValueError(
+            f"{number:,} cells were given for a fault with a dip of {fault.dip:g}°, which needs too much memory: use "
+            f"longer cells"
+        )
+    if fault.boundary == "periodic" and not (fault.thickness > 0 and np.isfinite(fault.thickness)):
+        raise ValueError(
+            f"thickness = {fault.thickness} was given: a periodic fault is loaded through plates, whose thickness must "
+            f"be positive and finite"
+        )
+
+
+def _check_cells(fault: Fault) -> None:
+    """Reject cells that do not resolve the tip of a rupture where friction weakens with velocity, slow or fast.
+
+    With cut-off velocities, A/B changes monotonically with velocity.
+    """
+    fast = fault.sliding_at(SEISMIC)
+    weak = (fault.a < fault.evolution) | (fast.a < fast.evolution)
+    if not weak.any():
+        return
+    length = fault.modulus / (fault.weakening * fault.normal)[weak]
+    name = "G D_c/(b σ)" if fault.states == 1 else "G/[(b/D_c + b2/D_c2) σ]"
+    if fault.cell > LONGEST_CELL * length.min() * (1 + 1e-9):
+        raise ValueError(
+            f"cell = {fault.cell:g} m was given, but the cohesive length {name} is {length.min():.4g} m: use "
+            f"cells of at most a third of it, {LONGEST_CELL * length.min():.4g} m"
+        )

@@ -1,0 +1,259 @@
+"""Simulation of sequences of earthquakes and aseismic slip on a straight fault.
+
+The time step follows from the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
+`python -m benchmarks fault` compares it with the solvers of SciPy at equal error.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ....core.arguments import check_types, checked, require_positive, require_shape
+from ....core.progress import Report, silent
+from ....core.readable import readable
+from .fault import Fault, check_fault, check_normal
+from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
+from .fault_state import FaultState, check_state, initial_state
+from .fault_step import EXPONENT, NUMBER, STAGES, Machine
+
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
+TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
+MOST_YEARS = 1e6  # some 10,000 earthquakes
+REPORTED = 2000  # steps between two reports
+# fields without M or P
+ALONE = ("fault", "station", "surface", "profile_depth", "events", "energy", "state", "steps", "rejected")
+
+
+@readable
+class Energy(NamedTuple):
+    """Energy balance of a simulation, per length along strike [J/m]: loading = frictional + radiated + elastic."""
+
+    loading: float  # work of the plates
+    frictional: float
+    radiated: float  # work of radiation damping
+    elastic: float  # increase of elastic energy
+
+    @property
+    def residual(self) -> float:
+        """Loading minus the other terms, over loading or dissipation: the error of the integration."""
+        largest = max(abs(self.loading), self.frictional + self.radiated)
+        return (self.loading - self.frictional - self.radiated - self.elastic) / largest
+
+
+@readable(head=lambda h: f"{len(h.events.start)} events in {h.state.time / YEAR:.6g} years, {h.steps} steps")
+class FaultHistory(NamedTuple):
+    """History of a fault: M samples at S stations, P profiles at R points, and events."""
+
+    fault: Fault
+    time: np.ndarray  # (M,) [s]
+    max_velocity: np.ndarray  # (M,) over the fault [m/s]
+    moment_rate: np.ndarray  # (M,) per length along strike [N/s]
+    station: np.ndarray  # (S,) depths, to which values are interpolated or extrapolated from centres of cells [m]
+    slip: np.ndarray  # (M, S) [m]
+    velocity: np.ndarray  # (M, S) [m/s]
+    stress: np.ndarray  # (M, S) frictional shear stress [Pa]
+    normal: np.ndarray  # (M, S) effective normal stress [Pa]
+    theta: np.ndarray  # (M, S) [s]
+    theta2: np.ndarray | None  # (M, S) second state, if the fault has one [s]
+    surface: np.ndarray  # (Q,) stations beside a dipping fault, distances from its trace [m]
+    horizontal: np.ndarray  # (M, Q) displacement at them, positive from the foot wall to the hanging wall [m]
+    down: np.ndarray  # (M, Q) vertical displacement, positive downwards [m]
+    horizontal_velocity: np.ndarray  # (M, Q) [m/s]
+    down_velocity: np.ndarray  # (M, Q) [m/s]
+    profile_time: np.ndarray  # (P,) [s]
+    profile_seismic: np.ndarray  # (P,) True within events
+    profile_max_velocity: np.ndarray  # (P,) [m/s]
+    profile_depth: np.ndarray  # (R,) [m]
+    profile_slip: np.ndarray  # (P, R) [m]
+    profile_stress: np.ndarray | None  # (P, R) shear stress on a dipping fault [Pa]
+    profile_normal: np.ndarray | None  # (P, R) effective normal stress on a dipping fault [Pa]
+    events: FaultEvents
+    energy: Energy
+    state: FaultState  # at the end
+    steps: int
+    rejected: int
+
+    check_entries = check_types
+
+
+@checked
+def simulate_fault(
+    fault: Fault,
+    years: float,
+    *,
+    start: FaultState | None = None,
+    recording: Recording | None = None,
+    tolerance: float = TOLERANCE,
+    report: Report = silent,
+) -> FaultHistory:
+    """Simulate earthquakes and aseismic slip.
+
+    Equations (1)–(12) of the SEAS benchmark problem BP1-QD (Erickson et al. 2020, doi:10.1785/0220190248), with any
+    properties along the fault.
+
+    Parameters
+    ----------
+    years : the simulation ends with the first step after this time of 365.25 days that is not in an event
+    start : default: `initial_state(fault)`; with the `state` of a history, that simulation is continued bit for bit
+    recording : what is recorded; default: no stations, profiles of slip every 5 years and every second of an event
+    tolerance : error of each step in slip over D_c, and in ln θ
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    ValueError
+        if a parameter is not valid.
+    RuntimeError
+        if the step becomes too small; the message is one sentence.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> fault = friction.line_fault(10e3, 100.0, a=0.02, b=0.015, dc=8e-3, normal=50e6)
+    >>> len(friction.simulate_fault(fault, 10.0).events.start)
+    0
+    """
+    check_fault(fault)
+    require_positive(years=years, tolerance=tolerance)
+    if years > MOST_YEARS:
+        raise ValueError(f"years = {years:g} was given: use at most {MOST_YEARS:g}")
+    check_normal(fault, years * YEAR)
+    recording = recording or Recording()
+    check_recording(fault, recording)
+    state = initial_state(fault) if start is None else start
+    check_state(fault, state)
+    recorder = Recorder(fault, recording, state.sampled, state.prestress)
+    if start is None or not np.isfinite(state.sampled[0]):
+        recorder.begin(_moment(fault, state))
+    with threadpool_limits(1, "blas"):  # products with tables of a few hundred rows
+        end, steps, rejected = _integrate(fault, state, years * YEAR, recorder, tolerance, report)
+    return _history(fault, recorder, state, end, steps, rejected)
+
+
+def check_recording(fault: Fault, recording: Recording) -> None:
+    """Raise ValueError if stations or intervals are not valid."""
+    intervals = recording._asdict()
+    stations, surface = (np.asarray(intervals.pop(name), float) for name in ("stations", "surface"))
+    require_positive(**intervals)
+    outside = ~((stations >= 0) & (stations <= fault.width))
+    if outside.any():
+        raise ValueError(f"a station at {stations[outside][0]:g} m was given: use depths from 0 to {fault.width:g} m")
+    if len(surface) and not fault.dips:
+        raise ValueError("stations at the surface were given: use in-plane shear and boundary = 'surface'")
+    if not (np.isfinite(surface) & (surface != 0)).all():
+        raise ValueError(
+            f"surface = {recording.surface} was given: use finite distances from the trace, and 0.01 and −0.01 m "
+            f"instead of 0 for its two sides"
+        )
+    if recording.threshold <= fault.plate_rate:
+        raise ValueError(
+            f"threshold = {recording.threshold:g} m/s was given, and the plates move at {fault.plate_rate:g} m/s: "
+            f"use a larger threshold, such as 1e-3"
+        )
+
+
+def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder, tolerance: float, report):
+    """Take steps to the end; return the last state and the numbers of steps and of rejected ones."""
+    machine = Machine(fault, state.prestress)
+    y, w = state.unknowns, state.log_velocity.copy()
+    stages, powers = np.empty((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3))
+    require_shape(y.shape, rates=state.rates)
+    stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
+    trial, w_trial = np.empty_like(y), w.copy()
+    time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
+    now, breaks = _moment(fault, state), _breaks(fault)
+    longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
+    while time < until or recorder.event is not None:
+        w_trial[:] = w
+        h = min(h, longest)
+        then, stop = time + h, breaks[np.searchsorted(breaks, time, side="right")]
+        if then > stop:
+            h, then = stop - time, stop
+        error = machine.step(y, w_trial, stages, powers, h, trial, time) / tolerance
+        if not error <= 1.0:
+            rejected += 1
+            h *= max(LEAST, SAFETY * error**-EXPONENT) if np.isfinite(error) else LEAST
+            if time + h == time:
+                raise RuntimeError(_too_small(fault, time, y[0]))
+            continue
+        energy += h * (STAGES[-1] @ powers[:-1])
+        time, steps = then, steps + 1
+        y, trial, w, w_trial = trial, y, w_trial, w
+        stages[0], powers[0] = stages[-1], powers[-1]
+        error = max(error, 1e-4)
+        h *= min(MOST, max(LEAST, SAFETY * (error**-0.7 * last**0.4) ** EXPONENT))
+        last = error
+        before, now = (
+            now,
+            Moment(
+                time, y[0].copy(), stages[0, 0].copy(), y[1:], w, fault.v0 * float(np.exp(w.max())), float(energy[2])
+            ),
+        )
+        recorder.step(before, now)
+        if steps % REPORTED == 0:
+            text = f"{time / YEAR:.1f} years, fastest slip {now.fastest:.1e} m/s"
+            report("fault", min(1.0, time / until), text)
+    end = FaultState(
+        time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
+        recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None,
+    )  # fmt: skip
+    return end, steps, rejected
+
+
+def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
+    """Sentence for a step that became too small."""
+    normal = fault.normal_at(time, excess_slip)
+    if normal.min() > 1e-3 * fault.normal.min():
+        return f"the time step became too small at {time / YEAR:g} years: use shorter cells"
+    place = f"{fault.depth[normal.argmin()]:g} m"
+    return f"slip opens the fault at {place} after {time / YEAR:g} years: use a larger normal stress there"
+
+
+def _breaks(fault: Fault) -> np.ndarray:
+    """Times at which steps end, because the normal stress is not smooth there; the last one is infinite."""
+    return np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
+
+
+def _moment(fault: Fault, state: FaultState) -> Moment:
+    fastest = fault.v0 * float(np.exp(state.log_velocity.max()))
+    u, *states = state.unknowns
+    return Moment(state.time, u, state.rates[0], np.array(states), state.log_velocity, fastest, state.energy[2])
+
+
+def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultState, steps: int, rejected: int):
+    stations, points = recorder.stations.depth, recorder.profile.depth
+    columns = list(zip(*recorder.samples, strict=True)) or [()] * 10
+    series = [np.array(column, float) for column in columns[:3]]
+    shape, surface = (len(series[0]), len(stations)), np.array(recorder.wanted.surface, float)
+    tables = [np.array(column, float).reshape(shape) for column in columns[3:7]]
+    moved = np.array(columns[7:9], complex).reshape(2, shape[0], len(surface))
+    moved = moved[0].real, moved[0].imag, moved[1].real, moved[1].imag
+    thetas = [*np.array(columns[9], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1), None][:2]
+    times, seismic, fastest, *tables_of = list(zip(*recorder.profiles, strict=True)) or [()] * 6
+    profiles = [np.array(table, float).reshape(len(times), -1 if times else len(points)) for table in tables_of]
+    width = len(FaultEvents._fields)
+    events = FaultEvents(*np.array(recorder.events, float).reshape(-1, width).T)
+    work = end.energy - start.energy
+    energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
+    return FaultHistory(
+        fault, *series, stations, *tables, *thetas, surface, *moved, np.array(times, float), np.array(seismic, bool),
+        np.array(fastest, float), points, profiles[0], *(profiles[1:] if fault.dips else (None, None)), events,
+        energy, end, steps, rejected,
+    )  # fmt: skip
+
+
+def join_histories(parts: list[FaultHistory]) -> FaultHistory:
+    """Join consecutive histories, each of which continued the one before it."""
+    first, last = parts[0], parts[-1]
+    along = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in FaultHistory._fields
+        if name not in ALONE and getattr(first, name) is not None
+    }
+    events = FaultEvents(*(np.concatenate(column) for column in zip(*(part.events for part in parts), strict=True)))
+    energy = Energy(*(sum(terms) for terms in zip(*(part.energy for part in parts), strict=True)))
+    return first._replace(
+        **along, events=events, energy=energy, state=last.state, steps=sum(p.steps for p in parts),
+        rejected=sum(p.rejected for p in parts),
+    )  # fmt: skip

@@ -1,0 +1,258 @@
+"""What a simulation of a fault records: samples at stations, slip profiles and events."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.readable import pluralize, readable
+from ....core.units import YEAR
+from .fault import Fault
+from .fault_state import frictional_stress
+from .half_space import surface_displacement
+
+CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
+ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
+
+
+@readable
+class Recording(NamedTuple):
+    """Choice of stations, intervals and thresholds of a recording."""
+
+    stations: tuple[float, ...] = ()  # depths of the time series [m]
+    surface: tuple[float, ...] = ()  # stations at the surface, distances from the trace, > 0: hanging wall [m]
+    threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
+    quiet_sampling: float = 0.1 * YEAR  # between samples, and longest step if the normal stress changes [s]
+    seismic_sampling: float = 0.1  # within events [s]
+    quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
+    seismic_profiles: float = 1.0
+    spacing: float = 500.0  # of the points of a profile [m]
+
+
+@readable(head=lambda events: pluralize(len(events.start), "event"))
+class FaultEvents(NamedTuple):
+    """Earthquakes (E,): intervals in which the maximum slip velocity exceeds the threshold."""
+
+    start: np.ndarray  # [s]
+    end: np.ndarray  # [s]
+    depth: np.ndarray  # of the fastest cell when the threshold is reached [m]
+    nucleation_length: np.ndarray  # around it, with at least a tenth of the largest slip velocity [m]
+    top: np.ndarray  # shallowest and deepest points at which slip reached the threshold velocity [m]
+    bottom: np.ndarray  # [m]
+    max_velocity: np.ndarray  # [m/s]
+    surface_velocity: np.ndarray  # largest of the first cell [m/s]
+    max_slip: np.ndarray  # [m]
+    surface_slip: np.ndarray  # of the first cell [m]
+    moment: np.ndarray  # G × slip, integrated over depth: moment per length along strike [N]
+    radiated: np.ndarray  # radiated energy per length along strike [J/m]
+
+    @property
+    def recurrence(self) -> np.ndarray:
+        """Times between the starts of events (E − 1,) [s]."""
+        return np.diff(self.start)
+
+
+class Points(NamedTuple):
+    """Linear interpolation from the cells to points."""
+
+    depth: np.ndarray  # (P,) [m]
+    cells: np.ndarray  # (P, 2)
+    weights: np.ndarray  # (P, 2)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Values (P,) at the points."""
+        return (values[self.cells] * self.weights).sum(axis=1)
+
+
+def points(fault: Fault, depths) -> Points:
+    """Prepare the interpolation to points.
+
+    Values are even about a free surface, where two cells determine a parabola, or linear for in-plane shear; otherwise
+    they are constant beyond the last centres.
+    """
+    depths = np.atleast_1d(np.asarray(depths, float))
+    last = len(fault.depth) - 2
+    place = depths / fault.cell - 0.5
+    first = np.clip(np.floor(place).astype(int), 0, last)
+    share = np.clip(place - first, 0.0, 1.0)
+    if fault.dips:
+        share = np.minimum(place - first, 1.0)
+    elif fault.boundary == "surface":
+        share = np.where(place < 0, (depths / fault.cell) ** 2 / 2 - 0.125, share)
+    return Points(depths, np.stack([first, first + 1], axis=1), np.stack([1 - share, share], axis=1))
+
+
+def origin_of_value(fault: Fault, depth: float) -> str:
+    """From which cells the values at a depth come, and how, in words."""
+    at = points(fault, depth)
+    places, weights = fault.depth[at.cells[0]], at.weights[0]
+    cells = f"cells at {places[0]:g} and {places[1]:g} m"
+    if (weights >= 0).all():
+        used = places[weights > 0]
+        if len(used) == 2:
+            return f"interpolated linearly between {cells}"
+        return f"those of the cell at {used[0]:g} m"
+    curve = "linearly" if fault.dips else "along the parabola, even about the free surface,"
+    return f"extrapolated {curve} from {cells}"
+
+
+class Surface:
+    """Displacement of Q stations at the surface beside a dipping fault, whose sides move apart at the plate rate.
+
+    Both sides move as rigid bodies by half the plate motion each, and slip in excess of it deforms them (SEAS benchmark
+    problem BP3-QD, equation 4).
+    """
+
+    def __init__(self, fault: Fault, places):
+        places, edges = np.array(places, float), np.arange(len(fault.depth) + 1) * fault.cell
+        self._moved = fault.sense * surface_displacement(places, edges, fault.dip)
+        side = np.where(places < 0, 0.5, -0.5)
+        self._rigid = fault.sense * fault.plate_rate * side * np.exp(1j * np.radians(fault.dip))
+
+    def __call__(self, excess_slip: np.ndarray, time: float) -> np.ndarray:
+        """Horizontal displacement, positive from foot to hanging wall, and i times the downward one (Q,)."""
+        return self._moved @ excess_slip + self._rigid * time
+
+
+class Moment(NamedTuple):
+    """The fault after an accepted step."""
+
+    time: float
+    excess_slip: np.ndarray
+    rate: np.ndarray  # of the excess slip
+    log_states: np.ndarray  # (S, N) of its one or two states, plus their shift
+    log_velocity: np.ndarray
+    fastest: float  # maximum slip velocity
+    radiated: float
+
+
+class Recorder:
+    """Lists that grow during a simulation."""
+
+    def __init__(self, fault: Fault, wanted: Recording, sampled, prestress: np.ndarray):
+        self.fault, self.wanted, self.sampled, self.prestress = fault, wanted, np.array(sampled, float), prestress
+        self.stations = points(fault, wanted.stations)
+        self.surface = Surface(fault, wanted.surface)
+        self.profile = points(fault, np.arange(0.0, fault.width + 1e-6 * fault.cell, wanted.spacing))
+        self.samples: list[tuple] = []
+        self.profiles: list[tuple] = []
+        self.events: list[tuple] = []
+        self.event: dict | None = None  # the event under way
+
+    def begin(self, now: Moment) -> None:
+        """Record the start of a simulation."""
+        self._sample(now)
+        self._add_profile(now.time, False, now.fastest, now.excess_slip, now.rate)
+
+    def step(self, before: Moment, now: Moment) -> None:
+        """Record what an accepted step calls for."""
+        seismic = now.fastest >= self.wanted.threshold
+        if self.event is None:
+            self._quiet_profiles(before, now, self._crossing(before, now) if seismic else now.time)
+            if seismic:
+                self._begin_event(before, now)
+        else:
+            np.maximum(self.event["peak"], now.log_velocity, out=self.event["peak"])
+            self.event["fastest"] = max(self.event["fastest"], now.fastest)
+        if self.event is not None:
+            self._seismic_profiles(before, now, self.event["start"])
+            if not seismic:
+                self._end_event(before, now)
+        pause = self.wanted.seismic_sampling if seismic else self.wanted.quiet_sampling
+        if now.time - self.sampled[0] >= pause or abs(np.log10(now.fastest) - self.sampled[1]) > CHANGE:
+            self._sample(now)
+
+    def _sample(self, now: Moment) -> None:
+        fault, at = self.fault, self.stations
+        w = at(now.log_velocity)
+        clamped = fault.transfer.tractions(now.excess_slip)[1] if fault.dips else np.zeros(len(fault.depth))
+        every = fault.normal_at(now.time) + clamped
+        normal = sum((change.change(at.depth, now.time) for change in fault.changes), at(fault.normal + clamped))
+        states = now.log_states - fault.state_shift(every)
+        stress = self._strength(now, every, states)
+        rate = fault.shear_modulus * fault.cell * fault.v0 * float(np.exp(now.log_velocity).sum())
+        slip = at(now.excess_slip) + fault.plate_rate * now.time
+        slips = fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)
+        thetas = [at(dc) / fault.v0 * np.exp(at(s)) for dc, s in zip(slips, states, strict=False)]
+        moved = self.surface(now.excess_slip, now.time), self.surface(now.rate, 1.0)
+        self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, normal, *moved, thetas))
+        self.sampled[:] = now.time, np.log10(now.fastest)
+
+    def _strength(self, now: Moment, normal: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Frictional stress at the stations."""
+        at = self.stations
+        if not len(at.depth):
+            return np.zeros(0)
+        fault = self.fault._replace(normal=normal)
+        return at(frictional_stress(fault, now.log_velocity, states, np.unique(at.cells)))
+
+    def _add_profile(self, time: float, seismic: bool, fastest: float, excess: np.ndarray, rate: np.ndarray) -> None:
+        """Append slip, and the stresses on a dipping fault."""
+        fault, at = self.fault, self.profile
+        stress, normal = np.zeros((2, 0))
+        if fault.dips:
+            shear, clamped = fault.transfer.tractions(excess)
+            stress = at(self.prestress + shear - fault.damping * (rate + fault.plate_rate))
+            normal = at(fault.normal_at(time) + clamped)
+        self.profiles.append((time, seismic, fastest, at(excess) + fault.plate_rate * time, stress, normal))
+
+    def _quiet_profiles(self, before: Moment, now: Moment, until: float) -> None:
+        pause = self.wanted.quiet_profiles
+        self._profiles(before, now, (np.floor(before.time / pause) + 1) * pause, until, seismic=False)
+
+    def _seismic_profiles(self, before: Moment, now: Moment, start: float) -> None:
+        pause = self.wanted.seismic_profiles
+        done = np.floor((before.time - start) / pause) + 1 if before.time >= start else 0
+        self._profiles(before, now, start + done * pause, now.time, seismic=True)
+
+    def _profiles(self, before: Moment, now: Moment, first: float, until: float, *, seismic: bool) -> None:
+        """Append profiles at `first` and at the following intervals up to `until`, interpolated within the step."""
+        pause = self.wanted.seismic_profiles if seismic else self.wanted.quiet_profiles
+        for k in range(int(np.floor((until - first) / pause)) + 1 if until >= first else 0):
+            time = first + k * pause
+            share = (time - before.time) / (now.time - before.time)
+            fastest = before.fastest ** (1 - share) * now.fastest**share
+            self._add_profile(time, seismic, fastest, hermite(before, now, share), hermite_rate(before, now, share))
+
+    def _crossing(self, before: Moment, now: Moment) -> float:
+        """Time at which the maximum slip velocity crosses the threshold, interpolated in ln V."""
+        share = np.log(self.wanted.threshold / before.fastest) / np.log(now.fastest / before.fastest)
+        return before.time + (now.time - before.time) * float(np.clip(share, 0.0, 1.0))
+
+    def _begin_event(self, before: Moment, now: Moment) -> None:
+        place = int(np.argmax(now.log_velocity))
+        fast = now.log_velocity >= now.log_velocity[place] + np.log(ZONE)
+        low = place - int(np.argmin(fast[place::-1])) if not fast[: place + 1].all() else -1
+        high = place + int(np.argmin(fast[place:])) if not fast[place:].all() else len(fast)
+        self.event = {
+            "start": self._crossing(before, now), "excess": before.excess_slip.copy(), "from": before.time,
+            "peak": now.log_velocity.copy(), "depth": self.fault.depth[place], "fastest": now.fastest,
+            "zone": (high - low - 1) * self.fault.cell, "radiated": before.radiated,
+        }  # fmt: skip
+
+    def _end_event(self, before: Moment, now: Moment) -> None:
+        fault, event = self.fault, self.event
+        assert event is not None
+        slip = now.excess_slip - event["excess"] + fault.plate_rate * (now.time - event["from"])
+        velocity = fault.v0 * np.exp(event["peak"])
+        moved = fault.depth[velocity >= self.wanted.threshold]
+        self.events.append(
+            (
+                event["start"], self._crossing(before, now), event["depth"], event["zone"],
+                moved[0] - 0.5 * fault.cell, moved[-1] + 0.5 * fault.cell, event["fastest"], velocity[0], slip.max(),
+                slip[0], fault.shear_modulus * fault.cell * slip.sum(), now.radiated - event["radiated"],
+            )
+        )  # fmt: skip
+        self.event = None
+
+
+def hermite(before: Moment, now: Moment, x: float) -> np.ndarray:
+    """Excess slip within a step, from slip and its rate at both ends."""
+    h = now.time - before.time
+    change = now.excess_slip - before.excess_slip
+    return before.excess_slip + change * x * x * (3 - 2 * x) + h * x * (1 - x) * ((1 - x) * before.rate - x * now.rate)
+
+
+def hermite_rate(before: Moment, now: Moment, x: float) -> np.ndarray:
+    """Rate of the excess slip within a step: the derivative of `hermite` in time."""
+    change = (now.excess_slip - before.excess_slip) / (now.time - before.time)
+    return 6 * change * x * (1 - x) + (1 - x) * (1 - 3 * x) * before.rate + x * (3 * x - 2) * now.rate

@@ -1,0 +1,248 @@
+"""State of a fault between two steps: all that is needed to continue a simulation bit for bit."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import Values, checked, require_positive, require_shape
+from ....core.readable import readable
+from ....core.units import in_readable_units
+from . import laws
+from .fault import Fault, check_fault
+from .fault_step import Machine
+
+LARGEST = 300.0  # greatest logarithm of a state
+
+
+def _head(state) -> str:
+    (time,), unit = in_readable_units([state.time], "s")
+    return f"{len(state.excess_slip)} cells at {time:.6g} {unit}"
+
+
+@readable(head=_head)
+class FaultState(NamedTuple):
+    """A fault at one time. `simulate_fault` continues from it exactly as if it had not stopped."""
+
+    time: float  # [s]
+    excess_slip: np.ndarray  # (N,) slip minus plate motion since the start, δ − V_p t [m]
+    log_state: np.ndarray  # (N,) ln(V0 θ/D_c), plus `Fault.state_shift` if the normal stress acts on the state
+    log_velocity: np.ndarray  # (N,) ln(V/V0), with the reference velocity V0 = `fault.v0`
+    prestress: np.ndarray  # (N,) shear stress at the start [Pa]
+    rates: np.ndarray  # (V, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
+    power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
+    energy: np.ndarray  # (3,) their integrals since the start [J/m]
+    step: float  # proposed for the next step [s]
+    error: float  # of the last step, over the tolerance
+    sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
+    log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
+
+    @property
+    def unknowns(self) -> np.ndarray:
+        """Excess slip, and the logarithm of each state: the variables that are integrated (1 + S, N)."""
+        second = [] if self.log_state2 is None else [self.log_state2]
+        return np.array([self.excess_slip, self.log_state, *second])
+
+    def slip(self, fault: Fault) -> np.ndarray:
+        """Slip since the start (N,) [m]."""
+        return self.excess_slip + fault.plate_rate * self.time
+
+    def velocity(self, fault: Fault) -> np.ndarray:
+        """Slip velocity (N,) [m/s]."""
+        return fault.v0 * np.exp(self.log_velocity)
+
+    def normal(self, fault: Fault) -> np.ndarray:
+        """Effective normal stress (N,) [Pa]."""
+        return fault.normal_at(self.time, self.excess_slip)
+
+    def theta(self, fault: Fault) -> np.ndarray:
+        """State variable θ (N,) [s]."""
+        return fault.dc / fault.v0 * np.exp(self.log_state - fault.state_shift(self.normal(fault)))
+
+    def theta2(self, fault: Fault) -> np.ndarray | None:
+        """Second state variable (N,) [s]; None if there is none."""
+        if self.log_state2 is None:
+            return None
+        return fault.dc2 / fault.v0 * np.exp(self.log_state2 - fault.state_shift(self.normal(fault)))
+
+    def stress(self, fault: Fault) -> np.ndarray:
+        """Shear stress that friction balances, τ₀ + τ(δ − V_p t) − η V (N,) [Pa]."""
+        return self.prestress + fault.transfer(self.excess_slip) - fault.damping * self.velocity(fault)
+
+    def elastic_energy(self, fault: Fault) -> float:
+        """Elastic energy per length along strike, relative to the start [J/m]."""
+        u = self.excess_slip
+        return float(-fault.cell * (u @ self.prestress + 0.5 * u @ fault.transfer(u)))
+
+
+def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
+    """Shear stress of steady sliding at one velocity, with radiation damping (N,) [Pa]."""
+    w = np.full(len(fault.depth), np.log(velocity / fault.v0))
+    return frictional_stress(fault, w, np.array([-w, -w])) + fault.damping * velocity
+
+
+def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.ndarray:
+    """Frictional stress σ f, from ln(V/V0) (N,) and the logarithms of the states (S, N).
+
+    Parameters
+    ----------
+    cells : those in which it is computed, it is zero elsewhere; default: all
+
+    Returns
+    -------
+    (N,) [Pa]
+    """
+    out, cells = np.zeros(len(fault.depth)), slice(None) if cells is None else cells
+    logs = np.array([log_velocity, log_states[0], log_states[-1]]).T[cells]
+    surface = np.array(np.broadcast_arrays(fault.a, fault.b, fault.b2, fault.mu0, *fault.cuts)).T[cells]
+    out[cells] = laws.friction(fault.form_code, logs, surface)
+    return fault.normal * out
+
+
+@checked
+def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | str | None = None) -> FaultState:
+    """State in which all cells slip at one velocity under a given shear stress; θ follows from the balance of stress.
+
+    A second state is in the same ratio to its steady state as the first one.
+
+    Parameters
+    ----------
+    velocity : default: the plate rate [m/s]
+    stress : a number or (N,), or "steady" for that of steady sliding of each cell; default: the steady stress at that
+        velocity in the deepest cell, as in the SEAS benchmark problems [Pa]
+
+    Raises
+    ------
+    ValueError
+        if the velocity or the stress is not positive, or if no θ balances the stress.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> a = [(15e3, 0.010), (18e3, 0.025)]
+    >>> fault = friction.line_fault(40e3, 100.0, a=a, b=0.015, dc=8e-3, normal=50e6)
+    >>> print(round(initial_state(fault).prestress[0] / 1e6, 6))
+    26.546122
+    """
+    check_fault(fault)
+    if velocity is None and not fault.plate_rate:
+        raise ValueError("plate_rate = 0 was given without a velocity at the start: give one, such as 1e-12 m/s")
+    velocity = fault.plate_rate if velocity is None else velocity
+    require_positive(velocity=velocity)
+    normal = fault.normal_at(0.0)
+    steady = steady_stress(fault._replace(normal=normal), velocity)
+    if isinstance(stress, str) and stress != "steady":
+        raise ValueError(f"stress = {stress!r} was given: use values in Pa, or 'steady'")
+    tau = np.asarray(steady[-1] if stress is None else steady if isinstance(stress, str) else stress, float)
+    if tau.shape not in ((), fault.depth.shape):
+        raise ValueError(f"stress has shape {tau.shape}: use a number, or one for each of the {len(fault.depth)} cells")
+    tau = np.array(np.broadcast_to(tau, fault.depth.shape))
+    strength = tau - fault.damping * velocity
+    if not (np.isfinite(strength).all() and (strength > 0).all()):
+        raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
+    w, n = np.log(velocity / fault.v0), len(fault.depth)
+    s = _log_state(fault, _state_terms(fault, w, strength / normal), fault.evolution, -w)
+    _check_balance(fault, s, tau, velocity, default=stress is None)
+    s = s + fault.state_shift(normal)
+    state = FaultState(
+        0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
+        1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
+        s.copy() if fault.states > 1 else None,
+    )  # fmt: skip
+    return with_rates(fault, state)
+
+
+def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
+    """Sum of the terms of the states with which friction has a given value at a slip velocity (N,)."""
+    x, cut = friction / fault.a, fault.cuts[0]
+    if fault.form == "regularized":
+        x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
+    return fault.a * (x - (-np.log(np.exp(-w) + cut) if cut else w)) - fault.mu0
+
+
+def _log_state(fault: Fault, term: np.ndarray, effect: np.ndarray, otherwise) -> np.ndarray:
+    """Logarithm of a state that adds `term` to friction (N,); NaN if none does, `otherwise` where it has no effect."""
+    cut2, acts = fault.cuts[1], effect > 0
+    s = term / np.where(acts, effect, 1.0)
+    if cut2:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            s = s + np.log1p(-cut2 * np.exp(-np.maximum(s, -LARGEST)))
+    return np.where(acts, s, otherwise)
+
+
+def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: float, *, default: bool = False) -> None:
+    wrong = ~(np.abs(s) < LARGEST)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        more = f", or v2 far above this velocity instead of {fault.v2:g} m/s" if fault.cuts[1] else ""
+        if default:
+            raise ValueError(
+                f"no initial stress was given, and that of steady sliding of the deepest cell, {stress[k]:.4g} Pa, "
+                f"cannot be balanced at {fault.depth[k]:g} m, where the normal stress is {fault.normal[k]:.4g} Pa: use "
+                f"stress = 'steady' for the steady stress of each cell, or values that vary with depth{more}"
+            )
+        change = "smaller" if s[k] > 0 else "larger"
+        raise ValueError(
+            f"no state balances the initial stress of {stress[k]:.4g} Pa at {fault.depth[k]:g} m with a slip velocity "
+            f"of {velocity:g} m/s: use a {change} stress{more}"
+        )
+
+
+@checked
+def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> FaultState:
+    """Change slip velocities at constant stress, by a change of θ; for studies of nucleation.
+
+    The first state changes, and the second one where the first has no effect (b = 0).
+
+    Parameters
+    ----------
+    log_velocity : change of ln V, a number or (N,)
+
+    Raises
+    ------
+    ValueError
+        if the state is not one of this fault, or if no θ balances the stress.
+    """
+    check_state(fault, state)
+    if np.ndim(log_velocity):
+        require_shape(fault.depth.shape, log_velocity=log_velocity)
+    w = state.log_velocity + np.broadcast_to(np.asarray(log_velocity, float), fault.depth.shape)
+    stress = state.prestress + fault.transfer(state.excess_slip)
+    strength = stress - fault.damping * fault.v0 * np.exp(w)
+    normal = state.normal(fault)
+    terms, shift = _state_terms(fault, w, strength / normal), fault.state_shift(normal)
+    effects = [fault.b, np.broadcast_to(fault.b2, fault.b.shape)][: fault.states]
+    cut2, states = fault.cuts[1], state.unknowns[1:] - shift
+    added = [effect * (np.log(np.exp(s) + cut2) if cut2 else s) for effect, s in zip(effects, states, strict=True)]
+    first = _log_state(fault, terms - sum(added[1:]), fault.b, states[0])
+    _check_balance(fault, first, stress, fault.v0 * float(np.exp(w.max())))
+    second = state.log_state2
+    if second is not None:
+        second = np.where(fault.b > 0, second, _log_state(fault, terms, effects[1], states[1]) + shift)
+    return with_rates(fault, state._replace(log_state=first + shift, log_state2=second, log_velocity=w))
+
+
+def check_state(fault: Fault, state: FaultState) -> None:
+    """Raise ValueError with one sentence if a state is not one of this fault."""
+    cells, states = len(fault.depth), 1 if state.log_state2 is None else 2
+    if len(state.excess_slip) != cells:
+        raise ValueError(f"the state has {len(state.excess_slip)} cells, and the fault {cells}: use one of this fault")
+    if states != fault.states:
+        raise ValueError(
+            f"the state has {states} state variable{'s' * (states > 1)}, and the fault {fault.states}: use one of this "
+            f"fault"
+        )
+    for name in ("excess_slip", "log_state", "log_state2", "log_velocity", "prestress"):
+        values = getattr(state, name)
+        if values is not None and not (np.shape(values) == (cells,) and np.isfinite(values).all()):
+            raise ValueError(f"{name} of the state is not an array of {cells} finite numbers: use a state as returned")
+
+
+def with_rates(fault: Fault, state: FaultState) -> FaultState:
+    """Return the state with velocities and rates that follow from slip, θ and stress."""
+    check_state(fault, state)
+    machine, w = Machine(fault, state.prestress), state.log_velocity.copy()
+    y, power = state.unknowns, np.zeros(3)
+    out = np.zeros_like(y)
+    if not machine.rates(y, w, out, power, state.time):
+        raise ValueError("no slip velocity balances the stress: check the initial stress and the parameters")
+    return state._replace(log_velocity=w, rates=out, power=power)

@@ -1,0 +1,355 @@
+"""Fits of rate-and-state parameters to records: least squares with correlated noise, intervals, and identifiability.
+
+Correlation of the residuals between samples is modelled as an autoregressive process, whose order is selected by BIC,
+and filtered out of both data and model (generalised least squares). Intervals and likelihood are those of the filtered
+problem.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ....core.arguments import checked
+from ....core.readable import readable
+from .identifiability import Estimates, covariance, estimate, without_intervals
+from .laws import EVOLUTIONS, FORMS
+from .model import DEFAULTS, FIT, LINEAR, NAMES, OWN, PLAIN, Data, model_friction, prepare
+from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
+from .outliers import TO_DEVIATION, find_spikes, noise_level, without
+from .problem import (
+    Task,
+    filtered_residual,
+    find_best,
+    find_open_sides,
+    jacobian,
+    parameters_of,
+    pieces,
+    residual,
+    solve,
+)
+from .ratestate import RateState
+
+MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
+MISFIT = (
+    "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is that "
+    "slow, and the data cannot tell which; the values are the best fit, but intervals cannot be given"
+)
+UNLIKE = (
+    "the residuals are not noise: filtered for its correlation, they are {:.2g} times the noise of the record, so that "
+    "the law, the stiffness or the motion of the load point does not describe these data; the values are the best fit, "
+    "but intervals cannot be given"
+)
+# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law; with
+# noise that is correlated over much of a leg, it may be exceeded by the right law, too
+MAX_EXCESS = 1.0
+# filtered residuals over noise: 0.8 to 1.1 for the right law, with correlated noise, too, and up to 1.31 with noise of
+# long tails (Student's t, 3 degrees of freedom); from 1.4 on if a stiffness is wrong by a factor of three
+MOST_REDUCED = 1.35
+ROUNDS = 3  # alternations between noise and parameters
+EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
+TINY = 1e-15  # smallest size of noise
+
+
+@readable
+class Fit(NamedTuple):
+    """Fitted parameters of one law. Parameters that the data do not determine are NaN; `sentence` says what to fix."""
+
+    law: str
+    names: tuple[str, ...]  # of the m free parameters; "mu0[2]" belongs to the second data set
+    values: dict  # name → value
+    errors: dict  # name → standard error
+    intervals: dict  # name → (low, high), 95 %
+    covariance: np.ndarray  # (m, m), in the order of names; NaN for undetermined parameters
+    fixed: dict  # name → value, including v0
+    difference: tuple[float, float, float]  # a − b and its 95 % interval
+    identifiable: bool  # True if the data determine all parameters
+    adequate: bool  # True if the fit describes the record: residuals vary faster than the signal, and are as its noise
+    sentence: str
+    residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
+    models: tuple[np.ndarray, ...]  # friction of the model at all samples
+    sigma: float  # standard deviation of the noise (for sigma = 1 where sigma was given)
+    noise: np.ndarray  # autoregressive coefficients; empty for white noise
+    effective: float  # number of independent samples
+    innovations: np.ndarray  # filtered residuals over their size, for `compare_laws`
+    log_likelihood: float
+    aic: float
+    bic: float
+    evaluations: int
+    reduced: float = 1.0  # size of filtered residuals over that of the noise of the record
+    form: str = "logarithmic"
+    spikes: tuple[np.ndarray, ...] = ()  # numbers of the samples that were left out as spikes, for each data set
+
+    @property
+    def samples(self) -> int:
+        """Number of samples used."""
+        return len(self.innovations)
+
+    def rate_state(self, number: int = 1) -> RateState:
+        """Fitted parameters as a `RateState`, with mu0 of one of the data sets (counted from 1)."""
+        both = {**self.fixed, **self.values}
+        names = ("a", "b", "dc", "mu0", "v0", "alpha", *(name for name in PLAIN if name in both))
+        values = {name: both.get(name, both.get(f"{name}[{number}]")) for name in names}
+        return RateState(**values, law=self.law, form=self.form)
+
+
+@checked
+def fit(
+    data: Data | list[Data],
+    *,
+    law: str = "aging",
+    form: str = "logarithmic",
+    fixed: dict[str, float] | None = None,
+    free: Iterable[str] = (),
+    own: Iterable[str] = OWN,
+    windows=None,
+    noise: str = "correlated",
+) -> Fit:
+    """Fit a, b, D_c, μ0 and other free parameters to one or several records.
+
+    Least-squares fit of a law of `RateState`, plus trend × displacement and drift × time, over complete records: slider
+    and state are integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting
+    values come from a coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993,
+    doi:10.1029/93JB00780.
+
+    Parameters
+    ----------
+    data : one record, or several that share all parameters except those in `own`
+    law : "aging" or "slip"
+    form : "logarithmic" or "regularized", see `RateState`
+    fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, b2, dc2 (a second state, default
+        none), v1, v2 (cut-off velocities, default none), stiffness, damping, alpha, theta (initial state over the
+        steady one, default 1), trend (default 0), trend_length, over which it decays (default: never), and drift
+        [1/time] (default 0)
+    free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend"), ("trend", "trend_length")
+        for a trend that decays exponentially, or ("b2", "dc2") for two states
+    own : parameters with a separate value for each of several records
+    windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them. None
+        for all samples
+    noise : "correlated", or "white" if neighbouring samples are known to be independent
+
+    Returns
+    -------
+    Fit
+        with NaN and an explanation for parameters that these data do not determine. Spikes of the record, the same for
+        every law, are left out. Without intervals if the fit does not describe the record (`Fit.adequate`): if the
+        residuals vary as slowly as the signal, or if filtered for their correlation they exceed 1.35 times the noise,
+        the larger of that between neighbouring samples of the record and that of the bulk of the residuals.
+
+    Raises
+    ------
+    ValueError
+        if the input is not valid.
+    RuntimeError
+        if the slider runs away for all parameters tried.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> legs = friction.velocity_steps([1e-6, 1e-5], distance=2e-4)
+    >>> h = friction.spring_slider(
+    ...     friction.RateState(0.010, 0.006, 1e-5), friction.Spring(1e4), legs
+    ... )
+    >>> found = friction.fit(
+    ...     friction.Data(h.time, h.friction, legs), fixed={"stiffness": 1e4}
+    ... )
+    >>> print(round(found.values["a"], 6), round(found.values["b"], 6))
+    0.01 0.006
+    """
+    return build_fit(solve_fit(data, law=law, form=form, fixed=fixed, free=free, own=own, windows=windows, noise=noise))
+
+
+class Solution(NamedTuple):
+    """Best parameters of a task, with the noise."""
+
+    task: Task
+    x: np.ndarray
+    filters: tuple
+    evaluations: int
+    adequate: bool
+    reduced: float = 1.0
+    spikes: tuple[np.ndarray, ...] = ()
+
+
+@checked
+def solve_fit(
+    data: Data | list[Data], *, law: str = "aging", form: str = "logarithmic", fixed: dict[str, float] | None = None,
+    free: Iterable[str] = (), own: Iterable[str] = OWN, windows=None, noise: str = "correlated",
+) -> Solution:  # fmt: skip
+    """Find the best parameters; the arguments are those of `fit`."""
+    records = [data] if isinstance(data, Data) else list(data)
+    if not records:
+        raise ValueError("no data were given: give one record, or a list of them")
+    for name in own:
+        if name not in NAMES:
+            raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
+    cases = [prepare(record, windows) for record in records]
+    spikes = tuple(map(find_spikes, cases))
+    cases = [case._replace(used=without(case.used, left)) for case, left in zip(cases, spikes, strict=True)]
+    fixed, names = _check_parameters(cases, (law, form), dict(fixed or {}), tuple(free), noise)
+    task = _build_task(cases, (law, form), names, fixed, own)
+    x, evaluations = find_best(task)
+    filters, adequate, least = WHITE, True, x
+    if noise == "correlated":
+        x, filters, adequate, more = _fit_correlated(task, x)
+        evaluations += more
+    reduced = _reduced_residual(task, x, filters)
+    if reduced > MOST_REDUCED:
+        x, adequate = least, False
+    return Solution(task, x, filters, evaluations, adequate, reduced, spikes)
+
+
+def _reduced_residual(task: Task, x, filters) -> float:
+    """Size of the filtered residuals over the noise: that between samples, or that of their bulk if it is larger."""
+    rest = filtered_residual(task, x, filters)
+    noise = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
+    return float(np.sqrt(np.mean(rest**2))) / max(noise, TINY)
+
+
+def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
+    """Estimate parameters and noise alternately; return x, filters, whether residuals are noise, and evaluations.
+
+    Residuals are not noise if fewer than MIN_INDEPENDENT independent samples are left per parameter, or if filtering
+    has moved the estimate away from the least-squares one (under the correct law, the sum of squares exceeds its
+    minimum only by a fraction of order m/n_eff). The residuals then vary as slowly as the signal, and filtering them
+    removes the signal as well, so the ordinary least-squares estimate is returned.
+    """
+    x, evaluations = start, 0
+    rest = residual(task, x)
+    least = float(rest @ rest)
+    if np.sqrt(least / len(rest)) < EXACT * task.scatter:
+        return start, WHITE, True, 0
+    runs = pieces(task)
+    first = filters = autoregression([rest[run] for run in runs])
+    for _ in range(ROUNDS):
+        if effective_samples(filters, len(rest)) < MIN_INDEPENDENT * len(x):
+            return start, first, False, evaluations
+        solved = solve(task, x, filters)
+        x, evaluations = solved.x, evaluations + solved.nfev
+        rest = residual(task, x)
+        taken = [[column[run] for run in runs] for column in _absorbed_noise(task, x, filters)]
+        filters = autoregression([rest[run] for run in runs], taken=taken)
+    if (float(rest @ rest) / max(least, TINY) - 1) * effective_samples(filters, len(rest)) / len(x) > MAX_EXCESS:
+        return start, first, False, evaluations
+    return x, filters, True, evaluations
+
+
+def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
+    """(m, N) rows g with Σ g gᵀ = J C Jᵀ, the noise absorbed by the fit; C = (JᵀΣ⁻¹J)⁻¹ is that of the parameters."""
+    rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
+    size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
+    variance = float(rest @ rest) / (len(rest) - len(x))
+    return (rows @ (vectors * np.sqrt(variance * np.maximum(size, 0.0)))).T
+
+
+def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: str) -> tuple[dict, tuple[str, ...]]:
+    """Check the options; return all fixed values and the names of the free parameters."""
+    for name, value, allowed in zip(("law", "form"), laws, (EVOLUTIONS, FORMS), strict=True):
+        if value not in allowed:
+            raise ValueError(f"{name} = {value!r} was given: use {' or '.join(map(repr, allowed))}")
+    if noise not in ("correlated", "white"):
+        raise ValueError(f"noise = {noise!r} was given: use 'correlated' or 'white'")
+    for name in (*fixed, *free):
+        if name not in (*NAMES, "v0") or (name == "v0" and name in free):
+            raise ValueError(f"{name!r} was given: parameters are {', '.join(NAMES)}, and v0, which is always fixed")
+    for name in set(fixed) & set(free):
+        raise ValueError(f"{name} was given as both fixed and free: choose one")
+    for name, value in fixed.items():
+        least = -np.inf if name in LINEAR else 0.0
+        if (
+            not np.isfinite(value)
+            or value < least
+            or (value == 0 and name in ("a", "dc", "v0", "dc2", "v1", "v2", "stiffness", "theta", "trend_length"))
+        ):
+            raise ValueError(f"{name} = {value} was fixed: use a finite{'' if least < 0 else ', positive'} number")
+    names = tuple(name for name in NAMES if (name in FIT or name in free) and name not in fixed)
+    with_spring = any(case.legs is not None for case in cases)
+    if with_spring and "stiffness" not in (*fixed, *names):
+        raise ValueError("the stiffness is not known: give fixed={'stiffness': …} [1/length] or free=('stiffness',)")
+    if not with_spring and {"stiffness", "damping"} & set(free):
+        raise ValueError("the slip velocity was measured, so there is no spring: leave stiffness and damping out")
+    if "alpha" in names and not any(case.legs is not None and np.ptp(case.legs[2]) > 0 for case in cases):
+        raise ValueError("alpha cannot be fitted because the normal stress never changes in these data: leave it out")
+    if laws[1] == "regularized" and {"v1", "v2"} & {*fixed, *names}:
+        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+    if len({"b2", "dc2"} & {*fixed, *names}) == 1:
+        raise ValueError("a second state has two parameters, b2 and dc2: give both, each fixed or free")
+    if "trend_length" in {*fixed, *names} and "trend" not in {*fixed, *names}:
+        raise ValueError("trend_length was given without a trend: fit the trend as well (--detrend)")
+    if not names:
+        raise ValueError("nothing is left to fit: leave some of a, b, dc and mu0 out of `fixed`")
+    return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
+
+
+def _build_task(cases, laws: tuple[str, str], names, fixed: dict, own) -> Task:
+    several, slots, labels = len(cases) > 1, [{} for _ in cases], []
+    for name in names:
+        for number, slot in enumerate(slots):
+            if number == 0 or (several and name in own):
+                labels.append(f"{name}[{number + 1}]" if several and name in own else name)
+            slot[name] = len(labels) - 1
+    scatter = float(np.mean([np.std(case.friction[case.used]) for case in cases]))
+    samples = sum(int(case.used.sum()) for case in cases)
+    if samples < len(labels) + 4:
+        raise ValueError(f"{samples} samples cannot determine {len(labels)} parameters: use more data or fix some")
+    if all(np.ptp(case.friction[case.used]) == 0 for case in cases):
+        raise ValueError("friction never changes in these data: there is nothing to fit")
+    law, form = laws
+    return Task(cases, law, tuple(labels), slots, {k: v for k, v in fixed.items() if k not in names}, scatter, form)
+
+
+def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
+    """Size of the filtered noise, its degrees of freedom, and a factor that widens intervals.
+
+    Degrees of freedom that a fit takes from the independent samples are also missing in the estimate of slow noise.
+    """
+    rest, m = filtered_residual(task, x, filters), len(x)
+    n, independent = len(rest), effective_samples(filters, len(rest))
+    spare = max(independent - m, 1.0)
+    widening = float(np.sqrt(max(independent / spare * (n - m) / n, 1.0)))
+    return max(float(np.sqrt(rest @ rest / (n - m))), TINY), spare, widening
+
+
+def _evaluate(task: Task, x, filters) -> Estimates:
+    """Values with intervals and identifiability, for the noise described by the filters."""
+    size, spare, widening = noise_size(task, x, filters)
+    reach = float(stdtrit(spare, 0.975)) * widening
+    inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
+    wide = np.where(task.logs & ~blind, reach * np.sqrt(np.diag(inner)), 0.0)
+    sides = find_open_sides(task, x, filters, size * reach, wide)
+    return estimate(inner, blind, x, task.names, task.logs, reach, sides)
+
+
+def build_fit(solution: Solution) -> Fit:
+    """Compute intervals, likelihood and criteria for the best parameters."""
+    task, x, filters, evaluations, adequate, reduced, spikes = solution
+    reason = UNLIKE.format(reduced) if reduced > MOST_REDUCED else MISFIT
+    estimates = _evaluate(task, x, filters) if adequate else without_intervals(_evaluate(task, x, WHITE), reason)
+    rest = filtered_residual(task, x, filters)
+    n, peak = len(rest), max(float(np.sqrt(np.mean(rest**2))), TINY)
+    weights = sum(float(np.log(case.sigma[case.used]).sum()) for case in task.cases)
+    likelihood = -n * (0.5 * np.log(2 * np.pi) + 0.5 + np.log(peak)) - weights - log_head_volume(filters, pieces(task))
+    count = len(x) + 1 + len(filters[0])
+    models = tuple(
+        model_friction(case, parameters_of(task, x, k), task.law, task.form) for k, case in enumerate(task.cases)
+    )
+    gap = estimates.gap + task.fixed.get("a", 0.0) - task.fixed.get("b", 0.0)
+    return Fit(
+        law=task.law, names=task.names, values=estimates.values, errors=estimates.errors, intervals=estimates.intervals,
+        covariance=estimates.covariance, fixed=_fixed_values(task),
+        difference=(gap, gap - estimates.error, gap + estimates.error),
+        identifiable=estimates.identifiable, adequate=adequate, sentence=estimates.sentence,
+        residuals=tuple(case.friction - model for case, model in zip(task.cases, models, strict=True)), models=models,
+        sigma=peak * float(np.sqrt(n / (n - len(x)))) / (filters[1][0, 0] if len(filters[0]) else 1.0),
+        noise=filters[0], effective=effective_samples(filters, n), innovations=rest / peak, log_likelihood=likelihood,
+        aic=2 * count - 2 * likelihood, bic=count * np.log(n) - 2 * likelihood, evaluations=evaluations, form=task.form,
+        reduced=reduced, spikes=spikes,
+    )  # fmt: skip
+
+
+def _fixed_values(task: Task) -> dict:
+    """Fixed values that matter: those of the spring if there is one, and of variants of the law that differ from it."""
+    spring = any(case.legs is not None for case in task.cases)
+    plain = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
+    return {k: v for k, v in task.fixed.items() if k not in plain and (spring or k not in ("stiffness", "damping"))}

@@ -1,0 +1,268 @@
+"""Rate-and-state friction: a spring-slider under any load history, and friction at a prescribed slip velocity.
+
+μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), where the state θ follows the aging law (Dieterich 1979,
+doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359). Variants: a second state
+variable, cut-off velocities, and a form that is regular at rest.
+"""
+
+from collections.abc import Iterable
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import Series, check_types, checked, require_positive
+from ....core.readable import readable
+from . import slider
+from .laws import EVOLUTIONS, FORMS
+from .loads import LoadStep, check_times, leg_arrays
+
+EARLY, POINTS = 1e-5, 60  # default times of a leg: first fraction of it, and number on a logarithmic and a linear grid
+
+
+@readable
+class RateState(NamedTuple):
+    """Rate-and-state parameters of a surface.
+
+    μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c); aging law θ' = 1 − Vθ/D_c, slip law θ' = −(Vθ/D_c) ln(Vθ/D_c). If the normal
+    stress σ changes, −(α/b) θ σ'/σ is added to both (Linker and Dieterich 1992, doi:10.1029/92JB00017).
+
+    With b2, the term b2 ln(V0 θ2/D_c2) of a second state with the same evolution law is added (Ruina 1983; Gu et al.
+    1984, doi:10.1016/0022-5096(84)90007-3), and changes of σ act on both states, with α/(b + b2). With cut-off
+    velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2), so that the
+    direct effect ends above V1 and the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The
+    regularized form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith
+    2001, doi:10.1016/S0022-5096(01)00042-4).
+
+    Examples
+    --------
+    >>> RateState(0.0247, 0.0178, 5.3e-3, law="slip").alpha
+    0.0
+    """
+
+    a: float
+    b: float
+    dc: float  # [length]
+    mu0: float = 0.6
+    v0: float = 1e-6  # velocity at which steady friction is mu0 [length/time]
+    law: str = "aging"  # or "slip"
+    alpha: float = 0.0
+    form: str = "logarithmic"  # or "regularized"
+    b2: float = 0.0  # evolution effect of a second state
+    dc2: float = 1.0  # its characteristic slip; has no effect if b2 = 0 [length]
+    v1: float = np.inf  # cut-off velocity of the direct effect [length/time]
+    v2: float = np.inf  # cut-off velocity of the evolution effect [length/time]
+
+    check_entries = check_types
+
+
+@readable
+class Spring(NamedTuple):
+    """Spring that drives the slider: n μ = k (x_lp − x) − η V, with n the normal stress over its reference."""
+
+    stiffness: float  # k, stress per displacement over the reference normal stress [1/length]
+    damping: float = 0.0  # η, radiation damping over the reference normal stress; 0 is quasi-static [time/length]
+
+    check_entries = check_types
+
+
+class End(Enum):
+    """Reason why a history ended; each member is a sentence."""
+
+    DONE = "the history reached its end"
+    RUNAWAY = "slip ran away, as it does below the critical stiffness: use a stiffer spring, or damping > 0"
+    STEPS_SPENT = "the integration used up its steps between two samples: loosen the tolerance, or request more samples"
+
+
+@readable
+class SlipHistory(NamedTuple):
+    """History of a slider at N times; after a failure, up to the last time reached."""
+
+    time: np.ndarray  # [time]
+    load_point: np.ndarray  # displacement since the start [length]
+    slip: np.ndarray  # [length]
+    velocity: np.ndarray  # of slip [length/time]
+    theta: np.ndarray  # [time]
+    friction: np.ndarray  # μ(V, θ); the spring force over n is this + η V/n [1]
+    normal: np.ndarray  # normal stress over its reference; at a jump, the value before it
+    end: End = End.DONE
+    reached: float = 0.0  # time at which the history ended
+    theta2: np.ndarray | None = None  # second state, if the surface has one [time]
+
+    @property
+    def ok(self) -> bool:
+        """Return True if the history is complete."""
+        return self.end is End.DONE
+
+
+def check(rs: RateState) -> None:
+    """Raise ValueError if the parameters of a surface are not valid."""
+    for name, allowed in (("law", EVOLUTIONS), ("form", FORMS)):
+        if getattr(rs, name) not in allowed:
+            raise ValueError(f"{name} = {getattr(rs, name)!r} was given: use {' or '.join(map(repr, allowed))}")
+    for name in ("a", "dc", "v0", "dc2"):
+        if not (getattr(rs, name) > 0 and np.isfinite(getattr(rs, name))):
+            raise ValueError(f"{name} = {getattr(rs, name)} was given: use a positive, finite number")
+    for name in ("v1", "v2"):
+        if not getattr(rs, name) > 0:
+            raise ValueError(f"{name} = {getattr(rs, name)} was given: use a positive velocity, or inf for no cut-off")
+    if rs.form == "regularized" and not np.isinf([rs.v1, rs.v2]).all():
+        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+    for name in ("b", "alpha", "b2"):
+        if not (getattr(rs, name) >= 0 and np.isfinite(getattr(rs, name))):
+            raise ValueError(f"{name} = {getattr(rs, name)} was given: use a finite number that is not negative")
+    if not np.isfinite(rs.mu0):
+        raise ValueError(f"mu0 = {rs.mu0} was given: use a finite number")
+    if rs.alpha > 0 and rs.b + rs.b2 == 0:
+        raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
+
+
+@checked
+def spring_slider(
+    rs: RateState,
+    spring: Spring,
+    legs: Iterable[LoadStep],
+    *,
+    times: Series | None = None,
+    before: float | None = None,
+    theta: float | None = None,
+    tolerance: float = 1e-10,
+) -> SlipHistory:
+    """History of a slider pulled by a spring.
+
+    (n A + η V) d ln V/dt = k (V_lp − V) − n B d ln θ/dt, with A = ∂μ/∂ln V and B = ∂μ/∂ln θ, which are a and b in the
+    usual law, and θ' given by the law. ln V and ln θ are integrated with a stiff method that restarts at every leg.
+    With η = 0, the motion is quasi-static, and slip may run away below the critical stiffness.
+
+    Parameters
+    ----------
+    legs : of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
+    times : (N,) ascending, within the legs; default: about 120 per leg, denser at its start [time]
+    before : initial slip velocity; default: that of the first leg [length/time]
+    theta : initial state; default: the steady state D_c/V. A second state starts in the same ratio to its steady state
+        [time]
+    tolerance : error of ln V and ln θ in each step
+
+    Raises
+    ------
+    ValueError
+        if parameters, legs or times are not valid. Runaway slip is not an error; see `SlipHistory.end`.
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> rs = friction.RateState(0.010, 0.015, 1e-5, law="slip")
+    >>> legs = (friction.LoadStep(10.0, 1e-6), friction.LoadStep(100.0, 1e-5))
+    >>> h = friction.spring_slider(rs, friction.Spring(1e5), legs)
+    >>> print(round(h.friction[-1] - h.friction[0], 6))  # (a − b) ln 10
+    -0.011513
+    """
+    check(rs)
+    arrays = leg_arrays(legs)
+    duration, velocity, normal = arrays
+    check_spring(spring)
+    require_positive(tolerance=tolerance)
+    start = float(velocity[0]) if before is None else before
+    if not (start > 0 and np.isfinite(start)):
+        raise ValueError(f"slip starts at the velocity {start}: give `before`, the positive slip velocity at the start")
+    if theta is not None and not (theta > 0 and np.isfinite(theta)):
+        raise ValueError(f"theta = {theta} was given: use a positive, finite number")
+    ends = np.cumsum(duration)
+    times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
+    w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
+    out, code, reached = slider.history(slider_of(rs, spring), (w, f, f), arrays, times, tolerance)
+    kept = ~np.isnan(out[:, 0])
+    factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
+    place = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
+    rows = np.vstack([(w, f, f), out[kept]])
+    place, factor, at = np.r_[0.0, place], np.r_[normal[0], factor], np.r_[0.0, times[kept]]
+    return _build_history(rs, spring, at, place, rows, factor)._replace(end=tuple(End)[code], reached=reached)
+
+
+def slider_of(rs: RateState, spring: Spring) -> slider.Slider:
+    """Slider with a surface and a spring."""
+    return slider.build_slider({**rs._asdict(), **spring._asdict()}, rs.law, rs.form)
+
+
+def check_spring(spring: Spring) -> None:
+    """Raise ValueError if the parameters of a spring are not valid."""
+    if not (spring.stiffness > 0 and np.isfinite(spring.stiffness)):
+        raise ValueError(f"stiffness = {spring.stiffness} was given: use a positive, finite number [1/length]")
+    if not (spring.damping >= 0 and np.isfinite(spring.damping)):
+        raise ValueError(f"damping = {spring.damping} was given: use 0 (quasi-static) or a positive, finite number")
+
+
+def _build_history(rs, spring, time, place, out, normal) -> SlipHistory:
+    """Compute all columns from w, ln(V0 θ/D_c) and ln(V0 θ2/D_c2), whose first row is that of the start.
+
+    Slip follows from the balance of spring and friction.
+    """
+    velocity, friction = rs.v0 * np.exp(out[:, 0]), slider.friction(slider_of(rs, spring), out)
+    force = normal[0] * friction[0] + spring.damping * velocity[0]
+    slip = place - (normal * friction + spring.damping * velocity - force) / spring.stiffness
+    columns = time, place, slip, velocity, rs.dc / rs.v0 * np.exp(out[:, 1]), friction, normal
+    return SlipHistory(*(column[1:] for column in columns), theta2=_second_state(rs, out[1:, 2]))
+
+
+def _second_state(rs: RateState, g: np.ndarray) -> np.ndarray | None:
+    return rs.dc2 / rs.v0 * np.exp(g) if rs.b2 > 0 else None
+
+
+def _times_within(times, end: float) -> np.ndarray:
+    times = np.atleast_1d(np.asarray(times, float))
+    if len(times) > 1:
+        check_times(times)
+    slack = 1e-9 * end
+    if times[0] < 0 or not times[-1] <= end + slack:
+        raise ValueError(f"times go from {times[0]:g} to {times[-1]:g}: use times within the legs, 0 to {end:g}")
+    return np.minimum(times, end)
+
+
+def _default_times(duration, ends) -> np.ndarray:
+    share = np.unique(np.r_[np.geomspace(EARLY, 1.0, POINTS), np.linspace(0, 1, POINTS + 1)[1:]])
+    each = [end - d + d * share for d, end in zip(duration, ends, strict=True)]
+    return np.unique(np.r_[0.0, np.concatenate(each)])
+
+
+@checked
+def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
+    """Friction of a surface with prescribed, piecewise constant slip velocity.
+
+    Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law
+    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction of the logarithmic form is −∞ and returned as NaN,
+    and that of the regularized form is 0.
+
+    Parameters
+    ----------
+    time : (N + 1,) edges of the pieces, increasing [time]
+    velocity : (N,) velocity of each piece, not negative [length/time]
+    theta : state at time[0]; default: the steady state of the first piece. A second state starts in the same ratio to
+        its steady state
+
+    Returns
+    -------
+    SlipHistory
+        at the N ends of the pieces; `load_point` is the slip.
+    """
+    check(rs)
+    time, velocity = np.asarray(time, float), np.asarray(velocity, float)
+    check_times(time)
+    if velocity.shape != (len(time) - 1,):
+        raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} pieces")
+    if not (np.isfinite(velocity).all() and (velocity >= 0).all()):
+        worst = velocity[np.flatnonzero(~(velocity >= 0))[:1]]
+        raise ValueError(f"a slip velocity of {worst} was given: use finite velocities that are not negative")
+    if theta is None and velocity[0] == 0:
+        raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
+    start = rs.dc / velocity[0] if theta is None else theta
+    first = np.log(rs.v0 * start / rs.dc)
+    f, g = (slider.state_history(first, np.diff(time), velocity, rs.v0, dc, rs.law) for dc in (rs.dc, rs.dc2))
+    slip = np.cumsum(np.diff(time) * velocity)
+    w = np.log(np.where(velocity > 0, velocity, np.nan) / rs.v0)
+    mu = slider.friction(slider_of(rs, Spring(1.0)), np.stack([w, f, g], axis=1))
+    if rs.form == "regularized":
+        mu[velocity == 0] = 0.0
+    return SlipHistory(
+        time[1:], slip, slip, velocity, rs.dc / rs.v0 * np.exp(f), mu, np.ones(len(slip)), End.DONE, float(time[-1]),
+        _second_state(rs, g),
+    )  # fmt: skip

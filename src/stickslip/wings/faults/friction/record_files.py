@@ -1,0 +1,249 @@
+"""Sheets of laboratory records as they are stored: text with any header, HDF5, MATLAB."""
+
+import csv
+import re
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.matlab import check_matlab
+from ....core.reading import Budget, read_bytes
+from ....core.tables import split_label, split_rows
+from ....core.text import decode_text, parse_number
+from ....core.units import YEAR
+
+HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
+REMEDY = "give a table as text, an HDF5 or a MATLAB file"
+MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
+COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
+COMMENTS = "#%"
+LEAST = 3  # rows that a first column must number
+
+DAY = 86400.0
+LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
+LENGTH |= {"microns": 1e-6, "mic": 1e-6}
+TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
+TIME |= {"seconds": 1.0, "d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
+STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5, "mbar": 1e2, "hpa": 1e2, "psi": 6894.757293168}
+STRESS |= {"atm": 101325.0, "n/m2": 1.0, "n/mm2": 1e6}
+NUMBER = {"-": 1.0, "1": 1.0, "": 1.0, "na": 1.0}
+SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
+
+
+class Sheet(NamedTuple):
+    """Columns of a record as they are stored, with K headings."""
+
+    headings: list[str]  # (K,), empty where a column has none
+    units: list[str | None]  # (K,) from a row of units or an attribute
+    rows: list[tuple[int, list[str]]] | None = None  # number of each line and its K fields
+    values: list[np.ndarray] | None = None  # (K,) or, in files of arrays, their values
+
+
+def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool) -> Sheet:
+    """Columns of a file, whose kind is found by its content.
+
+    Parameters
+    ----------
+    known : whether a heading is one that is sought, by which the row of headings is found
+    named : whether columns were numbered by the user, so that there need be no headings
+
+    Raises
+    ------
+    ValueError
+        with one sentence.
+    """
+    try:
+        content = read_bytes(path, remedy=REMEDY)
+    except OSError as problem:
+        raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
+    if HDF5 in (content[:8], content[512:520]):
+        return _array_sheet(path, _hdf5_arrays(path, content), known)
+    if content.startswith(MATLAB):
+        return _array_sheet(path, _matlab_arrays(path, content), known)
+    return _text_sheet(path, decode_text(content, path, remedy=REMEDY, fallback="cp1252"), known, named=named)
+
+
+def _text_sheet(path: Path, text: str, known: Callable[[str], bool], *, named: bool) -> Sheet:
+    """Rows of numbers, below the line of headings and perhaps one of units."""
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    body = [(k, line) for k, line in lines if line.lstrip()[0] not in COMMENTS]
+    first, mark = _find_numbers(body)
+    if first is None:
+        seen = f": it has no numbers below {body[0][1].strip()[:60]!r}" if body else ""
+        raise ValueError(
+            f"{path} contains no data{seen}; give a header such as 'time [s], load_point [um], friction [-]' and rows"
+        )
+    rows = split_rows(path, body[first:], mark)
+    width = len(rows[0][1])
+    above = [line for _, line in body[:first]]
+    above = above or [line.lstrip(COMMENTS + " ") for k, line in lines if k < body[0][0]]  # as of numpy.savetxt
+    titles = [_fit_width(_split_titles(line, mark, width), rows) for line in above]
+    place = max(range(len(titles)), key=lambda k: (sum(map(known, titles[k])), k), default=None)
+    if place is None or not any(map(known, titles[place])):
+        titles = [title for title in titles if len(title) == width]
+        if named or titles:
+            return Sheet(titles[-1] if titles else [""] * width, [None] * width, rows=rows)
+        raise ValueError(
+            f"{path} has no row of headings above its numbers: add one, such as 'time [s], load_point [um], friction "
+            f"[-]', or give the numbers of the columns (--columns 'time [s]=0,load_point [um]=1,friction=2')"
+        )
+    if any(line.count('"') % 2 for line in above[place:]):
+        raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
+    headings, below = titles[place], [line for line in above[place + 1 :] if not COUNTS.fullmatch(line)]
+    units = _fit_width(_split_titles(below[0], mark, width), rows) if below else []
+    _check_widths(path, headings, rows)
+    given = [unit.strip("[]() ") or None for unit in units]
+    return Sheet(headings, given if len(given) == width else [None] * width, rows=rows)
+
+
+def _find_numbers(body: list[tuple[int, str]]) -> tuple[int | None, str | None]:
+    """Place of the first line that consists mostly of numbers, and what separates them."""
+    for k, (_, line) in enumerate(body):
+        for mark in MARKS:
+            fields = line.rstrip(mark).split(mark)
+            count = sum(_is_number(field.strip().strip('"')) for field in fields)
+            if len(fields) > 1 and 2 * count > len(fields):
+                return k, mark
+    return None, None
+
+
+def _is_number(field: str) -> bool:
+    try:
+        parse_number(field.replace(",", ".", 1))
+    except ValueError:
+        return False
+    return True
+
+
+def _split_titles(line: str, mark: str | None, width: int) -> list[str]:
+    """Headings of a line; between blanks, a unit in brackets belongs to the word before it."""
+    if mark is not None:
+        try:
+            return [title.strip() for title in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
+        except csv.Error:  # as for a field without end
+            return []
+    apart = [title for title in re.split(r"\s{2,}|\t", line.strip()) if title]
+    return apart if len(apart) == width else re.split(r"\s+(?![\[(])", line.strip())
+
+
+def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str]:
+    """Headings of all columns: a first column that numbers the rows, or an empty last one, may have none."""
+    if len(titles) == len(rows[0][1]) - 1 and not any(row[-1] for _, row in rows):
+        return [*titles, ""]
+    numbers = [row[0] for _, row in rows[:LEAST]]
+    if len(titles) != len(rows[0][1]) - 1 or len(rows) < LEAST or not all(map(str.isdecimal, numbers)):
+        return titles
+    if not any("." in field for _, row in rows[:LEAST] for field in row):  # commas may be decimal ones
+        return titles
+    return ["", *titles] if len(set(np.diff([int(number) for number in numbers]))) == 1 else titles
+
+
+def _check_widths(path: Path, headings: list[str], rows: list[tuple[int, list[str]]]) -> None:
+    """Raise ValueError if a row has another number of fields than the header."""
+    for number, row in rows:
+        if len(row) != len(headings):
+            raise ValueError(
+                f"{path}, line {number}, has {len(row)} fields but the header has {len(headings)}: correct the line, "
+                f"or, if commas are decimal ones, separate columns by semicolons"
+            )
+
+
+def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
+    """Arrays of an HDF5 file or of a MATLAB file of version 7.3, with their units; compound tables by their fields."""
+    import h5py
+
+    arrays: dict[str, tuple[np.ndarray, str | None]] = {}
+    budget = Budget(path, len(content), remedy="copy it again")
+
+    def collect(name: str, item) -> None:
+        if not isinstance(item, h5py.Dataset) or not item.shape or name.startswith("#"):
+            return
+        budget.take(item.nbytes, name)
+        unit = next((item.attrs[key] for key in ("units", "unit") if key in item.attrs), None)
+        unit = unit.flat[0] if isinstance(unit, np.ndarray) and unit.size == 1 else unit
+        unit = unit.decode() if isinstance(unit, bytes) else unit if isinstance(unit, str) else None
+        if item.dtype.names:
+            arrays.update({f"{name}/{field}": (item[field], None) for field in item.dtype.names})
+        elif item.dtype.kind in "iuf":
+            arrays[name] = (item[()], unit)
+
+    try:
+        with h5py.File(BytesIO(content)) as file:
+            file.visititems(collect)
+    except (OSError, RuntimeError, ValueError, KeyError) as problem:
+        raise ValueError(
+            f"{path} is a damaged HDF5 file ({str(problem).splitlines()[0][:80]}): copy it again"
+        ) from None
+    return arrays
+
+
+def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
+    """Arrays of a MATLAB file up to version 7, also those in a structure."""
+    from scipy.io import loadmat
+
+    try:
+        check_matlab(content, Budget(path, len(content), remedy="save it again"))
+        variables = loadmat(BytesIO(content), squeeze_me=True, struct_as_record=True)
+    except Exception as problem:
+        said = (str(problem) or type(problem).__name__).splitlines()[0][:80]
+        raise ValueError(f"{path} is a damaged MATLAB file ({said}): save it again") from None
+    arrays: dict[str, tuple[np.ndarray, str | None]] = {}
+    for name, value in variables.items():
+        parts = getattr(getattr(value, "dtype", None), "names", None)
+        single = parts and value.size == 1
+        fields = {f"{name}/{part}": value[part].item() for part in parts} if single else {name: value}
+        arrays.update({key: (np.asarray(array), None) for key, array in fields.items()})
+    return {name: (array, unit) for name, (array, unit) in arrays.items() if array.dtype.kind in "iuf"}
+
+
+def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], known: Callable[[str], bool]) -> Sheet:
+    """Sheet of the columns among the arrays of a file; groups may hold them, and one matrix may be all of them."""
+    columns = {
+        name: (array.ravel(), unit) for name, (array, unit) in arrays.items() if 1 < array.size == max(array.shape)
+    }
+    matrices = [array for array, _ in arrays.values() if array.ndim == 2 and min(array.shape) > 1]
+    if len(matrices) == 1 and not any(known(name.rpartition("/")[2]) for name in columns):
+        matrix = matrices[0] if matrices[0].shape[0] > matrices[0].shape[1] else matrices[0].T
+        return Sheet([""] * matrix.shape[1], [None] * matrix.shape[1], values=list(matrix.T))
+    groups = {name.rpartition("/")[0] for name in columns if known(name.rpartition("/")[2])}
+    if len(groups) > 1:
+        raise ValueError(f"{path} has records in {len(groups)} groups ({', '.join(sorted(groups)[:5])}): keep one")
+    group = next(iter(groups), "")
+    columns = {name.rpartition("/")[2]: value for name, value in columns.items() if name.rpartition("/")[0] == group}
+    lengths = {name: len(array) for name, (array, _) in columns.items() if known(name)}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:5])
+        raise ValueError(f"{path} has columns of different lengths ({told}): give one value of each for each sample")
+    length = next(iter(lengths.values()), None)
+    columns = {name: value for name, value in columns.items() if length in (None, len(value[0]))}
+    return Sheet(
+        list(columns),
+        [unit for _, unit in columns.values()],
+        values=[array.astype(float) for array, _ in columns.values()],
+    )
+
+
+def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> tuple[str, str | None]:
+    """Name and unit of a heading such as `time [s]`, `time/s` or `time_s`; None without a unit.
+
+    Parameters
+    ----------
+    aliases : names of the column that is sought, in lower case, with underscores
+    units : units that the column may have
+    """
+    name, unit = split_label(heading)
+    word = "_".join(name.lower().replace("-", "_").split())
+    if unit is not None or word in aliases:
+        return word, unit
+    for alias in sorted(aliases, key=len, reverse=True):
+        mark, rest = word[len(alias) : len(alias) + 1], word[len(alias) + 1 :]
+        if word.startswith(alias) and mark and mark in "_/":
+            rest = rest.replace("_per_", "/").strip("_ ")
+            spelt = [rest, rest.replace("_", "/")]
+            found = next((u for u in units if u and u.lower() in spelt), None)
+            if found or mark == "/":
+                return alias, found or rest
+    return word, None

@@ -1,0 +1,38 @@
+"""A spring-slider with rate-and-state friction."""
+
+from functools import partial
+
+from ....experiments.experiment import Experiment, lazy_function
+from ....experiments.sources import STATE
+from ....lazy import attach
+from .scenario import RateStateScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: RateStateScenario) -> dict[str, tuple[str, ...]]:
+    """Return keys of references.bib, grouped by purpose."""
+    surface = scenario.surface
+    more = ("Linker1992",) if surface.alpha else ()
+    more += ("Rice2001",) if surface.form == "regularized" else ()
+    more += ("Okubo1989",) if surface.v1 or surface.v2 else ()
+    more += ("Gu1984",) if surface.b2 else ()
+    return {"rate-and-state friction": STATE[surface.law] + more}
+
+
+EXPERIMENT = Experiment(
+    scenario=RateStateScenario,
+    words="a spring-slider with rate-and-state friction",
+    simulate=_here("simulate.simulate_slider"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    cycles=_here("report.cycles"),
+    smallest=({},),
+    parallel=False,
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,320 @@
+"""Fits of a laboratory record: tables, JSON, figures, and draws from the posterior."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.progress import within
+from ....core.tables import format_table, heading_of
+from ....core.text import parse_integer
+from ....data.manifest import find_foreign, write_file
+from ....data.run_files import foreign_files_message
+from ....extras import require
+from ....figures.saving import FORMATS, PLAIN, Look, render_all
+from ....known import UNKNOWN, with_keys
+from ....reports.terminal import console, new_table, progress, show_table
+from ..friction.fitting import Fit, Solution, build_fit, solve_fit
+from ..friction.laboratory import LabRecord, read_record, record_columns, record_data
+from ..friction.model import Data
+from ..friction.model_comparison import LawComparison, compare_laws
+from ..friction.remedies import gain_by, stiffness_doubt
+from ..friction.sampling import PERCENTS, Posterior, posterior
+from . import figures as figures
+
+NUMBERS, FIGURE = "fit.json", "fit.png"
+DRAWS, CORNER = "posterior.csv", "posterior.png"
+FILES = (NUMBERS, DRAWS, *(name.replace("png", kind) for name in (FIGURE, CORNER) for kind in FORMATS))
+HIGHEST = 3.0  # friction above which the stresses seem to be in different units
+CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
+UNITS = {
+    "dc": "m",
+    "dc2": "m",
+    "v1": "m/s",
+    "v2": "m/s",
+    "stiffness": "1/m",
+    "trend": "1/m",
+    "trend_length": "m",
+    "drift": "1/s",
+    "v0": "m/s",
+    "damping": "s/m",
+}
+
+
+class RecordFits(NamedTuple):
+    """A record, its fits, and their comparison."""
+
+    file: Path
+    data: Data
+    fits: tuple[Fit, ...]
+    comparison: LawComparison | None
+    posterior: Posterior | None = None
+    remedies: tuple[str, ...] = ()  # what may be wrong with the input, measured by second fits
+    met: dict[str, list[str]] | None = None  # columns of the record: used, without influence, not understood
+
+
+def fit_record(
+    file: Path, *, laws, fixed: dict[str, float], free: tuple[str, ...] = (), before: float | None = None,
+    normal: bool = False, columns: str | None = None, form: str = "logarithmic", steps: int | None = None,
+    velocity: str | None = None,
+) -> RecordFits:  # fmt: skip
+    """Read a record and fit each law to it.
+
+    With a number of steps, the posterior of the law, or of the law that the data prefer, is sampled as well.
+    """
+    if "stiffness" in fixed and "stiffness" in free:
+        raise ValueError("--stiffness and --free-stiffness were both given: choose one")
+    raw = read_record(file, columns=_parse_columns(columns), motion=velocity is None)
+    record = record_data(raw, before=before, normal=normal, velocity=velocity)
+    sprung, has_stiffness = len(record.legs) > 0, "stiffness" in fixed or "stiffness" in free
+    if sprung and not has_stiffness:
+        raise ValueError("the stiffness of the apparatus is unknown: give --stiffness K [1/m], or --free-stiffness")
+    if not sprung and has_stiffness:
+        raise ValueError(
+            f"{file} has a slip velocity but no load_point, so there is no spring: leave out the stiffness"
+        )
+    if normal and np.ptp([leg.normal for leg in record.legs]) > 0:
+        free = tuple(dict.fromkeys([*(name for name in free if name == "stiffness"), "alpha", *free]))
+    if steps is not None:
+        require("emcee", "posterior")
+    solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
+    fits = tuple(map(build_fit, solutions))
+    comparison = compare_laws(*fits) if len(fits) == 2 else None
+    best = [s for s in solutions if comparison is None or comparison.preferred in (None, s.task.law)]
+    met = record_columns(file, columns=_parse_columns(columns))
+    remedies = (
+        *_remedies(raw, record, best),
+        *(f"column {text}" for text in met[UNKNOWN] if text.endswith("normal stress")),
+    )
+    result = RecordFits(file, record, fits, comparison, remedies=remedies, met=met)
+    return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
+
+
+def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[str, ...]:
+    """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
+    out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
+    if (level := float(np.median(np.abs(record.friction)))) > HIGHEST:
+        out.append(f"friction is {level:.3g}: check the units of shear and normal stress, in the headings or --columns")
+    found = [stiffness_doubt(record, solution, normal) for solution in solutions]
+    known = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
+    for solution, doubt in zip(solutions, found, strict=True):
+        if doubt:  # a law that does not describe the record either shows nothing if another one does
+            out += [f"{solution.task.law} law: {doubt}"] if np.isfinite(doubt.interval[0]) or not known else []
+            continue
+        trend, state = gain_by("trend", solution), gain_by("theta", solution)
+        if trend.helps and trend.after <= state.after:
+            out.append(
+                f"{solution.task.law} law: friction has a trend of {trend.values[0]:.3g} 1/m, which was not fitted; "
+                f"with it, the standard deviation of the residuals falls by {100 * trend.fall:.0f} %, from "
+                f"{trend.before:.2g} to {trend.after:.2g}: --detrend may help"
+            )
+        elif state.helps:
+            shifts = ", ".join(
+                f"{name} by {100 * state.shifts[name]:+.2g} %" for name in ("a", "b", "dc") if name in state.shifts
+            )
+            out.append(
+                f"{solution.task.law} law: the record does not start in steady state, but with {state.values[0]:.3g} "
+                f"times its state; this changes {shifts}: use --free theta, or remove the start"
+            )
+    return tuple(out)
+
+
+def _sample(result: RecordFits, form: str, fixed: dict, free, steps: int) -> Posterior:
+    """Sample the posterior of the only law, or of the preferred one."""
+    law = result.fits[0].law if result.comparison is None else result.comparison.preferred
+    if law is None:
+        raise RuntimeError(
+            f"{result.comparison.sentence}: choose the law of the posterior with --law aging or --law slip"
+        )
+    with progress() as tell:
+        return posterior(
+            result.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
+            report=within(tell, stage=f"posterior, {law} law"),
+        )  # fmt: skip
+
+
+def _parse_columns(text: str | None) -> dict[str, int | str] | None:
+    """Parse numbers or headings of columns, such as "time=0,load_point [um]=LVDT 2"."""
+    if text is None:
+        return None
+    pairs = [[part.strip() for part in item.partition("=")] for item in text.split(",")]
+    if not all(name and place for name, _, place in pairs):
+        raise ValueError(
+            f"--columns {text!r} was given: use NAME=NUMBER, counted from 0, or "
+            "NAME=HEADING, as in 'time=0,friction=mu2'"
+        )
+    return {name: parse_integer(place) if place.isdecimal() else place for name, _, place in pairs}
+
+
+def check_folder(out: Path, overwrite: bool) -> None:
+    """Raise ValueError if a fit may not be written to a folder."""
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out} is a file, not a folder: choose another --out")
+    if overwrite:
+        return
+    if others := find_foreign(out, lambda name: name in FILES):
+        raise ValueError(foreign_files_message(out, others))
+    if (out / NUMBERS).exists():
+        raise ValueError(f"{out} contains the results of a fit: choose another --out, or add --overwrite")
+
+
+def as_json(result: RecordFits) -> str:
+    """Return one JSON object with the documented keys; unknown values are null."""
+    out = {"file": result.file.name, "units": "m, s", "fits": {fit.law: _fit_dict(fit) for fit in result.fits}}
+    if result.comparison is not None:
+        out["comparison"] = result.comparison._asdict()
+    if result.posterior is not None:
+        out["posterior"] = _posterior_dict(result.posterior)
+    out["doubts"] = doubts(result)
+    out["met"] = with_keys(result.met or {})
+    return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
+
+
+def _posterior_dict(result: Posterior) -> dict:
+    percentiles = {name: dict(zip(map(str, PERCENTS), row, strict=True)) for name, row in result.percentiles.items()}
+    chain = {"autocorrelation_times": result.times, "steps": result.steps, "acceptance": result.acceptance}
+    return {"law": result.fit.law, "percentiles": percentiles, "draws": len(result.draws), **chain}
+
+
+def _fit_dict(fit: Fit) -> dict:
+    names = (
+        "values",
+        "errors",
+        "intervals",
+        "names",
+        "form",
+        "fixed",
+        "identifiable",
+        "sentence",
+        "sigma",
+        "effective",
+        "adequate",
+        "reduced",
+        "aic",
+        "bic",
+    )
+    more = {"covariance": fit.covariance.tolist(), "noise": fit.noise.tolist(), "samples": fit.samples}
+    return {name: getattr(fit, name) for name in names} | more | {"a_minus_b": fit.difference}
+
+
+def _replace_nonfinite(thing):
+    """Replace non-finite numbers with None."""
+    if isinstance(thing, dict):
+        return {k: _replace_nonfinite(v) for k, v in thing.items()}
+    if isinstance(thing, list | tuple):
+        return [_replace_nonfinite(v) for v in thing]
+    if isinstance(thing, float | np.floating):
+        return float(thing) if np.isfinite(thing) else None
+    return thing
+
+
+def show(result: RecordFits) -> None:
+    """Print a table for each law, and the comparison."""
+    for fit in result.fits:
+        names, title = ("parameter", "value", "95 % interval", "unit"), f"{fit.law.capitalize()} law"
+        table = new_table(*names, title=title, left=("parameter", "unit"))
+        for name in fit.names:
+            table.add_row(name, *_format_cells(fit.values[name], *fit.intervals[name]), UNITS.get(name, ""))
+        if {"a", "b"} & set(fit.names):
+            table.add_row("a − b", *_format_cells(*fit.difference), "")
+        for name in ("stiffness", "v0"):
+            if name in fit.fixed:
+                table.add_row(name, f"{fit.fixed[name]:.5g}", "fixed", UNITS[name])
+        show_table(table)
+        count = f"equivalent to {fit.effective:.0f} independent ones" if len(fit.noise) else "independent of each other"
+        console.print(f"  noise {fit.sigma:.2e}; {fit.samples} samples, {count}")
+        if together := _trade_offs(fit):
+            console.print(f"  {together}")
+        if not (fit.identifiable and fit.adequate):
+            console.print(f"  {fit.sentence}", style="yellow")
+        console.print()
+    if result.posterior is not None:
+        _show_posterior(result.posterior)
+    for sentence in doubts(result):
+        console.print(sentence, style="yellow")
+    if result.comparison is not None:
+        console.print(result.comparison.sentence, style="bold")
+
+
+def _trade_offs(fit: Fit) -> str:
+    """Sentence on the parameters that a fitted stiffness trades off with; empty without one."""
+    if "stiffness" not in fit.names or not np.isfinite(fit.values["stiffness"]):
+        return ""
+    size = np.sqrt(np.diag(fit.covariance))
+    row = (fit.covariance / np.outer(size, size))[fit.names.index("stiffness")]
+    pairs = [(name, r) for name, r in zip(fit.names, row, strict=True) if name != "stiffness" and np.isfinite(r)]
+    return f"correlation of the stiffness with {', '.join(f'{name} {r:+.2f}' for name, r in pairs)}" if pairs else ""
+
+
+def _show_posterior(result: Posterior) -> None:
+    names = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit")
+    table = new_table(*names, title=f"Posterior, {result.fit.law} law", left=("parameter", "unit"))
+    for name in result.names:
+        table.add_row(name, *(f"{value:.5g}" for value in result.percentiles[name]), UNITS.get(name, ""))
+    show_table(table)
+    slowest = max(result.times.values())
+    console.print(
+        f"  {len(result.draws)} draws; the chain is {result.steps / slowest:.0f} autocorrelation times long "
+        f"(τ = {slowest:.1f} steps, acceptance {result.acceptance:.2f})"
+    )
+    console.print()
+
+
+def doubts(result: RecordFits) -> list[str]:
+    """Return one sentence for each suspicion: spikes, a wrong unit of length or of stiffness, a trend left out."""
+    low, high = CREDIBLE
+    fit = result.fits[0]
+    count = sum(map(len, fit.spikes))
+    total = f"{count} of {count + fit.samples} samples are spikes, farther from their neighbours than noise explains"
+    spikes = [f"{total}; they were left out"] if count else []
+    lengths = [
+        f"{fit.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
+        f"is the unit of the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"
+        for fit in result.fits
+        if np.isfinite(dc := fit.values.get("dc", np.nan)) and not low <= dc <= high
+        for unit, factor in [_likelier_unit(dc)]
+    ]
+    return [*spikes, *result.remedies, *lengths]
+
+
+def _likelier_unit(dc: float) -> tuple[str, float]:
+    """Likely unit of the displacements, and the conversion factor from the unit stated in the file."""
+    factors = [10.0**k for k in (-9, -6, -3, 3, 6, 9)]
+    factor = min(factors, key=lambda size: abs(np.log(dc * size / 1e-5)))  # nearest to ten micrometres
+    return f"a unit {1 / factor:g} times smaller" if factor < 1 else f"a unit {factor:g} times larger", factor
+
+
+def conclusions(result: RecordFits) -> list[str]:
+    """Return the conclusion: the law that the data prefer, or the sentence for a single fit."""
+    return [result.comparison.sentence] if result.comparison is not None else [fit.sentence for fit in result.fits]
+
+
+def _format_cells(value: float, low: float, high: float) -> tuple[str, str]:
+    if not np.isfinite(value):
+        return "unknown", "–"
+    return f"{value:.5g}", f"{low:.5g} … {high:.5g}" if np.isfinite(low) else "–"
+
+
+def write(out: Path, result: RecordFits, look: Look = PLAIN) -> list[Path]:
+    """Write the JSON file, the figures and the draws, and return their paths."""
+    out.mkdir(parents=True, exist_ok=True)
+    contents = render_all(FIGURE, figures.fitted(result.data, result.fits), look)
+    if (sampled := result.posterior) is not None:
+        contents[DRAWS] = _draws_csv(result.file, sampled).encode()
+        contents |= render_all(CORNER, figures.corner(sampled.columns, sampled.fit.intervals, UNITS), look)
+    for name in FILES:
+        if name not in (NUMBERS, *contents):
+            (out / name).unlink(missing_ok=True)  # of an earlier fit
+    for name, data in contents.items():
+        write_file(out, name, data)
+    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # last, since it marks the fit as complete
+    return [out / name for name in (NUMBERS, *contents)]
+
+
+def _draws_csv(file: Path, result: Posterior) -> str:
+    """Return draws as CSV with units, which `stickslip run` reads as `draws` of a sweep."""
+    fixed = ", ".join(f"{name} = {value:.6g}" for name, value in result.fit.fixed.items())
+    notes = f"draws from the posterior of {file.name}, {result.fit.law} law, {result.fit.form} form", f"fixed: {fixed}"
+    labels = [heading_of(name, UNITS.get(name, "1")) for name in result.names]
+    return format_table(labels, result.draws, digits=8, comments=notes)

@@ -1,0 +1,229 @@
+"""Cells that follow a stress, or deform otherwise than in simple shear, in formulas that LAMMPS evaluates at each step.
+
+LAMMPS moves grains at their velocities u = v + L x in the laboratory, those of the middle of a step, where v are ours.
+What the cell does to them is therefore a force of `fix addforce`. With T and K = (1 − ½ dt L)⁻¹ of
+`core.dynamics.cell_motion`, κ = 1 − ½ dt ν and σ = 1/(1 + ½ dt ν) of the drag ν, it takes u of one step to that of the
+next (⁺) by way of v at the end of the step:
+
+    v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x).
+
+Free components of L are internal variables, which `fix controller` increases by dt L̇. Only as the energy of another
+`fix addforce`, one without force, is Σ m v² still known at the end of the step, when `fix deform` changes the cell.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.dynamics.cell_motion import cell_mass
+from ...core.dynamics.coefficients import driven_bodies
+from ...core.dynamics.engine import Leg
+from ...core.state import State
+from .leg import digits
+
+INSTANT = 1e-200  # duration of a step in which nothing moves; of zero, `fix langevin` makes NaN [time]
+AXES = "xyz"
+BOX = {(0, 0): "lx", (1, 1): "ly", (2, 2): "lz", (0, 1): "xy", (0, 2): "xz", (1, 2): "yz"}
+Matrix = dict[tuple[int, int], str]  # upper triangular: formulas of the entries that are not zero
+ONE = {(k, k): "1" for k in range(3)}
+
+
+class CellCommands(NamedTuple):
+    """Commands for the cell and its grains: before the run, and after its first and second step of duration zero."""
+
+    before: list[str]
+    first: list[str]
+    second: list[str]
+
+
+def needs_forces(leg: Leg) -> bool:
+    """Return True if the cell deforms otherwise than in simple shear at a constant rate, or if there is drag in it."""
+    rate = leg.state.control.cell_rate
+    return bool(leg.state.control.cell_free.any() or (rate @ rate).any() or (rate.any() and leg.drag))
+
+
+def tilts_of(state: State) -> np.ndarray:
+    """Components of the cell's vectors that its deformation makes differ from zero, and those that do, (3, 3) bool."""
+    step = np.eye(3) + (state.control.cell_rate != 0)
+    return step @ step @ (state.cell.vectors.T != 0) > 0
+
+
+def free_axes(state: State) -> str:
+    """Axes along which the length of the cell follows the stress."""
+    return "".join(AXES[k] for k in np.flatnonzero(np.diag(state.control.cell_free)))
+
+
+def rates_in_log(state: State) -> str:
+    """Rates of the cell during the step that follows and the one that ended, for the log."""
+    return "".join(f" v_cell_rate_{x} v_cell_old_{x}" for x in free_axes(state))
+
+
+def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
+    """Commands that move a cell and its grains.
+
+    Parameters
+    ----------
+    turning : drag of the grains by another fix, which the forces on them take back [1/time]
+    """
+    start, dt, axes = driven_bodies(leg.state).rate, digits(leg.dt), free_axes(leg.state)
+    places = np.argwhere(leg.state.control.cell_free | (start != 0)).tolist()
+    rate = {(a, b): f"({digits(start[a, b])})" for a, b in places}
+    later, before, control = rate.copy(), [], []
+    for x in axes:
+        k = AXES.index(x)
+        rate[k, k], later[k, k] = f"v_cell_rate_{x}", f"v_cell_next_{x}"
+        for name in ("old", "rate"):
+            before.append(f"variable cell_{name}_{x} internal {digits(start[k, k])}")
+            control.append(
+                f"fix cell_{name}_{x} all controller 1 -1.0 1.0 0.0 0.0 v_cell_{name}_gain_{x} 0.0 cell_{name}_{x}"
+            )
+    still = [f"variable cell_{name}_gain_{x} equal 0.0" for x in axes for name in ("old", "rate")]
+    begin = [f"variable cell_rate_gain_{x} equal (v_cell_next_{x}-v_cell_rate_{x})/{INSTANT}" for x in axes]
+    go_on = [f"variable cell_rate_gain_{x} equal (v_cell_next_{x}-v_cell_rate_{x})/{dt}" for x in axes]
+    go_on += [f"variable cell_old_gain_{x} equal (v_cell_rate_{x}-v_cell_old_{x})/{dt}" for x in axes]
+    first, totals, push = _grain_commands(leg, rate, later, turning, first=True)
+    course, _, _ = _grain_commands(leg, rate, later, turning)
+    at_rest, moves, deform = _shape_commands(leg, rate, start)
+    before += [*_stress_commands(leg), *first, *totals, *push, *still, *control, *at_rest, deform]
+    return CellCommands(before, [*begin, *moves], [*course, *go_on])
+
+
+def _product(*factors: Matrix) -> Matrix:
+    first, *others = factors
+    if not others:
+        return first
+    second, sums = _product(*others), {}
+    for (a, k), left in first.items():
+        for b in range(k, 3):
+            if right := second.get((k, b)):
+                sums.setdefault((a, b), []).append(f"{left}*{right}")
+    return {place: f"({'+'.join(terms)})" for place, terms in sums.items()}
+
+
+def _sum(*terms: tuple[float, Matrix]) -> Matrix:
+    places = dict.fromkeys(place for _, matrix in terms for place in matrix)
+    return {p: "(" + "+".join(f"({digits(f)})*{m[p]}" for f, m in terms if p in m) + ")" for p in places}
+
+
+def _inverse(m: Matrix) -> Matrix:
+    inverse = {(k, k): f"(1/{m[k, k]})" for k in range(3)}
+    for a, b in ((0, 1), (1, 2)):
+        if (a, b) in m:
+            inverse[a, b] = f"(-{m[a, b]}/({m[a, a]}*{m[b, b]}))"
+    corner = [f"{m[0, 1]}*{m[1, 2]}"] if {(0, 1), (1, 2)} <= m.keys() else []
+    corner += [f"-{m[0, 2]}*{m[1, 1]}"] if (0, 2) in m else []
+    if corner:
+        inverse[0, 2] = f"(({''.join(corner)})/({m[0, 0]}*{m[1, 1]}*{m[2, 2]}))"
+    return inverse
+
+
+def _turn(rate: Matrix, dt: float) -> Matrix:
+    """Effect T of half a step of L on a velocity."""
+    return _product(_inverse(_sum((1, ONE), (0.25 * dt, rate))), _sum((1, ONE), (-0.25 * dt, rate)))
+
+
+def _drag_factors(leg: Leg) -> tuple[float, float]:
+    """κ and σ."""
+    return 1 - 0.5 * leg.dt * leg.drag, 1 / (1 + 0.5 * leg.dt * leg.drag)
+
+
+def _stress_commands(leg: Leg) -> list[str]:
+    """Variables of L̇, from contacts and from the energy of fixes of which each has Σ m v² along an axis."""
+    state, lines = leg.state, []
+    for x in free_axes(state):
+        k = AXES.index(x)
+        inertia = f"({digits(cell_mass(state))}*vol^{digits(2 / state.cell.dim)})"
+        target = f"({digits(state.control.stress[k, k])})"
+        pull = f"(vol*(c_cell_stress[{k + 1}]-{target})+f_cell_twice_{x})/{inertia}"
+        lines.append(f"variable cell_pull_{x} equal {pull}")
+    return ["compute cell_stress all pressure NULL pair", "variable zero equal 0.0", *lines] if lines else []
+
+
+def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):
+    """Coefficients, fixes of Σ m v², and the fix of the forces on grains; `first`: velocities are at the start."""
+    dt, h, (keep, slow) = leg.dt, 0.5 * leg.dt, _drag_factors(leg)
+    half, turn = _inverse(_sum((1, ONE), (-h, later))), _turn(rate, dt)
+    ahead = _product(half, _turn(later, dt))
+    v, x, kick = _sum((slow, _product(turn, _sum((1, ONE), (h, rate))))), _sum((-slow, _product(turn, rate))), slow * h
+    share = 1 / dt
+    if first:
+        v, x, kick, share = _sum((1, ONE), (0, rate)), _sum((-1, rate)), 0.0, 2 / dt
+    gain = keep * kick + h
+    coefficients, totals, formulas, parts = [], [], [], []
+    for axis in free_axes(leg.state):
+        k = AXES.index(axis)
+        ended = _row(f"cell_twice_{axis}", k, {"v": v, "x": x}, leg, coefficients)
+        coefficients.append(f"variable cell_twice_f_{axis} equal {digits(kick)}")
+        grown = f"v_cell_rate_{axis}*{digits(keep if first else keep * slow)}+{digits(gain)}*v_cell_pull_{axis}"
+        coefficients.append(f"variable cell_next_{axis} equal {grown}")
+        totals += [
+            f"variable cell_twice_{axis} atom mass*({ended}+v_cell_twice_f_{axis}*f{axis}/mass)^2",
+            f"fix cell_twice_{axis} all addforce 0.0 0.0 v_zero energy v_cell_twice_{axis}",
+        ]
+    push = {
+        "v": _sum((keep * share, _product(ahead, v)), (turning - share, ONE)),
+        "x": _sum((share, _product(half, later)), (keep * share, _product(ahead, x))),
+    }
+    force = {"f": _sum((gain * share, ahead), (-1, ONE))}
+    for k, axis in enumerate(AXES[: leg.state.cell.dim]):
+        if not leg.drag and not any(place[0] == k for place in rate):
+            parts.append("0.0")
+            continue
+        moving, rest = (_row(f"cell_push_{axis}", k, terms, leg, coefficients) for terms in (push, force))
+        formulas.append(f"variable cell_push_{axis} atom mass*({moving})+{rest}")
+        parts.append(f"v_cell_push_{axis}")
+    return coefficients, totals, [*formulas, f"fix cell_push all addforce {' '.join([*parts, '0.0'][:3])}"]
+
+
+def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]) -> str:
+    """Row of matrices times velocity, place or force of a grain, with coefficients that are variables."""
+    parts = []
+    for letter, matrix in terms.items():
+        for b in range(k, leg.state.cell.dim):
+            if (k, b) in matrix:
+                lines.append(f"variable {name}_{letter}{AXES[b]} equal {matrix[k, b]}")
+                parts.append(f"v_{name}_{letter}{AXES[b]}*{letter.replace('x', '')}{AXES[b]}")
+    return "+".join(parts)
+
+
+def _shape_commands(leg: Leg, rate: Matrix, now: np.ndarray) -> tuple[list[str], list[str], str]:
+    """Variables of the cell's lengths and tilts at the start, in the next step, and `fix deform`."""
+    dt, h, start, words = leg.dt, 0.5 * leg.dt, leg.state.cell.vectors.T, []
+    tilts = tilts_of(leg.state)
+    stretch = _product(_inverse(_sum((1, ONE), (-h, rate))), _sum((1, ONE), (h, rate)))
+    at_rest, moves, speed = [], [], now @ start
+    for (a, b), text in _product(stretch, BOX).items():
+        if not (tilts[a, b] if a < b else any(place[0] == a for place in rate)):
+            continue
+        side = AXES[a] if a == b else AXES[a] + AXES[b]
+        at_rest += [f"variable cell_move_{side} equal 0.0", f"variable cell_speed_{side} equal {digits(speed[a, b])}"]
+        moves += [
+            f"variable cell_move_{side} equal {text}-({digits(start[a, b])})",
+            f"variable cell_speed_{side} equal ({text}-{BOX[a, b]})/{digits(dt)}",
+        ]
+        words.append(f"{side} variable v_cell_move_{side} v_cell_speed_{side}")
+    # a flip adds one vector of the cell to another, but keeps the rates of both for a step
+    moving = [any((a, k) in rate for a in range(k + 1)) for k in range(3)]
+    flips = not ((moving[0] and tilts[0, 1:].any()) or (moving[1] and tilts[1, 2]))
+    return at_rest, moves, f"fix cell all deform 1 {' '.join(words)} remap v{'' if flips else ' flip no'}"
+
+
+def read_cell(leg: Leg, following: np.ndarray, rates: np.ndarray, table):
+    """Return cell, positions and velocities from the next step's vectors, the rates in the log, and a dump."""
+    one, h, mass = np.eye(3), 0.5 * leg.dt, leg.state.grains.mass[:, None]
+    later, before = driven_bodies(leg.state).rate, driven_bodies(leg.state).rate
+    for n, axis in enumerate(free_axes(leg.state)):
+        k = AXES.index(axis)
+        later[k, k], before[k, k] = rates[2 * n : 2 * n + 2]
+    vectors = following @ np.linalg.inv(np.linalg.solve(one - h * later, one + h * later)).T
+    vectors[leg.state.cell.dim :] = leg.state.cell.vectors[leg.state.cell.dim :]
+    x, image = table.numbers("x", "y", "z"), table.numbers("ix", "iy", "iz")
+    u, kick = table.numbers("vx", "vy", "vz"), h * table.numbers("fx", "fy", "fz") / mass
+    ended, begins = u - kick, u + kick  # velocities in the middle of the two steps
+    ended = ended - (x - h * ended) @ before.T
+    begins = begins - (x + h * begins) @ later.T
+    turn = np.linalg.solve(one + 0.5 * h * before, one - 0.5 * h * before)
+    back = np.linalg.solve(one - 0.5 * h * later, one + 0.5 * h * later)
+    velocity = 0.5 * (ended @ turn.T + begins @ back.T)
+    cell = leg.state.cell._replace(vectors=vectors, rate=0.5 * (before + later))
+    return cell, x + (image * cell.periodic) @ vectors, velocity

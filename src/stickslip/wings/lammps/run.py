@@ -1,0 +1,294 @@
+"""Legs run by LAMMPS: states come back as they are written, with the memory of their contacts."""
+
+import re
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ...core.arguments import checked
+from ...core.control import factors_at
+from ...core.dynamics.coefficients import driven_bodies
+from ...core.dynamics.engine import Engine, Leg
+from ...core.dynamics.record import Record
+from ...core.dynamics.run import join_samples, sample
+from ...core.laws.builtin import Law
+from ...core.state import OPEN, State
+from ...data.exchange.lammps_restart import (
+    Places,
+    Restart,
+    is_complete,
+    read_restart,
+    restore_memory,
+    rotations,
+    write_memory,
+)
+from ...data.exchange.lammps_text import read_dump
+from ...data.schema import ScenarioError
+from .cell import needs_forces, read_cell
+from .leg import warm_up
+from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps
+from .script import BEFORE, DATA, PLACES, PREPARE, SAMPLE, format_preparation, write_input
+from .supported import check_leg
+
+WAIT = 0.02  # between looks at the log [s]
+LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # of thermodynamic output
+
+
+@checked
+def run_in_lammps(
+    state: State, law: Law, steps: int, dt: float, *, drag: float = 0.0, samples: int = 1, ranks: int = 1
+) -> tuple[State, ...]:
+    """Run a state in LAMMPS, with its contact memory, and return states with theirs, the last one at the end.
+
+    Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic, in
+    shear, or have lengths that follow a stress. LAMMPS integrates the slip as `run` does with ``slip_update="rate"``.
+    It does not track angles.
+
+    Parameters
+    ----------
+    steps : int; dt : float [time]
+    drag : float, of free grains and plates [1/time]
+    samples : int, number of states, evenly spaced in time
+    ranks : int, MPI processes
+
+    Raises
+    ------
+    ScenarioError
+        if LAMMPS cannot run these conditions exactly, or if there are fewer cores than ranks
+    MissingExtraError
+        if LAMMPS, its package GRANULAR or mpirun is missing
+    RuntimeError
+        if LAMMPS stopped; the message contains the last line of its log
+
+    Source
+    ------
+    LAMMPS, doi:10.1016/j.cpc.2021.108171.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin_reff(mu=0.5)
+    >>> ends = ss.protocols.run_in_lammps(state, law, 100, 0.01)  # doctest: +SKIP
+    """
+    engine = lammps_engine(ranks)
+    return tuple(end for end, _ in engine.pieces(Leg(state, law, dt, steps, samples, drag)))
+
+
+@checked
+def lammps_engine(ranks: int = 1) -> Engine:
+    """Return LAMMPS as an engine for `run`; conditions, contact memory and errors are those of `run_in_lammps`.
+
+    Parameters
+    ----------
+    ranks : int, MPI processes
+
+    Raises
+    ------
+    MissingExtraError
+        if LAMMPS, its package GRANULAR or mpirun is missing
+    ScenarioError
+        if there are fewer cores than ranks
+
+    Source
+    ------
+    LAMMPS, doi:10.1016/j.cpc.2021.108171.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> law = ss.laws.hertz_mindlin_reff(mu=0.5)
+    >>> lammps = ss.protocols.lammps_engine(ranks=2)  # doctest: +SKIP
+    >>> end, record, _ = ss.run(state, law, 100, 0.01, engine=lammps)  # doctest: +SKIP
+    """
+    require_lammps(ranks)
+    return Engine(partial(_pieces, ranks))
+
+
+def _pieces(ranks: int, leg: Leg) -> Iterator[tuple[State, Record]]:
+    """Run a leg in a temporary folder; see `Engine`."""
+    check_leg(leg := leg._replace(ranks=ranks))
+    with TemporaryDirectory(prefix="stickslip-lammps-") as name:
+        yield from with_records(leg, run_leg(leg, Path(name)))
+
+
+def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Record]]:
+    """Yield what an engine yields, from the states at the samples of a leg."""
+    if not leg.every:
+        nothing = join_samples([], leg)
+        yield from ((state, nothing) for state in states)
+        return
+    end, samples = leg.state, [sample(leg.state, leg)]
+    for end in states:
+        samples.append(sample(end, leg))
+    yield end, join_samples(samples[: leg.steps // leg.every + 1], leg)
+
+
+def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
+    """Run a leg in a folder, and yield its states as they are written; closing the iterator ends LAMMPS.
+
+    Raises
+    ------
+    RuntimeError
+        If LAMMPS stopped; the message is one sentence.
+    """
+    path = write_start(leg, folder)
+    clear_output(folder)
+    child = start_lammps(path.name, folder=folder, ranks=leg.ranks)
+    try:
+        yield from _follow(leg, folder, child)
+    finally:
+        if child.poll() is None:
+            child.terminate()
+            child.wait()
+
+
+def write_start(leg: Leg, folder: Path) -> Path:
+    """Write the input of a leg that starts from its state; if there is contact memory, LAMMPS makes a restart file."""
+    path = write_input(leg, folder)
+    contacts = leg.state.contacts
+    count = int(contacts.count[0])
+    if not contacts.slip[:count][contacts.mode[:count] != OPEN].any():
+        return path
+    (folder / PREPARE).write_text(format_preparation(leg), encoding="utf-8")
+    made = run_lammps(PREPARE, folder=folder)
+    if made.returncode:
+        raise RuntimeError(f"LAMMPS stopped: {error_line(made)}")
+    write_memory(folder / BEFORE, folder / BEFORE, leg.state, leg.law)
+    path = write_input(leg, folder, begin=BEFORE)
+    for name in (PREPARE, DATA):
+        (folder / name).unlink()
+    return path
+
+
+def clear_output(folder: Path) -> None:
+    """Remove the states and the log of an earlier run of the same leg."""
+    for path in (*folder.glob(SAMPLE), *folder.glob(PLACES), folder / LOG):
+        path.unlink(missing_ok=True)
+
+
+def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
+    """Yield states while LAMMPS runs."""
+    waiting = leg.sample_steps
+    while waiting:
+        over = child.poll() is not None
+        boxes = written_boxes(leg, folder)
+        while waiting and waiting[0] in boxes and is_complete(sample_path(leg, folder, waiting[0])):
+            step = waiting.pop(0)
+            yield read_state(leg, folder, step, boxes[step])
+        if waiting and over:
+            raise RuntimeError(f"LAMMPS stopped at step {max(boxes, default=0)} of {leg.steps}: {why_stopped(folder)}")
+        if waiting and not over:
+            time.sleep(WAIT)
+
+
+def why_stopped(folder: Path) -> str:
+    """Return LAMMPS's own words on why it stopped: its error message, or else the last line of its log."""
+    texts = [path.read_text(errors="replace") if path.is_file() else "" for path in (folder / "err.txt", folder / LOG)]
+    return last_error(texts[0]) or last_error(texts[1]) or "without a message"
+
+
+def read_leg(leg: Leg, folder: Path) -> Iterator[State]:
+    """Yield the states of a leg that LAMMPS has run elsewhere.
+
+    Raises
+    ------
+    ScenarioError
+        If a state is missing; the message is one sentence.
+    """
+    boxes = written_boxes(leg, folder)
+    for step in leg.sample_steps:
+        if step not in boxes:
+            done = f"stopped at step {max(boxes)} of {leg.steps}" if boxes else "has not run"
+            raise ScenarioError(f"LAMMPS {done} in {folder}: let it finish there first, for example with sh run.sh")
+        yield read_state(leg, folder, step, boxes[step])
+
+
+def written_boxes(leg: Leg, folder: Path) -> dict[int, np.ndarray]:
+    """Bounds and tilts of the box at the steps that the log contains."""
+    if not (folder / LOG).is_file():
+        return {}
+    text = (folder / LOG).read_text(errors="replace")
+    lines = [line.split() for line in text[: text.rfind("\n") + 1].splitlines() if LINE.match(line)]
+    return {int(numbers[0]) - warm_up(leg): np.array(numbers[1:], float) for numbers in lines}
+
+
+def sample_path(leg: Leg, folder: Path, step: int) -> Path:
+    """Path of the restart file of a step."""
+    return folder / SAMPLE.replace("*", str(step + warm_up(leg)))
+
+
+def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
+    """Read the state at a step, with the memory of its contacts; angles are those at the start of the leg."""
+    state, path = leg.state, sample_path(leg, folder, step)
+    try:
+        places = Places.of(leg.law)
+        restart = read_restart(path, walls=len(state.walls.mass), values=places.size)
+        if len(restart.ids) != len(state.grains.radius):
+            raise ValueError("a restart file that lacks grains")
+    except (OSError, ValueError) as problem:
+        raise RuntimeError(f"{path} cannot be read ({problem}): run LAMMPS again in {folder}") from problem
+    elapsed = step * leg.dt
+    low, high, (xy, xz, yz) = box[0:6:2], box[1:6:2], box[6:9]
+    vectors = np.array([[high[0] - low[0], 0, 0], [xy, high[1] - low[1], 0], [xz, yz, high[2] - low[2]]])
+    cell, position, velocity = _read_motion(leg, folder, step, restart, vectors, box[9:])
+    grains = state.grains._replace(position=position, velocity=velocity, spin=restart.spin)
+    moved = grains.position, grains.velocity, grains.spin, restart.slip, restart.wall_slip
+    if not all(np.isfinite(values).all() for values in moved):
+        raise RuntimeError("the grains became unstable in LAMMPS: use a shorter dt")
+    moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
+    imposed, n = driven_bodies(moved), len(grains.radius)
+    grains = grains._replace(velocity=imposed.velocity[:n], spin=imposed.spin[:n])
+    more, wall_more = (rotations(values, *places[1:]) for values in (restart.more, restart.wall_more))
+    restart = restart._replace(more=more, wall_more=wall_more)
+    return restore_memory(moved._replace(grains=grains), leg.law, restart)
+
+
+def _read_motion(leg: Leg, folder: Path, step: int, restart: Restart, following: np.ndarray, rates: np.ndarray):
+    """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
+    state, rate = leg.state, leg.state.control.cell_rate
+    dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
+    if needs_forces(leg):
+        return read_cell(leg, following, rates, read_dump(dumped)[0][0])
+    whole, inside = restart.image * state.cell.periodic, restart.position
+    vectors = following - leg.dt * state.cell.vectors @ rate.T
+    if rate.any():
+        place = read_dump(dumped)[0][0].numbers("xu", "yu", "zu")
+        inside = inside + np.round((place - inside - whole @ vectors) @ np.linalg.inv(vectors)) @ vectors
+    change = step * leg.dt * state.cell.vectors @ rate.T
+    cell = state.cell._replace(vectors=state.cell.vectors + change, rate=rate.copy())
+    return cell, inside + whole @ vectors, restart.velocity - inside @ rate.T
+
+
+def walls_at(leg: Leg, elapsed: float):
+    """Walls after a time in the leg."""
+    state, control, n = leg.state, leg.state.control, len(leg.state.grains.radius)
+    point, velocity = state.walls.point.copy(), np.zeros_like(state.walls.velocity)
+    for w in range(len(point)):
+        for k in range(state.cell.dim):
+            rate, column = control.rate[n + w, k], int(control.follows[n + w, k])
+            if rate:
+                moved, factor = _course(leg, column, elapsed)
+                point[w, k] += rate * moved
+                velocity[w, k] = rate * factor
+    return state.walls._replace(point=point, velocity=velocity)
+
+
+def _course(leg: Leg, column: int, elapsed: float) -> tuple[float, float]:
+    """Integral of a course from the start of the leg, and its value."""
+    control, begin = leg.state.control, leg.state.time
+    if column < 0:
+        return elapsed, 1.0
+    if wave := leg.waves.get(column):
+        turn = 2 * np.pi * wave.frequency
+        first, last = (turn * (t - wave.start) + wave.phase for t in (begin, begin + elapsed))
+        return wave.amplitude / turn * (np.cos(first) - np.cos(last)), float(wave(begin + elapsed))
+    end = begin + elapsed
+    times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
+    values = np.interp(times, control.knots, control.course[:, column])
+    return float(np.trapezoid(values, times)), float(factors_at(control, end)[column])

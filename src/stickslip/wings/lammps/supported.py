@@ -1,0 +1,258 @@
+"""What LAMMPS can run, and one sentence for each thing that it cannot."""
+
+import numpy as np
+
+from ...builtin_laws import BUILTIN_LAWS, NAMES
+from ...core.dynamics.engine import Leg
+from ...core.laws.builtin import (
+    DAMPING_N,
+    DAMPING_T,
+    KEEPS_FORCE,
+    LEVER,
+    MASS,
+    NO_TENSION,
+    RESTITUTION,
+    ROLLING,
+    SHARP,
+    TSUJI,
+    TWISTING,
+    VELOCITY,
+    VISCOELASTIC,
+    VISCOUS,
+    Law,
+    damping_model,
+    parameter_names,
+    rescales,
+)
+from ...core.laws.kinds import Kind
+from ...core.laws.restitution import critical_coefficient, dashpot_coefficients, restitution_of
+from ...core.state import State
+from ...data.exchange.lammps_laws import MODELS
+from ...data.schema import ScenarioError
+from .cell import needs_forces, tilts_of
+from .leg import inertia_factor, is_held, members_of
+
+MAX_KNOTS = 64  # of the course of a velocity within one leg
+STAY = 'or use engine = "stickslip"'
+
+
+def is_linear(law: Law) -> bool:
+    """Return True if the normal force of a built-in law is linear in the overlap."""
+    return BUILTIN_LAWS[law.kind].exponent == 1
+
+
+def lacks_radius(law: Law) -> bool:
+    """Return True for Hertz's law without the √R_eff by which LAMMPS multiplies it."""
+    return not (is_linear(law) or BUILTIN_LAWS[law.kind].uses_radius)
+
+
+def check_law(law: Law, state: State) -> None:
+    """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
+    if isinstance(law.kind, Kind) or name_with_radius(law) not in MODELS:
+        raise ScenarioError(f"LAMMPS was given a law that only stickslip evaluates here: {STAY[3:]}")
+    if law.coulomb != SHARP:
+        raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
+    if len(np.unique(state.grains.material)) > 1:
+        raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
+    _check_memory(law)
+    _check_moments(law, parameters_of(law, state))
+    _check_dashpots(law, parameters_of(law, state), walls=len(state.walls.mass) > 0)
+    if lacks_radius(law) and np.ptp(state.grains.radius) > 1e-12 * state.grains.radius.max():
+        raise ScenarioError(
+            f"LAMMPS multiplies Hertz's law by √R_eff, which is constant for grains of one size only: use "
+            f"hertz_mindlin_reff, {STAY}"
+        )
+    if rescales(law) and len(state.walls.mass):
+        raise ScenarioError(f"LAMMPS was given a rescaled law and walls, whose torques differ: {STAY[3:]}")
+
+
+def name_with_radius(law: Law) -> str:
+    """Name of a law, with √R_eff if that is what it lacks."""
+    return NAMES[law.kind].replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else NAMES[law.kind]
+
+
+def _check_memory(law: Law) -> None:
+    """Raise ScenarioError if LAMMPS treats the memory of contacts otherwise."""
+    if BUILTIN_LAWS[law.kind].bonds:
+        raise ScenarioError(
+            f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: "
+            f"{STAY[3:]}"
+        )
+    if law.properties & TWISTING:
+        raise ScenarioError(
+            f"LAMMPS was given twisting moments, whose spring it turns round to the direction of the present rate "
+            f"where their limit falls: {STAY[3:]}"
+        )
+    granular = law.properties or BUILTIN_LAWS[law.kind].parameters
+    if granular and not law.properties & LEVER:
+        raise ScenarioError(
+            f"LAMMPS was given {describe_properties(law)} with lever arms R, and has it with R - δ/2: use "
+            f'lever = "overlap", or laws.with_lever, {STAY}'
+        )
+
+
+def describe_properties(law: Law) -> str:
+    """Name of a law that only `pair_style granular` has."""
+    names = {KEEPS_FORCE: "a memory of forces", ROLLING: "rolling moments"}
+    return next((name for part, name in names.items() if law.properties & part), NAMES[law.kind])
+
+
+def _check_moments(law: Law, q: np.ndarray) -> None:
+    """Raise ScenarioError if LAMMPS has no such rolling moments."""
+    values = dict(zip(parameter_names(law), q.tolist(), strict=True))
+    if law.properties & ROLLING and (law.properties & VISCOUS or not values["k_roll"]):
+        raise ScenarioError(f'LAMMPS was given a rolling moment without a spring: use rolling = "spring", {STAY}')
+    if law.properties & ROLLING and not values["mu"]:
+        raise ScenarioError(f"LAMMPS was given rolling moments without friction: use mu > 0, {STAY}")
+
+
+def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
+    """Raise ScenarioError if LAMMPS has no such dashpots, from the parameters of contacts between grains."""
+    model, rest, own = damping_model(law) & ~NO_TENSION, (TSUJI, RESTITUTION), BUILTIN_LAWS[law.kind]
+    usual = MASS if is_linear(law) else VISCOELASTIC
+    allowed = (VELOCITY, MASS, VISCOELASTIC, *rest) if law.properties & LEVER else (usual,)
+    if own.parameters:
+        allowed = VELOCITY, MASS, VISCOELASTIC
+    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and model not in allowed:
+        raise ScenarioError(
+            f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
+            f"viscoelastic dashpots, linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
+        )
+    if model == RESTITUTION and dashpot_coefficients(law).max() >= critical_coefficient(law.kind):
+        raise ScenarioError(
+            f"LAMMPS was given a restitution of {q[DAMPING_N]:g} with tension = false, which needs more than its "
+            f"strongest dashpots: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
+        )
+    if own.parameters and law.damping & NO_TENSION:
+        raise ScenarioError(f"LAMMPS was given tension = false with {own.name}, which it does not allow: {STAY[3:]}")
+    if (is_granular(law) or walls) and model not in rest and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
+        raise ScenarioError(
+            f"LAMMPS was given {'this law' if is_granular(law) else 'walls and a law'} with damping_t but without "
+            f"damping_n, although it expresses damping_t as a multiple of damping_n: give both or neither"
+        )
+
+
+def is_granular(law: Law) -> bool:
+    """Return True if only `pair_style granular` of LAMMPS has a law, with lever arms R − δ/2."""
+    return bool(rescales(law) or law.properties)
+
+
+def parameters_of(law: Law, state: State) -> np.ndarray:
+    """Parameters of contacts between grains."""
+    material = state.grains.material[0] if len(state.grains.material) else 0
+    return law.table[material, material]
+
+
+def check_leg(leg: Leg) -> None:
+    """Raise ScenarioError if LAMMPS cannot run the conditions of a leg exactly."""
+    check_law(leg.law, leg.state)
+    _check_order(leg)
+    _check_cell(leg)
+    _check_grains(leg.state)
+    _check_groups(leg)
+    _check_walls(leg)
+    if leg.samples < 1:
+        raise ScenarioError(f"samples = {leg.samples} was given: use at least 1")
+    if leg.samples > leg.steps and not leg.every:
+        raise ScenarioError(
+            f"{leg.samples} samples in {leg.steps} steps were requested, but LAMMPS writes at most one a step: use "
+            f"fewer samples or a smaller dt"
+        )
+
+
+def _check_order(leg: Leg) -> None:
+    """Raise ScenarioError if LAMMPS would reverse the memory of rolling."""
+    periodic = leg.state.cell.periodic[: leg.state.cell.dim].any()
+    if leg.law.properties & ROLLING and (periodic or leg.ranks > 1):
+        raise ScenarioError(
+            f"LAMMPS was given rolling moments, whose memory it reverses where grains cross a periodic side or go to "
+            f"another process: use open sides and one process, {STAY}"
+        )
+
+
+def _check_cell(leg: Leg) -> None:
+    state = leg.state
+    control, cell = state.control, state.cell
+    rate, free = control.cell_rate, control.cell_free
+    if (free & ~np.eye(3, dtype=bool)).any():
+        raise ScenarioError(
+            "LAMMPS was given a cell whose shear follows a stress, but has no sum of f_x r_y, only one of f_y r_x: let "
+            f"only lengths of the cell follow, {STAY}"
+        )
+    if np.tril(rate, -1).any() or (control.cell_follows[rate != 0] >= 0).any():
+        raise ScenarioError(
+            "LAMMPS was given a cell whose rate varies in time or tilts it along yx, zx or zy: use a constant rate and "
+            f"shear along xy, xz or yz, {STAY}"
+        )
+    if needs_forces(leg) and (tilts := tilts_of(state))[0, 1] and tilts[1, 2]:
+        raise ScenarioError(
+            f"LAMMPS was given a cell that tilts along xy and yz at once, which it cannot deform: use one, {STAY}"
+        )
+    if needs_forces(leg) and (len(state.walls.mass) or (control.group >= 0).any()):
+        raise ScenarioError(
+            f"LAMMPS was given walls or rigid groups in a cell that changes its lengths: leave them out, {STAY}"
+        )
+    if not (np.triu(cell.vectors, 1) == 0).all() or not (np.diag(cell.vectors) > 0).all():
+        raise ScenarioError("LAMMPS needs a cell whose first vector is along x and second one in the xy plane")
+    reach = 4 * float(state.grains.radius.max(initial=0.0))
+    for k in np.flatnonzero(cell.periodic[: cell.dim]):
+        if cell.vectors[k, k] < reach:
+            raise ScenarioError(
+                f"LAMMPS tells images of a grain apart by its number only, and the cell is {cell.vectors[k, k]:.3g} "
+                f"long along {'xyz'[k]}: use a cell at least two diameters long"
+            )
+
+
+def _check_grains(state: State) -> None:
+    control, n = state.control, len(state.grains.radius)
+    loose = control.group[:n] < 0
+    used = [*range(state.cell.dim), *range(6 - (3 if state.cell.dim == 3 else 1), 6)]
+    if not control.free[:n][loose][:, used].all():
+        raise ScenarioError(f"LAMMPS was given single grains that are held or driven: make them a rigid group, {STAY}")
+    if control.force[:n][loose].any() or control.torque[:n].any() or control.spring[:n][loose].any():
+        raise ScenarioError(f"LAMMPS was given forces on single grains, which are not translated: {STAY[3:]}")
+    i0 = inertia_factor(state)
+    if not (np.isclose(i0, 0.4, rtol=1e-9) or (state.cell.dim == 2 and np.isclose(i0, 0.5, rtol=1e-9))):
+        raise ScenarioError(
+            f"LAMMPS was given I0 = {i0:.4g}, but has I0 = 2/5 and, in two dimensions, 1/2: use one of these, {STAY}"
+        )
+
+
+def _check_groups(leg: Leg) -> None:
+    control, dim = leg.state.control, leg.state.cell.dim
+    for members in members_of(leg.state).values():
+        free, follows = control.free[members[0], :dim], control.follows[members[0], :dim]
+        if free.any() and (follows[~free] >= 0).any():
+            raise ScenarioError(
+                f"LAMMPS was given a plate that a force moves along one axis and a velocity that varies in time along "
+                f"another: use a constant velocity, {STAY}"
+            )
+        if control.free[members, 3:].any():
+            raise ScenarioError(f"LAMMPS was given a rigid group that turns, which is not translated: {STAY[3:]}")
+        if is_held(leg.state, members):
+            for k in range(dim):
+                _check_course(leg, int(follows[k]))
+
+
+def _check_walls(leg: Leg) -> None:
+    state, n = leg.state, len(leg.state.grains.radius)
+    if state.control.free[n:, : state.cell.dim].any():
+        raise ScenarioError(
+            f"LAMMPS was given a wall that a force moves, but it moves walls at given velocities only: use a plate, "
+            f"whose grains are a rigid body, {STAY}"
+        )
+    for column in np.unique(state.control.follows[n:, :3]):
+        _check_course(leg, int(column))
+
+
+def _check_course(leg: Leg, column: int) -> None:
+    """Raise ScenarioError if the course of a velocity has too many knots for a formula."""
+    if column < 0 or column in leg.waves:
+        return
+    begin, end = leg.state.time, leg.state.time + leg.steps * leg.dt
+    inside = (leg.state.control.knots > begin) & (leg.state.control.knots < end)
+    if inside.sum() > MAX_KNOTS:
+        raise ScenarioError(
+            f"LAMMPS was given a velocity with {inside.sum()} knots in one leg, and evaluates it as a formula: use at "
+            f"most {MAX_KNOTS}, {STAY}"
+        )

@@ -1,0 +1,1 @@
+"""Disk arrays, sheared spheres, quasi-rigid packings and gouge: four papers, with their claims."""

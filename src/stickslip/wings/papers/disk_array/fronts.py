@@ -1,0 +1,257 @@
+"""Transition from static to dynamic friction in a row of disks: slip times of the disks and speeds of the fronts."""
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from ....core.dynamics.engine import Engine, Leg
+from ....core.dynamics.run import own_engine
+from ....core.laws.builtin import Law
+from ....core.state import SLIDE, State
+from ....loading.protocols import perturbed
+
+BOOTSTRAPS = 1000
+AROUND = (
+    200  # samples of a run on each side of a time, over which a profile is averaged: 20 periods of the fastest mode
+)
+
+
+class Transition(NamedTuple):
+    """One realization of the transition. Times of events that did not happen are NaN."""
+
+    breach: np.ndarray  # (N,) first time at the Coulomb limit of each disk's contact with the substrate [time]
+    slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
+    # velocity of the center of mass over the last third of the run; NaN unless all disks slid before it [length/time]
+    velocity: float  # [length/time]
+    wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none is
+    msd_at_breach: float  # M when the first contact with the substrate reaches the Coulomb limit [length²]
+    unloading: np.ndarray  # (N,) overlap with the substrate at the breach of each disk, over that before the run
+    power: float  # p in M ∝ (t − t_b)^p over the last third of the run, t_b the first breach; NaN unless all disks slid
+    late_velocity: np.ndarray  # (2,) velocity of the center in both halves of the last third, likewise [length/time]
+    late_height: np.ndarray  # (2,) standard deviation of the height of the center in both halves [length]
+    # the following are of displacements along the row that are averaged over `AROUND` samples before and after
+    smooth_slide: np.ndarray  # (H, N) first time at which they exceed each threshold [time]
+    profile: np.ndarray  # (H, N) they minus their mean, when the mean passes each threshold [length]
+    drift: np.ndarray  # (H,) velocity of the mean then [length/time]
+    time: np.ndarray  # (S,) [time]
+    center: np.ndarray  # (S, 2) center of mass [length]
+
+
+class Front(NamedTuple):
+    """Front fitted to the mean times at each disk: distance = speed × time, through its start (Eq 9)."""
+
+    distance: np.ndarray  # (N,) from the disk where it starts [length]
+    delay: np.ndarray  # (N,) mean time after its start [time]
+    error: np.ndarray  # (N,) standard error of the mean [time]
+    speed: float  # [length/time]
+    speed_error: float  # bootstrap over realizations, one standard deviation [length/time]
+    free_intercept: float  # speed by regression of time on distance without fixing the start [length/time]
+    free_error: float  # same bootstrap, half of the central 68 % interval, as 1/slope has long tails [length/time]
+    complete: int  # realizations in which the event happened at every disk
+    counted: int  # realizations included in the fit
+
+
+def breach_times(events: np.ndarray, start: State) -> np.ndarray:
+    """Return the first time at which each grain's contact with a wall reached the Coulomb limit, shape (N,).
+
+    It is the time of `start`, the state before the run, if the contact was already at the limit then, and NaN if
+    it never reached the limit.
+    """
+    n, contacts = len(start.grains.radius), start.contacts
+    times = np.full(n, np.nan)
+    at_limit = (contacts.mode == SLIDE) & (contacts.j >= n) & (np.arange(len(contacts.i)) < contacts.count[0])
+    at_wall = events[(events["kind"] == "limit") & (events["j"] >= n)]
+    for event in at_wall[::-1]:
+        times[event["i"]] = event["time"]
+    times[contacts.i[at_limit]] = start.time
+    return times
+
+
+def crossing_times(time: np.ndarray, displacement: np.ndarray, thresholds) -> np.ndarray:
+    """Return the first time at which |displacement| (T, N) exceeds each threshold, shape (H, N).
+
+    NaN if it never does.
+    """
+    beyond = np.abs(displacement)[None] > np.asarray(thresholds, float)[:, None, None]
+    first = np.argmax(beyond, axis=1)
+    return np.where(beyond.any(axis=1), time[first], np.nan)
+
+
+def run_transition(
+    state: State,
+    law: Law,
+    seed: int,
+    *,
+    velocity: float,
+    duration: float,
+    dt: float,
+    sample: float,
+    thresholds,
+    drag=0.0,
+    spin_drag=None,
+    engine: Engine | None = None,
+) -> Transition:
+    """Run the dynamics freely from an equilibrium perturbed by random velocities."""
+    start, every = perturbed(state, seed, velocity), max(1, round(sample / dt))
+    leg = Leg(start, law, dt, round(duration / dt), every=every, detailed=True, drag=drag, spin_drag=spin_drag)
+    run = _run_in_pieces(leg, engine or own_engine()._replace(samples=leg.steps))
+    along, time = run.along - state.grains.position[:, 0], run.time - state.time
+    smooth = uniform_filter1d(along, 2 * AROUND + 1, axis=0, mode="nearest")
+    slide = crossing_times(time, along, thresholds)
+    late = time >= duration * 2 / 3
+    slides = late.sum() > 4 and bool((slide[np.argmax(thresholds)] < duration * 2 / 3).all())
+    breach = breach_times(run.events, start) - state.time
+    limits = run.events["j"][run.events["kind"] == "limit"]
+    thin = slice(None, None, max(1, len(time) // 500))
+    return Transition(
+        breach,
+        slide,
+        velocity_of(time[late], run.center[late, 0]) if slides else np.nan,
+        float(limits[0] >= along.shape[1]) if len(limits) else np.nan,
+        float(np.interp(np.nanmin(breach), time, run.msd)) if np.isfinite(breach).any() else np.nan,
+        unloading(state, time, run.height, breach),
+        msd_power(time[late], run.msd[late], breach) if slides else np.nan,
+        *(late_halves(time[late], run.center[late]) if slides else np.full((2, 2), np.nan)),
+        crossing_times(time, smooth, thresholds),
+        *drift_profile(time, smooth, thresholds),
+        run.time[thin].copy(),  # not views, which would keep the whole record
+        run.center[thin].copy(),
+    )
+
+
+class _Run(NamedTuple):
+    """Motion of an array at T samples, and its contact events."""
+
+    time: np.ndarray  # (T,)
+    msd: np.ndarray  # (T,) from the positions at the start of the run
+    center: np.ndarray  # (T, 2)
+    along: np.ndarray  # (T, N)
+    height: np.ndarray  # (T, N)
+    events: np.ndarray
+
+
+def _run_in_pieces(leg: Leg, engine: Engine) -> _Run:
+    """Run a leg in pieces, each with as many samples as an engine returns at once."""
+    state, parts, left = leg.state, [], leg.steps
+    while left or not parts:
+        steps = min(left, engine.samples * leg.every)
+        ((state, record),) = engine.pieces(leg._replace(state=state, steps=steps))
+        position, new = record.position, slice(1 if parts else 0, None)
+        way = position - leg.state.grains.position
+        parts.append(
+            _Run(
+                record.time[new], (way**2).sum(axis=(1, 2))[new], record.center[new, :2], position[new, :, 0],
+                position[new, :, 1], record.events,
+            )
+        )  # fmt: skip
+        left -= steps
+    return _Run(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def velocity_of(time: np.ndarray, position: np.ndarray) -> float:
+    """Slope of a line fitted to a position [length/time]."""
+    return float(np.polyfit(time, position, 1)[0])
+
+
+def unloading(state: State, time: np.ndarray, height: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Overlap of each disk with the substrate at its own time `at` (N,), over that in `state`; NaN without a time."""
+    radius, before = state.grains.radius, state.grains.position[:, 1]
+    then = [np.interp(t, time, y) if np.isfinite(t) else np.nan for t, y in zip(at, height.T, strict=True)]
+    return np.maximum(radius - then, 0.0) / (radius - before)
+
+
+def msd_power(time: np.ndarray, msd: np.ndarray, breach: np.ndarray) -> float:
+    """Exponent p of M ∝ (t − t_b)^p, t_b the first of the times `breach`; NaN unless all times are later."""
+    first = np.nanmin(breach) if np.isfinite(breach).any() else np.inf
+    return velocity_of(np.log(time - first), np.log(msd)) if time[0] > first else np.nan
+
+
+def late_halves(time: np.ndarray, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity along the row and standard deviation of the height of the center of mass, in both halves of a run."""
+    halves = np.array_split(np.arange(len(time)), 2)
+    velocity = np.array([velocity_of(time[half], center[half, 0]) for half in halves])
+    return velocity, np.array([center[half, 1].std() for half in halves])
+
+
+def drift_profile(time: np.ndarray, smooth: np.ndarray, thresholds) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements (T, N) minus their mean (H, N), and the velocity of the mean (H,), when it passes each threshold.
+
+    NaN unless the run contains `AROUND` samples before and after that time, from which the velocity follows.
+    """
+    mean = smooth.mean(axis=1)
+    profile, drift = np.full((len(thresholds), smooth.shape[1]), np.nan), np.full(len(thresholds), np.nan)
+    for k, threshold in enumerate(thresholds):
+        n = int(np.argmax(np.abs(mean) > threshold))  # zero if it never passes
+        if AROUND <= n < len(mean) - AROUND:
+            profile[k] = smooth[n] - mean[n]
+            drift[k] = (mean[n + AROUND] - mean[n - AROUND]) / (time[n + AROUND] - time[n - AROUND])
+    return profile, drift
+
+
+def row_order(state: State, start: int, *, backward: bool = False):
+    """Return the order of the disks from disk `start` along the row (or against it), and their distances [length]."""
+    n, x = len(state.grains.radius), state.grains.position[:, 0]
+    order = (start + np.arange(n)) % n if not backward else (start - np.arange(n)) % n
+    gap = (x[order] - x[start]) * (-1 if backward else 1)
+    return order, np.mod(gap + 1e-9, state.cell.vectors[0, 0]) - 1e-9
+
+
+def drift_speed(
+    profile: np.ndarray, drift: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0
+) -> tuple[float, float] | None:
+    """Speed of the front made by disks that keep their displacements u_i (S, N) while they drift at speeds V (S,).
+
+    Disk i passes a threshold (u_start − u_i)/V after the disk where the front starts. The means of both over
+    realizations make the delays, to which a line through the start is fitted, as by `fit_front`; the error is that of
+    a bootstrap over realizations. None with fewer than two realizations.
+    """
+    whole = np.isfinite(profile).all(axis=1) & np.isfinite(drift)
+    profile, drift = profile[whole][:, order], drift[whole]
+    if len(drift) < 2:
+        return None
+    picks = np.random.default_rng(seed).integers(0, len(drift), (BOOTSTRAPS, len(drift)))
+    picks[0] = np.arange(len(drift))
+    mean = profile[picks].mean(axis=1)
+    delay = (mean[:, :1] - mean) / drift[picks].mean(axis=1)[:, None]
+    speeds = distance @ distance / (delay @ distance)
+    return float(speeds[0]), float(speeds.std())
+
+
+def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
+    """Fit a front to times of the same event, shape (realizations, N).
+
+    Delays are counted from the disk where the front starts.
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, Eq 9: V (τ_i − τ_start) = distance, for times averaged over realizations.
+    """
+    delay = times[:, order] - times[:, order[:1]]
+    delay = delay[np.isfinite(delay).sum(axis=1) > 1]
+    if len(delay) < 2 or len(order) < 2 or not np.isfinite(delay).any(axis=0).all():
+        return None
+    counted = np.isfinite(delay).sum(axis=0)
+    mean = np.nanmean(delay, axis=0)
+    error = np.nanstd(delay, axis=0) / np.sqrt(np.maximum(counted - 1, 1))
+    rng = np.random.default_rng(seed)
+    picks = rng.integers(0, len(delay), (BOOTSTRAPS, len(delay)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a resample may contain no delay for some disk
+        resampled = np.nanmean(delay[picks], axis=1)
+    resampled = resampled[np.isfinite(resampled).all(axis=1)]
+    away = distance - distance.mean()
+    free = away @ away / (resampled @ away)
+    slope = np.polyfit(distance, mean, 1)[0]
+    return Front(
+        distance,
+        mean,
+        error,
+        float(distance @ distance / (distance @ mean)),
+        float(np.std(distance @ distance / (resampled @ distance))),
+        float(1 / slope) if slope else np.inf,
+        float(0.5 * np.subtract(*np.quantile(free, [0.84, 0.16]))),
+        int(np.isfinite(delay).all(axis=1).sum()),
+        len(delay),
+    )

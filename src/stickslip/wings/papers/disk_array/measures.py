@@ -1,0 +1,181 @@
+"""Measures of a pushed array of disks: births of complex pairs, fronts, sliding velocity and the transverse mode."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....loading.protocols import Equilibrium, Protocol, dominant_family, fit_growth
+from ....reports.claims import standard_error
+from ....solve.spectrum import Spectrum
+from . import fronts
+from .free_runs import FreeRun
+from .simulate import DiskArrayResult, Ensemble
+
+BLOCKS = 8  # blocks in the late half of a run, for the error of its mean; each is long compared with the modes' beats
+LATE = 4  # a run is divided into this many parts; the mean M of the last one is compared with that of the first
+HALVES = (1e-19, 1e-15), (1e-15, 1e-11)  # halves of the window of M in which growth is fitted
+
+
+def late_birth(path: list[Equilibrium], protocol: Protocol, load: float = 0.083) -> float | None:
+    """Return F_x at the birth of the pair that dominates (largest Im λ) at `load`, on a rising path."""
+    family = dominant_family([point for point in path if point.load <= load], protocol)
+    if family is None:
+        return None
+    return family.birth.load if family.birth else float(family.loads[0])
+
+
+def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front | None:
+    """Fit the front at which substrate contacts reach the Coulomb limit, running from the pushed disk along the row."""
+    order, distance = fronts.row_order(result.pressed, result.scenario.load.disk - 1)
+    return fronts.fit_front(ensemble.breach, order, distance, result.scenario.seed)
+
+
+def backward_order(result: DiskArrayResult) -> tuple[np.ndarray, np.ndarray]:
+    """Order of the disks from the last one back to the pushed one, and their distances from the last one [length]."""
+    last = (result.scenario.load.disk - 2) % result.scenario.array.disks
+    return fronts.row_order(result.pressed, last, backward=True)
+
+
+def backward_front(
+    result: DiskArrayResult, threshold: float, loads=None, *, smooth: bool = False
+) -> fronts.Front | None:
+    """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`.
+
+    `smooth`: of displacements without their oscillation, see `fronts.Transition`.
+    """
+    how, name = result.scenario.sliding, "smooth_slide" if smooth else "slide"
+    order, distance = backward_order(result)
+    k, chosen = how.thresholds.index(threshold), loads or result.sliding
+    times = [getattr(result.sliding[load], name)[:, k] for load in chosen]
+    return fronts.fit_front(np.concatenate(times), order, distance, result.scenario.seed)
+
+
+class Line(NamedTuple):
+    """Sliding velocity against push, with the line V = intercept + slope F_x fitted to some of the loads."""
+
+    push: np.ndarray  # (L,) all loads
+    velocity: np.ndarray  # (L,) means over the realizations that slid before the run ended [length/time]
+    error: np.ndarray  # (L,) standard errors of the means
+    slope: float
+    intercept: float
+    slope_error: float
+    intercept_error: float
+
+
+def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
+    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None with fewer than three."""
+    rows = []
+    for load, ensemble in result.sliding.items():
+        good = ensemble.velocity[np.isfinite(ensemble.velocity)]
+        if len(good) > 2:
+            rows.append((load, good.mean(), good.std(ddof=1) / np.sqrt(len(good))))
+    if sum(load <= top for load, *_ in rows) < 3:
+        return None
+    load, mean, error = np.array(rows).T
+    use = load <= top
+    (slope, intercept), covariance = np.polyfit(load[use], mean[use], 1, w=1 / error[use], cov="unscaled")
+    slope_error, intercept_error = np.sqrt(np.diag(covariance))
+    return Line(load, mean, error, float(slope), float(intercept), float(slope_error), float(intercept_error))
+
+
+def y_mode(modes: Spectrum) -> int:
+    """Index of the mode with the largest share in y."""
+    return int(np.argmax(modes.shares()[:, 1]))
+
+
+def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
+    """Wave numbers (Q,) [1/diameter] and shares (Q, n) of the motion of each mode along y, disks in a periodic row."""
+    y = modes.modes[modes.free.axis == 1]
+    n = len(y)
+    power = np.abs(np.fft.fft(y, axis=0)) ** 2
+    folded = np.array([power[q] + (power[-q] if 0 < q < n - q else 0) for q in range(n // 2 + 1)])
+    whole = power.sum(axis=0)
+    return 2 * np.pi * np.arange(len(folded)) / n, np.divide(folded, whole, out=np.zeros_like(folded), where=whole > 0)
+
+
+def exceeds(value: float, error: float, bound: float) -> bool | None:
+    """Whether a number lies above a bound; None within two standard errors of it."""
+    return None if not abs(value - bound) > 2 * error else bool(value > bound)
+
+
+def growth_error(free: FreeRun) -> float | None:
+    """Half the difference between the growth rates fitted in the two halves of the window [1/time].
+
+    None if either fit fails.
+
+    M is in units of (2R)², which is 1 in the paper's scenarios.
+    """
+    if free.predicted_growth <= 0:
+        return None
+    guess = {"growth_rate": free.predicted_growth, "frequency": free.predicted_frequency}
+    fits = [fit_growth(free.time, free.msd, window=window, **guess) for window in HALVES]
+    return None if None in fits else 0.5 * abs(fits[0].growth_rate - fits[1].growth_rate)
+
+
+def saturation_error(free: FreeRun) -> float | None:
+    """Standard error of the mean of M over the second half of one run, from block averages [length²]."""
+    late = free.msd[free.time >= free.time[0] + 0.5 * (free.time[-1] - free.time[0])]
+    return standard_error([block.mean() for block in np.array_split(late, BLOCKS)])
+
+
+def growth_factor(free: FreeRun) -> float:
+    """Ratio of the mean of M over the last quarter of a run to that over the first; about 1 where nothing grows."""
+    parts = np.array_split(free.msd[1:], LATE)
+    return float(parts[-1].mean() / parts[0].mean())
+
+
+def power_law(x: np.ndarray, speed: np.ndarray, error: np.ndarray) -> tuple[float, float] | None:
+    """Exponent p of speed ∝ x^p and its standard error, widened by the misfit; None with fewer than three speeds."""
+    if len(x) < 3 or (speed <= 0).any() or np.ptp(x) == 0:
+        return None
+    x, y, w = np.log(x), np.log(speed), speed / error
+    (slope, level), covariance = np.polyfit(x, y, 1, w=w, cov="unscaled")
+    misfit = float((((y - level - slope * x) * w) ** 2).sum() / (len(x) - 2))
+    return float(slope), float(np.sqrt(covariance[0, 0] * max(1.0, misfit)))
+
+
+def drift_front(result: DiskArrayResult, threshold: float, loads) -> tuple[float, float] | None:
+    """Speed, and its error, of the backward front of an array that drifts with a constant profile of displacements.
+
+    See `fronts.drift_speed`; None without a run that passes the threshold.
+    """
+    how = result.scenario.sliding
+    order, distance = backward_order(result)
+    k = how.thresholds.index(threshold)
+    profile = np.concatenate([result.sliding[load].profile[:, k] for load in loads])
+    drift = np.concatenate([result.sliding[load].drift[:, k] for load in loads])
+    return fronts.drift_speed(profile, drift, order, distance, result.scenario.seed)
+
+
+class Proportion(NamedTuple):
+    """Speed of the forward front against Im λ of the strongest pair, at the loads that have both."""
+
+    load: np.ndarray  # (L,)
+    im_lambda: np.ndarray  # (L,) [1/time²]
+    speed: np.ndarray  # (L,) [length/time]
+    speed_error: np.ndarray  # (L,)
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """(L,) V_1/Im λ [length·time]."""
+        return self.speed / self.im_lambda
+
+    @property
+    def mean_ratio(self) -> tuple[float, float]:
+        """Mean of the ratios and its standard error, propagated from those of the speeds."""
+        errors = self.speed_error / self.im_lambda
+        return float(self.ratio.mean()), float(np.sqrt((errors**2).sum()) / len(errors))
+
+    @property
+    def exponent(self) -> tuple[float, float] | None:
+        """Exponent p of V_1 ∝ (Im λ)^p and its standard error; see `power_law`."""
+        return power_law(self.im_lambda, self.speed, self.speed_error)
+
+
+def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, free: bool) -> Proportion:
+    """Pair the front speeds, fitted through the start or with a free intercept, with Im λ given as {load: value}."""
+    by_load = {load: forward_front(result, result.sliding[load]) for load in im_lambda}
+    there = [load for load, front in by_load.items() if front and im_lambda[load] > 0]
+    speeds = [(f.free_intercept, f.free_error) if free else (f.speed, f.speed_error) for f in map(by_load.get, there)]
+    speed, error = np.array(speeds).reshape(-1, 2).T
+    return Proportion(np.array(there), np.array([im_lambda[load] for load in there]), speed, error)

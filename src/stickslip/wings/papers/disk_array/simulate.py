@@ -1,0 +1,310 @@
+"""Simulation of a disk array: press, push quasi-statically, find spectra, run freely from chosen loads, and slide."""
+
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import checked
+from ....core.dynamics.batch import Device
+from ....core.laws.builtin import Law
+from ....core.outcome import Outcome, Status
+from ....core.progress import Report, silent, within
+from ....core.state import State
+from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
+from ....ensemble import Workers
+from ....experiments.contact_law import make_law
+from ....experiments.experiment import result_of
+from ....experiments.realizations import Task, open_device, run_realizations
+from ....loading.packing import disk_array, with_push
+from ....loading.protocols import (
+    Change,
+    Equilibrium,
+    Family,
+    Growth,
+    Protocol,
+    equilibrium,
+    load_path,
+    ramp,
+    track_pairs,
+)
+from ....solve.spectrum import Spectrum, spectrum
+from . import EXPERIMENT, fronts
+from .free_runs import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
+from .scenario import DiskArrayScenario
+
+RAMP, BIRTHS, FREE = "quasi-static ramp", "births and deaths of pairs", "free runs"  # names of stages
+
+
+class Ensemble(NamedTuple):
+    """Realizations of sliding at one load; see `Transition` for each of them."""
+
+    load: float
+    breach: np.ndarray  # (S, N) [time]
+    slide: np.ndarray  # (S, H, N) [time]
+    velocity: np.ndarray  # (S,) [length/time]
+    wall_first: np.ndarray  # (S,)
+    msd_at_breach: np.ndarray  # (S,) [length²]
+    unloading: np.ndarray  # (S, N)
+    power: np.ndarray  # (S,)
+    late_velocity: np.ndarray  # (S, 2) [length/time]
+    late_height: np.ndarray  # (S, 2) [length]
+    smooth_slide: np.ndarray  # (S, H, N) [time]
+    profile: np.ndarray  # (S, H, N) [length]
+    drift: np.ndarray  # (S, H) [length/time]
+    time: np.ndarray  # (T,) [time]
+    center: np.ndarray  # (T, 2) of the first realization [length]
+    failures: tuple[str, ...]
+
+
+@result_of(EXPERIMENT)
+class DiskArrayResult(NamedTuple):
+    """Results of a run of a scenario."""
+
+    scenario: DiskArrayScenario
+    law: Law
+    pressed: State
+    pressed_spectrum: Spectrum
+    path: list[Equilibrium]  # loads in the scenario's numbers
+    families: list[Family]
+    coarse_families: list[Family]  # on the same path with twice the load step, if requested
+    free_runs: dict[float, FreeRun]
+    trajectory: Trajectory | None
+    sliding: dict[float, Ensemble]
+
+
+def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
+    """Return the protocol by which a scenario applies a push (in its own numbers) and finds equilibria."""
+    how = scenario.relaxation
+    options = _damping(scenario) if how.method == "dynamics" else {"tolerance": how.tolerance}
+
+    def apply(state, load):
+        return with_push(state, load * scenario.load.unit, scenario.load.disk - 1)
+
+    def settle(state, load):
+        return equilibrium(state, law, method=how.method, what=f"push = {load:g}", **options)
+
+    return Protocol(law, apply, settle)
+
+
+def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
+    """Bring the array to equilibrium under its normal load."""
+    state, law = build_array(scenario)
+    return equilibrium(state, law, what="the normal load alone", **_damping(scenario))[0], law
+
+
+def _damping(scenario: DiskArrayScenario) -> dict:
+    """Options of `relax`."""
+    return {name: getattr(scenario.relaxation, name) for name in ("tolerance", "drag", "spin_drag", "dt", "steps")}
+
+
+@checked
+def push_disk_array(
+    scenario: DiskArrayScenario, *, step: float | None = None, kept: Checkpoint | None = None, report: Report = silent
+):
+    """Press the array and push it along its path; return State, Law and a list of Equilibrium.
+
+    Parameters
+    ----------
+    step : load step, if it differs from the scenario's; used to see how much the path depends on it
+    kept : storage for the points of the path
+    """
+    state, law = press(scenario)
+    through = (*scenario.dynamics.loads, *scenario.sliding.loads)
+    loads = load_path(scenario.load.push, step or scenario.load.step, through)
+    return state, law, ramp(state, loads, make_protocol(scenario, law), within(report, stage=RAMP), kept=kept)
+
+
+def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
+    """Track the pairs on the path with twice the load step."""
+    ramping, tracking = (within(report, *ends, stage=f"{BIRTHS}, twice the load step") for ends in ((0, 0.8), (0.8, 1)))
+    path = push_disk_array(scenario, step=2 * scenario.load.step, report=ramping)[2]
+    return track_pairs(path, make_protocol(scenario, law), tracking)
+
+
+def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
+    """Return the first point on a path at a given load."""
+    return min(path, key=lambda point: abs(point.load - load))
+
+
+def run_sliding(
+    points: list[Equilibrium],
+    law: Law,
+    scenario: DiskArrayScenario,
+    workers: Workers,
+    report: Report = silent,
+    *,
+    kept: Checkpoint | None = None,
+    device: Device | None = None,
+) -> dict[float, Ensemble]:
+    """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
+    how, dynamics = scenario.sliding, scenario.dynamics
+    options = {
+        "velocity": dynamics.seed_velocity,
+        "duration": how.duration,
+        "dt": dynamics.dt,
+        "thresholds": how.thresholds,
+        "drag": dynamics.drag,
+        "spin_drag": dynamics.spin_drag,
+    }
+    for point in points:
+        check_time_step(point, dynamics.dt)
+    seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
+    tasks = [
+        Task(
+            f"seed {seed}",
+            (p.state, law, p.load, seed, options | {"sample": fastest_period(p) / 10}),
+            f"{p.load!r}-{seed}",
+            kept,
+        )
+        for p in points
+        for seed in seeds
+    ]
+    runs = run_realizations(
+        _transition_task, tasks, stage="realizations of sliding", workers=workers, device=device, report=report,
+        describe=_describe_member,
+    )  # fmt: skip
+    out = {}
+    for point, group in zip(points, runs.groups(len(seeds)), strict=True):
+        good = group.successful(f"realization at push = {point.load:g}")
+        out[point.load] = Ensemble(
+            point.load,
+            *map(np.array, zip(*(t[: -len(("time", "center"))] for t in good), strict=True)),
+            good[0].time,
+            good[0].center,
+            group.failures,
+        )
+    return out
+
+
+def _describe_member(member) -> str:
+    """Describe the outcome of a realization in a few words."""
+    if member.failure:
+        return member.failure
+    velocity = member.result.velocity
+    return f"sliding velocity {velocity:.2e}" if np.isfinite(velocity) else "did not slide in time"
+
+
+def _transition_task(state, law, load, seed, options, report, engine=None):
+    report(f"push {load:g}, seed {seed}", 0.0, "started")
+    return fronts.run_transition(state, law, seed, engine=engine, **options)
+
+
+@checked
+def simulate_disk_array(
+    scenario: DiskArrayScenario,
+    *,
+    folder: Path | None = None,
+    workers: Workers = None,
+    device: str | None = None,
+    sensitivity: bool = False,
+    report: Report = silent,
+) -> DiskArrayResult:
+    """Run a scenario from beginning to end.
+
+    Parameters
+    ----------
+    folder : run folder, in which loads, free runs and realizations are saved as soon as they finish; a run that was
+        killed resumes from them
+    workers : number of processes for the realizations of sliding, or the address of a Dask scheduler; the result does
+        not depend on it
+    device : "cuda": run the realizations of sliding side by side on a graphics processor; they agree with those of
+        other processors until round-off has grown
+    sensitivity : also track the pairs on the same path with twice the load step, to see how much births depend on it
+    report : called as report(stage, share done, text with the relevant quantities)
+
+    Raises
+    ------
+    NotInEquilibriumError
+        If the scenario's method finds no equilibrium at a load. The message names the load and suggests a remedy.
+    ValueError
+        If the device cannot run this scenario.
+    MissingExtraError
+        If CuPy is missing.
+    RuntimeError
+        If there is no such device.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> short = ss.scenario(
+    ...     load={"push": (0.0, 0.02), "step": 0.01}, dynamics={"loads": ()}
+    ... )
+    >>> [len(point.spectrum.pairs) for point in simulate_disk_array(short).path]
+    [0, 1, 1]
+    """
+    where = device and open_device(device, make_law(scenario.law))
+    kept = open_checkpoint(folder, scenario)
+    result = simulate_before_sliding(scenario, kept, sensitivity, report)
+    return add_sliding(result, kept, workers, report, where)
+
+
+def open_checkpoint(folder: Path | None, scenario: DiskArrayScenario) -> Checkpoint | None:
+    """Location of what a run saves, after a check of what is there; None without a folder."""
+    nouns = (FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
+    kept = checkpoint_in(folder, scenario, *nouns)
+    if kept:
+        kept.check()
+        kept.announce()
+    return kept
+
+
+def simulate_before_sliding(
+    scenario: DiskArrayScenario, kept: Checkpoint | None, sensitivity: bool = False, report: Report = silent
+) -> DiskArrayResult:
+    """Run a scenario without the realizations of sliding, in this process."""
+    kept = kept and kept.if_visible()
+    pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
+    report(BIRTHS, 0.0, "bisection in the push")
+    tracking = within(report, stage=BIRTHS)
+    born = load_or_compute(kept, "families", partial(track_pairs, path, make_protocol(scenario, law), tracking))
+    coarse = []
+    if sensitivity:
+        coarse = load_or_compute(kept, "coarse-families", partial(_coarse_pairs, scenario, law, report))
+    free_runs, trajectory = {}, None
+    for k, load in enumerate(scenario.dynamics.loads):
+        point, count = point_at_load(path, load), len(scenario.dynamics.loads)
+        rate = f"push {load:g}, growth rate {point.spectrum.growth_rate.max(initial=0.0):.2e}"
+        report(FREE, k / count, rate)
+        free_runs[load] = load_or_compute(kept, f"free-run-{load!r}", partial(run_free, point, law, scenario))
+        report(FREE, (k + 1) / count, f"{rate}, M = {free_runs[load].msd[-1]:.1e}")
+        wanted = free_runs[load].slid if scenario.dynamics.watch is None else load == scenario.dynamics.watch
+        if wanted and trajectory is None:
+            resample = partial(resample_transition, point, law, scenario, free_runs[load])
+            trajectory = load_or_compute(kept, "trajectory", resample)
+    return DiskArrayResult(
+        scenario, law, pressed, spectrum(pressed, law), path, born, coarse, free_runs, trajectory, {}
+    )
+
+
+def add_sliding(
+    result: DiskArrayResult,
+    kept: Checkpoint | None,
+    workers: Workers = None,
+    report: Report = silent,
+    device: Device | None = None,
+) -> DiskArrayResult:
+    """Run the realizations of sliding from loads on the path of a result."""
+    scenario = result.scenario
+    if not scenario.sliding.loads:
+        return result
+    points = [point_at_load(result.path, load) for load in scenario.sliding.loads]
+    sliding = run_sliding(
+        points, result.law, scenario, workers, report, kept=kept and kept.of("sliding"), device=device
+    )
+    return result._replace(sliding=sliding)
+
+
+def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
+    """Build the array of a scenario before equilibration (with its normal load but no push), and its law."""
+    array, load = scenario.array, scenario.load
+    state = disk_array(
+        array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
+    )
+    return state, make_law(scenario.law)
+
+
+def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
+    """Run a scenario, then repeat its path with twice the load step to show how much the births depend on the step."""
+    return simulate_disk_array(scenario, sensitivity=True, **options)

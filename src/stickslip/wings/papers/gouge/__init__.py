@@ -1,0 +1,68 @@
+"""Ferdowsi & Rubin 2021: sheared fault gouge, with steady sliding, holds, slides after holds, and velocity steps."""
+
+from functools import partial
+
+from ....experiments.experiment import Experiment, Paper, lazy_function
+from ....experiments.sources import CONTACT, STATE
+from ....lazy import attach
+from .scenario import GougeScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, grouped by purpose."""
+    return {
+        "the experiment (from the supplement to the first)": ("Ferdowsi2021", "Ferdowsi2020"),
+        "contact law": CONTACT["hertz_mindlin_reff"],
+        "rate-and-state friction, for comparison": STATE["aging"],
+    }
+
+
+SMALLEST = {
+    "realizations": 1,
+    "grains": {"number": 70},
+    "cell": {"length": 0.016, "width": 0.016},
+    "law": {"damping_n": 1e4},
+    "dt": 2e-7,
+    "sample_every": 100,
+    "ledger_steps": 0,
+    "preparation": {"slip": 0.4, "window": 0.2, "change": 1.0, "approach": 10.0, "unbalanced": 0.03},
+    "protocol": [
+        {
+            "kind": "slide-hold-slide", "before": [0.3], "holds": [2e-4, 1e-4], "after": [0.3], "approach": 0.1,
+            "slip": 0.1, "twin": 0.0,
+        }
+    ],
+}  # fmt: skip
+
+EXPERIMENT = Experiment(
+    scenario=GougeScenario,
+    words="Ferdowsi & Rubin 2021: fault gouge",
+    simulate=_here("simulate.simulate_gouge"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    export=_here("queue.export"),
+    announce=_here("report.announce"),
+    device=True,
+    smallest=(SMALLEST,),
+    paper=Paper(
+        title="Ferdowsi & Rubin 2021: fault gouge",
+        cuts=(
+            "2 samples of 300 grains with 2 states each, instead of 8 of 500 with 3; holds of 0.1 s instead of 1 s, "
+            "after less slip and with no slides after them; two damping values instead of three"
+        ),
+        scenario=_here("paper.paper_scenario"),
+        reproduce=_here("paper.reproduce"),
+        shows=_here("claims.shows"),
+        figures=_here("report.paper_figures"),
+        files=_here("report.paper_files"),
+        failures=_here("report.paper_failures"),
+    ),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,379 @@
+"""Evaluation of the claims of Ferdowsi & Rubin 2021, the supplement to their slide-hold-slide study.
+
+The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Statements from
+the study itself or from other sources serve as references. Tolerances were fixed before anything was measured.
+"""
+
+import numpy as np
+from scipy.special import chdtri
+
+from ....core.readable import pluralize
+from ....reports.claims import Claim, claim
+from ...faults.friction.fitting import Fit, fit
+from ...faults.friction.model_comparison import compare_laws
+from . import measures
+from .claims_of_text import DC, PEAK_SLOPE, STUDY, UNDEFINED, A, B, evaluate_text
+from .curves import healing_peaks, predict_hold, predict_per_efold, reslides_after_longest
+from .dimensionless import INERTIAL, inertial_numbers, stiffness
+from .sample import damping
+from .simulate import GougeResult
+from .statistics import Number, difference, slope
+
+STEADY = (0.33, 0.42)  # range of the steady friction of such gouge
+LEDGER = 1e-2  # largest defect of the ledger over the dissipated energy, so that its shares are accurate to a per cent
+ENERGY = 1e-2  # kinetic over elastic energy below which grains count as quasi-static
+TELLING = 0.015  # largest half width of the interval of a difference for which two holds may be called alike
+TOLERANCE = {
+    "steady": (STEADY[1] - STEADY[0]) / (STEADY[1] + STEADY[0]),  # the known range
+    "rate and state": 0.3,  # b is 28 % less than a: with a larger deviation one could be mistaken for the other
+    "healing": 1 / 3,  # the range from b/2 to b
+}
+LAW = "slip law for this hold, with the a, b and D_c printed in the paper"
+EARLIER = "Ferdowsi and Rubin 2020, doi:10.1029/2019JB019016, abstract"
+SHOWS = {
+    "Fig S1": ("friction in holds; a, b and D_c of velocity steps", "hold-relaxation-per-e-fold"),
+    "Fig S2": ("slides after holds", "peak-vs-velocity-ratio"),
+    "Text": ("restitution and the range of the model", "restitution-insensitivity"),
+}
+
+
+def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult]) -> list[Claim]:
+    """Evaluate all claims.
+
+    Parameters
+    ----------
+    holds : results with holds for each damping, the paper's damping first
+    more : additional results of a full run
+    """
+    main = next(iter(holds.values()))
+    steps = more.get("steps")
+    return [
+        *_relaxation(main), _compaction(main), _healing(main), _reslide_peaks(more.get("reslides")),
+        *evaluate_text(main, more.get("reslides")), *_rate_state_fit(steps), _symmetry(steps), _restitution(holds),
+        _restitution_of_collisions(holds), _calibrated_damping(holds),
+        _steady_friction(main, more), _temperature(main, steps), _quasi_static(main), _energies(main),
+    ]  # fmt: skip
+
+
+def _scale_note(result: GougeResult) -> str:
+    """Describe the scale of a result."""
+    chosen, first = result.scenario, result.realizations[0]
+    branches = len({(t.part, t.branch) for t in first.tests if t.kind in ("hold", "step", "reslide")})
+    return (
+        f"{len(result.realizations)} samples of {chosen.grains.number} mobile grains, "
+        f"{pluralize(max(branches, 1), 'state')} of each, γ_n = {damping(chosen):.2g} 1/(m s); paper 8 × 4800 grains"
+    )
+
+
+def _interval(number: Number) -> str:
+    return f"{number.value:.4f} ± {number.half:.4f}"
+
+
+def _error_note(number: Number) -> str:
+    if not np.isfinite(number.alike):
+        return "95 % intervals"
+    return f"95 % intervals; two states of one sample have a correlation of {number.alike:.2f}"
+
+
+def _is_positive(number: Number) -> bool | None:
+    """Return True if a number is positive, False if negative, and None if its 95 % interval contains zero."""
+    return bool(number.value > 0) if abs(number.value) > number.half else None
+
+
+def _statement(id: str, source: str, measured: bool | None, note: str, *, study: str = "") -> Claim:
+    """Make a claim about a statement of the paper or, if `study` is given, of that source."""
+    if study:
+        return claim(id, source, None, measured, "", 0.0, note, reference=True, reference_source=study)
+    return claim(id, source, True, measured, "", 0.0, note)
+
+
+def _missing_claim(id: str, source: str, paper, unit: str, tolerance: float, note: str, **more) -> Claim:
+    """Make a claim without its measurement, which needs a full run."""
+    return claim(id, source, paper, None, unit, tolerance, f"{note}: part of stickslip reproduce gouge --full", **more)
+
+
+def _relaxation(main: GougeResult) -> list[Claim]:
+    """Claims about friction in the longest hold: its slope against the logarithm of time, and its change at the end."""
+    before = measures.holds(main)[-1]
+    curve = measures.hold_curve(main, before)
+    last = float(curve.x[-1])
+    rate, end = measures.per_efold(curve), curve.at(last)
+    expected = predict_per_efold(main, before, curve.x, "slip")
+    laws = {law: float(change[-1]) for law, (_, change) in predict_hold(main, before, curve.x).items()}
+    points = ", ".join(f"{_interval(curve.at(t))} after {t:g} s" for t in (1e-2, 1e-1, 1.0) if t <= last * 1.01)
+    return [
+        claim(
+            "hold-relaxation-per-e-fold", "Fig S1: curves; no number is printed", None, rate.value, "1",
+            TOLERANCE["rate and state"],
+            f"change in friction per e-fold of hold time, from {min(measures.EARLIEST, last / 10):g} to {last:g} s "
+            f"after {before:g} m/s: {_interval(rate)}, {_error_note(rate)}; aging law "
+            f"{predict_per_efold(main, before, curve.x, 'aging'):.4f}; {_scale_note(main)}",
+            error=rate.half / 2, reference=expected, reference_source=LAW,
+        ),
+        claim(
+            "hold-relaxation-at-end", "Fig S1: curves; no number is printed", None, end.value, "1",
+            TOLERANCE["rate and state"],
+            f"change in friction: {points}; predictions after {last:g} s: slip law {laws['slip']:.4f}, aging law "
+            f"{laws['aging']:.4f}; {_scale_note(main)}",
+            error=end.half / 2, reference=laws["slip"], reference_source=LAW,
+        ),
+    ]  # fmt: skip
+
+
+def _compaction(main: GougeResult) -> Claim:
+    before, size = measures.holds(main)[-1], main.scenario.grains.mean
+    curve = measures.hold_curve(main, before, "thickness")
+    curve = curve._replace(rows=-curve.rows / size)
+    rate, end = measures.per_efold(curve), curve.at(curve.x[-1])
+    return _statement(
+        "compaction-in-holds", "Text: not in the supplement", _is_positive(rate),
+        f"thickness lost per e-fold of hold time: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
+        f"{curve.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
+    )  # fmt: skip
+
+
+def _healing(main: GougeResult) -> Claim:
+    where = "Text: not in the supplement"
+    reference = {"reference": 0.75 * B, "reference_source": f"midpoint of b/2 to b per e-fold of hold, {STUDY}"}
+    if not measures.reslides(main):
+        note = "no slides after holds were run"
+        return claim("healing-rate", where, None, None, "1", TOLERANCE["healing"], note, **reference)
+    before = measures.holds(main)[-1]
+    times, peaks, rate = healing_peaks(main, before)
+    curves = [measures.reslide_curve(main, before, t, before) for t in times]
+    listed = "; ".join(
+        f"{_interval(p)} after {t:g} s, at a slip of {measures.peak_slip(c):.2g} D, overestimated by at most "
+        f"{measures.peak_bias(c):.4f}, as noise affects the maximum"
+        for t, p, c in zip(times, peaks, curves, strict=True)
+    )
+    return claim(
+        "healing-rate", where, None, rate.value, "1", TOLERANCE["healing"],
+        f"peak after elastic reloading minus steady friction, per e-fold of hold: {_interval(rate)}; reference "
+        f"{B / 2:.4f} to {B}; peaks {listed}; {_scale_note(main)}", error=rate.half / 2, **reference,
+    )  # fmt: skip
+
+
+def _reslide_peaks(result: GougeResult | None) -> Claim:
+    where = "Fig S2: inset of panel a, slope = 0.0155"
+    if result is None:
+        return _missing_claim("peak-vs-velocity-ratio", where, PEAK_SLOPE, "1", TOLERANCE["rate and state"], "not run")
+    before = measures.holds(result)[0]
+    _, after, peaks, hold = reslides_after_longest(result, before)
+    ratios = after / before
+    rate = slope(np.log(ratios), peaks)
+    listed = "; ".join(f"{_interval(p)} at V_r/V_i = {r:.3g}" for r, p in zip(ratios, peaks, strict=True))
+    return claim(
+        "peak-vs-velocity-ratio", where, PEAK_SLOPE, rate.value, "1", TOLERANCE["rate and state"],
+        f"peak after elastic reloading minus steady friction, per e-fold of the ratio: {_interval(rate)}; {listed}; "
+        f"after holds of {hold:g} s at V_i = {before:g} m/s; {UNDEFINED}; {_scale_note(result)}", error=rate.half / 2,
+    )  # fmt: skip
+
+
+def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
+    """Claims about a, b and D_c, from a slip-law fit to mean velocity steps with radiation damping."""
+    printed = {"a": A, "b": B, "a-minus-b": A - B, "dc": DC}
+    units, tolerance = {"dc": "m"}, TOLERANCE["rate and state"]
+
+    def where(name):
+        return f"Fig S1: caption, {'a − b' if name == 'a-minus-b' else name} = {printed[name]:.3g}"
+
+    if result is None:
+        return [_missing_claim(n, where(n), v, units.get(n, "1"), tolerance, "not run") for n, v in printed.items()]
+    records = [steps.data for steps in measures.mean_records(result)]
+    seen = measures.response(result)
+    eta = max(seen.impedance.value, 0.0)
+    known = {"stiffness": stiffness(result.scenario) / result.scenario.load.normal_stress, "damping": eta}
+    slip, aging = (fit(records, law=law, fixed=known) for law in ("slip", "aging"))
+    value, low, high = slip.difference
+    parameters = {n: (slip.values[n], slip.errors[n]) for n in ("a", "b", "dc")}
+    parameters["a-minus-b"] = value, (high - low) / (2 * 1.96)
+    note = (
+        f"slip law fitted to steps averaged over branches, with known k and radiation damping η = {eta:.3f} s/m from "
+        f"the peaks; from the peaks alone a = {_interval(seen.a)}, η = {_interval(seen.impedance)} s/m; "
+        f"{slip.sentence}{_joint_interval(slip)}; {compare_laws(slip, aging).sentence}; {_scale_note(result)}"
+    )
+    return [
+        claim(n, where(n), printed[n], parameters[n][0], units.get(n, "1"), tolerance, note, error=parameters[n][1])
+        for n in printed
+    ]
+
+
+def _joint_interval(found: Fit) -> str:
+    """Describe the joint 95 % region of b and D_c, an ellipse; empty if the data do not determine both."""
+    k, m = (found.names.index(name) for name in ("b", "dc"))
+    (var_b, both), (_, var_dc) = found.covariance[np.ix_([k, m], [k, m])]
+    if not np.isfinite(both):
+        return ""
+    half_b, half_dc = np.sqrt(chdtri(2, 0.05) * np.array([var_b, var_dc]))
+    return (
+        f"; joint 95 % region of b and D_c: {found.values['b']:.4f} ± {half_b:.4f} and {found.values['dc']:.2g} ± "
+        f"{half_dc:.1g} m with a correlation of {both / np.sqrt(var_b * var_dc):.2f}"
+    )
+
+
+def _symmetry(result: GougeResult | None) -> Claim:
+    where = "Text: not in the supplement"
+    if result is None:
+        note = "velocity steps were not run: part of stickslip reproduce gouge --full"
+        return _statement("velocity-step-symmetry", where, None, note, study=STUDY)
+    seen = measures.response(result)
+    (v, w), *_ = [pair for pair in seen.peaks if (pair[1], pair[0]) in seen.peaks]
+    forward, back = ((seen.peaks[pair], pair) for pair in ((v, w), (w, v)))
+    sizes = [abs(n.value - seen.impedance.value * (pair[1] - pair[0])) for n, pair in (forward, back)]
+    halves = float(np.hypot(forward[0].half, back[0].half))
+    difference = sizes[0] - sizes[1]
+    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # else it is not known
+    alike = False if abs(difference) > halves else True if same else None
+    return _statement(
+        "velocity-step-symmetry", where, alike,
+        f"peaks after {v:g} → {w:g} and {w:g} → {v:g} m/s minus radiation damping: {sizes[0]:.4f} and {sizes[1]:.4f}, "
+        f"difference {difference:.4f} ± {halves:.4f}; {_scale_note(result)}", study=STUDY,
+    )  # fmt: skip
+
+
+def _compare_dampings(first: GougeResult, second: GougeResult) -> dict[str, tuple[Number, Number]]:
+    """Relaxation (at the end of the shorter hold, and per e-fold) and steady friction for two damping values."""
+    before = measures.holds(first)[0]
+    curves = [measures.hold_curve(result, before) for result in (first, second)]
+    last = min(float(curve.x[-1]) for curve in curves)
+    cut = [c._replace(x=c.x[c.x <= last * 1.01], rows=c.rows[:, c.x <= last * 1.01]) for c in curves]
+    return {
+        f"change in friction over {last:.2g} s": tuple(c.at(last) for c in cut),
+        "per e-fold": tuple(measures.per_efold(c) for c in cut),
+        "steady friction": tuple(measures.mean_friction(result, before) for result in (first, second)),
+    }
+
+
+def _restitution(holds: dict[str, GougeResult]) -> Claim:
+    """Claim about holds with restitution 0.98 and 0.3, both according to Eq 8 as printed."""
+    id, source = "restitution-insensitivity", 'Text: "restitution coefficient exerted no significant influence"'
+    by_eq8 = [r for r in holds.values() if r.scenario.law.reading == "eq8"]
+    if len(by_eq8) < 2:
+        return _statement(id, source, None, "only one restitution was run")
+    pairs = _compare_dampings(*by_eq8[:2])
+    differences = {name: difference(*pair) for name, pair in pairs.items()}
+    telling = all(half <= TELLING for name, (_, half) in differences.items() if name != "steady friction")
+    apart = any(abs(value) > half for value, half in differences.values())
+    listed = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
+    gammas = " and ".join(f"{damping(r.scenario):.2g}" for r in by_eq8[:2])
+    return _statement(
+        id, source, False if apart else True if telling else None,
+        f"ε = 0.98 and 0.3 by Eq 8, γ_n = {gammas} 1/(m s); alike if all differences lie within their 95 % intervals: "
+        f"{listed}; {_scale_note(by_eq8[1])}",
+    )  # fmt: skip
+
+
+def _restitution_of_collisions(holds: dict[str, GougeResult]) -> Claim:
+    """Claim about restitution 0.98 and nearly 1 (γ_n by Eq 8 as printed) of collisions under the contact law."""
+    id = "restitution-of-collisions"
+    source = 'Text: "exerted no significant influence", from "nearly zero" to "nearly 1"'
+    other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
+    if other is None:
+        return _statement(id, source, None, "needs holds with a restitution of 0.98 under the contact law")
+    pairs = _compare_dampings(next(iter(holds.values())), other)
+    apart = {name: difference(*pair) for name, pair in pairs.items()}
+    differ = [name for name, (value, half) in apart.items() if abs(value) > half]
+    listed = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
+    return _statement(
+        id, source, False if differ else None,
+        f"if ε is the restitution of a collision under Eq 1, at 1.00 and 0.98: {listed}; outside their 95 % intervals: "
+        f"{', '.join(differ) or 'none'}; {_scale_note(other)}",
+    )  # fmt: skip
+
+
+def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
+    """Claim about the relaxation with a damping for which collisions really have the stated restitution."""
+    source = "Text: not in the paper; the other reading of its restitution"
+    other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
+    if other is None:
+        return claim("calibrated-damping", source, None, None, "1", 0.5, "not run")
+    main = next(iter(holds.values()))
+    pairs = _compare_dampings(main, other)
+    (plain, strong), listed = (
+        next(iter(pairs.values())),
+        "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items()),
+    )
+    error = np.hypot(strong.half, plain.half * strong.value / plain.value) / abs(2 * plain.value)
+    return claim(
+        "calibrated-damping", source, None, strong.value / plain.value, "1", 0.5,
+        f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), which gives collisions a restitution of 0.98, "
+        f"over that with {damping(main.scenario):.2g}: {listed}; {_scale_note(other)}", error=float(error),
+    )  # fmt: skip
+
+
+def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:
+    runs = [main, *(r for name, r in more.items() if name in ("velocities", "steps"))]
+    levels = {v: measures.mean_friction(r, v) for r in runs for v in measures.velocities(r)}
+    listed = ", ".join(f"{_interval(n)} at {v:g} m/s" for v, n in sorted(levels.items()))
+    before = measures.holds(main)[-1]
+    return claim(
+        "steady-friction", "Text: no steady friction is printed", None, levels[before].value, "1", TOLERANCE["steady"],
+        f"{listed}; friction is correlated over {measures.correlation_slip(main, before):.2g} D of slip; "
+        f"{_scale_note(main)}",
+        error=levels[before].half / 2, reference=sum(STEADY) / 2,
+        reference_source=f"midpoint of {STEADY[0]} to {STEADY[1]}, known for gouge made of such grains",
+    )  # fmt: skip
+
+
+def _temperature(main: GougeResult, steps: GougeResult | None) -> Claim:
+    """Claim about the granular temperature over the normal stress, with the direct effect in the note."""
+    result = steps or main
+    chosen, before = result.scenario, measures.holds(main)[-1]
+    mean = measures.mean_of(result, before, "temperature")
+    normalised = mean.value * chosen.grains.density / chosen.load.normal_stress
+    seen = measures.response(steps) if steps else None
+    direct = f"a = {_interval(seen.a)}" if seen else f"a was not measured; the paper's value is {A}"
+    ratio = measures.sliding_energy_ratio(main, before)
+    return claim(
+        "granular-temperature", "Text: not in the supplement", None, normalised, "1", 0.5,
+        f"ρ T/σ at {before:g} m/s, where T = {mean.value:.2g} ± {mean.half:.1g} m²/s² is the mean of v_y² and v_z²; "
+        f"its square root {normalised**0.5:.1e}, kinetic over elastic energy {ratio.value:.1e} ± {ratio.half:.0e}; "
+        f"{direct}; {EARLIER}, states that a suitable normalisation by the confining pressure gives an estimate of a, "
+        f"but its formula was not available; {_scale_note(result)}",
+        error=mean.half / 2 / mean.value * normalised,
+    )  # fmt: skip
+
+
+def _quasi_static(main: GougeResult) -> Claim:
+    """Claim that sliding and holds are quasi-static, from the inertial number, the kinetic energy and creep."""
+    chosen, before = main.scenario, measures.holds(main)[-1]
+    thickness = main.realizations[0].range.thickness * chosen.grains.mean
+    number = inertial_numbers(chosen, before, thickness)["mean_grain"]
+    sliding = measures.sliding_energy_ratio(main, before)
+    held, creep = measures.energy_ratio(main, before), measures.creep_velocity(main, before)
+    last = float(held.x[-1])
+    ratios = ", ".join(f"{held.at(t).value:.1e} after {t:g} s" for t in (1e-3, 1e-2, 1e-1, 1.0) if t <= last * 1.01)
+    return _statement(
+        "quasi-static", "Text: the supplement calls its simulations quasi-static and prints no number",
+        bool(number < INERTIAL and sliding.value + np.nan_to_num(sliding.half) < ENERGY),
+        f"at {before:g} m/s inertial number {number:.1e}, kinetic over elastic energy {sliding.value:.1e} ± "
+        f"{sliding.half:.0e}; in holds {ratios}; the plate creeps at {creep.at(last / 1.4).value:.1e} m/s at the end "
+        f"of {last:g} s; {_scale_note(main)}",
+        study=f"inertial number below {INERTIAL:g} (da Cruz et al. 2005), kinetic over elastic energy below {ENERGY:g}",
+    )  # fmt: skip
+
+
+def _energies(main: GougeResult) -> Claim:
+    """Claim about the energy ledger of a stretch of sliding, which shows how the work of the spring is spent."""
+    books = [sample.ledger for sample in main.realizations if sample.ledger]
+    source, study = "Text: not in the paper; a check of this package", "conservation of energy"
+    if not books:
+        return _statement("energy-balance", source, None, "no ledger was recorded", study=study)
+    work, coulomb, rolling, viscous, curl = (
+        np.mean([b[name][-1] - b[name][0] for b in books])
+        for name in ("external", "coulomb", "rolling", "viscous", "nonpotential")
+    )
+    friction = coulomb + rolling
+    defect = max(float(np.abs(b["defect"]).max()) for b in books) / max(abs(friction + viscous), 1e-300)
+    return _statement(
+        "energy-balance", source, bool(defect < LEDGER),
+        f"the ledger closes to within {defect:.0e} of the dissipated energy, of which friction accounts for "
+        f"{friction / (friction + viscous):.1%}; work of loads {work:.3g} J, energy created by tangential springs "
+        f"{curl:.1e} J",
+        study=study,
+    )  # fmt: skip
+
+
+def shows() -> dict[str, tuple[str, str]]:
+    """Figures of the paper, each with its content and the identifier of the claim to quote."""
+    return SHOWS

@@ -1,0 +1,332 @@
+"""Output of gouge experiments: files in the run folder and the summary on the terminal."""
+
+from collections import Counter
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ....core.readable import pluralize
+from ....core.tables import heading_of, write_table
+from ....core.units import units_of
+from ....data.nodes import archive_fields
+from ....data.run_files import CURVES, SERIES, SLIPS
+from ....figures.style import power_of_ten
+from ....reports.terminal import console, new_table, show_table
+from ...faults.friction.laboratory import LabRecord, write_csv
+from . import figures as figures_of
+from . import measures as measured
+from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
+from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
+from .protocol import Series
+from .sample import damping
+from .samples import Sample
+from .simulate import GougeResult
+from .slips import Slips, find_slips
+from .statistics import slope
+
+STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
+COLLAPSE = 5.0  # C of Ferdowsi & Rubin 2021, Fig S2b
+LONG = 0.1  # share of a realization above which the cost of a single hold is announced
+
+
+def announce(*scenarios) -> None:
+    """Print the expected duration of runs before they start."""
+    for scenario in scenarios:
+        console.print(
+            f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
+            f"{scenario.grains.number} grains, {scenario.expected_cost}.", soft_wrap=True,
+        )  # fmt: skip
+        if scenario.longest_hold > LONG * scenario.duration:
+            console.print(
+                f"Each hold of {scenario.longest_hold:g} s takes {scenario.longest_hold / scenario.dt:.2g} of these "
+                f"steps, {scenario.estimate_cost(scenario.longest_hold)}.", soft_wrap=True,
+            )  # fmt: skip
+    console.print(
+        "To shorten runs, use higher velocities, shorter holds or slips, or softer grains (law.young) and a longer dt."
+    )
+
+
+def announce_samples(folder: Path, stored: dict[str, dict[int, Sample]], before: set[str]) -> None:
+    """Print which samples are evaluated, and where they come from; `before` has names of files that were there."""
+    for name, samples in stored.items():
+        versions = Counter(sample.version for sample in samples.values() if sample.path.name in before)
+        parts = [f"{number} from {folder} (stickslip {version})" for version, number in versions.items()]
+        new = len(samples) - versions.total()
+        seeds = ", ".join(map(str, samples)) or "none"
+        parts += [f"{new} computed now and added to {folder}"] if new else []
+        console.print(
+            f"{name}: {pluralize(len(samples), 'sample')} (seeds {seeds}), {'; '.join(parts) or 'not evaluated'}.",
+            soft_wrap=True,
+        )
+
+
+def figures(result: GougeResult):
+    """Yield (file name, Figure) for everything measured by the protocol."""
+    yield "fig1_steady_sliding.png", figures_of.steady_sliding(result.realizations, result.scenario.grains.mean)
+    yield from _step_figures(result)
+    before = measured.holds(result)
+    if before:
+        curves = [measured.hold_curve(result, v) for v in before]
+        shown = [([c], predict_hold(result, v, c.x)) for v, c in zip(before, curves, strict=True)]
+        yield "fig3_holds.png", figures_of.holds(shown)
+        yield "fig4_rest.png", _rest_figure({f"$V_i$ = {v:g} m/s": (result, v) for v in before})
+        yield from _reslide_figures(result, result)
+    yield "fig7_sample.png", figures_of.sample(result.realizations[0], result.scenario)
+    slips = _slips(result)
+    if len(slips.time):
+        yield "fig8_slips.png", figures_of.stick_slip(result.realizations[0], slips, result.scenario.grains.mean)
+
+
+def _slips(result: GougeResult) -> Slips:
+    return find_slips(result.realizations, result.scenario.slip_threshold, result.scenario.grains.mean)
+
+
+def files(result: GougeResult):
+    """Yield (file name, function that writes it) for the series, slips, and laboratory records of velocity steps."""
+    yield SERIES, partial(_write_series, result)
+    if len((slips := _slips(result)).time):
+        yield SLIPS, partial(_write_slips, slips)
+    yield from _step_files(result)
+
+
+def paper_files(reproduction):
+    """Yield (file name, function that writes it) for the paper's experiments."""
+    yield SERIES, partial(_write_series, reproduction.main)
+    yield from _step_files(reproduction.more.get("steps", reproduction.main))
+    yield CURVES, partial(_write_curves, reproduction)
+
+
+def paper_failures(reproduction) -> tuple[str, ...]:
+    """One sentence for each failed realization of any run."""
+    return tuple(f"{name}: {failure}" for name, result in reproduction.results.items() for failure in result.failures)
+
+
+def paper_figures(reproduction):
+    """Yield (file name, Figure) for the paper's experiments: holds with every damping value, and all other runs."""
+    main, before = reproduction.main, measured.holds(reproduction.main)[-1]
+    yield "fig1_steady_sliding.png", figures_of.steady_sliding(main.realizations, main.scenario.grains.mean)
+    if "steps" in reproduction.more:
+        yield from _step_figures(reproduction.more["steps"])
+    labelled = [(_damping_label(r, name), r) for name, r in reproduction.holds.items()]
+    curves = [measured.hold_curve(r, before)._replace(label=label) for label, r in labelled]
+    yield "fig3_holds.png", figures_of.holds([(curves, predict_hold(main, before, curves[0].x))])
+    yield "fig4_rest.png", _rest_figure({label: (r, before) for label, r in labelled})
+    yield from _reslide_figures(reproduction.more.get("reslides", main), main)
+    if main.realizations[0].states:  # stored samples have none
+        yield "fig7_sample.png", figures_of.sample(main.realizations[0], main.scenario)
+
+
+def _damping_label(result: GougeResult, name: str) -> str:
+    return f"{name}: $\\gamma_n$ = {power_of_ten(damping(result.scenario))}"
+
+
+def _step_figures(result: GougeResult):
+    steps = measured.steps(result)
+    if steps:
+        paired = [measured.step_curve(result, *pair, twin=True) for pair in steps]
+        twins = all(curve is not None for curve in paired)
+        curves = paired if twins else [measured.step_curve(result, *pair, twin=False) for pair in steps]
+        yield "fig2_velocity_steps.png", figures_of.velocity_steps(curves, twins=twins)
+
+
+def _rest_figure(runs: dict):
+    ratios = [measured.energy_ratio(*run)._replace(label=label) for label, run in runs.items()]
+    creep = [measured.creep_velocity(*run) for run in runs.values()]
+    return figures_of.energies_in_holds(ratios, creep, measured.sliding_energy_ratio(*next(iter(runs.values()))).value)
+
+
+def _reslide_figures(result: GougeResult, healing: GougeResult):
+    """Yield figures of slides at several velocities after one hold, and at one velocity after several holds."""
+    before = {v for v, _, _ in measured.reslides(result)}
+    if before:
+        yield (
+            "fig5_reslides.png",
+            _reslide_figure(result, max(before, key=lambda v: len(reslides_after_longest(result, v)[0]))),
+        )
+    before = {v for v, _, _ in measured.reslides(healing)}
+    most = max(before, key=lambda v: len(holds_with_common_velocity(healing, v)[0]), default=None)
+    if most and len(holds_with_common_velocity(healing, most)[0]) > 1:
+        yield "fig6_healing.png", _healing_figure(healing, most)
+
+
+def _reslide_figure(result: GougeResult, before: float):
+    curves, after, peaks, _ = reslides_after_longest(result, before)
+    ratios = after / before
+    fitted = slope(np.log(ratios), peaks) if len(ratios) > 1 else None
+    return figures_of.reslides(curves, ratios, peaks, fitted, COLLAPSE)
+
+
+def _healing_figure(result: GougeResult, before: float):
+    curve = measured.hold_curve(result, before, "thickness")
+    thinner = curve._replace(rows=curve.rows / result.scenario.grains.mean)
+    return figures_of.healing(*healing_peaks(result, before), result.scenario.scales.b, thinner)
+
+
+def numbers(result: GougeResult) -> dict:
+    """Return the contents of the archive other than scenario and version."""
+    scenario, first = result.scenario, result.realizations[0]
+    thickness = first.range.thickness * scenario.grains.mean
+    return {
+        "scenario": scenario.text,
+        "units": "SI units; groups are named after the velocity before the hold and the hold time",
+        "stiffness": normalised_stiffness(scenario),
+        "hold": {
+            f"{hold:g} after {before:g}": normalised_hold(scenario, hold, before)
+            for before, hold, _ in measured.reslides(result)
+        },
+        "inertial_number": {
+            f"{velocity:g}": inertial_numbers(scenario, velocity, thickness) for velocity in measured.velocities(result)
+        },
+        "realizations": {f"{sample.seed:04d}": sample for sample in result.realizations},
+        "failures": "\n".join(result.failures),
+        "slips": archive_fields(_slips(result)),
+        "steady_friction": {f"{v:g}": measured.mean_friction(result, v)._asdict() for v in measured.velocities(result)},
+    }
+
+
+def _write_series(result: GougeResult, path: Path) -> None:
+    """Write one row per sample: realization, test, its kind and velocities, and all `Series` columns except fabric."""
+    names = [name for name in result.realizations[0].tests[0].series._fields if name != "fabric"]
+    labels = ["realization [-]", "test [-]", "part [-]", "branch [-]", "kind", "before [m/s]", "load_velocity [m/s]"]
+    rows = (
+        (sample.seed, k, test.part, test.branch, test.kind, test.before, test.velocity, test.hold, *row)
+        for sample in result.realizations
+        for k, test in enumerate(sample.tests)
+        for row in zip(*(getattr(test.series, name) for name in names), strict=True)
+    )
+    write_table(path, [*labels, "hold [s]", *_labels(names, units_of(Series))], rows, digits=7)
+
+
+def _labels(names, units: dict[str, str]) -> list[str]:
+    return [heading_of(name, units.get(name, "1").replace("^", "")) for name in names]
+
+
+def _write_slips(slips: Slips, path: Path) -> None:
+    """Write one row for each slip."""
+    write_table(path, _labels(slips._fields, units_of(Slips)), zip(*slips, strict=True), digits=7)
+
+
+def _write_curves(reproduction, path: Path) -> None:
+    """Write mean curves of a reproduction, one row per point, with standard error and deviation over branches."""
+    names = "run", "kind", "before [m/s]", "hold [s]", "after [m/s]", "x", "unit of x", "mean", "error", "deviation"
+    rows = (
+        (run.replace(",", ";"), kind, *where, x, unit, *numbers)
+        for run, result in reproduction.results.items()
+        for kind, where, unit, curve in _mean_curves(result)
+        for x, *numbers in zip(curve.x, curve.mean, curve.error, curve.band / 2, strict=True)
+    )
+    write_table(path, names, rows, digits=5)
+
+
+def _mean_curves(result: GougeResult):
+    """Yield (kind, (before, hold, after), unit of x, curve) for every mean curve of a result."""
+    for v in measured.holds(result):
+        for column in ("friction", "thickness"):
+            yield f"{column} in a hold", (v, None, None), "s", measured.hold_curve(result, v, column)
+        yield "kinetic over elastic energy in a hold", (v, None, None), "s", measured.energy_ratio(result, v)
+        yield "velocity of the plate in a hold", (v, None, None), "s", measured.creep_velocity(result, v)
+    for v, hold, w in measured.reslides(result):
+        yield "friction after a hold", (v, hold, w), "D", _thin_out(measured.reslide_curve(result, v, hold, w))
+    for v, w in measured.steps(result):
+        yield "friction after a step", (v, None, w), "D", _thin_out(measured.step_curve(result, v, w, twin=False))
+
+
+def _thin_out(curve: measured.Curve) -> measured.Curve:
+    """Smooth a curve and keep about two hundred points."""
+    soft, every = measured.smoothed(curve), max(1, len(curve.x) // measured.POINTS)
+    return soft._replace(x=soft.x[::every], rows=soft.rows[:, ::every])
+
+
+def _step_files(result: GougeResult):
+    """Yield the velocity steps of every realization as laboratory records, which `stickslip fit` reads."""
+    k = stiffness(result.scenario) / result.scenario.load.normal_stress
+    count = Counter()
+    for seed, _, _, data in measured.step_records(result):
+        file, count[seed] = STEPS.format(seed, count[seed]), count[seed] + 1
+        ends = np.cumsum([0.0, *(leg.duration for leg in data.legs)])
+        place = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
+        before = data.before or data.legs[0].velocity
+        comment = (
+            f"velocity steps of fault gouge, realization {seed}; the spring's stiffness over the normal stress is "
+            f"{k:.6g} 1/m, the velocity before {before:g} m/s",
+            f"stickslip fit {file} --stiffness {k:.6g} --before {before:g}",
+        )
+        yield file, partial(write_csv, record=LabRecord(data.time, data.friction, place), comments=comment)
+
+
+def show(result: GougeResult) -> None:
+    """Print steady friction, holds and warnings on the terminal."""
+    scenario, first = result.scenario, result.realizations[0]
+    console.print(f"{len(result.realizations)} realizations; ± is the half-width of a 95 % interval.")
+    table = new_table("velocity [m/s]", "steady friction", "±")
+    for velocity in measured.velocities(result):
+        friction = measured.mean_friction(result, velocity)
+        table.add_row(f"{velocity:g}", f"{friction.value:.4f}", f"{friction.half:.4f}")
+    show_table(table)
+    if measured.reslides(result):
+        _show_holds(result)
+    _show_slips(result)
+    k = normalised_stiffness(scenario)
+    console.print(
+        f"Stiffness: k = {k['per_area']:.3g} Pa/m, k/σ = {k['per_stress']:.4g} 1/m, k D/σ = {k['grain']:.3g}, "
+        f"k dc/(b σ) = {k['rate_state']:.4g}. Inertial number at the largest velocity: "
+        f"{first.range.inertial_number:.1e}. Layer: {first.range.thickness:.1f} D. dt: {first.range.time_step:.2f} of "
+        f"the largest stable time step."
+    )
+    for warning in dict.fromkeys(warning for sample in result.realizations for warning in sample.range.warnings):
+        console.print(f"warning: {warning}", style="yellow")
+    for failure in result.failures:
+        console.print(failure, style="yellow")
+    if result.reused:
+        console.print(f"{result.reused} realizations had finished earlier and were not run again.")
+
+
+def _show_holds(result: GougeResult) -> None:
+    names = ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±")
+    table = new_table(*names, title="Slides after holds")
+    for before, hold, after in measured.reslides(result):
+        peak = measured.peak(measured.reslide_curve(result, before, hold, after))
+        scaled = normalised_hold(result.scenario, hold, before)
+        table.add_row(
+            f"{before:g}", f"{hold:g}", f"{scaled['load_point']:.3g}", f"{scaled['frozen']:.3g}", f"{after:g}",
+            f"{peak.value:+.4f}", f"{peak.half:.4f}",
+        )  # fmt: skip
+    show_table(table)
+
+
+def _show_slips(result: GougeResult) -> None:
+    slips = _slips(result)
+    if len(slips.time):
+        console.print(
+            f"Stick–slip: {pluralize(len(slips.time), 'slip')} faster than {result.scenario.slip_threshold:g} times "
+            f"the load point. Friction drops by {np.median(slips.drop):.3g} (median), at most {slips.drop.max():.3g}; "
+            f"the plate reaches {(slips.velocity / slips.load_velocity).max():.3g} times the load point's velocity."
+        )
+
+
+def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
+    """Return the measures of a run for sweeps as {name: (value, unit)}.
+
+    Names contain velocities [m/s] and holds [s].
+    """
+    k = normalised_stiffness(result.scenario)
+    out = {
+        "thickness": (result.realizations[0].range.thickness * result.scenario.grains.mean, "m"),
+        "inertial_number": (result.realizations[0].range.inertial_number, "1"),
+        "stiffness_over_b": (k["rate_state"], "1"),
+    }
+    for velocity in measured.velocities(result):
+        friction = measured.mean_friction(result, velocity)
+        out |= {
+            f"steady_friction@{velocity:g}": (friction.value, "1"),
+            f"steady_friction_half@{velocity:g}": (friction.half, "1"),
+        }
+    for before, hold, after in measured.reslides(result):
+        peak = measured.peak(measured.reslide_curve(result, before, hold, after))
+        out[f"peak@{before:g},{hold:g}s,{after:g}"] = peak.value, "1"
+    slips = _slips(result)
+    return out | {
+        "slips": (float(len(slips.time)), "1"),
+        "largest_friction_drop": (float(slips.drop.max(initial=0.0)), "1"),
+    }

@@ -1,0 +1,235 @@
+"""Preparation of a gouge sample: pour, press between flat walls, glue grains into rough plates, press with friction.
+
+x is the direction of shear, y that of the normal stress, and z the transverse direction. The lowest and the highest
+grains of the pressed sample form the plates, which are rigid bodies that do not rotate. The lower plate is fixed. The
+upper plate is pressed along y, fixed along z, and fixed, driven or pulled by a spring along x.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.contacts.forces import forces, unbalanced_forces
+from ....core.contacts.memory import FROZEN
+from ....core.contacts.neighbors import without_walls
+from ....core.control import driven, force_controlled, rigid, spring_loaded
+from ....core.dynamics.run import run
+from ....core.dynamics.timestep import stable_time_step
+from ....core.laws.builtin import DAMPING_N, Law, with_values
+from ....core.measure import contact_forces, elastic_energy, touching
+from ....core.progress import Report, silent
+from ....core.state import Grains, State, assembly, box, flat_walls, loads, spheres
+from ....data.schema import ScenarioError
+from ....experiments.contact_law import make_law
+from .scenario import GougeScenario
+
+SPACING = 1.05  # spacing of the lattice on which grains are placed, in largest diameters
+CHUNK = 500  # steps between checks of a settling sample
+MAX_KINETIC_RATIO = 1e-3  # largest ratio of kinetic to elastic energy at rest
+BOTTOM, TOP = 0, 1  # numbers of the rigid groups
+
+
+class Gouge(NamedTuple):
+    """Gouge sample."""
+
+    state: State  # rigid groups BOTTOM and TOP, the latter pressed along y
+    law: Law
+    area: float  # area of a plate [m²]
+    normal_stress: float  # [Pa]
+    diameter: float  # mean of the diameter distribution, D [m]
+    leg: str = ""  # name of the leg that ends with this state
+
+    @property
+    def top(self) -> np.ndarray:
+        """Indices of the grains of the upper plate."""
+        return np.flatnonzero(self.state.control.group == TOP)
+
+    @property
+    def loose(self) -> np.ndarray:
+        """Indices of the mobile grains."""
+        return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
+
+    @property
+    def thickness(self) -> float:
+        """Distance between the mean heights of the two plates' grains [m]."""
+        y, group = self.state.grains.position[:, 1], self.state.control.group
+        return float(y[group == TOP].mean() - y[group == BOTTOM].mean())
+
+
+def gouge_law(scenario: GougeScenario, mu: float) -> Law:
+    """Return the contact law of a scenario with friction `mu`."""
+    chosen, meeting = scenario.law, {}
+    if chosen.size is not None:
+        meeting = {"radius": chosen.size / 2, "mass": scenario.grains.density * np.pi / 6 * chosen.size**3}
+    return with_values(make_law(chosen, **meeting), mu=mu)
+
+
+def damping(scenario: GougeScenario) -> float:
+    """γ_n of a scenario, as given or from its restitution [1/(m s)]."""
+    return float(gouge_law(scenario, 0.0).table[0, 0, DAMPING_N])
+
+
+def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = silent) -> Gouge:
+    """Prepare a sample with friction, at rest under its normal stress and not yet sheared.
+
+    Raises
+    ------
+    ScenarioError
+        If dt is too long for the contacts under this stress.
+    RuntimeError
+        If the sample does not come to rest within the time that the scenario allows.
+    """
+    rng = np.random.default_rng(seed)
+    smooth = gouge_law(scenario, 0.0)
+    state = _pour(scenario, rng)
+    state = _approach(scenario, state, smooth, report)
+    state = _settle(scenario, state, smooth, "pressed", report)
+    state = _glue_plates(scenario, state)
+    law = gouge_law(scenario, scenario.law.mu)
+    state = _settle(scenario, state, law, "glued", report)
+    grains = state.grains._replace(velocity=0 * state.grains.velocity, spin=0 * state.grains.spin)
+    return Gouge(state._replace(grains=grains), law, scenario.area, scenario.load.normal_stress, scenario.grains.mean)
+
+
+def attach_spring(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
+    """Attach a spring along x to the upper plate, or change the motion of the load point of the attached spring.
+
+    Parameters
+    ----------
+    stiffness : k A [N/m]
+    times, displacement : (K,) motion of the load point relative to where the spring was attached; see `spring_loaded`
+        [s], [m]
+    """
+    state, top = gouge.state, gouge.top
+    attached = state.control.spring[top, 0].any()
+    where = state.control.anchor[top] if attached else state.grains.position[top]
+    control = spring_loaded(state.control, top, where, stiffness, times=times, displacement=displacement)
+    return gouge._replace(state=state._replace(control=control))
+
+
+def _pour(scenario: GougeScenario, rng) -> State:
+    """Place grains of all sizes on a loose lattice between a flat wall and another one that moves down."""
+    cell, chosen = scenario.cell, scenario.grains
+    number = chosen.number + 2 * scenario.plate_grains
+    radius = rng.uniform(*chosen.diameter, number) / 2
+    wide = SPACING * chosen.diameter[1]
+    across = [max(1, int(length / wide)) for length in (cell.length, cell.width)]
+    steps = cell.length / across[0], cell.width / across[1]
+    site = np.arange(number)
+    layer, rest = divmod(site, across[0] * across[1])
+    x, z = divmod(rest, across[1])
+    room = 0.5 * (min(*steps, wide) - 2 * radius)[:, None]
+    position = np.stack([(x + 0.5) * steps[0], (layer + 0.5) * wide, (z + 0.5) * steps[1]], axis=1)
+    position += rng.uniform(-1, 1, position.shape) * room
+    height = (layer[-1] + 1) * wide
+    grains = spheres(position, radius, mass=chosen.density * 4 / 3 * np.pi * radius**3)
+    mass = scenario.plate_grains * float(grains.mass.mean()) * cell.plate_mass
+    walls = flat_walls([[0, 0, 0], [0, height, 0]], [[0, 1, 0], [0, -1, 0]], mass=mass)
+    control = driven(loads(number, 2), [number + 1], [0, -scenario.preparation.approach, 0, 0, 0, 0])
+    return assembly(grains, walls, box([cell.length, height, cell.width], [True, False, True]), control)
+
+
+def _drag(scenario: GougeScenario) -> float:
+    """Drag on translations and rotations while settling [1/s]."""
+    d = scenario.grains.mean
+    mass = scenario.grains.density * np.pi / 6 * d**3
+    return scenario.preparation.drag * float(np.sqrt(scenario.load.normal_stress * d / mass))
+
+
+def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -> State:
+    """Move the upper wall down until it bears the normal stress, then apply that stress to it."""
+    n, wanted = len(state.grains.radius), scenario.load.normal_stress
+    start, least = float(state.walls.point[1, 1]), np.pi / 6 * (state.grains.radius**3 * 8).sum() / scenario.area
+    while True:
+        state = _advance(scenario, state, law, _drag(scenario))
+        acting, _ = forces(state, law, memory=FROZEN)
+        height, stress = float(state.walls.point[1, 1]), float(acting.force[n + 1, 1]) / scenario.area
+        report("pour and press", min(1.0, (start - height) / (start - 1.5 * least)), f"stress {stress:.2e} Pa")
+        if stress >= wanted:
+            break
+        if height < least:
+            raise RuntimeError("the wall moved through the grains: use a shorter dt or a lower preparation.approach")
+    control = force_controlled(state.control, [n + 1], [0, -wanted * scenario.area])
+    return state._replace(control=control)
+
+
+def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
+    state = state._replace(instant=None)  # keeps the sample of each seed the same as in earlier results
+    try:
+        state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
+    except ValueError as problem:
+        longest = stable_time_step(state, law)
+        raise ScenarioError(
+            f"dt = {scenario.dt:g} was given, but the largest stable time step under this stress is {longest:.3g}: "
+            f"use a dt of about {0.1 * longest:.1g}"
+        ) from problem
+    if not outcome.ok:
+        raise RuntimeError(f"the run stopped at time {state.time:.4g}: {outcome}")
+    return state
+
+
+def _settle(scenario: GougeScenario, state: State, law: Law, stage: str, report: Report) -> State:
+    """Run until the mean unbalanced force and the kinetic energy are small."""
+    chosen = scenario.preparation
+    for k in range(max(1, round(chosen.most / CHUNK))):
+        state = _advance(scenario, state, law, _drag(scenario))
+        unrest, swing = _unbalance(state, law)
+        report(stage, min(1.0, (k + 1) * CHUNK / chosen.most), f"unbalanced {unrest:.1e}, kinetic/elastic {swing:.1e}")
+        if unrest < chosen.unbalanced and swing < MAX_KINETIC_RATIO:
+            return state
+    raise RuntimeError(
+        f"the sample did not settle in {chosen.most:g} steps (unbalanced force {unrest:.1e} of the contact force, "
+        f"target {chosen.unbalanced:g}): raise preparation.most or preparation.drag"
+    )
+
+
+def _unbalance(state: State, law: Law) -> tuple[float, float]:
+    """Return the mean unbalanced force of free bodies over the mean contact force, and kinetic over elastic energy."""
+    acting, _ = forces(state, law, memory=FROZEN)
+    free = state.control.group[: len(state.grains.radius)] < 0
+    pull = np.linalg.norm(unbalanced_forces(state, acting)[: len(free)][free, :3], axis=1).mean()
+    rows = touching(state)
+    held = np.linalg.norm(contact_forces(state, law)[rows], axis=1).mean() if len(rows) else 0.0
+    grains = state.grains
+    energy = 0.5 * (grains.mass @ (grains.velocity**2).sum(axis=1) + grains.inertia @ (grains.spin**2).sum(axis=1))
+    if not held > 0:
+        return np.inf, np.inf
+    return float(pull / held), float(energy / elastic_energy(state, law))
+
+
+def _glue_plates(scenario: GougeScenario, state: State) -> State:
+    """Replace the walls with plates made of the lowest and highest grains.
+
+    Contacts have no memory, as nothing has slipped.
+
+    Glued grains shrink until they no longer overlap, so that they do not touch each other.
+    """
+    number, n = scenario.plate_grains, len(state.grains.radius)
+    order = np.argsort(state.grains.position[:, 1], kind="stable")
+    plates = order[:number], order[-number:]
+    grains = _shrink_apart(state, np.concatenate(plates))
+    for members in plates:
+        share = scenario.cell.plate_mass * grains.mass[members].sum() / number
+        grains.mass[members] = share
+    control = loads(n)
+    for members in plates:
+        control = rigid(control, np.sort(members))
+    control = driven(control, plates[BOTTOM], 0.0)
+    control.free[plates[TOP], 0] = control.free[plates[TOP], 2] = False
+    control = force_controlled(control, plates[TOP], [0, -scenario.load.normal_stress * scenario.area / number])
+    bare = without_walls(state, [0, 1])
+    high = float(grains.position[:, 1].max())
+    cell = box([scenario.cell.length, high, scenario.cell.width], [True, False, True])
+    return assembly(grains, cell=cell, control=control)._replace(time=bare.time)
+
+
+def _shrink_apart(state: State, members: np.ndarray) -> Grains:
+    """Shrink the member grains until no two of them touch."""
+    grains, size = state.grains, np.diag(state.cell.vectors)
+    x, radius = grains.position[members], grains.radius.copy()
+    r = x[:, None] - x[None]
+    r[..., [0, 2]] -= size[[0, 2]] * np.round(r[..., [0, 2]] / size[[0, 2]])
+    touch = np.linalg.norm(r, axis=2) / (radius[members][:, None] + radius[members][None])
+    np.fill_diagonal(touch, np.inf)
+    radius[members] *= min(1.0, float(touch.min()) * (1 - 1e-9))
+    return grains._replace(radius=radius, velocity=0 * grains.velocity, spin=0 * grains.spin, mass=grains.mass.copy())

@@ -1,0 +1,303 @@
+"""Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, and release."""
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import checked
+from ....core.contacts.jacobian import linearise
+from ....core.laws.builtin import Law
+from ....core.measure import pressure, stress, touching
+from ....core.outcome import NotInEquilibriumError, Outcome, Status
+from ....core.progress import Report, silent
+from ....core.readable import readable
+from ....core.state import State
+from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
+from ....ensemble import Member, Workers
+from ....experiments.contact_law import make_law
+from ....experiments.experiment import result_of
+from ....experiments.jammed_packing import make_packing
+from ....experiments.realizations import Realizations, Task, run_realizations
+from ....loading.packing import PackingInfo
+from ....loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
+from ....loading.quasistatic import aqs
+from ....loading.release import Released, release
+from ....solve.equilibrate import LeftPathError, UnstableEquilibriumWarning
+from ....solve.spectrum import spectrum
+from . import EXPERIMENT
+from .scenario import ShearScenario
+
+HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
+
+
+class Onset(NamedTuple):
+    """Birth of the first complex pair, found by bisection from the last saved state without one."""
+
+    below: float
+    above: float
+    offset: np.ndarray  # (K,) γ − γ_c
+    im_lambda: np.ndarray  # (K,) Im λ of the pair [1/time²]
+    exponent: float  # exponent of Im λ against γ − γ_c; NaN if there were other pairs
+    at_limit: float  # share of the contacts that are at the Coulomb limit just above the birth
+    mobilisation: float  # largest |F_t|/(μ F_n) there; NaN without friction
+
+    @property
+    def strain(self) -> float:
+        """Onset strain γ_c, the middle of the bracket."""
+        return 0.5 * (self.below + self.above)
+
+
+@readable
+class ShearPath(NamedTuple):
+    """Quasi-static shear of one packing."""
+
+    seed: int
+    packed: PackingInfo
+    # modes with |λ| below 1e-9 of the largest, at zero slip: 3 translations (2 in the plane) and 6 (3) per rattler
+    zero_modes: int
+    strain: np.ndarray  # (P,) [1]
+    pairs: np.ndarray  # (P,) number of complex pairs
+    largest: np.ndarray  # (P,) largest Im λ, 0 without pairs [1/time²]
+    smallest: np.ndarray  # (P,) smallest Im λ among the pairs [1/time²]
+    growth_rate: np.ndarray  # (P,) growth rate of the fastest complex pair [1/time]
+    negative: np.ndarray  # (P,) number of negative real eigenvalues
+    shear_stress: np.ndarray  # (P,) −σ_xy [force/length^(dim−1)]
+    pressure: np.ndarray  # (P,) [force/length^(dim−1)]
+    touching: np.ndarray  # (P,) number of contacts
+    residual: np.ndarray  # (P,) largest unbalanced force or torque/R [force]
+    fallbacks: int  # steps in which Newton's method needed a fallback
+    unstable: int  # steps that ended at an unstable equilibrium
+    left: int  # steps that left their branch
+    onset: Onset | None
+    single: State | None  # the fastest-growing state with one pair, before there were two
+    single_strain: float
+    last: State
+    stopped: str  # reason why the path ended early, or an empty string
+
+    @property
+    def reappears(self) -> bool:
+        """Return True if all pairs vanished after the onset and some came back."""
+        there = self.pairs > 0
+        return bool((np.diff(there.astype(int)) == 1).sum() > 1)
+
+
+@result_of(EXPERIMENT)
+class ShearResult(NamedTuple):
+    """Results of a shear scenario; one list entry per seed, or None if a run failed or had nothing to release."""
+
+    scenario: ShearScenario
+    law: Law
+    paths: list[ShearPath]
+    single: list[Released | None]  # runs from one-pair states
+    later: list[Released | None]  # runs from the last state of each path
+    failures: tuple[str, ...]
+
+
+def strain_path(scenario: ShearScenario) -> np.ndarray:
+    """Return all strains of a path, each leg with its own step."""
+    turns, out = scenario.shear.strain, [np.zeros(1)]
+    for a, b, step in zip(turns[:-1], turns[1:], scenario.shear.steps, strict=True):
+        out.append(load_path([a, b], step)[1:])
+    return np.concatenate(out)
+
+
+class Step(NamedTuple):
+    """One point of a path."""
+
+    strain: float
+    state: State
+    row: tuple  # columns of ShearPath from `pairs` to `residual`
+    zero_modes: int
+    fallback: bool
+    unstable: bool
+    left: bool
+
+
+def shear_packing(
+    scenario: ShearScenario, seed: int, kept: Checkpoint | None = None, report: Report = silent
+) -> ShearPath:
+    """Pack one sample and shear it; if no equilibrium is found, the path ends early and the reason is given.
+
+    Parameters
+    ----------
+    kept : storage for the packing and the points of the path
+    report : called as report(stage, share done, text)
+    """
+    law, kept = make_law(scenario.law), kept and kept.if_visible()
+    report(f"packing {seed}", 0.0, f"packing {scenario.packing.grains} grains")
+    shear = scenario.shear
+    state, packed = load_or_compute(
+        kept, "packing", partial(make_packing, scenario.packing, law, seed, shear.tolerance)
+    )
+    protocol = aqs(
+        law, slip=shear.slip, tolerance=shear.tolerance, on_instability=shear.on_instability, drag=shear.drag
+    )
+    path, loads, stopped = [], strain_path(scenario), ""
+    for k, strain in enumerate(loads):
+        try:
+            step = load_or_compute(kept, f"strain-{k:06d}", partial(_equilibrate, protocol, state, strain))
+        except (NotInEquilibriumError, LeftPathError) as problem:
+            stopped = str(problem)
+            break
+        path.append(step)
+        state, (pairs, _, _, rate, *_, residual) = step.state, step.row
+        text = f"strain {strain:.2e}, {pairs} pairs, growth rate {rate:.1e}, unbalanced {residual:.0e}"
+        report(f"packing {seed}", (k + 1) / len(loads), text)
+    if not path:
+        raise RuntimeError(stopped)
+    numbers = [step.row[0] for step in path]
+    born = next((k for k, pairs in enumerate(numbers) if pairs), 0)
+    onset = find_onset(_equilibrium(path[born - 1], protocol), path[born].strain, protocol) if born else None
+    two = next((k for k, pairs in enumerate(numbers) if pairs > 1), len(path))
+    single = max((step for step in path[:two] if step.row[0]), key=lambda step: step.row[3], default=None)
+    return ShearPath(
+        seed, packed, path[0].zero_modes, loads[: len(path)], *np.array([step.row for step in path]).T,
+        *(sum(getattr(step, name) for step in path) for name in ("fallback", "unstable", "left")),
+        onset, single.state if single else None, single.strain if single else np.nan, state, stopped,
+    )  # fmt: skip
+
+
+def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the steps are counted
+        point = protocol.step(state, strain)
+    size = np.abs(point.spectrum.eigenvalues)
+    zeros = int((size < 1e-9 * size.max()).sum())
+    how = point.outcome
+    return Step(
+        float(strain), point.state, _path_columns(point, protocol.law), zeros, how.fallback, how.unstable, how.left
+    )
+
+
+def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
+    """Convert a point of a path to an Equilibrium, which includes its spectrum."""
+    modes = spectrum(step.state, protocol.law, modes=protocol.modes)
+    return Equilibrium(step.strain, step.state, modes, Outcome(Status.CONVERGED, step.row[-1], 0))
+
+
+def _path_columns(point: Equilibrium, law: Law) -> tuple:
+    """Return the columns of ShearPath at one point, from `pairs` to `residual`."""
+    modes, pairs, state = point.spectrum, point.spectrum.pair_indices, point.state
+    im = modes.im_lambda[pairs]
+    real = modes.eigenvalues[modes.eigenvalues.imag == 0].real
+    return (
+        len(pairs),
+        im.max(initial=0.0),
+        im.min() if len(im) else 0.0,
+        modes.growth_rate[pairs].max(initial=0.0),
+        int((real < -1e-9 * np.abs(modes.eigenvalues).max()).sum()),
+        -stress(state, law)[0, 1],
+        pressure(state, law),
+        len(touching(state)),
+        point.outcome.residual,
+    )
+
+
+def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
+    """Locate the birth of the first pair by bisection between a state without pairs and a strain at which pairs exist.
+
+    Every trial is one strain step from the saved state, so the path does not depend on the search.
+    """
+    # γ_c must be known much more accurately than the smallest distance from it at which Im λ is measured
+    fine = 0.01 * 0.5**HALVINGS * (above - clean.load) / above
+    change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=min(1e-6, fine))
+    protocol = protocol.starting(clean.state, clean.load)
+    offset = (above - change.load) * 0.5 ** np.arange(HALVINGS)
+    spectra = [protocol.step(clean.state, change.load + d).spectrum for d in offset]
+    im = np.array([s.im_lambda.max() for s in spectra])
+    alone = [k for k, s in enumerate(spectra) if len(s.pairs) == 1][-5:]  # nearest to the birth
+    exponent = float(np.polyfit(np.log(offset[alone]), np.log(im[alone]), 1)[0]) if len(alone) >= 3 else np.nan
+    born = linearise(protocol.step(clean.state, change.above).state, protocol.law)
+    bears = np.isfinite(born.mobilisation)
+    at_limit = float(born.slides[bears].mean()) if bears.any() else 0.0
+    most = max(born.mobilisation[bears], default=np.nan)
+    return Onset(change.below, change.above, offset, im, exponent, at_limit, most)
+
+
+@checked
+def simulate_shear(
+    scenario: ShearScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
+) -> ShearResult:
+    """Run a shear scenario from beginning to end, one packing for each of the seeds seed, seed + 1, …
+
+    Parameters
+    ----------
+    folder : run folder, in which runs and points of paths are saved as soon as each is finished; a run that was killed
+        resumes from them and agrees with an uninterrupted run to within the tolerance of the solver
+    workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
+    report : called as report(stage, share done, text with the relevant quantities)
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> short = ss.scenario(
+    ...     experiment="sphere-shear",
+    ...     packings=1,
+    ...     packing={"grains": 30},
+    ...     shear={"strain": (0.0, 1e-4), "step": 5e-5},
+    ...     release={"duration": 100.0},
+    ... )
+    >>> simulate_shear(short, workers=1).paths[0].pairs.shape
+    (3,)
+    """
+    seeds = [scenario.seed + k for k in range(scenario.packings)]
+    kept = checkpoint_in(folder, scenario, ShearPath, Step, PackingInfo, Onset, Released, Growth)
+
+    def run(stage: str, function: Callable, tasks: list[Task]) -> Realizations:
+        return run_realizations(function, tasks, stage=stage, workers=workers, report=report, describe=_describe_member)
+
+    sheared = run("quasi-static shear", shear_packing, [
+        Task(f"packing {seed}", (scenario, seed, kept and kept.of(f"packing-{seed}")), f"packing-{seed}", kept)
+        for seed in seeds
+    ])  # fmt: skip
+    paths = sheared.successful("packing")
+    starts = [(scenario, p.seed, p.single, p.single_strain) for p in paths]
+    starts += [(scenario, p.seed, p.last, float(p.strain[-1])) for p in paths]
+    wanted = [k for k, (*_, state, _) in enumerate(starts) if state is not None]
+    wanted = [k for k in wanted if k < len(paths) or paths[k - len(paths)].pairs[-1]]
+    runs = run("Newtonian runs", _release, [
+        Task(f"packing {starts[k][1]} released at strain {starts[k][3]:g}", starts[k], f"released-{k:04d}", kept)
+        for k in wanted
+    ])  # fmt: skip
+    released: list[Released | None] = [None] * len(starts)
+    for k, result in zip(wanted, runs.results, strict=True):
+        released[k] = result
+    failures = sheared.failures + runs.failures
+    return ShearResult(
+        scenario, make_law(scenario.law), paths, released[: len(paths)], released[len(paths) :], failures
+    )
+
+
+def _describe_member(member: Member) -> str:
+    """Describe the outcome of a finished member in a few words."""
+    result = member.result
+    if member.failure:
+        return member.failure
+    if isinstance(result, Released):
+        fitted = f", fitted {result.growth.growth_rate:.2e}" if result.growth else ""
+        return (
+            f"strain {result.strain:.2e}: growth rate {result.growth_rate:.2e}{fitted}, M = {result.msd[-1]:.0e}, "
+            f"{result.contacts_lost} contacts lost"
+        )
+    born = f"first pair at {result.onset.strain:.3e}" if result.onset else "no first pair located"
+    return f"packing {result.seed}: {born}, {result.pairs[-1]:.0f} pairs at {result.strain[-1]:.2e}"
+
+
+def _release(scenario: ShearScenario, seed: int, state: State, strain: float, report) -> Released:
+    how = scenario.release
+    return release(
+        state,
+        make_law(scenario.law),
+        seed=seed,
+        e_folds=how.e_folds,
+        least=how.least,
+        duration=how.duration,
+        dt=how.dt,
+        velocity=how.seed_velocity,
+        snapshots=how.snapshots,
+        report=report,
+    )._replace(strain=strain)

@@ -1,0 +1,1 @@
+"""Tests of soils: element tests and cyclic shear."""

@@ -1,0 +1,34 @@
+"""Cyclic shear of samples by quasi-static steps: loops, modulus and damping against amplitude, work, and return."""
+
+from functools import partial
+
+from ....experiments.experiment import Experiment, lazy_function
+from ....experiments.sources import law_references
+from ....lazy import attach
+from .scenario import CyclicShearScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: CyclicShearScenario) -> dict[str, tuple[str, ...]]:
+    """Return keys of references.bib, grouped by purpose."""
+    return {"curves of sands": ("Darendeli2001", "Menq2003"), "contact law": law_references(scenario.law)}
+
+
+DISKS = {"dim": 2, "grains": 50, "pressure": 100.0}
+SMALLEST = ({"sample": DISKS, "cycles": {"amplitudes": [1e-6, 1e-5], "number": 2, "steps": 12}},)
+
+EXPERIMENT = Experiment(
+    scenario=CyclicShearScenario,
+    words="cyclic shear of soils: modulus reduction, damping ratio, hysteresis loops",
+    simulate=_here("simulate.simulate_cyclic_shear"),
+    numbers=_here("report.numbers"),
+    measures=_here("measures.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    smallest=SMALLEST,
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,69 @@
+"""Scenario of cyclic shear: samples of element tests, and cycles of the shear strain at several amplitudes."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ....core.sizes import Size
+from ....data.schema import Listed, Positive, ScenarioTable
+from ..element_test.scenario import NARROWEST, ElementLaw, SampleScenario, widest_shear
+
+SMALLEST = 1e-8  # smallest amplitude: its stress is then about 1e-6 of the pressure, which is balanced to 1e-9
+
+
+class Cycles(ScenarioTable):
+    """Cycles γ = γ₀ sin θ of the shear strain, along x with gradient y, in steps from equilibrium to equilibrium."""
+
+    amplitudes: Annotated[tuple[Positive, ...], Listed] = Field(
+        (1e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3), min_length=1, description="amplitudes γ₀ of the strain, increasing"
+    )
+    number: Annotated[int, Field(ge=1, le=10_000)] = Field(3, description="number of cycles at each amplitude")
+    steps: Annotated[int, Field(ge=12, le=100_000, multiple_of=4)] = Field(
+        40, description="steps of a cycle, even in θ: a multiple of 4"
+    )
+    normal: Literal["constant-volume", "constant-stress"] = Field(
+        "constant-volume",
+        description="constant-volume: the cell is sheared only; constant-stress: its height follows the pressure of "
+        "the sample along y",
+    )
+    start: Literal["sample", "previous"] = Field(
+        "sample",
+        description="where each amplitude begins: at the prepared sample, or where the amplitude before it ended",
+    )
+
+    @model_validator(mode="after")
+    def _check_amplitudes(self):
+        if any(a >= b for a, b in pairwise(self.amplitudes)):
+            raise ValueError(f"cycles.amplitudes = {list(self.amplitudes)} was given: they must increase, sort them")
+        if self.amplitudes[0] < SMALLEST:
+            raise ValueError(
+                f"cycles.amplitudes = {self.amplitudes[0]:g} was given: its stress would be below round-off; use at "
+                f"least {SMALLEST:g}"
+            )
+        return self
+
+
+class CyclicShearScenario(SampleScenario):
+    """Everything that defines cyclic shear of samples. Units are SI unless others are named."""
+
+    experiment: Literal["cyclic-shear"] = "cyclic-shear"
+    law: ElementLaw = ElementLaw(young=70e9, poisson=0.2)
+    cycles: Cycles = Cycles()
+    check: bool = Field(False, description="whether the first sample is sheared again in twice as many steps")
+
+    @model_validator(mode="after")
+    def _check_width(self):
+        most, longest = self.cycles.amplitudes[-1], widest_shear(self.sample)
+        if most > longest:
+            raise ValueError(
+                f"cycles.amplitudes = {most:g} was given: the cell of {self.sample.grains} grains would become "
+                f"narrower than {NARROWEST:g} of the largest ones; use at most {longest:.2g}, or more grains"
+            )
+        return self
+
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over the steps of the cycles."""
+        count = len(self.cycles.amplitudes) * self.cycles.number * self.cycles.steps
+        yield Size("cycles.amplitudes, number and steps ask for", count, "load steps", "use fewer of them")

@@ -1,0 +1,41 @@
+"""Element tests: triaxial, oedometric, undrained and other tests of samples of soil, as engineers do them."""
+
+from functools import partial
+
+from ....experiments.experiment import Experiment, lazy_function
+from ....experiments.sources import law_references
+from ....lazy import attach
+from .scenario import ElementTestScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: ElementTestScenario) -> dict[str, tuple[str, ...]]:
+    """Return keys of references.bib, grouped by purpose."""
+    return {
+        "stress and dilatancy": ("Rowe1962",),
+        "inertial number": ("GDRMiDi2004",),
+        "contact law": law_references(scenario.law),
+    }
+
+
+DISKS = {"dim": 2, "grains": 50, "pressure": 100.0}
+SMALLEST = (
+    {"sample": DISKS, "path": {"strain": 2e-3, "step": 1e-3}, "probes": {"states": 1, "directions": 8}},
+    {"sample": DISKS, "path": {"strain": 1e-4, "integrator": "dynamic", "inertial_number": 1e-3}},
+)
+
+EXPERIMENT = Experiment(
+    scenario=ElementTestScenario,
+    words="element tests of soils: triaxial, oedometric, undrained, simple shear",
+    simulate=_here("simulate.simulate_element_test"),
+    numbers=_here("report.numbers"),
+    measures=_here("measures.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    smallest=SMALLEST,
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,155 @@
+"""Figures of element tests, as soil engineers draw them; tables are dictionaries of columns, as in series.csv."""
+
+from textwrap import fill
+from typing import Annotated, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.ticker import PercentFormatter
+
+from ....core.arguments import Result
+from ....figures.style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, legend_above, styled
+
+STRAINS = {
+    "axial_strain": r"axial strain $\varepsilon_a$", "gamma": r"shear strain $\gamma$",
+    "volumetric_strain": r"volumetric strain $\varepsilon_v$",
+}  # fmt: skip
+HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
+FEW = 6  # samples that are told apart by colour
+_Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
+_Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
+_Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
+
+
+def _lines(axes, tables, x: str, y: str) -> None:
+    """One line for each sample; many samples are pale, with their mean if they have the same rows."""
+    for k, table in enumerate(tables):
+        few = len(tables) <= FEW
+        axes.plot(table[x], table[y], color=COLORS[k] if few else BLUE, lw=0.8 if few else 0.4, alpha=1 if few else 0.4)
+    if len({len(table[x]) for table in tables}) == 1 < len(tables):
+        middle = (np.mean([table[name] for table in tables], axis=0) for name in (x, y))
+        axes.plot(*middle, color=BLACK, lw=1.4, label="mean")
+
+
+@styled
+def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table | None = None):
+    """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
+
+    Parameters
+    ----------
+    strain : name of the column of the imposed strain
+    unit : of stresses
+    halved : series of the first sample in steps, or at a rate, half as large
+    """
+    figure, panels = column_axes(2, 3.8, sharex=True)
+    quantities = {"q": ("$q$", unit), "volumetric_strain": STRAINS["volumetric_strain"]}
+    if "pore_pressure" in tables[0]:
+        quantities = {"q": ("$q$", unit), "pore_pressure": ("excess pore\npressure $\\Delta u$", unit)}
+    if strain == "volumetric_strain":
+        quantities = {"p": ("$p$", unit), "void_ratio": "void ratio $e$"}
+    for axes, (name, words) in zip(panels, quantities.items(), strict=True):
+        _lines(axes, tables, strain, name)
+        if halved is not None:
+            axes.plot(halved[strain], halved[name], "--", color=RED, label="first sample, half the step or rate")
+        if name != "void_ratio":
+            axes.axhline(0, color=BLACK, lw=0.4)
+        label_axes(axes, y=words)
+    label_axes(panels[-1], x=STRAINS[strain])
+    legend_above(panels[0])
+    return figure
+
+
+@styled
+def stress_path(tables: list[_Table], unit: str):
+    """Stress paths in the plane of mean and deviatoric stress."""
+    figure, axes = column_axes()
+    _lines(axes, tables, "p", "q")
+    largest = max(np.abs(table["p"]).max() for table in tables)
+    label_axes(axes, x=("$p$", unit), y=("$q$", unit), least={"x": HELD * largest})
+    legend_above(axes)
+    return figure
+
+
+@styled
+def void_ratio(tables: list[_Table], unit: str):
+    """Void ratio against the mean stress, on a logarithmic axis unless it changes by less than a factor of 3."""
+    figure, axes = column_axes()
+    tables = [table | {"p": np.abs(table["p"])} for table in tables]
+    _lines(axes, tables, "p", "void_ratio")
+    low, high = (bound([bound(table["p"]) for table in tables]) for bound in (np.min, np.max))
+    axes.set_xscale("log" if high > 3 * low else "linear")
+    label_axes(axes, x=("$p$", unit), y="void ratio $e$")
+    legend_above(axes)
+    return figure
+
+
+@styled
+def contacts(tables: list[_Table], strain: str):
+    """Contact number, anisotropy of the fabric, and share of sliding contacts against the imposed strain."""
+    figure, panels = column_axes(3, 4.6, sharex=True)
+    words = {
+        "coordination": "contact number", "fabric_anisotropy": "fabric\nanisotropy",
+        "sliding_fraction": "share of\nsliding contacts",
+    }  # fmt: skip
+    for axes, (name, label) in zip(panels, words.items(), strict=True):
+        _lines(axes, tables, strain, name)
+        label_axes(axes, y=label)
+    label_axes(panels[-1], x=STRAINS[strain])
+    legend_above(panels[0])
+    return figure
+
+
+@styled
+def grading(curve: _Curve, diameter: np.ndarray, dim: int):
+    """Curve of passing by mass: the wanted one, and that of the grains."""
+    figure, axes = column_axes()
+    mass = diameter**dim
+    sizes = np.geomspace(curve.size[0], curve.size[-1], 200)
+    axes.plot(sizes, 100 * curve.passing_at(sizes), color=BLACK, lw=1.4, label="wanted")
+    axes.step(diameter, 100 * np.cumsum(mass) / mass.sum(), where="post", color=BLUE, label=f"{len(diameter)} grains")
+    axes.set_xscale("log" if curve.size[-1] > 5 * curve.size[0] else "linear")
+    label_axes(axes, x=("diameter", "length"), y="passing by mass")
+    axes.yaxis.set_major_formatter(PercentFormatter(decimals=0))
+    axes.set_ylim(0, 100)
+    axes.legend(loc="upper left")
+    return figure
+
+
+@styled
+def failure_directions(
+    probes: list[_Probed], table: _Table, strain: tuple[str, int], first: dict[str, float], names: tuple[str, str]
+):
+    """Angle of friction, and normalised second-order work by direction of the strain, along a path.
+
+    Parameters
+    ----------
+    probes : probed states with envelopes
+    table : series of the sample
+    strain : name of the column of the imposed strain, and sign of compression in it
+    first : strain at which each sign of failure is first seen
+    names : of the components along the two axes of the plane of strains
+    """
+    strain, sign = strain
+    figure, (above, below) = column_axes(2, 4.4, sharex=True, height_ratios=(1, 1.3))
+    above.plot(table[strain], table["phi"], color=BLUE)
+    for k, at in enumerate(sorted(set(first.values()))):
+        signs = [name for name in first if first[name] == at]
+        above.axvline(at, color=COLORS[1 + k % (len(COLORS) - 1)], ls="--", lw=0.8, label=fill("; ".join(signs), 34))
+    at = sign * np.array([each.load for each in probes])
+    middle = 0.5 * (at[1:] + at[:-1])
+    reach = np.sign(at[-1] or 1.0) * np.ptp(table[strain]) / 40
+    edges = np.concatenate([[at[0] - min([reach, *(middle - at[0])[:1]], key=abs)], middle, [at[-1] + reach]])
+    envelope = probes[0].envelope
+    turn = 360 / len(envelope.angle)
+    rows = np.degrees(np.append(envelope.angle, 2 * np.pi)) - 0.5 * turn
+    work = np.ma.masked_invalid(np.array([each.envelope.normalised_work for each in probes]).T)
+    shades = colormaps["RdBu"].with_extremes(bad=BLACK)
+    drawn = below.pcolormesh(edges, rows, work, cmap=shades, vmin=-1, vmax=1)
+    below.plot(at, np.full(len(at), rows[0]), "|", color=BLACK, clip_on=False)
+    label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
+    figure.colorbar(drawn, ax=[above, below], label=label, aspect=40, pad=0.02)
+    label_axes(above, y=r"$\phi$ [°]")
+    label_axes(below, x=STRAINS[strain], y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
+    below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))
+    legend_above(above, ncol=1, fontsize="x-small")
+    return figure

@@ -1,0 +1,94 @@
+"""Gradings: curves of passing by mass against size, and grains that reproduce them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import checked, require_positive
+
+MISFIT = 0.05  # largest deviation from a curve, as a share of the mass, with which a sample represents it
+LARGEST_SAMPLE = 10**7  # grains up to which the number that a curve needs is searched for
+WIDEST = 100.0  # largest ratio of the sizes of a grading
+POINTS = 4001  # of the distribution by number
+
+
+def require_span(smallest: float, largest: float) -> None:
+    """Raise ValueError if sizes span more than `WIDEST`."""
+    if not largest <= WIDEST * smallest:
+        raise ValueError(
+            f"a grading from {smallest:g} to {largest:g} was given: the largest size may be at most {WIDEST:g} times "
+            f"the smallest; cut off the fines"
+        )
+
+
+class Grading(NamedTuple):
+    """Curve of passing against size, linear in the logarithm of the size between its points."""
+
+    size: np.ndarray  # (K,) diameters, increasing [length]
+    passing: np.ndarray  # (K,) share of the mass in grains that are smaller, from 0 to 1 [1]
+
+    def passing_at(self, diameter: np.ndarray) -> np.ndarray:
+        """Share of the mass in grains that are smaller than given diameters."""
+        return np.interp(np.log(diameter), np.log(self.size), self.passing)
+
+    def size_at(self, passing: np.ndarray) -> np.ndarray:
+        """Diameter below which given shares of the mass are, such as D50 at 0.5 [length]."""
+        return np.exp(np.interp(passing, self.passing, np.log(self.size)))
+
+
+@checked
+def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
+    """Grading through D10, D50 and D60, whose first and last segments reach to 0 and to 100 % passing.
+
+    Examples
+    --------
+    >>> from_d10_d50_d60(1.0, 2.0, 2.2).size_at(0.5).round(9).item()
+    2.0
+    """
+    require_positive(d10=d10, d50=d50, d60=d60)
+    if not d10 < d50 < d60:
+        raise ValueError(f"D10 = {d10:g}, D50 = {d50:g} and D60 = {d60:g} were given: they must increase")
+    require_span(d10, d60)
+    low, high = d10 * (d10 / d50) ** (1 / 4), d60 * (d60 / d50) ** 4
+    return Grading(np.array([low, d10, d50, d60, high]), np.array([0.0, 0.1, 0.5, 0.6, 1.0]))
+
+
+@checked
+def diameters(grading: Grading, n: int, dim: int = 3) -> np.ndarray:
+    """Diameters of n grains that follow a curve of passing by mass, (n,), increasing, without random numbers [length].
+
+    Grain k is the quantile (k + 1/2)/n of the distribution by number, whose density is dP/dD over the mass D^dim.
+
+    Examples
+    --------
+    >>> curve = Grading(np.array([1.0, 2.0]), np.array([0.0, 1.0]))
+    >>> round(passing_of(diameters(curve, 2000), 1.5), 3), round(float(curve.passing_at(1.5)), 3)
+    (0.585, 0.585)
+    """
+    step = np.interp(np.linspace(0, len(grading.size) - 1, POINTS), np.arange(len(grading.size)), grading.passing)
+    middle = 0.5 * (step[1:] + step[:-1])
+    number = np.cumsum(np.diff(step) / (grading.size_at(middle) / grading.size[0]) ** dim)
+    at = np.interp((np.arange(n) + 0.5) / n, np.append(0.0, number) / number[-1], step)
+    return grading.size_at(at)
+
+
+@checked
+def passing_of(diameter: np.ndarray, size: float, dim: int = 3) -> float:
+    """Share of the mass of given grains in those that are smaller than a size; grains of that size count half."""
+    mass = diameter**dim
+    return float((mass[diameter < size].sum() + 0.5 * mass[diameter == size].sum()) / mass.sum())
+
+
+def misfit(grading: Grading, diameter: np.ndarray, dim: int) -> float:
+    """Largest deviation of the curve of given grains, at the grains, from the wanted one [1]."""
+    mass = diameter**dim
+    passed = (np.cumsum(mass) - 0.5 * mass) / mass.sum()
+    return float(np.abs(passed - grading.passing_at(diameter)).max(initial=0.5 * mass[-1] / mass.sum()))
+
+
+def grains_needed(grading: Grading, dim: int) -> int:
+    """Least power of two of grains that reproduce a curve within `MISFIT`, at most `LARGEST_SAMPLE`."""
+    n = 16
+    while n < LARGEST_SAMPLE and misfit(grading, diameters(grading, n, dim), dim) > MISFIT:
+        n *= 2
+    return n

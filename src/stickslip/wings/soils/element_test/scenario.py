@@ -1,0 +1,399 @@
+"""Scenario of an element test: a sample of grains in a periodic cell, its grading and density, and a load path."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import log, pi, sqrt
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ....core.sizes import Size
+from ....data.law_schema import LawTable, allow_laws
+from ....data.schema import (
+    Finite,
+    Listed,
+    NotNegative,
+    Positive,
+    Ranks,
+    ScenarioBase,
+    ScenarioTable,
+    Seed,
+    require_lammps_for_ranks,
+)
+from .grading import MISFIT, Grading, diameters, from_d10_d50_d60, grains_needed, misfit, require_span
+
+QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi, doi:10.1140/epje/i2003-10153-0)
+NARROWEST = 2.0  # least width of the cell over the largest diameter
+DENSITY = {2: 0.8, 3: 0.6}  # packing fractions for estimates before the sample is made
+FIRST, GROWTH = 1e-6, 1.5  # first strain step of a leg, and the growth of the steps after it
+LOG_STEP = 100.0  # step of ln p on an isotropic path over the step of the strain on others
+Shares = Annotated[tuple[Annotated[float, Field(ge=0, le=100)], ...], Listed]
+Sizes = Annotated[tuple[Positive, ...], Listed]
+
+
+class UniformSizes(ScenarioTable):
+    """Diameters between two bounds, with the same mass in equal intervals of the logarithm."""
+
+    kind: Literal["uniform"] = "uniform"
+    smallest: Positive = Field(0.8e-3, description="smallest diameter [length]")
+    largest: Positive = Field(1.2e-3, description="largest diameter [length]")
+
+    @model_validator(mode="after")
+    def _check_order(self):
+        if not self.smallest < self.largest:
+            raise ValueError(
+                f"grading.smallest = {self.smallest:g} was given: it must be below grading.largest = {self.largest:g}"
+            )
+        return self
+
+    def curve(self) -> Grading:
+        """Curve of passing by mass."""
+        return Grading(np.array([self.smallest, self.largest]), np.array([0.0, 1.0]))
+
+
+class LognormalSizes(ScenarioTable):
+    """Diameters whose logarithm has a normal distribution by mass, cut off at two standard deviations."""
+
+    kind: Literal["lognormal"] = "lognormal"
+    d50: Positive = Field(1e-3, description="median diameter by mass [length]")
+    sigma: Annotated[float, Field(gt=0, le=1)] = Field(0.2, description="standard deviation of the logarithm")
+
+    def curve(self) -> Grading:
+        """Curve of passing by mass."""
+        from scipy.special import ndtr
+
+        z = np.linspace(-2, 2, 81)
+        share = (ndtr(z) - ndtr(-2)) / (ndtr(2) - ndtr(-2))
+        return Grading(self.d50 * np.exp(self.sigma * z), share)
+
+
+class ThreeSizes(ScenarioTable):
+    """Grading through D10, D50 and D60, linear in the logarithm of the size."""
+
+    kind: Literal["d10-d50-d60"] = "d10-d50-d60"
+    d10: Positive = Field(description="diameter below which 10 % of the mass is [length]")
+    d50: Positive = Field(description="diameter below which half of the mass is [length]")
+    d60: Positive = Field(description="diameter below which 60 % of the mass is [length]")
+
+    @model_validator(mode="after")
+    def _check_order(self):
+        self.curve()
+        return self
+
+    def curve(self) -> Grading:
+        """Curve of passing by mass."""
+        return from_d10_d50_d60(self.d10, self.d50, self.d60)
+
+
+class SieveTable(ScenarioTable):
+    """Grading as a table of passing by mass against size, linear in the logarithm of the size."""
+
+    kind: Literal["table"] = "table"
+    sizes: Sizes = Field(min_length=2, description="diameters, increasing [length]")
+    passing: Shares = Field(min_length=2, description="mass of smaller grains, from 0 to 100 % [%]")
+
+    @model_validator(mode="after")
+    def _check_table(self):
+        if len(self.sizes) != len(self.passing):
+            raise ValueError(
+                f"grading.sizes has {len(self.sizes)} entries and grading.passing {len(self.passing)}: give equally "
+                f"many"
+            )
+        if list(self.sizes) != sorted(set(self.sizes)) or list(self.passing) != sorted(set(self.passing)):
+            raise ValueError("grading.sizes and grading.passing must increase from each entry to the next: sort them")
+        if (self.passing[0], self.passing[-1]) != (0, 100):
+            raise ValueError(
+                f"grading.passing from {self.passing[0]:g} to {self.passing[-1]:g} was given: it must begin with 0 and "
+                f"end with 100, at the smallest and the largest diameter"
+            )
+        return self
+
+    def curve(self) -> Grading:
+        """Curve of passing by mass."""
+        return Grading(np.array(self.sizes), np.array(self.passing) / 100)
+
+
+Sizing = Annotated[UniformSizes | LognormalSizes | ThreeSizes | SieveTable, Field(discriminator="kind")]
+
+
+class ElementSample(ScenarioTable):
+    """Grains in a periodic cell, compressed slowly from a loose state to an isotropic pressure."""
+
+    grains: Annotated[int, Field(ge=20, le=100_000)] = Field(400, description="number of grains")
+    dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
+    grading: Sizing = UniformSizes()
+    density: Positive = Field(2650.0, description="of the grains [mass/length^dim]")
+    pressure: Positive = Field(
+        1e5,
+        description="isotropic pressure of the sample; a layer of disks of 1 mm under 100 kPa bears 100 N/m "
+        "[force/length^(dim−1)]",
+    )
+    friction: NotNegative | None = Field(
+        None,
+        description="friction coefficient during the compression, which controls the density: 0 makes the densest "
+        "sample; default: that of the law",
+    )
+
+    @model_validator(mode="after")
+    def _check_grading(self):
+        curve = self.grading.curve()
+        require_span(curve.size[0], curve.size[-1])
+        off = misfit(curve, self.diameters, self.dim)
+        if off > MISFIT:
+            raise ValueError(
+                f"sample.grains = {self.grains} was given: their grading would be off by {off:.0%} of the mass; use at "
+                f"least {grains_needed(curve, self.dim)} grains, or fewer sizes"
+            )
+        return self
+
+    @property
+    def diameters(self) -> np.ndarray:
+        """Diameters of the grains, (N,), increasing [length]."""
+        return diameters(self.grading.curve(), self.grains, self.dim)
+
+    @property
+    def masses(self) -> np.ndarray:
+        """Masses of the grains, (N,) [mass]."""
+        return self.density * (pi / 4 * self.diameters**2 if self.dim == 2 else pi / 6 * self.diameters**3)
+
+    @property
+    def area(self) -> float:
+        """Mean diameter to the power dim − 1, on which a pressure exerts the force of a contact [length^(dim−1)]."""
+        return float(self.diameters.mean()) ** (self.dim - 1)
+
+    @property
+    def width(self) -> float:
+        """Width of the cell, before the sample is made [length]."""
+        solid = (pi / 4 * self.diameters**2 if self.dim == 2 else pi / 6 * self.diameters**3).sum()
+        return float(solid / DENSITY[self.dim]) ** (1 / self.dim)
+
+    @property
+    def relative_width(self) -> float:
+        """Width of the cell over the least that is allowed."""
+        return self.width / (NARROWEST * float(self.diameters[-1]))
+
+
+def widest_shear(sample: ElementSample) -> float:
+    """Shear strain at which the cell of a sample becomes as narrow as is allowed."""
+    return sqrt(max(sample.relative_width**2 - 1, 0.0))
+
+
+@allow_laws(
+    "hertz_mindlin_reff", "hertz_mindlin", "linear", coulomb="sharp", kn=None, kt=None, young=None, poisson=None,
+    mu=0.5, damping="coeff_restitution", damping_n=0.3, damping_ratio=0.5, lever=None, memory=None, rolling=None,
+    k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None, gamma_twist=None,
+    tension=False, file=None, parameters={}, checksum=None,
+)  # fmt: skip
+class ElementLaw(LawTable):
+    """Contact law. Dashpots bring grains to rest; equilibria do not depend on them."""
+
+
+class Loading(ScenarioTable):
+    """Path of the load from the isotropic state: the strain in one direction is imposed, others follow the stress."""
+
+    kind: Literal[
+        "isotropic",
+        "oedometric",
+        "triaxial",
+        "constant-p",
+        "undrained",
+        "plane-strain",
+        "true-triaxial",
+        "simple-shear",
+    ] = Field(
+        "triaxial",
+        description="isotropic: the pressure changes; oedometric: no lateral strain; triaxial: constant lateral stress "
+        "(drained; biaxial for disks); constant-p: constant mean stress; undrained: constant volume; plane-strain: "
+        "constant stress along x, no strain along y; true-triaxial: constant stress along x, and along y the "
+        "intermediate stress of `b`; simple-shear: γ along x with gradient y, constant stress along y, no other strain",
+    )
+    strain: Annotated[tuple[Finite, ...] | Finite, Listed] = Field(
+        0.1,
+        description="axial strain (γ in simple shear) at which the path ends, or several at which it turns: "
+        "logarithmic, negative for extension",
+    )
+    pressures: Annotated[tuple[Positive, ...], Listed] | None = Field(
+        None, description="pressures of an isotropic path, between which it leads [force/length^(dim−1)]"
+    )
+    step: Annotated[float, Field(gt=FIRST, le=0.1)] = Field(
+        5e-4, description="largest strain step; 1 % of the change of ln p on an isotropic path"
+    )
+    b: Annotated[float, Field(ge=0, le=1)] | None = Field(
+        None, description="(σ₂ − σ₃)/(σ₁ − σ₃) of a true triaxial path"
+    )
+    integrator: Literal["quasi-static", "dynamic"] = Field(
+        "quasi-static",
+        description="quasi-static: equilibria by Newton's method, and by damped dynamics where grains rearrange; no "
+        "rate; dynamic: motion at a strain rate",
+    )
+    inertial_number: Positive | None = Field(
+        None, description="I of the strain rate of the dynamic integrator; default: 1e-4, unless a rate is given"
+    )
+    rate: Positive | None = Field(None, description="strain rate, instead of the inertial number [1/time]")
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Strains, or pressures, from one of which the path leads to the next, without the one at which it begins."""
+        if self.kind == "isotropic":
+            return self.pressures or ()
+        return self.strain if isinstance(self.strain, tuple) else (self.strain,)
+
+    @model_validator(mode="after")
+    def _check_kind(self):
+        for name, kind in (("pressures", "isotropic"), ("b", "true-triaxial")):
+            if (getattr(self, name) is not None) != (self.kind == kind):
+                advice = "is missing: give it" if self.kind == kind else f"was given: only {kind} paths have it"
+                raise ValueError(f"path.{name} {advice}")
+        if self.inertial_number is not None and self.rate is not None:
+            raise ValueError("path.inertial_number and path.rate were both given: give only one of them")
+        if self.integrator == "quasi-static" and (self.inertial_number or self.rate):
+            name = "rate" if self.rate else "inertial_number"
+            raise ValueError(f'path.{name} was given with integrator = "quasi-static", which has none: leave it out')
+        turns = (0.0, *self.turns) if self.kind != "isotropic" else self.turns
+        if not self.turns or any(a == b for a, b in pairwise(turns)):
+            raise ValueError(f"path.strain = {self.strain} was given: each entry must differ from the one before")
+        return self
+
+
+class Probing(ScenarioTable):
+    """Small probes of the first sample along its path, which show in which directions it can fail."""
+
+    strains: Annotated[tuple[Finite, ...], Listed] | None = Field(
+        None,
+        min_length=1,
+        description="imposed strains, from 0 up to the first turn of the path, at which the sample is probed, at the "
+        "nearest step",
+    )
+    states: Annotated[int, Field(ge=1, le=200)] | None = Field(
+        None,
+        description="number n of probed strains instead, which are (k/n)² of the first turn, k = 1, 2, … n; default: 8",
+    )
+    directions: Annotated[int, Field(ge=8, le=3600)] = Field(64, description="directions of the strain, evenly spaced")
+
+
+class SampleScenario(ScenarioBase):
+    """Scenario of tests of samples. Units are SI unless others are named."""
+
+    experiment: str = ""
+    seed: Seed = 0
+    realizations: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        1, description="number of samples, with seeds seed, seed + 1, …"
+    )
+    sample: ElementSample = ElementSample()
+    law: ElementLaw = ElementLaw(young=1e9, poisson=0.2)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_units(cls, tables):
+        return tables | {"units": tables.get("units") or "SI"} if isinstance(tables, dict) else tables
+
+
+class ElementTestScenario(SampleScenario):
+    """Everything that defines an element test. Units are SI unless others are named."""
+
+    experiment: Literal["element-test"] = "element-test"
+    path: Loading = Loading()
+    signs: Literal["compression", "tension"] = Field(
+        "compression", description="which stresses and strains are positive in tables and figures"
+    )
+    check: bool = Field(
+        False, description="whether the first sample is loaded again in steps, or at a rate, half as large"
+    )
+    probes: Probing | None = None
+    engine: Literal["stickslip", "lammps"] = Field(
+        "stickslip", description="what moves the grains of a dynamic test; samples are always made by stickslip"
+    )
+    ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
+
+    @property
+    def sign(self) -> int:
+        """Sign of compression in tables and figures."""
+        return 1 if self.signs == "compression" else -1
+
+    @property
+    def strain_sign(self) -> int:
+        """Sign of the imposed strain in tables and figures; γ has always its own."""
+        return 1 if self.path.kind == "simple-shear" else self.sign
+
+    @property
+    def time(self) -> float:
+        """Time in which the pressure moves a grain by its diameter, D50 √(density/p) for spheres [time]."""
+        s = self.sample
+        size = float(s.grading.curve().size_at(0.5))
+        return size * sqrt(s.density / s.pressure)
+
+    @property
+    def rate(self) -> float:
+        """Strain rate of the dynamic integrator [1/time]."""
+        return self.path.rate or (self.path.inertial_number or 1e-4) / self.time
+
+    @model_validator(mode="after")
+    def _check_engine(self):
+        require_lammps_for_ranks(self.engine, self.ranks)
+        if self.engine == "lammps" and self.path.integrator != "dynamic":
+            raise ValueError('engine = "lammps" was given: it has no quasi-static steps, use integrator = "dynamic"')
+        return self
+
+    @property
+    def probed_strains(self) -> tuple[float, ...]:
+        """Imposed strains at which the first sample is probed."""
+        if self.probes is None:
+            return ()
+        count = self.probes.states or 8
+        return self.probes.strains or tuple(self.path.turns[0] * (k / count) ** 2 for k in range(1, count + 1))
+
+    @model_validator(mode="after")
+    def _check_probes(self):
+        if self.probes is None:
+            return self
+        if self.path.kind == "isotropic":
+            raise ValueError('probes were given with path.kind = "isotropic": choose a path with a strain')
+        if self.probes.strains is not None and self.probes.states is not None:
+            raise ValueError("probes.strains and probes.states were both given: give only one of them")
+        turn = self.path.turns[0]
+        for strain in self.probes.strains or ():
+            if not 0 <= strain / turn <= 1:
+                raise ValueError(
+                    f"probes.strains = {strain:g} was given: the path leads from 0 to {turn:g} before it turns"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check_dimensions(self):
+        if self.sample.dim == 2 and self.path.kind in ("true-triaxial", "plane-strain"):
+            raise ValueError(f'path.kind = "{self.path.kind}" was given for disks: use "triaxial", the biaxial test')
+        return self
+
+    @model_validator(mode="after")
+    def _check_rate(self):
+        number = self.rate * self.time
+        if self.path.integrator == "dynamic" and number > QUASI_STATIC * (1 + 1e-9):
+            name, most = ("rate", QUASI_STATIC / self.time) if self.path.rate else ("inertial_number", QUASI_STATIC)
+            given = getattr(self.path, name)
+            raise ValueError(
+                f"path.{name} = {given:g} was given: with an inertial number of {number:.2g} the test would not be "
+                f"quasi-static; use at most {most:.2g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_width(self):
+        kind, sample = self.path.kind, self.sample
+        if kind == "isotropic":
+            return self
+        most = max(map(abs, self.path.turns))
+        longest = widest_shear(sample) if kind == "simple-shear" else log(sample.relative_width)
+        if most > longest:
+            raise ValueError(
+                f"path.strain = {most:g} was given: the cell of {sample.grains} grains would become narrower than "
+                f"{NARROWEST:g} of the largest ones; use at most {max(longest, 0):.2g}, or more grains"
+            )
+        return self
+
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over the steps of the path."""
+        isotropic = self.path.kind == "isotropic"
+        turns = tuple(log(p) / LOG_STEP for p in self.path.turns) if isotropic else (0.0, *self.path.turns)
+        length = sum(abs(b - a) for a, b in pairwise(turns))
+        yield Size("path.strain takes", length / self.path.step, "load steps", "use a larger path.step")

@@ -1,0 +1,445 @@
+"""Simulation of element tests: samples are compressed, then loaded along a path, quasi-statically or at a rate."""
+
+import time
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import checked
+from ....core.contacts.forces import forces, unbalanced_forces
+from ....core.contacts.memory import FROZEN
+from ....core.control import strained_at
+from ....core.dynamics.cell_motion import strained
+from ....core.dynamics.engine import Engine
+from ....core.dynamics.run import run
+from ....core.laws.builtin import Law
+from ....core.measure import (
+    contact_forces,
+    coordination,
+    fabric,
+    least_supports,
+    overlaps,
+    packing_fraction,
+    stress,
+    touching,
+)
+from ....core.outcome import NotInEquilibriumError
+from ....core.progress import Report, silent, within
+from ....core.readable import readable
+from ....core.state import SLIDE, State
+from ....core.units import Fields
+from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
+from ....ensemble import Workers
+from ....experiments.contact_law import make_law
+from ....experiments.experiment import result_of
+from ....experiments.realizations import Task, run_realizations
+from ....loading.compression import Scales, compression_scales, stopped
+from ....loading.envelope import Envelope, Localisation
+from ....loading.packing import PackingInfo
+from ....loading.settling import DRAG, servo_mass, settle
+from ....solve.moduli import elastic_moduli
+from ....solve.newton import Factorisation
+from ...lammps.run import lammps_engine
+from . import EXPERIMENT
+from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
+from .probes import ProbedState, plane_of, probe, without_answer
+from .sample import BALANCED, check_pressures, make_sample
+from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
+
+FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure
+FOLLOWS = 30  # largest number of corrections of such a stress in a step
+BLOCK = 100  # time steps between two corrections of the controlled stresses
+PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
+MODULI_UP_TO = 5000  # grains up to which elastic moduli are computed
+FURTHER, FURTHER_BY = 10, 0.1  # steps after rest by dynamics, and their strain in mean overlaps over diameters
+SAVE_EVERY = 20.0  # time between two saved pieces of an unfinished path [s]
+
+
+@readable
+class ElementSeries(NamedTuple):
+    """Series of T equilibria, or of T instants of a test at a rate; compression is positive."""
+
+    load: np.ndarray  # (T,) imposed strain, or ln p of an isotropic path
+    strain: np.ndarray  # (T, 4) logarithmic ε_xx, ε_yy, ε_zz, and the shear strain γ along x with gradient y
+    stress: np.ndarray  # (T, 3, 3) [force/length^(dim−1)]
+    void_ratio: np.ndarray  # (T,) volume of the voids over that of the grains [1]
+    coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers [1]
+    fabric_anisotropy: np.ndarray  # (T,) difference of the largest and smallest principal value of the fabric [1]
+    sliding_fraction: np.ndarray  # (T,) share of the contacts at the Coulomb limit [1]
+    unbalanced: np.ndarray  # (T,) mean unbalanced force over mean contact force [1]
+    rearranged: np.ndarray  # (T,) bool, whether dynamics was needed to find the equilibrium
+
+
+class SmallStrain(NamedTuple):
+    """Elastic moduli of a sample before its path; NaN if they were not computed."""
+
+    shear: float  # G [force/length^(dim−1)]
+    bulk: float  # K [force/length^(dim−1)]
+    young: float  # E [force/length^(dim−1)]
+    poisson: float  # ν [1]
+
+
+class ElementRun(NamedTuple):
+    """Test of one sample."""
+
+    seed: int
+    packed: PackingInfo
+    elastic: SmallStrain
+    series: ElementSeries
+    end: State
+    ended: str  # reason for which the path ended early, or an empty string
+    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario asks for them
+
+
+class Piece(NamedTuple):
+    """Part of a path since the previous piece, and the state needed to continue."""
+
+    rows: dict[str, np.ndarray]
+    state: State
+
+
+Steps = Iterator[tuple[State, float, bool]]  # state, load, and whether dynamics was needed
+SAVED = (ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation)  # classes in saved results
+
+
+class Rig(NamedTuple):
+    """Sample with its law and the control that loads it."""
+
+    scenario: ElementTestScenario
+    law: Law
+    start: State  # the isotropic sample
+    drive: Drive
+    tolerance: float  # largest unbalanced force of an equilibrium [force]
+    keep: Factorisation
+    engine: Engine | None  # of a dynamic test, if it is not `run`
+    probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions."""
+        return self.start.cell.dim
+
+    def scales(self, pressure: float) -> Scales:
+        """Scales of the sample under a pressure."""
+        return compression_scales(self.start, self.law, pressure, self.tolerance)
+
+
+@result_of(EXPERIMENT)
+class ElementTestResult(NamedTuple):
+    """Tests of all samples."""
+
+    scenario: ElementTestScenario
+    law: Law
+    runs: tuple[ElementRun, ...]
+    checked: ElementRun | None  # the first sample, in steps or at a rate half as large
+    failures: tuple[str, ...]
+
+
+@checked
+def simulate_element_test(
+    scenario: ElementTestScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
+) -> ElementTestResult:
+    """Load samples with the seeds seed, seed + 1, … along the path of a scenario.
+
+    Strains are measured from the prepared sample; pressures are absolute.
+
+    Parameters
+    ----------
+    folder : run folder, in which samples and parts of their paths are saved as soon as they are finished
+    workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    ScenarioError
+        If the law cannot carry the pressure.
+    RuntimeError
+        If every sample failed.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> short = ss.scenario(
+    ...     experiment="element-test",
+    ...     sample={"dim": 2, "grains": 50, "pressure": 100.0},
+    ...     path={"kind": "undrained", "strain": 1e-3},
+    ... )
+    >>> series = simulate_element_test(short).runs[0].series
+    >>> round(abs(series.strain[:, :3].sum(axis=1)).max(), 12)
+    np.float64(0.0)
+    """
+    law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, *SAVED)
+    check_pressures(scenario.sample, law, kept, path=scenario.path.pressures or ())
+    seeds = [scenario.seed + k for k in range(scenario.realizations)]
+    jobs = [(seed, False) for seed in seeds] + ([(scenario.seed, True)] if scenario.check else [])
+    tasks = [
+        Task(f"sample {seed}{' at half the step' if half else ''}", (scenario, seed, half, _place(kept, seed, half)),
+             _name(seed, half), kept)
+        for seed, half in jobs
+    ]  # fmt: skip
+    made = run_realizations(load_sample, tasks, stage="samples", workers=workers, report=report)
+    runs = tuple(made.groups(len(seeds))[0].successful("sample"))
+    return ElementTestResult(scenario, law, runs, made.results[-1] if scenario.check else None, made.failures)
+
+
+def _name(seed: int, half: bool) -> str:
+    return f"sample-{seed}{'-half' if half else ''}"
+
+
+def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
+    return kept and kept.of(_name(seed, half))
+
+
+def load_sample(
+    scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, report: Report
+) -> ElementRun:
+    """Make one sample and load it; with `half`, in steps, or at a rate, half as large."""
+    law = make_law(scenario.law)
+    engine = find_engine(scenario)
+    kept = kept and kept.if_visible()
+    state, packed = load_or_compute(kept, "packing", partial(make_sample, scenario.sample, law, seed, report))
+    if half:
+        path = scenario.path
+        slower = {"step": 0.5 * path.step} if path.integrator == "quasi-static" else {
+            "rate": 0.5 * scenario.rate, "inertial_number": None}  # fmt: skip
+        scenario = scenario.model_copy(update={"path": path.model_copy(update=slower)})
+    tolerance = BALANCED * scenario.sample.pressure * scenario.sample.area
+    drive = drive_of(scenario.path, state.cell.dim)
+    probed = _rows_to_probe(scenario) if seed == scenario.seed and not half else frozenset()
+    rig = Rig(scenario, law, state, drive, tolerance, Factorisation(), engine, probed)
+    series, end, ended, probes = _follow(rig, kept, within(report, stage=f"sample {seed}"))
+    return ElementRun(seed, packed, _small_strain(state, law), series, end, ended, probes)
+
+
+def find_engine(scenario: ElementTestScenario) -> Engine | None:
+    """Return the engine of a scenario, None if it is `run`."""
+    return lammps_engine(scenario.ranks) if scenario.engine == "lammps" else None
+
+
+def _small_strain(state: State, law: Law) -> SmallStrain:
+    if len(state.grains.radius) > MODULI_UP_TO:
+        return SmallStrain(*[np.nan] * 4)
+    try:
+        moduli = elastic_moduli(state, law)
+    except ValueError:
+        return SmallStrain(*[np.nan] * 4)
+    return SmallStrain(moduli.shear, moduli.bulk, moduli.young, moduli.poisson)
+
+
+def loads_of(scenario: ElementTestScenario) -> np.ndarray:
+    """Imposed strains along a path, or ln p: the steps of a leg grow from `FIRST` by `GROWTH` up to the largest."""
+    path = scenario.path
+    isotropic = path.kind == "isotropic"
+    turns = np.log((scenario.sample.pressure, *path.turns)) if isotropic else np.array((0.0, *path.turns))
+    scale = LOG_STEP if isotropic else 1.0
+    out = [turns[:1]]
+    for a, b in pairwise(turns):
+        length, most = abs(b - a), scale * path.step
+        growing = scale * FIRST * np.cumsum(GROWTH ** np.arange(1 + int(np.log(path.step / FIRST) / np.log(GROWTH))))
+        growing = growing[growing < length]
+        rest = length - (growing[-1] if len(growing) else 0.0)
+        even = length - rest + rest * np.linspace(0, 1, 1 + max(1, int(np.ceil(round(rest / most, 6)))))[1:]
+        out.append(a + np.sign(b - a) * np.concatenate([growing, even]))
+    return np.concatenate(out)
+
+
+def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
+    """Numbers of the loads before the first turn that are nearest to the strains to probe."""
+    loads = np.abs(loads_of(scenario))
+    first = loads[: int(np.argmin(np.append(np.diff(loads), -1.0) > 0)) + 1]
+    return frozenset(int(np.abs(first - abs(strain)).argmin()) for strain in scenario.probed_strains)
+
+
+def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
+    """Series along the path, its last state, the reason for which it ended early, and the probed states."""
+    wanted, pieces = loads_of(rig.scenario), []
+    while kept and kept.has(f"{len(pieces):06d}"):
+        pieces.append(kept.load(f"{len(pieces):06d}", Piece))
+    done = sum(len(piece.rows["load"]) for piece in pieces)
+    state, rows, ended, saved = pieces[-1].state if pieces else rig.start, [], "", time.monotonic()
+
+    def keep() -> None:
+        columns = {name: np.array([row[name] for row in rows]) for name in ElementSeries._fields}
+        pieces.append(Piece(Fields(columns, ElementSeries), state))
+        if kept:
+            kept.save(f"{len(pieces) - 1:06d}", pieces[-1])
+        rows.clear()
+
+    move = quasi_static if rig.scenario.path.integrator == "quasi-static" else dynamic
+    probes: list[ProbedState] = [
+        kept.load(_probe_name(k), ProbedState) for k in sorted(rig.probed) if kept and k < done
+    ]
+    steps = _with_probes(rig, move(rig, state, wanted, done), done, kept, probes)
+    try:
+        for state, load, rearranged in steps:
+            rows.append(_measure(rig, state, load, rearranged))
+            report("path", (done := done + 1) / len(wanted), _describe_row(rows[-1], rig.dim))
+            if time.monotonic() - saved > SAVE_EVERY:
+                keep()
+                saved = time.monotonic()
+    except NotInEquilibriumError as problem:
+        if not (rows or pieces):
+            raise
+        ended = str(problem)
+    if rows:
+        keep()
+    columns = [np.concatenate([piece.rows[name] for piece in pieces]) for name in ElementSeries._fields]
+    return ElementSeries(*columns), state, ended, tuple(probes)
+
+
+def _probe_name(row: int) -> str:
+    return f"probes-{row:06d}"
+
+
+def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, probes: list[ProbedState]) -> Steps:
+    """Steps from number `done` on, the same ones; states to probe are probed and appended to a list."""
+    for row, (state, load, rearranged) in enumerate(steps, start=done):
+        if row in rig.probed:
+            probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load, rearranged)))
+        yield state, load, rearranged
+
+
+def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState:
+    """Probe a state of the path at rest in a held cell.
+
+    Contacts leave the Coulomb limit a little where dynamics brings a sample to rest. It is therefore loaded further by
+    small quasi-static steps, until they slide as along the path.
+    """
+    path, scales = rig.scenario.path, rig.scales(rig.scenario.sample.pressure)
+    try:
+        rest, outcome = settle(
+            stopped(_hold_cell(state)), rig.law, scales, tolerance=rig.tolerance, keep=Factorisation()
+        )
+        if rearranged or outcome.fallback or path.integrator == "dynamic":
+            rest = _hold_cell(_load_further(rig, rest, scales))
+    except NotInEquilibriumError as problem:
+        return without_answer(load, stress(state, rig.law), str(problem))
+    return probe(rest, rig.law, load, plane_of(path, rig.dim)[0], rig.scenario.probes.directions)
+
+
+def _hold_cell(state: State) -> State:
+    """State whose cell does not follow the stress."""
+    nothing = np.zeros((3, 3))
+    return state._replace(
+        control=state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
+    )
+
+
+def _load_further(rig: Rig, state: State, scales: Scales) -> State:
+    """State after small steps of the path from a state at rest, the last `FURTHER` without dynamics if possible."""
+    overlap = overlaps(state)[touching(state)].mean() / (2 * state.grains.radius.mean())
+    step, keep, calm = np.sign(rig.scenario.path.turns[0]) * FURTHER_BY * overlap / FURTHER, Factorisation(), 0
+    state = controlled(state, rig.drive, np.diag(stress(state, rig.law)))
+    for _ in range(5 * FURTHER):
+        state, outcome = settle(_strained(state, rig.drive, step), rig.law, scales, tolerance=rig.tolerance, keep=keep)
+        calm = 0 if outcome.fallback else calm + 1
+        if calm == FURTHER:
+            break
+    return state
+
+
+def quasi_static(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
+    """Equilibria at the loads from number `done` on: state, load, and whether dynamics was needed."""
+    path, pressure = rig.scenario.path, rig.scenario.sample.pressure
+    scales, wanted = rig.scales(pressure), np.full(3, pressure)
+    if done:
+        wanted = np.diag(stress(state, rig.law)).copy()
+    for k in range(done, len(loads)):
+        if path.kind == "isotropic":
+            wanted[:] = np.exp(loads[k])
+            scales = rig.scales(float(wanted[0]))
+        elif k:
+            state = _strained(state, rig.drive, loads[k] - loads[k - 1])
+        state, wanted, rearranged = _settle(rig, state, wanted, scales)
+        yield state, float(loads[k]), rearranged
+
+
+def _strained(state: State, drive: Drive, step: float) -> State:
+    """State after an affine step of the driven strain."""
+    gradient = drive.gradient * step
+    return strained(state, gradient if gradient[0, 1] else np.diag(np.expm1(np.diag(gradient))))
+
+
+def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales) -> tuple[State, np.ndarray, bool]:
+    """Equilibrium under the stresses that the path asks for, those stresses, and whether dynamics was needed."""
+    path, p, dim = rig.scenario.path, rig.scenario.sample.pressure, rig.dim
+    mass, rearranged, share, before = servo_mass(state, p, scales), False, 0.4, None
+    for _ in range(FOLLOWS if depends_on_stress(path) else 1):
+        state, outcome = settle(
+            controlled(state, rig.drive, wanted, mass), rig.law, scales, tolerance=rig.tolerance, keep=rig.keep
+        )
+        rearranged |= outcome.fallback
+        if not depends_on_stress(path):
+            return state, wanted, rearranged
+        off = (wanted_stress(path, p, stress(state, rig.law), dim) - wanted)[rig.drive.free[-1]]
+        if abs(off) <= FOLLOWED * p:
+            return state, wanted, rearranged
+        if before is not None and off != before:  # secant
+            share = float(np.clip(share * before / (before - off), 0.1, 2.0))
+        before, wanted = off, wanted.copy()
+        change = share * off
+        wanted[: dim - 1] += change if path.kind == "constant-p" else np.array([0.0, change])[: dim - 1]
+    raise NotInEquilibriumError(f"the stresses of the path were not reached in {FOLLOWS} corrections", outcome)
+
+
+def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
+    """States at the loads from number `done` on of a test at a rate."""
+    scenario = rig.scenario
+    path, rate, p = scenario.path, scenario.rate, scenario.sample.pressure
+    isotropic = path.kind == "isotropic"
+    rate = PRESSURE_RATE * rate if isotropic else rate
+    scales = rig.scales(max(p, *(path.pressures or (p,))))
+    mass = servo_mass(rig.start, p, scales, rate=scenario.rate)
+    unit = rate * scales.dt
+    place = np.rint((loads - loads[0]) / unit).astype(int)  # in time steps
+    for k in range(done, len(loads)):
+        here = int(place[max(k - 1, 0)])
+        sign = int(np.sign(place[k] - here))
+        while here != place[k]:
+            left = abs(int(place[k]) - here)
+            block = min(left, BLOCK) if isotropic or depends_on_stress(path) else left
+            here += sign * block
+            wanted = np.full(3, np.exp(loads[0] + unit * here))
+            if not isotropic:
+                wanted = wanted_stress(path, p, stress(state, rig.law), rig.dim)
+            moving = state._replace(control=strained_at(state.control, sign * rate * rig.drive.gradient))
+            state = _advance(rig, controlled(moving, rig.drive, wanted, mass), block, scales)
+        yield state, float(loads[0] + unit * place[k]), False
+
+
+def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:
+    """State after some time steps of the scenario's engine."""
+    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=DRAG / scales.time, engine=rig.engine)
+    if not outcome.ok:
+        raise RuntimeError(f"the run ended: {outcome}")
+    return state
+
+
+def _measure(rig: Rig, state: State, load: float, rearranged: bool) -> dict:
+    """Return one row of the series."""
+    load_now, _ = forces(state, rig.law, memory=FROZEN)
+    rows = touching(state)
+    between = np.linalg.norm(contact_forces(state, rig.law)[rows], axis=1).mean() if len(rows) else 0.0
+    pull = np.linalg.norm(unbalanced_forces(state, load_now)[: len(state.grains.radius), :3], axis=1).mean()
+    principal = np.linalg.eigvalsh(fabric(state)[: rig.dim, : rig.dim])
+    return {
+        "load": load,
+        "strain": strain_of(state.cell.vectors, rig.start.cell.vectors),
+        "stress": stress(state, rig.law),
+        "void_ratio": 1 / packing_fraction(state) - 1,
+        "coordination": coordination(state, least_supports(rig.law, rig.dim)),
+        "fabric_anisotropy": principal[-1] - principal[0],
+        "sliding_fraction": (state.contacts.mode[rows] == SLIDE).mean() if len(rows) else 0.0,
+        "unbalanced": pull / between if between > 0 else np.inf,
+        "rearranged": rearranged,
+    }
+
+
+def _describe_row(row: dict, dim: int) -> str:
+    """Describe a row for progress reports."""
+    axial, p = row["stress"][dim - 1, dim - 1], np.trace(row["stress"]) / dim
+    return f"load {row['load']:.4g}, axial stress {axial:.4g}, p {p:.4g}, z {row['coordination']:.2f}"

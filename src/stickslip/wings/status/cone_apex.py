@@ -1,0 +1,334 @@
+"""Contacts that open and close: four statuses at the apex of the Coulomb cone, as one piecewise-linear map.
+
+A contact without force responds to the relative velocity V of its bodies in one of four ways. The cells of V are
+disjoint and cover the plane, and the force rate −K S V is continuous across their boundaries:
+
+    opens            V_n > 0                              S = 0
+    slides with s    V_n < 0,  m V_n + s V_t > 0          S = ((1, 0), (−m s, 0)),  s = ±1
+    sticks           V_n < 0,  m V_n ± V_t ≤ 0            S = 1
+
+A contact that carries a force at the limit has only the two statuses of the principle of minimum sliding. With V₀ the
+velocities if all these contacts stick, Z = Cᵀ k₀⁻¹ C their compliance and Δ(σ) = K (S(σ) − 1), the statuses obey
+
+    g(V) = V + Z Δ(σ(V)) V = V₀,        det(1 + Z Δ(σ)) = det k(σ) / det k₀.
+
+At most four cells meet in a face of codimension two. Hence g is one-to-one, and the statuses are unique for every load,
+if and only if det k(σ) has the same sign for all σ: the four statuses are mutually exclusive as long as no combination
+of them has lost its stability. The paper leaves this question open.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, for the question; Kuhn and Löwen's
+Theorem 5.3, as quoted by Ralph (Cornell University TR 92-1283), and Scholtes, doi:10.1287/moor.21.4.955, for the
+one-to-one property; Katzenelson's algorithm for following the pieces.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.arguments import check_types, checked, require_shape
+from ...core.readable import readable
+
+STICKS, SLIDES, SLIDES_BACK, OPENS = range(4)  # SLIDES has s = +1, SLIDES_BACK has s = −1
+STATUS_NAMES = ("sticks", "slides", "slides back", "opens")
+SIDE = np.array([0.0, 1.0, -1.0, 0.0])  # s of each status
+ROUNDS = 60  # largest number of iterations before the pieces are followed one by one
+PIECES = 4000  # largest number of pieces followed
+ENUMERATED = 4096  # largest number of combinations of statuses enumerated
+HELPING = 1e-4  # share of their springs that disks keep while pieces are followed on which nothing holds them
+SINGULAR = 1e12  # condition number of a piece beyond which it is treated as singular
+SAME = 1e-6  # share of the largest velocity up to which two velocities are the same
+SLACK = 1e-9  # share of the largest velocity below which a velocity may have either sign
+
+
+@readable
+class Apex(NamedTuple):
+    """Map of E contacts that may change their status; V is (E, d), d = 2 in a plane, where g is piecewise linear."""
+
+    compliance: np.ndarray  # (dE, dE) Z [length/force]
+    velocity: np.ndarray  # (E, d) V₀, the velocities if all of them stick
+    springs: np.ndarray  # (E, d, d) K [force/length]
+    slope: np.ndarray  # (E,) m
+    sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
+    alone: np.ndarray  # (E,) bool: contacts of disks without others; nothing holds such a disk if all open or slide
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or value."""
+        check_types(self)
+        require_shape(2 * (np.size(self.velocity),), compliance=self.compliance)
+        if not np.isin(self.sign, (-1.0, 0.0, 1.0)).all():
+            raise ValueError("sign holds other numbers than −1, 0 and 1: use those")
+
+    @property
+    def allowed(self) -> list[tuple[int, ...]]:
+        """Possible statuses of each contact."""
+        both = {1.0: (STICKS, SLIDES), -1.0: (STICKS, SLIDES_BACK), 0.0: (STICKS, SLIDES, SLIDES_BACK, OPENS)}
+        return [both[float(s)] for s in self.sign]
+
+
+@readable
+class StatusSolution(NamedTuple):
+    """Statuses that are consistent with their velocities, or None if none were found."""
+
+    status: np.ndarray | None  # (E,)
+    velocity: np.ndarray | None  # (E, d)
+    method: str
+
+
+def piece_matrix(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
+    """(..., 2E, 2E) matrix 1 + Z Δ(σ) of the piece with the statuses (..., E)."""
+    size = status.shape[-1]
+    columns = apex.compliance.reshape(2 * size, size, 2)
+    turned = np.einsum("aeb,...ebc->...aec", columns, stiffness_change(apex, status, helped))
+    return np.eye(2 * size) + turned.reshape(*status.shape[:-1], 2 * size, 2 * size)
+
+
+def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
+    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); with `helped`, disks held by nothing else keep a small stiffness."""
+    change = np.zeros((*status.shape, 2, 2))
+    slides = (status == SLIDES) | (status == SLIDES_BACK)
+    change[slides, 1, 0], change[slides, 1, 1] = -(apex.slope * SIDE[status])[slides], -1.0
+    change[status == OPENS] = -np.eye(2)
+    return (1 - HELPING * helped * apex.alone)[:, None, None] * (apex.springs @ change)
+
+
+def status_of_velocity(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
+    """(E,) status whose cell contains V; within `slack` of a boundary, the present status of the contact."""
+    normal, along = velocity.T
+    forward, back = apex.slope * normal + along, apex.slope * normal - along
+    touches = apex.sign == 0
+    out = np.full(len(now), STICKS)
+    may = touches | (apex.sign > 0)
+    out[may & (forward > slack)] = SLIDES
+    may = touches | (apex.sign < 0)
+    out[may & (back > slack)] = SLIDES_BACK
+    out[touches & (normal > 0)] = OPENS
+    if slack:
+        out = np.where(_in_cell(apex, forward, back, normal, now, slack), now, out)
+    return out
+
+
+def _in_cell(apex: Apex, forward, back, normal, status, slack: float):
+    """Return True where V lies in the cell of a status, to within `slack`."""
+    touches = apex.sign == 0
+    closed = ~touches | (normal <= slack)
+    sticks = closed & (~(touches | (apex.sign > 0)) | (forward <= slack))
+    sticks &= ~(touches | (apex.sign < 0)) | (back <= slack)
+    by_status = (sticks, closed & (forward >= -slack), closed & (back >= -slack), touches & (normal >= -slack))
+    return np.choose(status, by_status)
+
+
+@checked
+def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
+    """Find consistent statuses by iteration, then by following the pieces, then by enumeration.
+
+    Each iteration gives every contact the status of its cell.
+
+    Parameters
+    ----------
+    starts : (E,) initial statuses, tried one after the other; default: all stick
+
+    Returns
+    -------
+    StatusSolution
+        verified: V solves the piece of the statuses and lies in its cell. If nothing is found and there are at most
+        4096 combinations, none is consistent; if there are more, the search along the pieces found none.
+    """
+    for start in starts or (np.full(len(apex.sign), STICKS),):
+        solution = _iterate_statuses(apex, np.asarray(start))
+        if solution is not None:
+            return solution
+    solution = follow_pieces(apex)
+    if solution.status is None and count_choices(apex) <= ENUMERATED:
+        every = enumerate_statuses(apex)
+        for status, velocity in zip(every.status[:1], every.velocity[:1], strict=True):
+            return StatusSolution(status, velocity, "one by one")
+    return solution
+
+
+def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
+    """Give every contact the status of its cell until nothing changes; None if this does not converge."""
+    seen = set()
+    for _ in range(ROUNDS):
+        if now.tobytes() in seen:
+            return None
+        seen.add(now.tobytes())
+        velocity = _velocity(apex, now)
+        if velocity is None:
+            return None
+        fits = status_of_velocity(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
+        if np.array_equal(fits, now):
+            return StatusSolution(now, velocity, "iteration")
+        now = fits
+    return None
+
+
+def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
+    """(E, 2) V for given statuses, or None if their piece is singular."""
+    out = solve_piece(piece_matrix(apex, status), apex.velocity.ravel())
+    return None if out is None else out.reshape(-1, 2)
+
+
+def solve_piece(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    """Solution; None if the matrix is singular to within round-off, as for a disk whose contacts all slide or open."""
+    if not len(matrix):
+        return right
+    if not np.linalg.cond(matrix) < SINGULAR:
+        return None
+    return np.linalg.solve(matrix, right)
+
+
+def follow_pieces(apex: Apex) -> StatusSolution:
+    """Follow the pieces from g(V₀) towards V₀ in the image of g; where det k changes sign, the path turns back.
+
+    Nothing is found if the path goes to infinity: no consistent combination of statuses lies on it.
+    """
+    nothing = StatusSolution(None, None, "along the pieces")
+    here, size = apex.velocity.copy(), apex.velocity.size
+    now = status_of_velocity(apex, here, np.full(len(apex.sign), STICKS))
+    aim = apex.velocity.ravel() - piece_matrix(apex, now, True) @ here.ravel()
+    share, inwards = 0.0, None
+    for _ in range(PIECES):
+        # the line on which g(V) − g(V₀) is a share of the aim, even if a piece is singular
+        line = np.linalg.svd(np.hstack([piece_matrix(apex, now, True), -aim[:, None]]))[2][-1]
+        forward = line[-1] if inwards is None else _crossing_rate(inwards, line[:size].reshape(-1, 2))
+        move, gain = np.sign(forward) * line[:size].reshape(-1, 2), np.sign(forward) * line[-1]
+        length, contact, to, inwards = _next_crossing(apex, here, move, now)
+        if gain > 0 and share + length * gain >= 1:
+            velocity = _velocity(apex, now)
+            return StatusSolution(now, velocity, "along the pieces") if _is_consistent(apex, now, velocity) else nothing
+        if not np.isfinite(length):
+            return nothing
+        here, share, now = here + length * move, share + length * gain, now.copy()
+        now[contact] = to
+    return nothing
+
+
+def _is_consistent(apex: Apex, status: np.ndarray, velocity: np.ndarray | None) -> bool:
+    """Return True if the velocities of given statuses lie in the cells of these statuses."""
+    if velocity is None:
+        return False
+    return np.array_equal(status_of_velocity(apex, velocity, status, SLACK * np.abs(velocity).max(initial=0.0)), status)
+
+
+def _crossing_rate(bound, move: np.ndarray) -> float:
+    """Rate at which a move crosses a boundary (contact, a, b), a V_n + b V_t = 0."""
+    contact, of_normal, of_along = bound
+    return of_normal * move[contact, 0] + of_along * move[contact, 1]
+
+
+def _next_crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
+    """Length of a move until the first contact leaves its cell, with that contact, its new cell and the boundary."""
+    best, contact, to, crossed = np.inf, -1, STICKS, None
+    slack = 1e-12 * np.abs(move).max(initial=0.0)
+    for k, status in enumerate(now):
+        touches, m = apex.sign[k] == 0, apex.slope[k]
+        bounds = {
+            STICKS: [(m, s, way) for s, way in ((1.0, SLIDES), (-1.0, SLIDES_BACK)) if touches or apex.sign[k] == s],
+            SLIDES: [(-m, -1.0, STICKS), (1.0, 0.0, OPENS)][: 1 + touches],
+            SLIDES_BACK: [(-m, 1.0, STICKS), (1.0, 0.0, OPENS)][: 1 + touches],
+            OPENS: [(-1.0, 0.0, None)],
+        }[int(status)]
+        for of_normal, of_along, way in bounds:
+            bound = (k, of_normal, of_along)
+            rate = _crossing_rate(bound, move)
+            if rate > slack and (length := max(-_crossing_rate(bound, here), 0.0) / rate) < best:
+                best, contact, to, crossed = length, k, way, bound
+    if to is None:  # from open to one of the sliding cells
+        to = SLIDES if here[contact, 1] + best * move[contact, 1] > 0 else SLIDES_BACK
+    return best, contact, to, crossed
+
+
+def count_choices(apex: Apex) -> int:
+    """Number of combinations of statuses."""
+    return int(np.prod([float(len(a)) for a in apex.allowed]))
+
+
+class AllStatuses(NamedTuple):
+    """All K consistent combinations of statuses with different velocities, and properties of all combinations."""
+
+    status: np.ndarray  # (K, E)
+    velocity: np.ndarray  # (K, E, 2)
+    stable: np.ndarray  # (K,) bool: det k has the same sign as if all stick
+    coherent: bool  # det k has that sign for all combinations
+    decided: bool  # no combination with singular k can be consistent, so there are no others
+
+
+def enumerate_statuses(apex: Apex) -> AllStatuses:
+    """Enumerate all combinations of statuses.
+
+    Combinations with the same velocities, which lie on a boundary of their cells, count once. Stable ones come first.
+
+    Raises
+    ------
+    ValueError
+        if there are more than 4096 combinations.
+    """
+    if count_choices(apex) > ENUMERATED:
+        raise ValueError(
+            f"{len(apex.sign)} contacts with {count_choices(apex):.3g} combinations of statuses were given: at most "
+            f"{ENUMERATED} can be enumerated; use `statuses_at_apex` to find one that is consistent"
+        )
+    every = list(itertools.product(*apex.allowed))
+    status = np.array(every, int).reshape(len(every), len(apex.sign))
+    matrix, sign, regular, velocity = _all_velocities(apex, status)
+    scale = np.abs(velocity).max(axis=(1, 2), initial=0.0)[:, None]
+    normal, along = velocity[..., 0], velocity[..., 1]
+    fits = _in_cell(apex, apex.slope * normal + along, apex.slope * normal - along, normal, status, SLACK * scale)
+    good = list(np.flatnonzero(regular & fits.all(axis=1)))
+    good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
+    kept = []
+    for k in good:
+        if not any(_same_velocities(velocity[k], velocity[other]) for other in kept):
+            kept.append(k)
+    # a disk that slides or opens at two contacts and has no others is free: `opening` releases it as a body
+    free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
+    open_ends = any(_has_solution(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
+    return AllStatuses(
+        status[kept], velocity[kept], sign[kept] > 0, bool((sign[regular] > 0).all() & regular.all()), not open_ends
+    )
+
+
+def _all_velocities(apex: Apex, status: np.ndarray):
+    """Matrices (K, 2E, 2E) of pieces, signs of det k, a mask of the regular ones, and their velocities V (K, E, 2)."""
+    matrix = piece_matrix(apex, status)
+    sign = np.linalg.slogdet(matrix)[0]
+    sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
+    inverse = np.linalg.inv(sound)
+    size = np.abs(matrix).sum(axis=1).max(axis=1, initial=0.0) * np.abs(inverse).sum(axis=1).max(axis=1, initial=0.0)
+    regular = (sign != 0) & (size < SINGULAR) | (matrix.shape[1] == 0)
+    velocity = np.zeros((len(status), *apex.velocity.shape))
+    velocity[regular] = np.linalg.solve(
+        sound[regular], np.broadcast_to(apex.velocity.reshape(-1, 1), (int(regular.sum()), matrix.shape[1], 1))
+    ).reshape(int(regular.sum()), *apex.velocity.shape)
+    return matrix, sign, regular, velocity
+
+
+def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
+    """Return True if the equation of a singular piece has a solution to half the significant digits."""
+    rest = matrix @ np.linalg.lstsq(matrix, right, rcond=1 / SINGULAR)[0] - right
+    return bool(np.abs(rest).max(initial=0.0) <= SAME * np.abs(right).max(initial=0.0))
+
+
+@checked
+def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
+    """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
+
+    Combinations with the same velocities, which lie on a boundary of their cells, count once.
+
+    Returns
+    -------
+    (K, E) statuses, bool
+
+    Raises
+    ------
+    ValueError
+        if there are more than 4096 combinations.
+    """
+    every = enumerate_statuses(apex)
+    return every.status, every.coherent
+
+
+def _same_velocities(velocity: np.ndarray, other: np.ndarray) -> bool:
+    """Return True if two velocities are the same, as for statuses on either side of a cell boundary."""
+    return np.abs(velocity - other).max(initial=0.0) <= SAME * np.abs(velocity).max(initial=0.0)

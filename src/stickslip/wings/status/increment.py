@@ -1,0 +1,423 @@
+"""One increment of a load path, linear in the load until a contact reaches the cone, opens, or closes.
+
+c, K and the geometric stiffness are frozen. Events that only change the statuses at the cone are processed within the
+increment. If a contact opens or closes, the increment ends, and the status of the contact is decided at the start of
+the next one, together with those of all contacts without force.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import LinAlgError
+
+from ...core.contacts.forces import ContactLoads, accept, forces
+from ...core.contacts.jacobian import linearise
+from ...core.contacts.memory import FREE, HELD
+from ...core.contacts.neighbors import with_neighbor_list
+from ...core.control import between
+from ...core.laws.builtin import KN, KT, MU, Law
+from ...core.measure import contact_forces, rattlers
+from ...core.state import OPEN, SLIDE, STICK, Control, State
+from ...solve.freedom import Freedom, displaced, incidence, residual_vector
+from ...solve.linear import factorised
+from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
+from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs
+from .lcp import complementarity, inconsistent
+from .matrices import LinearSystem, force_rates, linear_system
+from .opening import ApexStatuses, decide_statuses
+from .rattling import NUDGE, gaps, with_modes
+from .status import ContactStatus, Verdict, status_of_critical
+from .system import RESIDUAL, pinned_coordinates, regular_stiffness
+from .uniqueness import certificate
+
+AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
+BLURRED = 10.0  # force over the unbalanced one, below which disks with two contacts are not checked against the cone
+CROWD = 200  # events after which a path without progress of the load ends; no real avalanche of this size was seen
+OUT_OF_BALANCE = 1e-4  # in mean normal forces, beyond which an increment is halved; loads of events are as accurate
+BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
+TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
+STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which an increment in space is halved
+BRACKET = 1e-3  # share of an increment within which the load is found at which a sliding contact in space sticks again
+CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
+LOOK = 0.01  # share of a leg after which other statuses are sought even without an event; c changes little within it
+NO_P_MATRIX = "the status is no longer unique for every load"
+NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
+
+
+class PathState(NamedTuple):
+    """State of a load path with the marks of its contacts."""
+
+    state: State
+    loose: np.ndarray  # (N,) bool: rattlers
+    parted: np.ndarray  # (C,) bool: pairs that still overlap slightly but carry no force
+    fresh: np.ndarray  # (C,) bool: contacts at the apex of the cone, whose status must be decided
+    unique: bool  # whether the status was unique for every load when last tested
+    looked: float  # load of the last test for uniqueness and for other statuses
+    wedged: bool = False  # whether a rattler has just been wedged here
+
+
+def external_force(state: State, free: Freedom) -> np.ndarray:
+    """(n,) generalised external force on the free coordinates [force]."""
+    nothing = np.zeros((state.n_bodies, 3))
+    return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)
+
+
+class Increment:
+    """One increment of load with frozen c, K and geometric stiffness."""
+
+    def __init__(self, place: PathState, law, begin: Control, end: Control, share, increment, geometric, mends):
+        self.law, self.increment, self.geometric, self.mends = law, increment, geometric, mends
+        self.begin, self.end, self.share = begin, end, share
+        self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
+        self.last, self.solve, self.missed, self.looked, self.ahead = None, None, 0.0, place.looked, None
+        self._set_state(place)
+        if place.fresh.any():
+            self._decide_at_apex(place)
+
+    def _set_state(self, place: PathState) -> None:
+        self.place, self.state, self.loose = place, place.state, place.loose
+        self.matrix = _increment_matrices(place, self.law)
+        contacts, rows, n = self.state.contacts, self.matrix.rows, len(self.loose)
+        self.ends = np.stack([contacts.i[rows], contacts.j[rows]], axis=1)
+        # both forces of a disk with two contacts lie along one line: it reaches the cone, or its apex, at both together
+        self.has_two = np.bincount(self.ends.ravel(), minlength=self.state.n_bodies) == 2
+        self.has_two[n:] = False
+        self.paired = self.has_two[self.ends].any(axis=1)
+        self.mean = float(self.matrix.force[:, 0].mean())
+        at = self.state._replace(control=between(self.begin, self.end, self.share))
+        to = self.state._replace(control=between(self.begin, self.end, self.share + self.increment))
+        missing = self._unbalanced_force(place._replace(state=at))
+        self.load = external_force(to, self.matrix.free) - external_force(at, self.matrix.free) + self.mends * missing
+        self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
+        self.gap_rows = open_pairs(self.state, self.loose, rows)
+        self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
+
+    def _decide_at_apex(self, place: PathState) -> None:
+        """Decide whether contacts without force open, stick or slide; bodies without contact forces are released.
+
+        All contacts without force are decided together; decisions made one after the other could undo each other.
+        """
+        before, place = place, self._with_touching_pairs(place)
+        self._set_state(place)
+        m = self.matrix
+        faint = m.force[:, 0] <= APEX * self.mean
+        apex = faint | np.isin(m.rows, np.flatnonzero(place.fresh))
+        choice = decide_statuses(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
+        self.unchecked += not choice.complete
+        if choice.status is None or not choice.stable:
+            self.lost = _verdict_of_loss(choice)
+            return
+        if choice.others and (np.array(choice.others) != choice.status).any():
+            self._record_fork(choice.status, choice.others)
+        was = np.where(before.parted[m.rows], OPENS, _statuses_from_side(np.where(m.limit, m.sign, 0.0)))
+        told = np.isin(m.rows, np.flatnonzero(before.fresh)) | (was != choice.status)
+        self.events += [
+            Event(0.0, STATUS_NAMES[choice.status[k]], *self._bodies_of(k)) for k in np.flatnonzero(apex & told)
+        ]
+        parted = place.parted.copy()
+        parted[m.rows[choice.opens]] = True
+        loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
+        sides = choice.side
+        state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
+        begins = np.flatnonzero(apex & (sides != 0))
+        state = with_modes(state, m.rows[begins], SLIDE)
+        if m.width == 3:  # the memory keeps the direction, whatever the length
+            state.contacts.slip[m.rows[begins]] = (
+                NUDGE
+                * np.einsum("ma,mak->mk", choice.velocity[begins, 1:], m.frame[begins, 1:])
+                / np.abs(choice.velocity).max()
+            )
+        self._set_state(place._replace(state=state, loose=loose, parted=parted, fresh=np.zeros_like(parted)))
+        side = sides[np.searchsorted(m.rows, self.matrix.rows)]
+        self.matrix = self.matrix._replace(sign=np.where(side != 0, side, self.matrix.sign))
+
+    def _with_touching_pairs(self, place: PathState) -> PathState:
+        """State in which parted pairs that still touch are at the apex again."""
+        contacts, loose = place.state.contacts, np.append(place.loose, np.zeros(len(place.state.walls.mass), bool))
+        back = np.flatnonzero(place.parted & ~place.fresh)
+        back = back[~(loose[contacts.i[back]] | loose[contacts.j[back]])]
+        parted, fresh = place.parted.copy(), place.fresh.copy()
+        parted[back], fresh[back] = False, True
+        return place._replace(state=with_modes(place.state, back, STICK), parted=parted, fresh=fresh)
+
+    def _record_fork(self, taken: np.ndarray, others, forces: bool = True) -> None:
+        """Record other consistent combinations; the statuses are those of all contacts, as in `cone_apex`."""
+        others = np.array(others)
+        differ = np.flatnonzero((others != taken).any(axis=0))
+        fork = Fork(
+            0.0, tuple(self._bodies_of(k) for k in differ), tuple(STATUS_NAMES[k] for k in taken[differ]),
+            tuple(tuple(STATUS_NAMES[k] for k in other[differ]) for other in others), forces,
+        )  # fmt: skip
+        self.forks.append(fork)
+        self.events.append(Event(0.0, f"{1 + len(others)} {NOT_UNIQUE}", *self._bodies_of(differ[0])))
+
+    def run(self, start: float):
+        """Run the increment; return the state at its end, the fraction of the leg that was used, and the verdict."""
+        m = self.matrix
+        self._set_load(start)
+        if self.lost is not None:
+            return self.place, 0.0, self.lost
+        force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
+        moved, done = np.zeros(len(m.free)), 0.0
+        for _ in range(CROWD):
+            # contacts that reached the cone in several events at one load are decided together
+            beside = self._at_cone(force, slides)
+            sign[beside] = np.where(force[beside, 1] > 0, -1.0, 1.0)
+            now = m._replace(sign=sign, limit=slides | beside)
+            load = start + done * self.increment
+            choice = self._choose_status(now, slides, load)
+            if not choice.ok:
+                # at the apex of a round cone, statuses with one direction prove nothing
+                faint = m.width == 3 and (force[now.limit, 0] <= APEX * self.mean).any()
+                verdict = Verdict.NOT_FOUND if faint else choice.verdict
+                return self._finish(force, moved, slides, sign, (), done), done * self.increment, verdict
+            if self.looked == load and not self._is_stable(now, choice, load):
+                end = self._finish(force, moved, slides, sign, (), done)
+                return end, done * self.increment, Verdict.NEGATIVE
+            self._record_changes(choice, slides, sign, load)
+            slides = choice.sliding
+            rate = force_rates(now, slides, choice.velocity)
+            self.last = now, slides
+            step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
+            force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
+            self.ahead = step, rate
+            if kind == INCREMENT:
+                break
+            load = start + done * self.increment
+            if kind != REACHES or m.width == 3:  # directions in space turn: c is computed again before a contact slides
+                end = self._finish(force, moved, slides, sign, () if kind == REACHES else contacts, done)
+                if kind == CLOSES and end.fresh.any():
+                    self.events += [Event(load, CLOSES, *self._bodies_of(c)) for c in contacts]
+                return end, done * self.increment, Verdict.CONSISTENT
+            self.events += [Event(load, REACHES, *self._bodies_of(c)) for c in contacts]
+            slides = slides.copy()
+            slides[contacts] = True
+            sign[contacts] = -np.sign(force[contacts, 1])
+        end = self._finish(force, moved, slides, sign, (), done)
+        return end, done * self.increment, Verdict.CONSISTENT
+
+    def _choose_status(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
+        """Status at a load; other statuses are sought after events and at intervals of LOOK."""
+        changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
+        if not changed and load < self.looked + LOOK and (same := self._previous_status(now, slides)):
+            return same
+        self.looked, self.solve = load, None
+        return status_of_critical(now, self.load, start=slides, geometric=self.geometric)
+
+    def _previous_status(self, now: LinearSystem, slides: np.ndarray) -> ContactStatus | None:
+        """Previous status if it is still consistent, otherwise None."""
+        try:
+            self.solve = _make_solver(now, slides, self.geometric)
+            velocity = self.solve(self.load)
+        except LinAlgError:
+            return None
+        critical = np.flatnonzero(now.limit)
+        normal, along = (now.c.T @ velocity).reshape(-1, now.width)[critical, :2].T
+        rate = now.slope[critical] * normal + now.sign[critical] * along
+        if not np.isfinite(rate).all() or inconsistent(slides[critical], rate).any():
+            return None
+        return ContactStatus(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
+
+    def _set_load(self, load: float) -> None:
+        self.events = [e._replace(load=load) for e in self.events]
+        self.forks = [f._replace(load=load) for f in self.forks]
+
+    def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """(M,) mask of sticking contacts with a force that are on the cone to round-off."""
+        m = self.matrix
+        margin = m.mu * force[:, 0] - np.linalg.norm(force[:, 1:], axis=1)
+        blurred = force[:, 0] <= np.where(self.paired, self.faint, APEX * self.mean)
+        return ~slides & ~blurred & (margin <= AT_CONE * self.mean)
+
+    def _is_stable(self, matrix: LinearSystem, choice: ContactStatus, load: float) -> bool:
+        """Return False if det k < 0 for the status; record an event if statuses cease to be unique for every load."""
+        if not len(choice.critical):
+            self.unique = True
+            return True
+        known = choice.uniqueness
+        if known is None:  # `contact_status` does not test uniqueness with so many contacts
+            try:
+                problem = complementarity(matrix, self.load, geometric=self.geometric)
+            except LinAlgError:
+                return True
+            slides = choice.sliding[choice.critical]
+            if np.linalg.slogdet(problem.matrix[np.ix_(slides, slides)])[0] < 0:
+                return False
+            known = certificate(problem)
+        known = known.unique
+        if known is False and self.unique:
+            self.events.append(Event(load, NO_P_MATRIX, -1, -1))
+        self.unique = known is not False
+        self.unchecked += known is None
+        return True
+
+    def _bodies_of(self, contact) -> tuple[int, int]:
+        row = self.matrix.rows[contact] if contact < self.matrix.count else self.gap_rows[contact - self.matrix.count]
+        return int(self.state.contacts.i[row]), int(self.state.contacts.j[row])
+
+    def _record_changes(self, choice: ContactStatus, before, sign, load) -> None:
+        if self.matrix.width == 3:
+            for contact in np.flatnonzero(choice.sliding & ~before):
+                self.events.append(Event(load, REACHES, *self._bodies_of(contact)))
+        for contact in np.flatnonzero(before & ~choice.sliding):
+            self.events.append(Event(load, "sticks again", *self._bodies_of(contact)))
+        if choice.verdict in (Verdict.NOT_UNIQUE, Verdict.SINGULAR):
+            taken = _statuses_from_side(np.where(choice.sliding, sign, 0.0))
+            others = [_statuses_from_side(np.where(other.sliding, sign, 0.0)) for other in choice.others]
+            if (np.array(others) != taken).any():
+                self._record_fork(taken, others, choice.verdict is Verdict.NOT_UNIQUE)
+                self.forks[-1] = self.forks[-1]._replace(load=load)
+                self.events[-1] = self.events[-1]._replace(load=load)
+
+    def _finish(self, force, moved, slides, sign, contacts, done: float) -> PathState:
+        """State after the increment, with balance restored using the statuses of its last piece.
+
+        The rotation of contacts leaves unbalanced forces of second order. If left to the next increment, they would
+        add to its load and determine the statuses where that load is small.
+        """
+        place = self._advance(force, moved, slides, sign, contacts, done)
+        if self.last is None:
+            return place
+        now, last = self.last
+        missing, solve = self._unbalanced_force(place), self.solve
+        self.missed = np.abs(missing).max(initial=0.0) / self.mean
+        for _ in range(CORRECTIONS):
+            if not BALANCED < np.abs(missing).max(initial=0.0) / self.mean < OUT_OF_BALANCE:
+                break
+            try:
+                solve = solve or _make_solver(now, last, self.geometric)
+                velocity = solve(missing)
+            except LinAlgError:
+                break
+            force, moved = force + force_rates(now, last, velocity), moved + velocity
+            better = self._advance(force, moved, slides, sign, contacts, done)
+            left = self._unbalanced_force(better)
+            if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
+                break
+            place, missing = better, left
+        if np.abs(missing).max(initial=0.0) > APEX * self.mean:
+            self.missed = max(self.missed, OUT_OF_BALANCE * (1 + np.abs(missing).max() / self.mean))
+        if self.matrix.width == 3:
+            self._compare_rates(place, slides, done)
+        return place
+
+    def _compare_rates(self, place: PathState, slides: np.ndarray, done: float) -> None:
+        """Estimate the error of a piece in space, in which directions turn, from the rates at both of its ends.
+
+        It is half the difference times the piece. If the slip of a contact has changed its sign, the piece is halved
+        until the load at which this happens is known to a share BRACKET of an increment.
+        """
+        after, (step, rate) = _increment_matrices(place, self.law), self.ahead
+        if not np.array_equal(place.state.contacts.key[after.rows], self.state.contacts.key[self.matrix.rows]):
+            return
+        try:
+            velocity = _make_solver(after, slides, self.geometric)(self.load)
+        except LinAlgError:
+            return
+        begin, end = (
+            np.einsum("ma,mak->mk", values, m.frame)
+            for values, m in ((rate, self.matrix), (force_rates(after, slides, velocity), after))
+        )
+        off = 0.5 * step * np.abs(end - begin).max(initial=0.0) / self.mean
+        self.missed = max(self.missed, OUT_OF_BALANCE * off / STRAYS)
+        normal, along = (after.c.T @ velocity).reshape(-1, 3)[:, :2].T
+        if inconsistent(slides, np.where(slides, after.slope * normal + along, -1.0)).any() and done > BRACKET:
+            self.missed = max(self.missed, OUT_OF_BALANCE * (1 + done * self.increment))
+
+    def _unbalanced_force(self, place: PathState) -> np.ndarray:
+        """(n,) unbalanced force of a state.
+
+        Forces on rattlers, which are moved aside, and forces of parted pairs with a small overlap are excluded.
+        """
+        state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
+        out = residual_vector(state, forces(state, self.law)[0], free)
+        whole = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
+        rows = np.flatnonzero(loose | place.parted[:count])
+        push = np.zeros((count, 6))
+        push[rows, :3] = contact_forces(state, self.law)[rows]
+        return out - incidence(state, count, free) @ push.ravel() if push.any() else out
+
+    def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
+        """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
+        m, before, solid = self.matrix, self.state, self.matrix.width == 3
+        held = before.contacts.mode.copy()
+        held[m.rows] = np.where(slides, SLIDE, STICK)
+        held = before._replace(contacts=before.contacts._replace(mode=held))
+        state = with_neighbor_list(displaced(held if solid else before, m.free, moved))
+        _, trial = forces(state, self.law, memory=HELD if solid else FREE)
+        count = int(trial.count[0])
+        where = np.searchsorted(trial.key[:count], before.contacts.key[m.rows])
+        born = np.array([c for c in contacts if c >= m.count], int) - m.count
+        new = np.searchsorted(trial.key[:count], before.contacts.key[self.gap_rows[born]]) if len(born) else born
+        # pairs still apart after balancing close in the next piece
+        new = new[self.stiffest * gaps(state, new)[1] <= TOUCHES * self.mean]
+        line = linearise(accept(state, trial), self.law)
+        normal, stiffness = line.normal[where], np.where(line.stiffness_t[where] > 0, line.stiffness_t[where], 1.0)
+        along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(m.count)], axis=1)
+        length = np.where(slides, sign * line.mu[where] * line.force_n[where], -force[:, 1]) / stiffness
+        mode, slip = np.zeros_like(trial.mode), np.zeros_like(trial.slip)
+        mode[where] = np.where(slides, SLIDE, STICK)
+        slip[where] = trial.slip[where] if solid else length[:, None] * along
+        mode[new] = STICK
+        fresh = np.zeros(len(mode), bool)
+        fresh[new] = True
+        fresh[where[[c for c in contacts if c < m.count]]] = True
+        # pairs outside the matrix overlap if they have parted incompletely, or met on a curved path
+        more = np.flatnonzero((mode[:count] == OPEN) & (trial.mode[:count] != OPEN))
+        loose = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
+        known = np.isin(trial.key[more], before.contacts.key[np.flatnonzero(self.place.parted)])
+        known |= loose[trial.i[more]] | loose[trial.j[more]]
+        parted = np.zeros(len(mode), bool)
+        parted[more[known]], fresh[more[~known]], mode[more] = True, True, STICK
+        control = between(self.begin, self.end, self.share + done * self.increment)
+        state = accept(state._replace(control=control), trial._replace(mode=mode, slip=slip, reached=mode == SLIDE))
+        return PathState(state, self.loose, parted, fresh, self.unique, self.looked)
+
+
+def _statuses_from_side(side: np.ndarray) -> np.ndarray:
+    """Statuses, as in `cone_apex`, of contacts that carry a force: sgn D_t for sliding contacts, 0 for others."""
+    return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
+
+
+def _verdict_of_loss(choice: ApexStatuses) -> Verdict:
+    """Verdict if contacts at the apex have no consistent and stable combination of statuses."""
+    if choice.status is not None:
+        return Verdict.NEGATIVE
+    return Verdict.UNSTABLE if choice.complete else Verdict.NOT_FOUND
+
+
+def _make_solver(matrix: LinearSystem, slides, geometric: bool):
+    """Return a function that solves k(S) v = f; it raises LinAlgError if k(S) is singular to round-off."""
+    size = len(matrix.free)
+    kept = np.setdiff1d(np.arange(size), pinned_coordinates(matrix))
+    k = regular_stiffness(matrix, slides, geometric)[kept][:, kept]
+    solve = factorised(k)
+
+    def spread(load: np.ndarray) -> np.ndarray:
+        out = np.zeros(size)
+        out[kept] = solve(load[kept])
+        if not np.abs(k @ out[kept] - load[kept]).max(initial=0.0) <= RESIDUAL * np.abs(load[kept]).max(initial=0.0):
+            raise LinAlgError("singular")
+        return out
+
+    return spread
+
+
+def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
+    """Matrices of grains that support each other, including the springs of pairs about to touch."""
+    state = place.state
+    m = linear_system(state, law, rattlers=place.loose)
+    kept = np.flatnonzero(~place.parted[m.rows])
+    rows = m.rows[kept]
+    material = np.concatenate([state.grains.material, state.walls.material])
+    q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
+    springs = np.zeros((len(rows), m.width, m.width))
+    springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1] = q[:, KN], q[:, KT], q[:, KT]
+    columns = (m.width * kept[:, None] + np.arange(m.width)).ravel()
+    parts = {name: getattr(m, name)[kept] for name in ("rows", "frame", "damping", "sign", "force", "limit")}
+    slope = q[:, MU] * q[:, KN] / q[:, KT]
+    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, columns]), springs=springs, mu=q[:, MU], slope=slope, **parts)

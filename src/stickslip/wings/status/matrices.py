@@ -1,0 +1,281 @@
+"""Linear relations for a packing under slow loads, and the stiffness matrix k = c K S cᵀ.
+
+A contact exerts the force F = (F_n, F_t) on its body i, along n (from j to i) and t (clockwise from n), and has the
+spring elongation D = (−δ, s·t). With v the generalised velocities (rotations as R ω), Table I of the paper reads
+
+    f = c F,     dF/dt = −K dD/dt,     dD/dt = S V,     V = cᵀ v.
+
+S is 1 at a sticking contact and ((1, 0), (−m sgn D_t, 0)) at a sliding one, which thus stays at the Coulomb limit;
+m = μ K_n/K_t for a linear law. A law whose tangential force depends on the overlap has K = ((K_n, 0), (−φ', K_t)), φ'
+= sgn D_t ∂φ/∂δ, and m = (μ K_n − ∂φ/∂δ)/K_t. The geometric stiffness −(dc/dt) F, due to the rotation of contacts, is
+small, of the order of the overlap over the radius.
+
+In three dimensions, t is along the slip and t′ = n × t across it: F and V have three components, D_t is the length of
+the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
+geometric stiffness, which is the same for all statuses, is what the Jacobian has beyond c K S cᵀ.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata given in the
+documentation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ...core.arguments import Numbers, check_types, checked, require_shape
+from ...core.contacts.jacobian import Linearisation, blocks_of, linearise
+from ...core.laws.builtin import KEEPS_FORCE, SMOOTH, Law
+from ...core.laws.properties import resists_rolling
+from ...core.measure import branch_vectors, touching
+from ...core.measure import rattlers as loose_grains
+from ...core.readable import readable
+from ...core.state import OPEN, SLIDE, STICK, State
+from ...solve.freedom import Freedom, freedom, incidence, spring_stiffness, stiffness_of
+from .walls import append_wall_rotations
+
+
+@readable
+class LinearSystem(NamedTuple):
+    """Matrices and vectors of Table I, for the M touching contacts of a state and its n free coordinates.
+
+    Contacts have d = 2 components (n, t) in two dimensions and d = 3 components (n, t, t′) in three.
+    """
+
+    rows: np.ndarray  # (M,) rows of the contacts in the contact list
+    frame: np.ndarray  # (M, d, 3) n, t and t′
+    c: sparse.csr_array  # (n, dM) force on coordinates from the components of every contact
+    springs: np.ndarray  # (M, d, d) K of a sticking contact [force/length]
+    damping: np.ndarray  # (M, 2) Γ_n, Γ_t [force time/length]
+    slope: np.ndarray  # (M,) m, the rate at which D_t of a sliding contact follows D_n
+    sign: np.ndarray  # (M,) sgn D_t
+    mu: np.ndarray  # (M,)
+    force: np.ndarray  # (M, d) on body i [force]
+    limit: np.ndarray  # (M,) bool: currently at the Coulomb limit
+    geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
+    machine: sparse.csr_array  # (n, n) diagonal stiffness of springs that pull bodies [force/length]
+    free: Freedom
+
+    check_entries = check_types
+
+    @property
+    def count(self) -> int:
+        """Number M of contacts."""
+        return len(self.rows)
+
+    @property
+    def width(self) -> int:
+        """Number d of components of a contact."""
+        return self.springs.shape[1]
+
+    @property
+    def margin(self) -> np.ndarray:
+        """(M,) F̃ = μ F_n − |F_t| [force]."""
+        return self.mu * self.force[:, 0] - np.linalg.norm(self.force[:, 1:], axis=1)
+
+
+@checked
+def linear_system(
+    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None
+) -> LinearSystem:
+    """Compute the matrices of an accepted state.
+
+    Parameters
+    ----------
+    state : State; walls and rigid groups are bodies, and a free cell adds its strain
+    law : Law with sharp Coulomb friction
+    rattlers : whether rattlers and their contacts are included; or (N,) bool, the grains to exclude instead
+    wall_arm : if given, every wall of a packing of disks may also rotate about its point: the last coordinates are this
+        arm times the angles of the walls [length]; see `walls`
+
+    Raises
+    ------
+    ValueError
+        for a smooth law, under which contacts neither slide nor stick; for rolling resistance; or if walls cannot
+        rotate.
+    """
+    _check_supported(state, law)
+    rows, modes = touching(state), np.minimum(state.contacts.mode, STICK)
+    stuck = state._replace(contacts=state.contacts._replace(mode=modes))
+    line = linearise(stuck, law)
+    parted = ~line.normal[rows].any(axis=1)  # contacts with memory that do not overlap, to the last digits
+    loose = _excluded_bodies(state, rattlers, rows[parted])
+    kept = ~(loose[state.contacts.i[rows]] | loose[state.contacts.j[rows]])
+    rows, parted = rows[kept], parted[kept]
+    free = freedom(state).without(loose)
+    normal = line.normal[rows]
+    apart = branch_vectors(state)[rows[parted]]
+    normal[parted] = apart / np.linalg.norm(apart, axis=1)[:, None]
+    frame = contact_frames(normal, line.slip[rows], state.cell.dim)
+    count = len(line.normal)
+    c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, frame, count))
+    slip = np.einsum("ck,ck->c", line.slip[rows], frame[:, 1])
+    # a contact at the limit exerts exactly μ F_n, whatever the round-off of its slip; without friction none sticks
+    slippery = ~parted & (line.mu[rows] == 0)
+    sliding = (state.contacts.mode[rows] == SLIDE) & ~slippery
+    k_n, k_t = line.slope_n[rows], np.where(slippery, 0.0, line.stiffness_t[rows])
+    pull = np.where(sliding, line.mu[rows] * line.force_n[rows], k_t * np.abs(slip))
+    sign = np.where(slip < 0, -1.0, 1.0)
+    force = np.zeros((len(rows), state.cell.dim))
+    force[:, 0], force[:, 1] = line.force_n[rows], -sign * pull
+    by_overlap = line.slope_t[rows] * np.abs(slip) * (not law.properties & KEEPS_FORCE)
+    springs = np.zeros((len(rows), state.cell.dim, state.cell.dim))
+    springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1], springs[:, 1, 0] = k_n, k_t, k_t, -sign * by_overlap
+    slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
+    matrix = LinearSystem(
+        rows, frame, c, springs, np.stack([line.damping_n[rows], line.damping_t[rows]], axis=1), slope, sign,
+        line.mu[rows], force, sliding, sparse.csr_array((len(free), len(free))),
+        sparse.csr_array(spring_stiffness(state, free)), free,
+    )  # fmt: skip
+    dead = stuck._replace(control=stuck.control._replace(spring=np.zeros_like(stuck.control.spring)))
+    matrix = matrix._replace(geometric=_geometric_stiffness(dead, law, line, matrix))
+    return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
+
+
+def _check_supported(state: State, law: Law) -> None:
+    if law.coulomb == SMOOTH:
+        raise ValueError(
+            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
+        )
+    if resists_rolling(law):
+        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
+
+
+def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
+    """(B,) mask of the grains to exclude; contacts in the rows `parted` support nothing."""
+    n, loose = len(state.grains.radius), np.zeros(state.n_bodies, bool)
+    if not isinstance(rattlers, bool):
+        if np.shape(rattlers) != (n,):
+            raise ValueError(
+                f"rattlers of shape {np.shape(rattlers)} was given: True, False, or one bool for each grain is needed"
+            )
+        loose[:n] = rattlers
+    elif not rattlers:
+        modes = state.contacts.mode.copy()  # some have parted, such as those of rattlers that a path moved aside
+        modes[parted] = OPEN
+        loose[:n] = loose_grains(state._replace(contacts=state.contacts._replace(mode=modes)), 2)
+    return loose
+
+
+def contact_frames(normal: np.ndarray, slip: np.ndarray, dim: int) -> np.ndarray:
+    """(C, dim, 3) axes n, t and t′: t is clockwise from n in a plane, and along the slip (C, 3) in space.
+
+    Without slip, t is perpendicular to the axis that is farthest from n.
+    """
+    if dim == 2:
+        return np.stack([normal, np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(normal))], axis=1)], axis=1)
+    farthest = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    along = np.where(slip.any(axis=1)[:, None], slip, np.cross(normal, farthest))
+    along = along - np.einsum("ck,ck->c", along, normal)[:, None] * normal
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    return np.stack([normal, along, np.cross(normal, along)], axis=1)
+
+
+def _directions(rows, frame, count: int):
+    """(6 count, dM) sparse: (F, T/R) of a contact from its components."""
+    m, width = frame.shape[:2]
+    load = np.concatenate([frame, -np.cross(frame[:, :1], frame)], axis=2)
+    if width == 2:
+        load[:, 1, 3:] = [0.0, 0.0, 1.0]
+    row = np.broadcast_to((6 * rows[:, None] + np.arange(6))[:, None, :], load.shape)
+    column = np.broadcast_to(np.arange(width * m).reshape(m, width, 1), load.shape)
+    turns = np.ones(load.shape, bool)
+    turns[:, 0, 3:] = False
+    return sparse.csr_array((load[turns], (row[turns], column[turns])), shape=(6 * count, width * m))
+
+
+def _geometric_stiffness(state: State, law: Law, line: Linearisation, matrix: LinearSystem):
+    """(n, n) geometric stiffness: −J of sticking contacts without c K cᵀ."""
+    rows, kept, slip = matrix.rows, np.zeros(len(line.normal)), np.zeros_like(line.slip)
+    if matrix.width == 2:
+        return _geometric_stiffness_in_plane(state, line, matrix)
+    kept[rows] = 1.0
+    k_t, pull = matrix.springs[:, 1, 1], np.einsum("ma,mak->mk", matrix.force[:, 1:], matrix.frame[:, 1:])
+    slip[rows] = -pull / np.where(k_t > 0, k_t, 1.0)[:, None]
+    line = line._replace(
+        before=slip, slip=slip, closed=kept * line.closed, force_n=kept * line.force_n, secant=kept * line.secant
+    )
+    whole = stiffness_of(state, line, blocks_of(state, law, line)[0], matrix.free)
+    stuck = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=False)
+    return sparse.csr_array(-whole - stuck + matrix.machine)
+
+
+def _geometric_stiffness_in_plane(state: State, line: Linearisation, matrix: LinearSystem):
+    """(n, n) the same in two dimensions: (F_n t − F_t n)(t·dr)/|r|.
+
+    It is free of the round-off of a difference, which may decide at forks of paths.
+    """
+    rows, force, (normal, along) = matrix.rows, matrix.force, matrix.frame.transpose(1, 0, 2)
+    turning = line.inverse[rows, None] * (force[:, :1] * along - force[:, 1:] * normal)
+    blocks, vectors = np.zeros((len(line.normal), 6, 6)), np.zeros_like(line.normal)
+    blocks[rows, :3, :3] = turning[:, :, None] * along[:, None, :]
+    vectors[rows] = force[:, :1] * normal + force[:, 1:] * along
+    line = line._replace(normal=vectors, force_n=np.ones(len(vectors)), secant=np.zeros(len(vectors)))
+    return sparse.csr_array(-stiffness_of(state, line, blocks, matrix.free))
+
+
+def statuses(matrix: LinearSystem, sliding) -> np.ndarray:
+    """(M, d, d) blocks S of every contact; `sliding` (M,) bool."""
+    out = np.tile(np.eye(matrix.width), (matrix.count, 1, 1))
+    out[sliding, 1, 1] = 0.0
+    out[sliding, 1, 0] = -(matrix.slope * matrix.sign)[sliding]
+    return out
+
+
+def block_diagonal(parts: np.ndarray):
+    """(dM, dM) sparse block-diagonal matrix of (M, d, d) parts."""
+    m, width = parts.shape[:2]
+    return sparse.bsr_array((parts, np.arange(m), np.arange(m + 1)), shape=(width * m, width * m))
+
+
+@checked
+def stiffness_matrix(matrix: LinearSystem, sliding: Numbers | None = None, *, geometric: bool = True):
+    """(n, n) sparse k = c K S cᵀ with df_ext/dt = k v, plus the geometric stiffness and that of the machine.
+
+    It equals −J for these statuses.
+
+    Parameters
+    ----------
+    sliding : (M,) bool, mask of sliding contacts; default: those currently at the Coulomb limit
+    geometric : whether the forces rotate with the contacts
+    """
+    sliding = _status_of_all(matrix, sliding)
+    k = matrix.c @ block_diagonal(matrix.springs @ statuses(matrix, sliding)) @ matrix.c.T + matrix.machine
+    return sparse.csr_array(k + matrix.geometric if geometric else k)
+
+
+def force_rates(matrix: LinearSystem, sliding: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """(M, d) dF/dt = −K S cᵀ v of all contacts; `sliding` (M,) bool, `velocity` (n,)."""
+    relative = (matrix.c.T @ velocity).reshape(-1, matrix.width)
+    stretched = np.einsum("mab,mb->ma", statuses(matrix, sliding), relative)
+    return -np.einsum("mab,mb->ma", matrix.springs, stretched)
+
+
+def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
+    """(M,) mask of sliding contacts: the given one, or contacts currently at the Coulomb limit."""
+    sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
+    if sliding.shape != (matrix.count,):
+        raise ValueError(
+            f"statuses of shape {sliding.shape} were given for {matrix.count} contacts: one for each contact is needed"
+        )
+    return sliding
+
+
+@checked
+def damping_matrix(matrix: LinearSystem, sliding: Numbers | None = None):
+    """(n, n) sparse c Γ cᵀ, the derivative of −f with respect to velocities; equal to −C for these statuses.
+
+    A sliding contact has no dashpot along t; its tangential force follows the normal one, dashpot included, by μ.
+    """
+    sliding = _status_of_all(matrix, sliding)
+    damping = np.einsum("ma,ab->mab", matrix.damping[:, [0, 1, 1][: matrix.width]], np.eye(matrix.width))
+    damping[sliding, 1, 1] = 0.0
+    damping[sliding, 1, 0] = -(matrix.sign * matrix.mu * matrix.damping[:, 0])[sliding]
+    return sparse.csr_array(matrix.c @ block_diagonal(damping) @ matrix.c.T)
+
+
+@checked
+def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding: Numbers | None = None) -> float:
+    """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
+    require_shape((len(matrix.free),), velocity=velocity)
+    return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))

@@ -1,0 +1,367 @@
+"""Piecewise-linear path of a packing under a slowly changing load, from event to event.
+
+Between events, velocities are proportional to the load rate (k(S) dq = df_ext) and every contact force changes
+linearly, so the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event the
+statuses are determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an
+increment of load and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to
+the rotation of contacts.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.arguments import checked
+from ...core.contacts.forces import accept, forces
+from ...core.contacts.neighbors import with_neighbor_list
+from ...core.control import between
+from ...core.laws.builtin import Law
+from ...core.measure import ROUND_OFF, mean_normal_force, rattlers, touching
+from ...core.progress import Report, silent
+from ...core.readable import pluralize, readable
+from ...core.state import OPEN, SLIDE, STICK, Control, State
+from ...solve.freedom import freedom, residual_vector
+from .collapse import Collapse, describe_collapse, displacements, run_to_rest
+from .events import Event, Fork
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external_force
+from .path_checks import check_dynamics, check_start
+from .rattling import gaps, move_aside, with_modes
+from .status import Verdict
+
+SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
+SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
+PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
+RETURNS = "is wedged and carries load again"
+COLLAPSE, PASSES = "collapse", "dynamics goes on without a collapse"
+OFFSET = 1e-4  # of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
+JUMP = 10.0  # motion over that before, for the same change of the load, from which it is a collapse
+AGAIN = 5  # times that a disk is wedged on a path from which the path counts as dependent on the increment
+
+
+class PathPoint(NamedTuple):
+    """Point on a load path at the end of an increment."""
+
+    load: float  # in legs: 1.5 is the middle of the second one
+    state: State
+    sliding: int  # number of sliding contacts
+    contacts: int  # number of contacts
+    residual: float  # unbalanced force over the mean normal force
+
+
+@readable
+class LoadPath(NamedTuple):
+    """Load path up to the end of its last leg or to the loss of stability."""
+
+    points: tuple[PathPoint, ...]
+    events: tuple[Event, ...]
+    verdict: Verdict  # CONSISTENT if the full load was reached; otherwise the last event gives the load and reason
+    alternatives: tuple[Fork, ...]  # loads at which other statuses were consistent, too
+    unchecked: int  # number of times that uniqueness could not be decided because too many contacts were critical
+    law: Law
+    collapses: tuple[Collapse, ...] = ()  # through which dynamics carried the packing, if a drag was given
+
+    @property
+    def complete(self) -> bool:
+        """True if the full load was reached."""
+        return self.verdict is Verdict.CONSISTENT
+
+    @property
+    def loses_stability(self) -> bool:
+        """True if the packing loses its stability at the end of the path."""
+        return self.verdict in (Verdict.UNSTABLE, Verdict.NEGATIVE, Verdict.MECHANISM, Verdict.FLOWS)
+
+    @property
+    def summary(self) -> str:
+        """Sentence about the end of the path and the uniqueness of its statuses."""
+        end = "the full load was reached" if self.complete else self.verdict.value
+        if falls := sum(not event.quiet and event.rests for event in self.collapses):
+            end += f", after {pluralize(falls, 'collapse')}"
+        if quiet := sum(event.quiet for event in self.collapses):
+            end += f"; dynamics passed {pluralize(quiet, 'end')} of the path without a collapse"
+        disks, times = np.unique([e.i for e in self.events if e.kind == RETURNS], return_counts=True)
+        if len(disks) and times.max() >= AGAIN:
+            end += (
+                f"; disk {disks[times.argmax()]} was wedged and freed {times.max()} times, so that the end may depend "
+                f"on the increment: compare several, or slow dynamics"
+            )
+        if forks := len(self.alternatives):
+            end += f"; other statuses were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
+        if self.unchecked:
+            end += f"; {self.unchecked} times it is not known whether other statuses were consistent"
+        return end
+
+    @property
+    def load(self) -> np.ndarray:
+        """(T,) loads of all points."""
+        return np.array([p.load for p in self.points])
+
+    @property
+    def states(self) -> list[State]:
+        """States of all points."""
+        return [p.state for p in self.points]
+
+
+@checked
+def load_path(
+    state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, drag: float | None = None,
+    duration: float | None = None, travel: float | None = None, report: Report = silent,
+) -> LoadPath:  # fmt: skip
+    """Follow a packing while its control changes linearly from one given control to the next.
+
+    The first leg begins at the control of the state. Loads are those of the given controls: absolute, not increments.
+    Where no stable equilibrium continues, the path ends or, if a `drag` is given, damped dynamics under a load that is
+    held leads to the next equilibrium, from which the path goes on. Loads are dead; the load points of springs may move
+    instead, and a stiff spring drives a displacement (`with_machine`).
+
+    Parameters
+    ----------
+    state : State in equilibrium under its own control
+    law : Law with sharp friction, linear in the overlap (`linear`)
+    legs : Control at the end of each leg; forces, torques, gravity, stress and the anchors of springs change linearly
+        within each leg
+    increment : largest increment of load between two updates of the geometry, as a fraction of a leg
+    geometric : whether k includes the geometric stiffness
+    drag : on translations and rotations during a collapse; default: the path ends where stability is lost [1/time]
+    duration : longest time of a collapse; default: 1e5 natural units, see `relax` [time]
+    travel : largest displacement of a body in a collapse; default: 5 mean diameters. If the packing is not at rest
+        within both, it flows, and the path ends [length]
+    report : called as report(stage, share done, text) after every increment
+
+    Raises
+    ------
+    ValueError
+        if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
+        supports, or the controls have different free components.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, law = ss.packings.biaxial_box(30, pressure=1e-3, seed=1)
+    >>> lid = 30 + 3  # body of the upper wall
+    >>> path = ss.quasirigid.load_path(
+    ...     state, law, ss.quasirigid.with_load(state.control, lid, 1.05)
+    ... )
+    >>> path.verdict.name
+    'CONSISTENT'
+    """
+    here = _accept_forces(with_neighbor_list(state), law)
+    check_start(here, law, legs, increment)
+    if drag is not None:
+        check_dynamics(state.control, drag, duration, travel)
+    place = _place(here)
+    way = _PathRecord(_path_point(place, law, 0.0), law)
+    for number, (begin, end) in enumerate(pairwise((state.control, *legs))):
+        leg = _Leg(law, begin, end, number, len(legs), increment, geometric)
+        share = 0.0
+        while share < 1.0:
+            place, share, verdict = _follow_leg(place, share, leg, way, report)
+            if verdict is Verdict.CONSISTENT:
+                break
+            if drag is None:
+                return way.path(verdict)
+            report("load path", (number + share) / len(legs), f"load {number + share:.4f}, dynamics: {verdict.value}")
+            rest, share = _go_through(place, share, leg, way, verdict, (drag, duration, travel))
+            if rest is None:
+                return way.path(Verdict.FLOWS)
+            place = rest
+        place = place._replace(state=place.state._replace(control=end))
+    return way.path(Verdict.CONSISTENT)
+
+
+class _Leg(NamedTuple):
+    """Leg of a path, and how it is followed."""
+
+    law: Law
+    begin: Control
+    end: Control
+    number: int
+    count: int  # of legs
+    increment: float
+    geometric: bool
+
+
+def _place(state: State) -> PathState:
+    """Beginning of a path."""
+    nothing = np.zeros(len(state.contacts.mode), bool)
+    return PathState(state, rattlers(state, 2), nothing, nothing, True, -np.inf)
+
+
+class _PathRecord:
+    """Record of a path: points, events, forks and collapses so far."""
+
+    def __init__(self, first: PathPoint, law: Law):
+        self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
+        self.anchor, self.since, self.collapses, self.offset = 0.0, 0, [], OFFSET
+
+    def add(self, piece: Increment, point: PathPoint) -> None:
+        self.points.append(point)
+        self.events += piece.events
+        self.unchecked += piece.unchecked
+        last = self.forks[-1] if self.forks else None
+        for fork in piece.forks:
+            if last is None or fork[1:] != last[1:]:  # a motion that stays undetermined is recorded once
+                self.forks.append(fork)
+            last = fork
+        # events and parts of increments since the load last advanced
+        if point.load > self.anchor + PROGRESS:
+            self.anchor, self.since = point.load, 0
+        else:
+            self.since += 1 + len(piece.events)
+
+    def raised_by(self, load: float, most: float) -> float:
+        """Share of a leg by which the load is raised, more if dynamics has just passed here without a collapse."""
+        last = self.collapses[-1] if self.collapses else None
+        self.offset = min(2 * self.offset, most) if last and last.quiet and load < last.held + most else OFFSET
+        return self.offset
+
+    def motion_before(self, load: float, width: float, held: np.ndarray) -> float:
+        """Displacement of the given bodies per load, over the last `width` of the path [length]."""
+        earlier = [p for p in self.points if p.load <= load - width and not self._passed(p.load)]
+        begin = earlier[-1] if earlier else self.points[0]
+        moved = displacements(begin.state, self.points[-1].state)[held, :3]
+        return float(np.linalg.norm(moved) / (load - begin.load)) if load > begin.load else 0.0
+
+    def _passed(self, load: float) -> bool:
+        return bool(self.collapses) and load < self.collapses[-1].held
+
+    def collapse(self, event: Collapse, point: PathPoint) -> None:
+        self.points.append(point)
+        self.collapses.append(event)
+        self.events += [
+            Event(event.load, event.reason, -1, -1), Event(event.held, PASSES if event.quiet else COLLAPSE, -1, -1)
+        ]  # fmt: skip
+        self.anchor, self.since = point.load, 0
+
+    def path(self, verdict: Verdict) -> LoadPath:
+        if verdict is not Verdict.CONSISTENT:
+            self.events.append(Event(self.points[-1].load, verdict.value, -1, -1))
+        return LoadPath(
+            tuple(self.points), tuple(self.events), verdict, tuple(self.forks), self.unchecked, self.law,
+            tuple(self.collapses),
+        )  # fmt: skip
+
+
+def _go_through(
+    place: PathState, share: float, leg: _Leg, way: _PathRecord, verdict: Verdict, through: tuple
+) -> tuple[PathState | None, float]:
+    """State after dynamics from the end of the path, or None if it does not come to rest, and the share of the leg."""
+    load, raised = leg.number + share, min(1.0, share + way.raised_by(leg.number + share, leg.increment))
+    before = place.state._replace(control=between(leg.begin, leg.end, share))
+    motion = run_to_rest(before, leg.law, between(leg.begin, leg.end, raised), *through)
+    free, held = freedom(before), np.append(~place.loose, np.zeros(len(before.walls.mass), bool))
+    ends = (external_force(before._replace(control=c), free) for c in (leg.begin, leg.end))
+    quiet = JUMP * (raised - share) * way.motion_before(load, 0.5 * leg.increment, held)
+    known = {"load": load, "reason": verdict.value, "held": leg.number + raised}
+    event = describe_collapse(before, motion, leg.law, -np.subtract(*ends), quiet, **known)
+    after = _place(motion.state)
+    way.collapse(event, _path_point(after, leg.law, leg.number + raised))
+    return (after if motion.rests else None), raised
+
+
+def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, report: Report):
+    """Follow a leg from a share of it; return the state and the share at which it stops, and the verdict."""
+    law, increment, size, missed = leg.law, leg.increment, leg.increment, np.inf
+    wedged = 0.0  # share at which a rattler was found wedged; it is wedged at a smaller load
+    while share < 1.0:
+        # an imbalance is removed over a whole increment: a part of it removes only its share
+        piece = Increment(
+            place, law, leg.begin, leg.end, share, min(size, 1.0 - share), leg.geometric, size / increment
+        )
+        after, used, verdict = piece.run(leg.number + share)
+        after, wedge = _move_rattlers(after, law, place.state)
+        load = leg.number + share + used
+        if size > SMALLEST and (len(wedge) or OUT_OF_BALANCE < piece.missed < SHRINKS * missed):
+            if len(wedge):
+                wedged = share + used
+            size, missed = max(0.5 * min(size, used), SMALLEST), piece.missed
+            continue
+        missed = np.inf
+        if len(wedge):
+            after, told = _reinstate_wedged(after, law, wedge, load)
+            piece.events += told
+        point = _path_point(after, law, load)
+        way.add(piece, point)
+        if verdict is not Verdict.CONSISTENT:
+            return after, share + used, verdict
+        place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
+        left = wedged - share if not len(wedge) else 0.0
+        size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
+        report("load path", (leg.number + share) / leg.count, _progress_message(point))
+        if way.since > CROWD:
+            return place, share, Verdict.NO_PROGRESS
+    return place, share, Verdict.CONSISTENT
+
+
+def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
+    """State in which wedged rattlers are ordinary grains again, and the corresponding events.
+
+    Rattlers wedged in turn by these grains are reinstated as well, until all remaining rattlers can be moved aside.
+    """
+    events = []
+    while len(wedge):
+        contacts, loose = place.state.contacts, place.loose.copy()
+        ends = np.concatenate([contacts.i[wedge], contacts.j[wedge]])
+        caught = np.unique(ends[ends < len(loose)])
+        caught = caught[loose[caught]]
+        loose[caught] = False
+        # in addition to the wedging contacts, all others that overlap
+        count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
+        rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
+        rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
+        wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
+        fresh = place.fresh.copy()
+        fresh[wedge] = True
+        stuck = with_modes(place.state, wedge, STICK)
+        place = place._replace(state=stuck, loose=loose, parted=place.parted & ~fresh, fresh=fresh, wedged=True)
+        place, wedge = _move_rattlers(place, law)
+        events += [Event(load, RETURNS, int(g), -1) for g in caught]
+    return place, events
+
+
+def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tuple[PathState, np.ndarray]:
+    """State with rattlers moved aside, and the rows of contacts that wedge some of them."""
+    before = place.state.contacts
+    state, wedge = move_aside(place.state, law, place.loose, start)
+    after = state.contacts
+    if after is before:
+        return place, wedge
+    marks = [_transfer_marks(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
+    return place._replace(state=state, parted=marks[0], fresh=marks[1]), wedge
+
+
+def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
+    """Marks of contacts transferred to another list by their keys."""
+    out = np.zeros(len(after.mode), bool)
+    out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
+    return out
+
+
+def _accept_forces(state: State, law: Law) -> State:
+    return accept(state, forces(state, law)[1])
+
+
+def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
+    state = _without_parted(place.state)
+    loads, _ = forces(state, law)
+    rows = touching(state)
+    free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
+    mean = mean_normal_force(state, law)
+    residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
+    sliding = int((state.contacts.mode[rows] == SLIDE).sum())
+    return PathPoint(load, state, sliding, len(rows), residual / mean if mean else np.inf)
+
+
+def _without_parted(state: State) -> State:
+    """State in which contacts at the apex that have parted by more than round-off are open."""
+    rows = touching(state)
+    return with_modes(state, rows[gaps(state, rows)[1] > ROUND_OFF * state.grains.radius.min()], OPEN)
+
+
+def _progress_message(point: PathPoint) -> str:
+    return (
+        f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, unbalanced "
+        f"{point.residual:.0e} of the mean force"
+    )

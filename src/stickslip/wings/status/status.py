@@ -1,0 +1,399 @@
+"""Status of the critical contacts by the principle of minimum sliding, as a linear complementarity problem.
+
+With k(S) = k₀ − H_S G_Sᵀ, columns h = K_t s c e_t and g = c (m e_n + s e_t), s = sgn D_t, the velocities under a load
+rate b obey k(S) v = b. A sticking critical contact leaves the Coulomb cone at the rate Ṽ = gᵀ v; a sliding one has the
+slip rate λ = Ṽ. The status is consistent if, with w = (dF̃/dt)/K_t,
+
+    w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
+
+The status is unique for every load if and only if A is a P-matrix, that is, det A_SS = det k(S)/det k₀ > 0 for all S.
+
+A status with det k(S)/det k₀ < 0 is unstable for any masses and dashpots: det(m z² + γ z + k) has a root z > 0.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. IV, with a proof under a stronger
+assumption; Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), for the algebra.
+"""
+
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from ...core.readable import readable
+from ...solve.linear import one_thread
+from .absence import Absence, UnresistedMotion, farkas, farkas_ray, find_idle_motions, motion_of_ray
+from .enumeration import BLUR, MAPPED, Solution, enumerate_solutions
+from .lcp import (
+    Complementarity,
+    complementarity_of_system,
+    critical_numbers,
+    inconsistent,
+    lemke,
+    principal_pivoting,
+    scale_problem,
+    sign_slack,
+)
+from .matrices import LinearSystem, force_rates, stiffness_matrix
+from .system import StatusSolver, driven_motions
+from .uniqueness import Uniqueness, certificate, is_regular, may_be_p_matrix, sign_of_minor
+
+ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
+ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates
+SAME = 1e-7  # share of the largest force rate up to which forces of two statuses are the same: half the digits
+
+
+class Verdict(Enum):
+    """Outcome of the search for a status; each value is a sentence."""
+
+    CONSISTENT = (
+        "every critical contact slides if and only if it would otherwise leave the Coulomb cone; other statuses were "
+        "not sought"
+    )
+    UNIQUE = "this status is the only consistent one under this load"
+    NOT_UNIQUE = (
+        "several statuses are consistent under this load, so the response is not determined; `others` lists the rest"
+    )
+    SINGULAR = (
+        "several slip rates give the same forces: the forces are determined, but the motion of a grain that slides at "
+        "all of its contacts is not; `others` lists the rest"
+    )
+    NEGATIVE = "the consistent status has det k < 0: the packing loses its stability here; use another load"
+    UNSTABLE = (
+        "it is proven that no status is consistent: the packing loses its stability here; follow it using dynamics"
+    )
+    NO_PROGRESS = "200 events occurred without the load advancing: the path ends here; follow it using dynamics"
+    MECHANISM = (
+        "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
+        "load, or follow it using dynamics"
+    )
+    FLOWS = (
+        "the packing did not come to rest within the stated time and displacement: it flows under this load, "
+        "or creeps, if the drag is large; use a smaller load, a stiffer machine, less drag, or a longer duration"
+    )
+    NOT_FOUND = "no consistent status was found, but one may exist: try another `start` or fewer critical contacts"
+
+
+class Alternative(NamedTuple):
+    """Alternative consistent status under the same load."""
+
+    sliding: np.ndarray  # (M,) bool
+    velocity: np.ndarray  # (n,)
+    rate: np.ndarray  # (Mc,) Ṽ
+    stable: bool | None  # see `ContactStatus.stable`
+
+
+@readable
+class ContactStatus(NamedTuple):
+    """Status of all contacts under a load rate, with velocities, a verdict and its justification.
+
+    `stable` is a statement on det k(S) alone: if it is False, a motion grows without oscillating. If it is True, none
+    does because of this status, but oscillations may grow, which the eigenvalues of `stability` show.
+    """
+
+    verdict: Verdict
+    sliding: np.ndarray  # (M,) bool
+    critical: np.ndarray  # (Mc,) numbers of the contacts that may slide
+    velocity: np.ndarray  # (n,) dq/d(load)
+    rate: np.ndarray  # (Mc,) Ṽ: slip rate of sliding contacts; others move away from the cone if it is negative
+    method: str  # "flip all", "principal pivoting", "Lemke" or "enumeration"
+    solves: int  # factorisations and pivots
+    stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
+    others: tuple[Alternative, ...] = ()  # other consistent statuses, as far as they were sought
+    uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
+    proof: Absence | UnresistedMotion | None = None  # that no status is consistent, or the motion driven by the load
+    marginal: np.ndarray | None = None  # (Mc,) bool: contacts without slip on the cone, which may have either status
+    opens: np.ndarray | None = None  # (M,) bool: contacts without force that open, if there are contacts without force
+
+    @property
+    def ok(self) -> bool:
+        """True if a consistent status was found whose det k is not known to be negative."""
+        return self.verdict in (Verdict.CONSISTENT, Verdict.UNIQUE, Verdict.NOT_UNIQUE, Verdict.SINGULAR)
+
+
+class VerifiedStatus(NamedTuple):
+    """Status whose velocities balance the load."""
+
+    slides: np.ndarray  # (Mc,) bool
+    velocity: np.ndarray
+    rate: np.ndarray
+    method: str
+    stable: bool | None = None
+
+
+def status_of_critical(
+    matrix: LinearSystem, load: np.ndarray, *, critical: np.ndarray | None = None, start: np.ndarray | None = None,
+    geometric: bool = True, unique: bool | None = None,
+) -> ContactStatus:  # fmt: skip
+    """Find the status of critical contacts that all carry a force; arguments are those of `contact_status`."""
+    system = StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric)
+    if start is not None and np.shape(start) != (matrix.count,):
+        raise ValueError(
+            f"start of shape {np.shape(start)} was given: one bool for each of the {matrix.count} contacts is needed"
+        )
+    slides = np.ones(len(system.critical), bool) if start is None else np.asarray(start, bool)[system.critical]
+    if len(driven := driven_motions(matrix, system.load, geometric)):
+        return _make_failure(matrix, system, Verdict.MECHANISM, _unbalanced_motion(matrix, system, driven, geometric))
+    unique = len(slides) <= MAPPED if unique is None else unique
+    with one_thread():
+        return _search(matrix, system, slides, unique) or _search_without_idle_motions(
+            matrix, system, slides, unique, geometric
+        )
+
+
+def _search(matrix: LinearSystem, system: StatusSolver, slides: np.ndarray, unique: bool) -> ContactStatus | None:
+    """Search for a status; return None if k₀ is singular."""
+    flipped = _flip_inconsistent(system, slides)
+    if flipped is not None and not unique:
+        return _make_status(matrix, system, Verdict.CONSISTENT, flipped)
+    try:
+        problem = complementarity_of_system(system)
+    except LinAlgError:
+        return None
+    if len(slides) <= MAPPED:
+        return _enumerate(matrix, system, problem, flipped)
+    return _search_many(matrix, system, problem, flipped, unique)
+
+
+def _search_without_idle_motions(
+    matrix: LinearSystem, system: StatusSolver, slides: np.ndarray, unique: bool, geometric
+) -> ContactStatus:
+    """Search if k₀ is singular: its null motions are held fixed, unless the load drives them."""
+    idle = find_idle_motions(system)
+    if idle is not None and idle.motion is not None:
+        return _make_failure(matrix, system, Verdict.MECHANISM, idle.motion)
+    if idle is not None:
+        held = StatusSolver(matrix, system.load, system.critical, geometric, idle.coordinates)
+        choice = _search(matrix, held, slides, unique)
+        if choice is not None:
+            return choice
+    flipped = _flip_inconsistent(system, slides)
+    return _make_failure(matrix, system, Verdict.NOT_FOUND) if flipped is None else _make_status(
+        matrix, system, Verdict.CONSISTENT, flipped
+    )  # fmt: skip
+
+
+def _unbalanced_motion(
+    matrix: LinearSystem, system: StatusSolver, driven: np.ndarray, geometric: bool
+) -> UnresistedMotion:
+    """Translation of the whole packing, or rolling of a sphere, along which nothing balances the load."""
+    balance = driven.T @ (driven @ system.load)
+    move = balance / np.linalg.norm(balance)
+    nothing = np.zeros(len(system.critical), bool)
+    turned = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=geometric) @ move
+    velocity = move.copy()
+    if matrix.free.dim == 3 and np.abs(turned).max() > 0:  # the forces of a sphere that rolls do not turn with it
+        system.factorise(nothing)
+        velocity[system.kept] -= system.factor(turned[system.kept])
+    power = float(move @ system.load) / np.linalg.norm(system.load)
+    return UnresistedMotion(velocity / np.linalg.norm(velocity), move, power, nothing)
+
+
+def _make_status(
+    matrix: LinearSystem, system: StatusSolver, verdict: Verdict, answer: VerifiedStatus, others=(), known=None
+) -> ContactStatus:
+    marginal = np.abs(answer.rate) <= sign_slack(answer.rate, system.round_off(answer.velocity))
+    also = tuple(Alternative(_expand_status(matrix, system, a.slides), a.velocity, a.rate, a.stable) for a in others)
+    return ContactStatus(
+        verdict, _expand_status(matrix, system, answer.slides), system.critical, answer.velocity, answer.rate,
+        answer.method, system.solves, answer.stable, also, known, None, marginal,
+    )  # fmt: skip
+
+
+def _make_failure(
+    matrix: LinearSystem, system: StatusSolver, verdict: Verdict, proof=None, known=None
+) -> ContactStatus:
+    unknown = np.full(len(system.critical), np.nan)
+    return ContactStatus(
+        verdict, np.zeros(matrix.count, bool), system.critical, np.full(len(system.load), np.nan), unknown, "",
+        system.solves, None, (), known, proof,
+    )  # fmt: skip
+
+
+def _expand_status(matrix: LinearSystem, system: StatusSolver, slides: np.ndarray) -> np.ndarray:
+    """(M,) mask of sliding contacts from a status of the critical contacts."""
+    sliding = np.zeros(matrix.count, bool)
+    sliding[system.critical] = slides
+    return sliding
+
+
+def _verify(system: StatusSolver, slides: np.ndarray | None, method: str) -> VerifiedStatus | None:
+    """Status with velocities from its own factor, if it is consistent and balances the load; otherwise None."""
+    if slides is None:
+        return None
+    try:
+        if system.factored is None or not np.array_equal(system.factored, slides):
+            system.factorise(slides)
+        velocity, rate = system.rates(slides)
+    except LinAlgError:
+        return None
+    if not _is_consistent(system, slides, velocity, rate):
+        return None
+    return VerifiedStatus(slides, velocity, rate, method)
+
+
+def _is_consistent(system: StatusSolver, slides: np.ndarray, velocity: np.ndarray, rate: np.ndarray, slack=0.0) -> bool:
+    """Return True if the status of every contact is consistent; False if a rate is not a number."""
+    slack = np.maximum(slack, system.round_off(velocity))
+    return bool(np.isfinite(rate).all()) and not inconsistent(slides, rate, slack).any()
+
+
+def _flip_inconsistent(system: StatusSolver, slides: np.ndarray) -> VerifiedStatus | None:
+    """Flip all inconsistent contacts until the status is consistent; return None if this cycles.
+
+    If k(S) is singular, all contacts stick in the next round, since intermediate statuses need not be admissible.
+    """
+    seen = set()
+    for _ in range(ROUNDS):
+        if slides.tobytes() in seen:
+            return None
+        seen.add(slides.tobytes())
+        try:
+            velocity, rate = system.rates(slides)
+        except LinAlgError:
+            slides = np.zeros(len(slides), bool)
+            continue
+        bad = inconsistent(slides, rate, system.round_off(velocity))
+        if not bad.any():
+            return _verify(system, slides, "flip all")
+        slides = slides ^ bad
+    return None
+
+
+def _enumerate(
+    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None
+) -> ContactStatus:
+    """Find the status by enumeration, or directly for a P-matrix."""
+    known = certificate(problem)
+    if known.unique:
+        flipped = flipped or _verify(system, principal_pivoting(problem)[0], "principal pivoting")
+        if flipped is not None:
+            return _make_status(matrix, system, Verdict.UNIQUE, flipped._replace(stable=True), (), known)
+    every = enumerate_solutions(problem, lambda slides: _recompute_rates(system, slides))
+    if not every.solutions:
+        for ray in every.rays:
+            motion = motion_of_ray(system, ray) if ray.drive else None
+            if motion is not None:
+                return _make_failure(matrix, system, Verdict.MECHANISM, motion, known)
+        absent = Absence("enumeration", 1 << len(problem.vector))
+        return _make_failure(matrix, system, Verdict.UNSTABLE, absent, known)
+    answers = [a for a in (_verify_solution(system, s) for s in every.solutions) if a is not None]
+    if not answers:  # singular solutions that do not balance the load to the accuracy of k(S)
+        if flipped is not None:
+            return _make_status(matrix, system, Verdict.CONSISTENT, flipped, (), known)
+        return _make_failure(matrix, system, Verdict.NOT_FOUND, None, known)
+    # stable ones first, and of these the one found by flipping
+    answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, flipped)))
+    verdict, first, others = _verdict(matrix, system, problem, answers), answers[0], answers[1:]
+    if _same_rates(first, flipped):
+        first = flipped._replace(stable=first.stable)
+    elif verdict is Verdict.SINGULAR and flipped is not None and not any(_same_rates(a, flipped) for a in answers):
+        first, others = flipped, answers  # between the ends of a face: contacts that slid keep sliding
+    return _make_status(matrix, system, verdict, first, others, known)
+
+
+def _recompute_rates(system: StatusSolver, slides: np.ndarray):
+    """Ṽ of a status with its error bound, from k(S) itself; None if it is not consistent."""
+    try:
+        system.factorise(slides)
+        velocity, rate = system.rates(slides)
+    except LinAlgError:
+        # undecided: the verification that follows rejects it
+        return np.full(len(slides), np.nan), np.zeros(len(slides))
+    slack = sign_slack(rate, system.round_off(velocity))
+    return None if inconsistent(slides, rate, slack).any() else (rate, slack)
+
+
+def _verify_solution(system: StatusSolver, solution: Solution) -> VerifiedStatus | None:
+    """Verify a solution of the complementarity problem with k(S); None if this fails."""
+    stable = {1: True, -1: False}.get(solution.sign)
+    if solution.sign:
+        answer = _verify(system, solution.slides, "enumeration")
+        return answer and answer._replace(stable=stable)
+    try:
+        velocity, rate = system.rates_for_slip(solution.slides, solution.slip)
+    except LinAlgError:
+        return None
+    slack = np.minimum(BLUR * solution.error, ALIKE * np.abs(rate).max(initial=0.0))
+    if not _is_consistent(system, solution.slides, velocity, rate, slack):
+        return None
+    return VerifiedStatus(solution.slides, velocity, rate, "enumeration")
+
+
+def _stability_rank(answer: VerifiedStatus) -> int:
+    return {True: 0, None: 1, False: 2}[answer.stable]
+
+
+def _same_rates(answer: VerifiedStatus, other: VerifiedStatus | None) -> bool:
+    """Return True if both statuses have the same rates; a contact on a boundary may have either status."""
+    if other is None:
+        return False
+    return bool(np.abs(answer.rate - other.rate).max(initial=0.0) <= ALIKE * np.abs(other.rate).max(initial=0.0))
+
+
+def _verdict(
+    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, answers: list[VerifiedStatus]
+) -> Verdict:
+    """Verdict on all consistent statuses, which are listed best first.
+
+    Two statuses have the same forces if A is singular on the union of their sliding contacts. A small difference in
+    the forces alone is not conclusive, since it may be due to a weak contact.
+    """
+    if answers[0].stable is False:
+        return Verdict.NEGATIVE
+    if len(answers) == 1:
+        return Verdict.UNIQUE
+    here, slides = scale_problem(problem), answers[0].slides
+    if any(is_regular(here, np.flatnonzero(slides | other.slides)) for other in answers[1:]):
+        return Verdict.NOT_UNIQUE
+    forces = [force_rates(matrix, _expand_status(matrix, system, a.slides), a.velocity) for a in answers]
+    limit = SAME * max(np.abs(f).max() for f in forces)
+    alike = all(np.abs(f - forces[0]).max() <= limit for f in forces)
+    return Verdict.SINGULAR if alike else Verdict.NOT_UNIQUE
+
+
+def _search_many(
+    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None, unique: bool
+) -> ContactStatus:
+    """Try one algorithm after the other until a stable status is found; absence is reported only with a proof."""
+    known = certificate(problem) if unique else None
+    answers = _try_algorithms(system, problem, flipped)
+    if answers:
+        verdict = _verdict(matrix, system, problem, answers)
+        if verdict is Verdict.UNIQUE and not (known and known.unique):
+            verdict = Verdict.CONSISTENT
+        return _make_status(matrix, system, verdict, answers[0], answers[1:], known)
+    absent = farkas(problem)
+    if absent is None:
+        return _make_failure(matrix, system, Verdict.NOT_FOUND, None, known)
+    ray = farkas_ray(problem, absent)
+    motion = ray and motion_of_ray(system, ray)
+    return _make_failure(matrix, system, Verdict.MECHANISM if motion else Verdict.UNSTABLE, motion or absent, known)
+
+
+def _try_algorithms(
+    system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None
+) -> list[VerifiedStatus]:
+    """Statuses found by flipping, pivoting and Lemke's algorithm, up to the first stable one; the best one first."""
+    here, answers = scale_problem(problem), []
+    for way in (lambda: flipped, lambda: _try_pivoting(system, problem), lambda: _try_lemke(system, problem)):
+        answer = way()
+        if answer is None or any(_same_rates(answer, other) for other in answers):
+            continue
+        sign = sign_of_minor(here, np.flatnonzero(answer.slides))
+        answers.append(answer._replace(stable={1: True, -1: False}.get(sign)))
+        if sign > 0:
+            break
+    return sorted(answers, key=_stability_rank)
+
+
+def _try_pivoting(system: StatusSolver, problem: Complementarity) -> VerifiedStatus | None:
+    slides, pivots = principal_pivoting(problem) if may_be_p_matrix(problem) else (None, 0)
+    system.solves += pivots
+    return _verify(system, slides, "principal pivoting")
+
+
+def _try_lemke(system: StatusSolver, problem: Complementarity) -> VerifiedStatus | None:
+    slip = lemke(problem)
+    system.solves += len(problem.vector)
+    return None if slip is None else _verify(system, slip > 0, "Lemke")

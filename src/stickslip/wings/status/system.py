@@ -1,0 +1,230 @@
+"""Solutions of k(S) v = b for a changing contact status S, with one factor that is corrected for small changes."""
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import LinAlgError
+from scipy.sparse.linalg import splu
+
+from ...solve.linear import factorised
+from .matrices import LinearSystem, stiffness_matrix
+
+# changed contacts up to which a factor is corrected and beyond which it is recomputed; at 3000 disks 48 cost the same,
+# but the result of a correction is verified with a new factor
+FEW = 24
+RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
+ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
+AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
+
+
+class StatusSolver:
+    """Velocities of a packing under one load rate, for any status of its critical contacts.
+
+    Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition
+    to one for each free translation of the whole packing.
+    """
+
+    def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
+        self.critical, self.solves = critical, 0
+        self.load = np.asarray(load, float)
+        if self.load.shape != (len(matrix.free),):
+            raise ValueError(
+                f"a load of shape {self.load.shape} was given: shape {(len(matrix.free),)} is needed, one component "
+                f"for each coordinate"
+            )
+        if not np.isfinite(self.load).all():
+            raise ValueError("a load that is not finite was given: every component must be a finite number")
+        order = elimination_order(matrix.c, matrix.free.body, matrix.width)
+        self.kept = order[~np.isin(order, np.append(pinned_coordinates(matrix), np.asarray(held, np.int64)))]
+        c = sparse.csr_array(matrix.c[self.kept])
+        self.right = self.load[self.kept]
+        geometry = (matrix.geometric if geometric else 0.0 * matrix.geometric) + roll_springs(matrix, geometric)
+        parts = {"geometric": geometry, "machine": matrix.machine}
+        ordered = matrix._replace(c=c, **{k: sparse.csr_array(a)[self.kept][:, self.kept] for k, a in parts.items()})
+        self.stuck = sparse.csc_array(stiffness_matrix(ordered, np.zeros(matrix.count, bool)))
+        columns = sparse.csc_array(c)
+        normal, along = columns[:, matrix.width * critical], columns[:, matrix.width * critical + 1]
+        sign, slope = matrix.sign[critical], matrix.slope[critical]
+        self.pull = sparse.csc_array(along * (matrix.springs[critical, 1, 1] * sign))
+        self.sees = sparse.csc_array(normal * slope + along * sign)
+        self.reading = np.abs(self.sees).T
+        self.factor, self.factored, self.answer, self.reached = None, None, None, {}
+
+    def stiffness(self, slides: np.ndarray):
+        """k(S) of the kept coordinates."""
+        if not slides.any():
+            return self.stuck
+        return sparse.csc_array(self.stuck - self.pull[:, slides] @ self.sees[:, slides].T)
+
+    def factorise(self, slides: np.ndarray) -> None:
+        """Factorise k(S)."""
+        self.factored, self.factor = None, None
+        self.factor = factorised(self.stiffness(slides), method="superlu", ordered=True)
+        self.answer, self.reached = self.factor(self.right), {}
+        self.factored = slides.copy()
+        self.solves += 1
+
+    def solve_columns(self, columns: np.ndarray) -> np.ndarray:
+        """(kept, m) solutions for several columns with the last factor."""
+        out = np.empty_like(columns)
+        for k in range(0, columns.shape[1], AT_ONCE):
+            out[:, k : k + AT_ONCE] = self.factor(np.asfortranarray(columns[:, k : k + AT_ONCE]))
+        return out
+
+    def rates(self, slides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (n,) for a status, and Ṽ of the critical contacts.
+
+        Raises
+        ------
+        LinAlgError
+            if k(S) v does not balance the load because k(S) is singular to round-off.
+        """
+        v = self._woodbury(slides)
+        if v is None:
+            if self.factored is None or not np.array_equal(slides, self.factored):
+                self.factorise(slides)
+            v = self.answer
+            if not self._is_balanced(slides, v):
+                raise LinAlgError("singular")
+        return self._expand(v), self.sees.T @ v
+
+    def rates_for_slip(self, slides: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (n,) and Ṽ for a status with given slip rates; k(S) may be singular.
+
+        Raises
+        ------
+        LinAlgError
+            if k(S) v does not balance the load.
+        """
+        stuck = np.zeros(len(slides), bool)
+        if self.factored is None or not np.array_equal(self.factored, stuck):
+            self.factorise(stuck)
+        v = self.answer + self.factor(self.pull @ slip)
+        if not self._is_balanced(slides, v):
+            raise LinAlgError("singular")
+        return self._expand(v), self.sees.T @ v
+
+    def round_off(self, velocity: np.ndarray) -> np.ndarray:
+        """(Mc,) round-off in Ṽ, a difference between velocities of touching bodies: a fraction of each velocity."""
+        return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
+
+    def _expand(self, v: np.ndarray) -> np.ndarray:
+        full = np.zeros(len(self.load))
+        full[self.kept] = v
+        return full
+
+    def _woodbury(self, slides: np.ndarray) -> np.ndarray | None:
+        """v from the factor of a status that differs in only a few contacts (Woodbury).
+
+        None if this is not applicable.
+        """
+        if self.factored is None:
+            return None
+        flipped = np.flatnonzero(slides != self.factored)
+        if not 0 < len(flipped) <= FEW:
+            return None
+        new = [k for k in flipped if k not in self.reached]  # the others were already flipped in an earlier round
+        self.reached.update(zip(new, self.solve_columns(self.pull[:, new].toarray(order="F")).T, strict=True))
+        turn, sees = np.where(slides[flipped], -1.0, 1.0), self.sees[:, flipped]
+        reach = np.stack([self.reached[k] for k in flipped], axis=1) * turn
+        try:
+            v = self.answer - reach @ np.linalg.solve(np.eye(len(flipped)) + sees.T @ reach, sees.T @ self.answer)
+        except np.linalg.LinAlgError:
+            return None
+        return v if self._is_balanced(slides, v) else None
+
+    def _is_balanced(self, slides: np.ndarray, v: np.ndarray) -> bool:
+        """Return True if k(S) v balances the load; False for NaN."""
+        slip = np.where(slides, self.sees.T @ v, 0.0)
+        missed = self.stuck @ v - self.pull @ slip - self.right
+        return bool(np.abs(missed).max(initial=0.0) <= RESIDUAL * np.abs(self.right).max(initial=0.0))
+
+
+def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
+    """Coordinates that may be fixed without affecting any contact: one for each free translation of the packing."""
+    return np.array([np.flatnonzero(move)[0] for move in _free_translations(matrix)], np.int64)
+
+
+def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
+    """(n,) translations of the whole packing that move no contact."""
+    moves = [(matrix.free.axis == axis).astype(float) for axis in range(matrix.free.dim)]
+    moves = [move for move in moves if move.any() and not (matrix.machine @ move).any()]
+    return [move for move in moves if np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12]
+
+
+def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
+    """(K, n) motions u of unit length of the spheres that may roll about the line through their two contacts.
+
+    The contacts do not move, so that uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
+    sphere, since both forces then are along this line.
+    """
+    moves = []
+    for own in _coordinates_of_bridges(matrix):
+        roll = np.linalg.svd(matrix.c[own].toarray(), full_matrices=False)[0][:, -1]
+        bends = matrix.geometric[own].toarray()
+        if not geometric or np.abs(roll @ bends).max() <= RESIDUAL * np.abs(bends).max():
+            moves.append(np.zeros(len(matrix.free)))
+            moves[-1][own] = roll
+    return np.array(moves).reshape(-1, len(matrix.free))
+
+
+def roll_springs(matrix: LinearSystem, geometric: bool = True):
+    """(n, n) sparse stiffness that keeps rolling spheres from spinning about the line through their contacts.
+
+    If the load does not drive this motion, the springs carry no force. The balance leaves the spin open, and inertia
+    and drag decide it; it affects other contacts by the order of the overlap over the radius.
+    """
+    spins = np.where(matrix.free.axis >= 3, rolling_motions(matrix, geometric), 0.0)
+    held = sparse.csr_array(np.sqrt(matrix.springs.max(initial=0.0)) * spins)
+    return sparse.csr_array(held.T @ held)
+
+
+def regular_stiffness(matrix: LinearSystem, sliding: np.ndarray, geometric: bool):
+    """(n, n) sparse k(S) with `roll_springs`."""
+    k = stiffness_matrix(matrix, sliding, geometric=geometric)
+    return sparse.csr_array(k + roll_springs(matrix, geometric)) if matrix.width == 3 else k
+
+
+def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = True) -> np.ndarray:
+    """(K, n) free translations of the packing and rolling motions that a load drives, since nothing balances it."""
+    moves = np.array([*_free_translations(matrix), *rolling_motions(matrix, geometric)]).reshape(-1, len(load))
+    return moves[np.abs(moves @ load) > RESIDUAL * np.abs(load).sum()]
+
+
+def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
+    """(K, 6) coordinates of the spheres that have two contacts and are free in all directions."""
+    if matrix.free.dim == 2:
+        return np.zeros((0, 6), int)
+    c, body = matrix.c.tocoo(), matrix.free.body
+    pairs = np.unique(body[c.row].astype(np.int64) * matrix.count + c.col // 3)
+    two = np.bincount(pairs // max(matrix.count, 1), minlength=body.max(initial=0) + 1) == 2
+    first = np.flatnonzero((matrix.free.axis == 0) & two[body])
+    own = np.minimum(first[:, None] + np.arange(6), len(body) - 1)
+    return own[(matrix.free.axis[own] == np.arange(6)).all(axis=1)]
+
+
+def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
+    """(n,) fill-reducing order of coordinates, by minimum degree on the graph of bodies in contact.
+
+    Parameters
+    ----------
+    c : (n, width M) sparse, as in `LinearSystem`
+    body : (n,) body of each coordinate
+
+    Notes
+    -----
+    SuperLU computes an order for the matrix that it factorises. The graph of bodies is far smaller than the graph of
+    coordinates and gives an equally good order.
+    """
+    _, lead, node = np.unique(body, return_index=True, return_inverse=True)
+    if len(lead) < 2:
+        return np.arange(len(body))
+    # the first coordinate of a body is involved in all of its contacts
+    part = sparse.csr_array(c[lead])
+    row = np.repeat(np.arange(len(lead)), np.diff(part.indptr))
+    shape = (len(lead), c.shape[1] // width)
+    touch = sparse.csr_array((np.ones(len(row)), (row, part.indices // width)), shape=shape)
+    graph = sparse.csc_array(touch @ touch.T)
+    graph.data[:] = -1.0
+    graph.setdiag(1.0 + np.diff(graph.indptr))  # larger than the rest of its column, so that there is no pivoting
+    rank = splu(graph, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).perm_c
+    return np.argsort(rank[node], kind="stable")

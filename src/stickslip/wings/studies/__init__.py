@@ -1,0 +1,1 @@
+"""Granular flows, static and kinetic friction of a sample, and a catalogue of events."""

@@ -1,0 +1,42 @@
+"""Catalogue of the events of sheared packings, their classes, and the quantities that announce them."""
+
+from functools import partial
+
+from ....experiments.experiment import Experiment, lazy_function
+from ....experiments.sources import law_references
+from ....lazy import attach
+from .scenario import CatalogueScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: CatalogueScenario) -> dict[str, tuple[str, ...]]:
+    """Keys of references.bib, grouped by purpose."""
+    return {
+        "eigenvalues of frictional packings before events": ("Ishima2022",),
+        "skill of predictors": ("Hanley1982",),
+        "contact law": law_references(scenario.law),
+    }
+
+
+SMALLEST = {
+    "events": 1,
+    "packings": 1,
+    "packing": {"grains": 20, "dim": 2, "packing_fraction": 0.9},
+    "shear": {"drag": 0.1, "strain": 4e-4, "step": 2e-4, "window": 2e-4},
+}
+
+EXPERIMENT = Experiment(
+    scenario=CatalogueScenario,
+    words="events of sheared packings, and what announces them",
+    simulate=_here("simulate.simulate_catalogue"),
+    numbers=_here("report.numbers"),
+    measures=_here("measures.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    smallest=(SMALLEST,),
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

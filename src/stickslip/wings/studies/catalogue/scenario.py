@@ -1,0 +1,74 @@
+"""Scenario of an event catalogue: packings sheared quasi-statically until enough events are found."""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ....core.sizes import Size
+from ....data.law_schema import PackingLaw
+from ....data.packing_schema import Packing
+from ....data.schema import Positive, ScenarioBase, ScenarioTable, Seed
+
+
+class EventShear(ScenarioTable):
+    """Quasi-static simple shear along x with gradient y, and the search for discontinuities."""
+
+    drag: Positive = Field(
+        description=(
+            "drag of the dynamics that lead from the last stable state to the end of an event, over the largest "
+            "frequency of the packing (2/dt of its largest stable time step); there is no default, because it decides "
+            "which oscillations matter"
+        )
+    )
+    strain: Positive = Field(0.4, description="largest strain of each packing")
+    step: Positive = Field(4e-4, description="strain step between events")
+    resolution: Positive = Field(1e-6, description="width of the bracket around the strain of an event")
+    window: Positive = Field(
+        4e-4, description="strain within which an event must follow a step for an announcement to count as correct"
+    )
+
+    @model_validator(mode="after")
+    def _check_lengths(self):
+        if self.resolution >= self.step:
+            raise ValueError(
+                f"shear.resolution = {self.resolution:g} was given, but it must be smaller than shear.step = "
+                f"{self.step:g}"
+            )
+        if self.step > self.strain:
+            raise ValueError(
+                f"shear.step = {self.step:g} was given, but the largest strain is {self.strain:g}: use smaller steps"
+            )
+        if self.window < self.step * (1 - 1e-9):
+            raise ValueError(
+                f"shear.window = {self.window:g} was given, but events between two steps are only seen with at least "
+                f"shear.step = {self.step:g}"
+            )
+        return self
+
+
+class CatalogueScenario(ScenarioBase):
+    """Everything that defines a catalogue of events."""
+
+    experiment: Literal["catalogue"] = "catalogue"
+    seed: Seed = 0
+    events: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        20, description="number of events after which no further packing is sheared; the last one is completed"
+    )
+    packings: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        100, description="largest number of packings, with seeds seed, seed + 1, …"
+    )
+    packing: Packing = Packing(grains=50, dim=2, packing_fraction=0.845)
+    law: PackingLaw = PackingLaw()
+    shear: EventShear
+
+    def sizes(self) -> Iterator[Size]:
+        """Iterate over the strain steps of a packing."""
+        steps = self.shear.strain / self.shear.step
+        yield Size("the shear of a packing takes", steps, "load steps", "use a larger shear.step")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_missing_drag(cls, tables):
+        """Without the table [shear], report that shear.drag is missing."""
+        return {"shear": {}} | tables if isinstance(tables, dict) else tables

@@ -1,0 +1,142 @@
+"""Simulation of an event catalogue: packings are sheared one after another until enough events are found."""
+
+from math import ceil
+from pathlib import Path
+from typing import NamedTuple
+
+from ....core.arguments import checked
+from ....core.dynamics.timestep import stable_time_step
+from ....core.laws.builtin import Law
+from ....core.progress import Report, silent, within
+from ....core.readable import pluralize
+from ....data.checkpoint import checkpoint_in
+from ....ensemble import Member, Workers, reach
+from ....experiments.contact_law import make_law
+from ....experiments.experiment import result_of
+from ....experiments.jammed_packing import make_packing
+from ....experiments.realizations import Task, run_realizations
+from ....loading.event_types import Event, EventKind, Events, StrainStep
+from ....loading.events import find_events
+from ....loading.packing import PackingInfo
+from . import EXPERIMENT
+from .scenario import CatalogueScenario
+
+
+class Sample(NamedTuple):
+    """Events of one packing."""
+
+    seed: int
+    packed: PackingInfo
+    found: Events
+
+
+@result_of(EXPERIMENT, head=lambda r: f"{pluralize(r.number, 'event')} of {pluralize(len(r.samples), 'packing')}")
+class CatalogueResult(NamedTuple):
+    """Events of all packings, in the order of their seeds."""
+
+    scenario: CatalogueScenario
+    law: Law
+    samples: tuple[Sample, ...]
+    failures: tuple[str, ...]  # one sentence for each packing that failed
+
+    @property
+    def number(self) -> int:
+        """Number of events."""
+        return sum(len(sample.found.events) for sample in self.samples)
+
+
+@checked
+def simulate_catalogue(
+    scenario: CatalogueScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
+) -> CatalogueResult:
+    """Shear packings with the seeds seed, seed + 1, … until `events` events are found, at most `packings` packings.
+
+    Packings are sheared in batches, as many at a time as can run simultaneously. Those beyond the first that completes
+    the number of events are left out, so that the result does not depend on the number of workers.
+
+    Parameters
+    ----------
+    folder : run folder, in which each packing is saved as soon as it is finished
+    workers : number of processes, or the address of a Dask scheduler
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    RuntimeError
+        If every packing failed.
+    """
+    kept = checkpoint_in(folder, scenario, Sample, PackingInfo, Events, Event, EventKind, StrainStep)
+    slots = max(1, reach(workers).slots)
+    results: list[Sample | None] = []
+    sentences: list[str | None] = []
+    while len(results) < scenario.packings and (count := _count(results)) < scenario.events:
+        size = _batch_size(scenario, len(results), count, slots)
+        seeds = [scenario.seed + k for k in range(len(results), len(results) + size)]
+        tasks = [Task(f"packing {seed}", (scenario, seed), f"packing-{seed}", kept) for seed in seeds]
+        batch = run_realizations(
+            shear_sample,
+            tasks,
+            stage=f"packings {seeds[0]} to {seeds[-1]}" if size > 1 else f"packing {seeds[0]}",
+            workers=workers,
+            report=report,
+            describe=lambda member, before=count: _describe(member, before, scenario.events),
+        )
+        results += batch.results
+        sentences += batch.sentences
+    used = _sufficient(results, scenario.events)
+    samples = tuple(sample for sample in results[:used] if sample is not None)
+    failures = tuple(failure for failure in sentences[:used] if failure)
+    if not samples:
+        raise RuntimeError(f"every packing failed, the first with {failures[0]}")
+    return CatalogueResult(scenario, make_law(scenario.law), samples, failures)
+
+
+def shear_sample(scenario: CatalogueScenario, seed: int, report: Report) -> Sample:
+    """Pack one sample and find its events."""
+    law, shear = make_law(scenario.law), scenario.shear
+    report(f"packing {seed}", 0.0, f"packing {scenario.packing.grains} grains")
+    state, packed = make_packing(scenario.packing, law, seed)
+    events = find_events(
+        state,
+        law,
+        to=shear.strain,
+        drag=shear.drag * 2 / stable_time_step(state, law),
+        step=shear.step,
+        resolution=shear.resolution,
+        most=scenario.events,
+        report=within(report, stage=f"packing {seed}"),
+    )
+    return Sample(seed, packed, events)
+
+
+def _count(results) -> int:
+    return sum(len(sample.found.events) for sample in results if sample is not None)
+
+
+def _batch_size(scenario: CatalogueScenario, done: int, events: int, slots: int) -> int:
+    """Return the number of packings to run next: the slots, or a multiple of them up to half of what is expected."""
+    if slots == 1:
+        return 1
+    needed = ceil((scenario.events - events) * done / events) if events else done
+    return min(max(slots, needed // 2 // slots * slots), scenario.packings - done)
+
+
+def _sufficient(results, wanted: int) -> int:
+    """Return the number of packings, from the first, that contain the wanted number of events."""
+    total = 0
+    for k, sample in enumerate(results):
+        total += len(sample.found.events) if sample is not None else 0
+        if total >= wanted:
+            return k + 1
+    return len(results)
+
+
+def _describe(member: Member, before: int, wanted: int) -> str:
+    """Describe the outcome of one packing in a few words."""
+    if member.failure:
+        return member.failure
+    record = member.result.found
+    return (
+        f"packing {member.result.seed}: {pluralize(len(record.events), 'event')}, {record.end} "
+        f"({before} of {wanted} events before this batch)"
+    )

@@ -1,0 +1,64 @@
+"""Granular flows: pouring, walls, plates, gates and gravity, in stages."""
+
+from functools import partial
+
+from ....builtin_laws import BY_NAME
+from ....experiments.experiment import Experiment, lazy_function
+from ....experiments.sources import law_references
+from ....lazy import attach
+from .scenario import FlowScenario
+
+_here = partial(lazy_function, __name__)
+
+
+def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
+    """Return keys of references.bib, grouped by purpose."""
+    law = scenario.law
+    dashpots = law.damping or BY_NAME[law.kind].damping
+    damped = law.restitution is not None or law.damping_n or law.damping_t
+    more = ("Silbert2001",) if damped and dashpots != "velocity" else ()
+    contact = law_references(law)
+    return {
+        "contact law": contact + tuple(key for key in more if key not in contact),
+        "inertial number of plane shear": ("GDRMiDi2004",) if scenario.plates else (),
+    }
+
+
+_GRAINS = {"number": 40, "mass": 1.0, "polydispersity": 0.1}
+_LAW = {"kn": 1e4, "mu": 0.5, "restitution": 0.3}
+_SHORT = {"samples": 20, "frames": 4}
+SETTLING = _SHORT | {
+    "grains": _GRAINS | {"low": [0.0, 0.0], "high": [6.0, 16.0]},
+    "gravity": [0.0, -1.0],
+    "law": _LAW,
+    "walls": [
+        {"name": "floor", "point": [0.0, 0.0], "normal": [0.0, 1.0]},
+        {"name": "left", "point": [0.0, 0.0], "normal": [1.0, 0.0], "mu": 0.0},
+        {"name": "gate", "point": [6.0, 0.0], "normal": [-1.0, 0.0], "mu": 0.0},
+    ],
+    "stages": [{"name": "settle", "duration": 4.0}],
+}
+SHEARED = _SHORT | {
+    "grains": _GRAINS | {"low": [0.0, 1.0], "high": [8.0, 11.0]},
+    "cell": {"size": [8.0, 12.0], "periodic": ["x"]},
+    "law": _LAW,
+    "plates": [{"name": "bottom", "height": 0.0}, {"name": "top", "height": 12.0, "pressure": 2.0, "mass": 8.0}],
+    "stages": [{"name": "shear", "duration": 4.0, "velocity": {"top": {"x": 1.0}}}],
+}
+
+EXPERIMENT = Experiment(
+    scenario=FlowScenario,
+    words="granular flows: pouring, walls, plates and gates, in stages",
+    simulate=_here("simulate.simulate_on_workers"),
+    numbers=_here("report.numbers"),
+    measures=_here("report.measures"),
+    show=_here("report.show"),
+    figures=_here("report.figures"),
+    references=references,
+    files=_here("report.files"),
+    smallest=(SETTLING, SHEARED),
+    export=_here("lammps.export"),
+    parallel=False,
+)
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

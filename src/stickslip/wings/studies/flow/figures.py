@@ -1,0 +1,239 @@
+"""Figures of a flow: snapshots coloured by speed, time series, and the velocity profile."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.lines import Line2D
+
+from ....core.arguments import Array, Bodies, Numbers, Result, Series, checked
+from ....core.measure import wrapped
+from ....core.state import State
+from ....core.units import with_unit
+from ....figures.outlines import APART, body_limits
+from ....figures.style import (
+    BLACK,
+    BLUE,
+    COLORS,
+    GREEN,
+    ORANGE,
+    PAGE,
+    column_axes,
+    label_axes,
+    legend_above,
+    plot_fast,
+    styled,
+    subplots,
+)
+
+PANELS = 6
+WALL = "0.25"
+
+
+@styled
+def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "poured"))]):
+    """Snapshots seen along z: poured grains coloured by speed, plates grey, walls as lines."""
+    shown = _select_frames(result)
+    places = [wrapped(state) for state in shown]
+    low, high = _view_limits(result, shown, places)
+    wide, tall = high - low
+    columns = min(1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3, len(shown))
+    rows = -(-len(shown) // columns)
+    tops = np.full(rows, high[1])
+    if columns == 1:  # each panel is only as high as its grains
+        radius = shown[0].grains.radius.max()
+        tops = np.array([body_limits(p[:, 1:2], 2 * APART * radius)[1, 0] for p in places]) + 4 * radius
+        tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
+    shares = tops - low[1]
+    height = min(float((PAGE / columns * shares / wide + 0.25).sum()) + 0.8, 9.0)
+    figure, panels = subplots(
+        rows, columns, figsize=(PAGE, height), squeeze=False, sharex=True, height_ratios=shares,
+        sharey="row" if columns == 1 else True,
+    )  # fmt: skip
+    loose = result.poured.loose
+    speeds = [np.linalg.norm(state.grains.velocity[loose], axis=1) for state in shown]
+    top = max(float(np.quantile(s, 0.99)) for s in speeds) or 1.0
+    drawn = None
+    for k, (axes, state, place) in enumerate(zip(panels.flat, shown, places, strict=False)):
+        drawn = draw_grains_by_speed(axes, state, place, loose, top)
+        _draw_walls(axes, state)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], tops[k // columns]), aspect="equal")
+        axes.set_title(f"$t$ = {with_unit(f'{state.time:.4g}', 'time')}", fontsize=7, pad=2)
+    for axes in panels.flat[len(shown) :]:
+        axes.axis("off")
+    for axes in panels[-1]:
+        label_axes(axes, x=("$x$", "length"))
+    for axes in panels[:, 0]:
+        label_axes(axes, y=("$y$", "length"))
+    bar = figure.colorbar(drawn, ax=panels, location="bottom", shrink=0.6, aspect=40, pad=0.02, extend="max")
+    label_axes(bar.ax, x=("speed", "length/time"))
+    handles = [Line2D([], [], color=WALL, lw=1, label="walls")] if len(shown[0].walls.point) else []
+    if len(loose) < len(shown[0].grains.radius):
+        handles.append(Line2D([], [], ls="", marker="o", mfc="0.6", mec=BLACK, mew=0.3, label="grains of the plates"))
+    if handles:
+        figure.legend(handles=handles, loc="outside upper center", ncols=2)
+    return figure
+
+
+def _select_frames(result) -> list:
+    """Frames at nearly equal intervals, including the first and the last.
+
+    If there are several stages, only the last is shown.
+    """
+    start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
+    frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)
+    wanted = np.linspace(frames[0].time, frames[-1].time, PANELS)
+    times = np.array([state.time for state in frames])
+    return [frames[k] for k in dict.fromkeys(int(np.abs(times - t).argmin()) for t in wanted)]
+
+
+def _view_limits(result, shown, places):
+    """Lower and upper corners of the drawing."""
+    radius, periodic = shown[0].grains.radius.max(), shown[0].cell.periodic
+    corners = np.array([body_limits(p[:, :2], 2 * APART * radius) for p in places])
+    low, high = corners[:, 0].min(axis=0) - 2 * radius, corners[:, 1].max(axis=0) + 2 * radius
+    for k in np.flatnonzero(periodic[:2]):
+        low[k], high[k] = 0.0, result.frames[0].cell.vectors[k, k]
+    return low, high
+
+
+@checked
+def draw_grains_by_speed(axes: Axes, state: State, place: Numbers, loose: Bodies, top: float):
+    """Draw disks coloured by speed, nearer ones on top; return the mappable for a colour bar."""
+    n = len(state.grains.radius)
+    speed = np.full(n, np.nan)
+    speed[loose] = np.linalg.norm(state.grains.velocity[loose], axis=1)
+    glued = np.setdiff1d(np.arange(n), loose)
+    size = 2 * state.grains.radius
+    order = loose[np.argsort(place[loose, 2], kind="stable")]
+    options = {"units": "xy", "offset_transform": axes.transData, "linewidths": 0.1, "edgecolors": BLACK}
+    around = state.cell.vectors[0, 0] if state.cell.periodic[0] else 0.0
+    drawn = None
+    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are drawn at both edges
+        at = place[:, :2] + [shift, 0.0]
+        for rows, color in ((glued, {"facecolors": "0.6"}), (order, {"array": speed[order], "clim": (0.0, top)})):
+            drawn = axes.add_collection(
+                EllipseCollection(
+                    size[rows], size[rows], np.zeros(len(rows)), offsets=at[rows], cmap="viridis", **color, **options
+                )
+            )
+    return drawn
+
+
+def _draw_walls(axes, state) -> None:
+    """Draw lines where walls intersect the plane of the drawing; walls parallel to it are omitted."""
+    for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
+        if np.hypot(normal[0], normal[1]) > 1e-9:
+            axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
+
+
+@styled
+def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages"))]):
+    """Energies, contacts, and either the extent of the flow or the friction and the distance between plates."""
+    series, plates = result.series, list(result.poured.plates)
+    sheared = len(plates) > 1
+    figure, panels = column_axes(5 if sheared else 4, 7.0 if sheared else 6.0, sharex=True)
+    time = series.time
+    for axes in panels[:2]:
+        axes.set_yscale("log")
+    for energy, color, label in (
+        (series.kinetic_energy, BLUE, "kinetic"), (series.elastic_energy, ORANGE, "elastic")
+    ):  # fmt: skip
+        plot_fast(panels[0], time, np.maximum(energy, 1e-300), color=color, label=label)
+    top = max(series.kinetic_energy.max(), series.elastic_energy.max()) or 1.0
+    least = min((e[e > 0].min() for e in (series.kinetic_energy, series.elastic_energy) if (e > 0).any()), default=1e-9)
+    panels[0].set_ylim(max(least, 1e-9 * top) / 2, 4 * top)
+    label_axes(panels[0], y=("energy\n", "energy"))
+    panels[0].legend(loc="best", ncol=2)
+    known = np.isfinite(series.unbalanced) & (series.unbalanced > 0)
+    plot_fast(panels[1], time[known], series.unbalanced[known], color=BLUE)
+    label_axes(panels[1], y="unbalanced force\nover contact force")
+    _plot_contacts(panels[2], series)
+    if sheared:
+        _plot_plates(panels[3], panels[4], series, plates)
+    else:
+        _plot_extent(panels[3], series)
+    for axes in panels:
+        for stage in result.stages[1:]:
+            axes.axvline(stage.start, color="0.6", lw=0.6, ls=":")
+    for stage in result.stages:
+        panels[0].text(
+            0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
+            fontsize=6.5,
+        )  # fmt: skip
+    label_axes(panels[-1], x=("time $t$", "time"))
+    panels[-1].set_xlim(0, time[-1])
+    figure.align_ylabels(panels)
+    return figure
+
+
+def _plot_contacts(axes, series) -> None:
+    known = series.coordination > 0  # there is none while all grains are rattlers
+    plot_fast(axes, series.time[known], series.coordination[known], color=BLUE)
+    label_axes(axes, y="coordination $z$")
+    axes.yaxis.label.set_color(BLUE)
+    axes.set_ylim(bottom=0)
+    other = axes.twinx()
+    plot_fast(other, series.time, series.sliding_fraction, color=ORANGE)
+    label_axes(other, y="sliding fraction")
+    other.yaxis.label.set_color(ORANGE)
+    other.set_ylim(0, float(np.clip(1.8 * np.quantile(series.sliding_fraction, 0.98), 0.05, 1.05)))
+
+
+def _plot_extent(axes, series) -> None:
+    """Plot the centre of mass, and the coordinates below which 99 % of the grains are, along x and y."""
+    for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
+        axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
+        axes.plot(series.time, series.high[:, k], color=color, ls="--", label=end)
+    label_axes(axes, y=("position", "length"))
+    legend_above(axes)
+
+
+def _plot_plates(top, bottom, series, names) -> None:
+    """Plot shear over normal force on each plate, its running mean, and the distance between the outermost plates."""
+    span = max(1, len(series.time) // 40)
+    seen = [0.1]
+    for k, name in enumerate(names):
+        shear, normal = -series.plate_force[:, k, 0] * np.sign(series.plate_force[:, k, 1]), series.plate_force[:, k, 1]
+        size = np.abs(normal)
+        held = size > 0.1 * np.median(size)
+        ratio = np.where(held, shear / np.where(held, size, 1.0), np.nan)
+        color = COLORS[2 * k % len(COLORS)]
+        top.plot(series.time, ratio, color=color, lw=0.4, alpha=0.25, label="as sampled" if k == 0 else None)
+        means = [np.convolve(force, np.ones(span), "same") for force in (shear, size)]
+        good = means[1] > 0.1 * np.median(size)
+        smooth = np.where(good, means[0] / np.where(good, means[1], 1.0), np.nan)
+        top.plot(series.time, smooth, color=color, lw=1.0, label=f"{name}, running mean")
+        seen += [float(v) for v in np.abs(smooth[np.isfinite(smooth)])]
+    limit = 2 * float(np.quantile(seen, 0.95))
+    top.set_ylim(-limit, limit)
+    label_axes(top, y="shear force\nover normal force")
+    legend_above(top)
+    height = np.ptp(series.plate_position[:, :, 1], axis=1)
+    bottom.plot(series.time, height, color=BLUE)
+    label_axes(bottom, y=("distance of\nthe plates", "length"))
+
+
+_Profile = Annotated[Any, Array((2,), finite=False)]  # NaN where there are no grains
+
+
+@styled
+def velocity_profile(edges: Series, velocity: _Profile, deviation: _Profile):
+    """Mean velocity along x against height, with its standard deviation over time.
+
+    Parameters
+    ----------
+    edges : edges of the height bins [length]
+    velocity, deviation : (bins, 3) [length/time]
+    """
+    if not len(velocity) == len(deviation) == len(edges) - 1:
+        raise ValueError(f"{len(velocity)} velocities were given for {len(edges)} edges of bins: give one for each bin")
+    figure, axes = column_axes(1, 2.6)
+    height = 0.5 * (edges[:-1] + edges[1:])
+    axes.errorbar(
+        velocity[:, 0], height, xerr=deviation[:, 0], fmt="o-", color=BLUE, lw=0.7, elinewidth=0.5, capsize=1.2
+    )
+    label_axes(axes, x=("mean velocity $v_x$ ± deviation over time", "length/time"), y=("height $y$", "length"))
+    axes.set_title("second half of the last stage", fontsize=7)
+    return figure

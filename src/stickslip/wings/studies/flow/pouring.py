@@ -1,0 +1,293 @@
+"""Initial state of a flow: grains on a loose lattice between walls and plates, their law, and a time step."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.arguments import checked
+from ....core.control import rigid
+from ....core.laws.builtin import Law, for_pair, parameter_names
+from ....core.laws.kinds import Kind
+from ....core.laws.validation import largest_stiffness
+from ....core.laws.values import evaluate
+from ....core.readable import pluralize, readable
+from ....core.sizes import Size, require_sizes
+from ....core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
+from ....data.schema import ScenarioError
+from ....experiments.contact_law import make_law
+from .scenario import AXES, FlowScenario, Plate, Shaking, Stage
+
+SAFETY = 0.1  # in √(m/k): a twentieth of a collision's π √(m/2k), a sixth of the stability limit with six contacts
+LIMIT = 0.58  # in √(m/k), 2/√12: stability limit with six neighbours at rest, each contact with stiffness k
+JITTER = 0.9  # fraction of the free space around each grain on the lattice
+
+
+@readable
+class Poured(NamedTuple):
+    """State of a flow before its first stage."""
+
+    state: State
+    law: Law
+    walls: tuple[str, ...]  # names, in the order of the state's walls
+    plates: dict[str, np.ndarray]  # indices of the grains of each plate
+    dt: float  # [time]
+
+    @property
+    def loose(self) -> np.ndarray:
+        """Indices of the grains that belong to no plate."""
+        return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
+
+
+@checked
+def poured(scenario: FlowScenario) -> Poured:
+    """Return grains, walls and plates of a scenario, at rest and without contacts.
+
+    Raises
+    ------
+    ScenarioError
+        If the grains do not fit, if they lie behind a wall, or if dt is too long; the message is one sentence.
+    """
+    chosen, dim = scenario.grains, scenario.grains.dim
+    rng = np.random.default_rng(scenario.seed)
+    radius = _draw_radii(scenario, rng)
+    position = _place_grains(scenario, radius, rng)
+    places, sizes, plates = [position], [radius], {}
+    for plate in scenario.plates:
+        row, size = _plate_grains(plate, scenario, radius)
+        start = sum(map(len, sizes))
+        plates[plate.name] = np.arange(start, start + len(row))
+        places.append(row)
+        sizes.append(np.full(len(row), size))
+    all_sizes = np.concatenate(sizes)
+    mass = _grain_masses(scenario, all_sizes)
+    for plate in scenario.plates:
+        if plate.mass is not None:
+            mass[plates[plate.name]] = plate.mass / len(plates[plate.name])
+    make, more = (disks if dim == 2 else spheres), ({} if chosen.i0 is None else {"i0": chosen.i0})
+    grains = make(np.concatenate(places), all_sizes, mass=mass, **more)
+    control = loads(len(all_sizes), len(scenario.walls))
+    for members in plates.values():
+        control = rigid(control, members)
+    size = np.ones(3)
+    size[:dim] = scenario.cell.size or np.ones(dim)
+    cell = box(size, [axis in scenario.cell.periodic for axis in AXES], dim)
+    names, walls = tuple(wall.name for wall in scenario.walls), _make_walls(scenario)
+    _check_walls(grains.position, walls, names, dim)
+    state = assembly(grains, walls, cell, control)
+    law = flow_law(scenario, radius, mass[: len(radius)])
+    start = Poured(state, law, names, plates, _time_step(scenario, law, radius, mass))
+    _check_sampling(scenario, start.dt)
+    return start
+
+
+def sample_count(stage: Stage, scenario: FlowScenario) -> int:
+    """Return the number of samples of a stage in the time series."""
+    return max(1, round(stage.duration * scenario.samples / scenario.duration))
+
+
+def _check_sampling(scenario: FlowScenario, dt: float) -> None:
+    for stage in scenario.stages:
+        count, steps = sample_count(stage, scenario), stage.duration / dt
+        if steps < 0.5 * count:
+            raise ScenarioError(
+                f"stage {stage.name!r} has {pluralize(count, 'sample')} in {steps:.3g} time steps of {dt:.3g}: "
+                f"use fewer samples, a longer stage or a smaller dt"
+            )
+
+
+def flow_law(scenario: FlowScenario, radius, mass) -> Law:
+    """Return the law of a scenario: grains are material 0, and wall k is material k + 1 if it has its own friction."""
+    law = make_law(scenario.law, radius=float(np.mean(radius)), mass=float(np.mean(mass)))
+    for k, wall in enumerate(scenario.walls):
+        if wall.mu is not None:
+            law = for_pair(law, 0, k + 1, mu=wall.mu)
+    return law
+
+
+def _check_walls(position, walls, names: tuple[str, ...], dim: int) -> None:
+    grains, behind = np.nonzero(heights(position, walls) < 0)
+    if len(grains):
+        place = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
+        raise ScenarioError(
+            f"grain {grains[0] + 1} at ({place}) lies behind wall {names[behind[0]]!r}: move the wall or the grains, "
+            f"or turn the wall's normal towards the grains"
+        )
+
+
+def _make_walls(scenario: FlowScenario):
+    material = [k + 1 if wall.mu is not None else 0 for k, wall in enumerate(scenario.walls)]
+    mass = [wall.mass or 1.0 for wall in scenario.walls]
+    if not scenario.walls:
+        return flat_walls()
+    normals = np.array([w.normal for w in scenario.walls])
+    normals /= np.abs(normals).max(axis=1, keepdims=True)  # keeps the square finite for any length
+    return flat_walls([w.point for w in scenario.walls], normals, mass=mass, material=material)
+
+
+def _draw_radii(scenario: FlowScenario, rng) -> np.ndarray:
+    """Draw the radii of all grains, in random order."""
+    chosen = scenario.grains
+    sizes = np.atleast_1d(np.asarray(chosen.radius, float))
+    radius = sizes[np.arange(chosen.number) * len(sizes) // chosen.number]
+    spread = rng.uniform(-chosen.polydispersity, chosen.polydispersity, chosen.number)
+    return rng.permutation(radius * (1 + spread))
+
+
+def _grain_masses(scenario: FlowScenario, radius) -> np.ndarray:
+    chosen = scenario.grains
+    if chosen.mass is not None:
+        return np.full(len(radius), chosen.mass)
+    return chosen.density * (np.pi * radius**2 if chosen.dim == 2 else 4 / 3 * np.pi * radius**3)
+
+
+def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
+    """Place grains on a lattice from the bottom up, with random displacements and no contacts; return (N, 3)."""
+    chosen, dim, largest = scenario.grains, scenario.grains.dim, float(radius.max())
+    low, high = np.array(chosen.low), np.array(chosen.high)
+    wide = 2 * largest * (1 + chosen.gap)
+    counts = np.floor((high - low) / wide * (1 + 1e-12))
+    cells, sites = float(np.prod(counts)), np.zeros((0, 3))
+    if 0 < cells <= 1e8:
+        number = counts.astype(int)
+        step = (high - low) / number
+        step[1] = wide  # from the bottom up
+        rows = -(-len(radius) // int(cells // number[1]))
+        lines = [low[k] + (np.arange(number[k]) + 0.5) * step[k] for k in range(dim)]
+        sites = _free_sites(scenario, lines, largest * (1 + JITTER * chosen.gap), len(radius), rows)
+    elif cells:
+        raise ScenarioError(f"the region of grains has room for {cells:.0e} grains: use a smaller region")
+    if len(sites) < len(radius):
+        raise ScenarioError(
+            f"grains.number = {len(radius)} was given, but the region from {list(chosen.low)} to {list(chosen.high)} "
+            f"has room for {len(sites)} grains of radius {largest:.4g} clear of walls and plates: use a larger "
+            f"region, fewer grains or a smaller gap"
+        )
+    out = sites[: len(radius)]
+    out[:, :dim] += rng.uniform(-1, 1, (len(out), dim)) * JITTER * chosen.gap * largest
+    return out
+
+
+def _free_sites(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
+    """Return lattice sites, from the bottom up, that are at least `reach` away from walls and the grains of plates."""
+    walls, most = _make_walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
+    free, total = [np.zeros((0, 3))], 0
+    for start in range(0, len(lines[1]), rows):
+        part = np.meshgrid(lines[1][start : start + rows], *lines[2:], lines[0], indexing="ij")
+        y, *z, x = (p.ravel() for p in part)
+        sites = np.stack([x, y, z[0] if z else np.zeros(len(x))], axis=1)
+        good = (heights(sites, walls) >= reach * (1 - 1e-9)).all(axis=1)
+        for plate in scenario.plates:
+            good &= np.abs(y - plate.height) >= reach + (plate.radius or most)
+        free.append(sites[good])
+        total += good.sum()
+        if total >= wanted:
+            break
+    return np.concatenate(free)
+
+
+def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndarray, float]:
+    """Return the positions of a plate's grains and their radius."""
+    dim, size = scenario.grains.dim, plate.radius or float(np.mean(radius))
+    spacing = 2.4 * size if plate.spacing is None else plate.spacing
+    if spacing < 2 * size:
+        raise ScenarioError(
+            f"plate {plate.name!r} has spacing = {spacing:g}, below the diameter {2 * size:g} of its grains: "
+            f"use a larger spacing"
+        )
+    lengths = [scenario.cell.size[k] for k in range(dim) if k != 1]
+    # the number of grains closest to this spacing that fills the length without overlap
+    number = [min(round(length / spacing), int(length / (2 * size) * (1 + 1e-12))) for length in lengths]
+    if min(number) < 1:
+        raise ScenarioError(
+            f"plate {plate.name!r} has spacing = {spacing:g}, longer than the cell ({min(lengths):g}): use a "
+            f"smaller spacing"
+        )
+    wide = max(length / n for length, n in zip(lengths, number, strict=True)) * (1 if dim == 2 else np.sqrt(2))
+    if wide >= 2 * (size + float(radius.min())):
+        raise ScenarioError(
+            f"plate {plate.name!r} has holes of {wide - 2 * size:.3g} between its grains, through which the smallest "
+            f"grain (diameter {2 * radius.min():.3g}) falls: use a smaller spacing or a larger radius"
+        )
+    many = Size(f"plate {plate.name!r} would have", float(np.prod(np.array(number, float))), "grains",
+                "use larger ones or a smaller cell")  # fmt: skip
+    require_sizes([many], ScenarioError)
+    lines = [(np.arange(n) + 0.5) * length / n for n, length in zip(number, lengths, strict=True)]
+    mesh = [part.ravel() for part in np.meshgrid(*lines, indexing="ij")]
+    row = np.zeros((len(mesh[0]), 3))
+    row[:, 0], row[:, 1] = mesh[0], plate.height
+    if dim == 3:
+        row[:, 2] = mesh[1]
+    return row, size
+
+
+def initial_plate_force(plate: Plate, scenario: FlowScenario) -> float | None:
+    """Return the initial force on a plate along y, or None; forces in the scenario are positive towards the grains."""
+    if plate.force is None and plate.pressure is None:
+        return None
+    area = float(np.prod([scenario.cell.size[k] for k in range(scenario.grains.dim) if k != 1]))
+    return inward_sign(plate, scenario) * (plate.force if plate.pressure is None else plate.pressure * area)
+
+
+def inward_sign(plate: Plate, scenario: FlowScenario) -> float:
+    """Return +1 for a plate below the middle of the region of grains and −1 for one above."""
+    return 1.0 if plate.height < (scenario.grains.low[1] + scenario.grains.high[1]) / 2 else -1.0
+
+
+def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
+    """Return dt, based on the stiffness of the law at the overlap reached in the hardest expected collision.
+
+    There are no contacts at the start, and the Hertz stiffness increases with overlap. The speed of the collision is
+    that of a fall through the region, plus the largest prescribed velocity. A force on a plate or wall may cause a
+    larger overlap.
+    """
+    lightest, r_eff = float(mass.min()), float(radius.min()) / 2
+    depth = _largest_overlap(scenario, law, r_eff, float(mass[: len(radius)].max()))
+    if isinstance(law.kind, Kind):
+        stiffness = largest_stiffness(law, law.table[0, 0].tolist(), r_eff, depth)
+    else:
+        own = dict(zip(parameter_names(law), law.table[0, 0], strict=True))
+        slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=depth, r_eff=r_eff)
+        stiffness = max(slopes[0], tangential, own.get("k_unload", 0.0))
+    unit = float(np.sqrt(lightest / stiffness))
+    if scenario.dt is not None and scenario.dt > LIMIT * unit:
+        raise ScenarioError(
+            f"dt = {scenario.dt:g} was given, but with six contacts on the lightest grain, the largest stable value is "
+            f"{LIMIT * unit:.3g}: give a smaller value, or leave dt out to use {SAFETY * unit:.3g}"
+        )
+    dt = scenario.dt or SAFETY * unit
+    texts = f"with dt = {dt:.3g}, the stages take", "use softer grains or shorter stages"
+    require_sizes([Size(texts[0], scenario.duration / dt, "time steps", texts[1])], ScenarioError)
+    return dt
+
+
+def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: float) -> float:
+    """Return the overlap [length] at which a contact bears the largest force and stores the collision energy."""
+    gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
+    g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
+    height = float(np.linalg.norm(np.subtract(scenario.grains.high, scenario.grains.low)))
+    speed = float(np.sqrt(2 * g * height)) + _largest_velocity(scenario)
+    pushes = [abs(p) for p in (initial_plate_force(plate, scenario) for plate in scenario.plates) if p is not None]
+    pushes += [abs(w.force) for w in scenario.walls if w.force is not None]
+    pushes += [abs(f) for stage in scenario.stages for f in stage.force.values()]
+    span = scenario.cell.size or np.subtract(scenario.grains.high, scenario.grains.low)
+    share = np.prod([4 * r_eff / span[k] for k in range(scenario.grains.dim) if k != 1])
+    static = max(pushes, default=0.0) * min(float(share), 1.0)
+    energy = 0.25 * heaviest * speed**2
+    low, high = 0.0, 2 * r_eff
+    for _ in range(60):  # at most a radius, beyond which no law is meaningful
+        middle = 0.5 * (low + high)
+        force, stored = evaluate(law, "force", "energy", overlap=middle, r_eff=r_eff)
+        low, high = (middle, high) if stored < energy or force < static else (low, middle)
+    return max(high, 1e-12 * r_eff)
+
+
+def _largest_velocity(scenario: FlowScenario) -> float:
+    """Return the largest velocity that the scenario prescribes along an axis."""
+    motions = [body.velocity for body in (*scenario.walls, *scenario.plates)]
+    motions += [motion for stage in scenario.stages for motion in stage.velocity.values()]
+    most = 0.0
+    for motion in motions:
+        for course in motion.prescribed.values():
+            values = [v for _, v in course] if isinstance(course, tuple) else [course]
+            most = max(most, *(abs(v.amplitude if isinstance(v, Shaking) else v) for v in values))
+    return most

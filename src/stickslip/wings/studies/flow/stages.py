@@ -1,0 +1,144 @@
+"""Stages of a flow: motion of walls and plates, gravity and drag, and the leg that an engine runs."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core.control import driven, time_dependent
+from ....core.dynamics.engine import Leg, Wave
+from ....core.state import State, loads
+from .pouring import Poured, initial_plate_force, inward_sign, sample_count
+from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
+
+KNOTS = 32  # per period of shaking, with linear velocity in between: the error is at most 0.5 %
+
+
+class StageConditions(NamedTuple):
+    """Conditions during a stage."""
+
+    walls: tuple[str, ...]  # names of the remaining walls
+    motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
+    gravity: tuple[float, ...]
+    drag: float
+
+
+def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
+    """From the start times of all stages so far, return the conditions of the last stage, or else the initial ones."""
+    conditions = StageConditions(
+        tuple(wall.name for wall in scenario.walls), _initial_motion(scenario),
+        scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag,
+    )  # fmt: skip
+    for stage, begin in zip(scenario.stages, begins, strict=False):
+        conditions = StageConditions(
+            tuple(name for name in conditions.walls if name not in stage.remove),
+            _update_motion(conditions.motion, stage, scenario, begin),
+            stage.gravity or conditions.gravity,
+            conditions.drag if stage.drag is None else stage.drag,
+        )
+    return conditions
+
+
+def _initial_motion(scenario: FlowScenario) -> dict:
+    """Return the initial motion of each body, as in `StageConditions`; along other axes, bodies are fixed."""
+    motion = {}
+    for body in (*scenario.walls, *scenario.plates):
+        motion[body.name] = {axis: ("velocity", course, 0.0) for axis, course in body.velocity.prescribed.items()}
+    for plate in scenario.plates:
+        if (push := initial_plate_force(plate, scenario)) is not None:
+            motion[plate.name]["y"] = ("force", push)
+    for wall in scenario.walls:
+        if wall.force is not None:
+            motion[wall.name][force_axis(wall)] = ("force", wall.force * _normal_sign(wall))
+    return motion
+
+
+def _normal_sign(wall) -> float:
+    """Return the sign of a wall's normal along its axis."""
+    return float(np.sign(sum(wall.normal)))
+
+
+def _update_motion(motion: dict, stage: Stage, scenario: FlowScenario, now: float) -> dict:
+    """Return the motion of each body from the start of a stage onwards."""
+    bodies = {body.name: body for body in (*scenario.walls, *scenario.plates)}
+    plates = {plate.name for plate in scenario.plates}
+    motion = {name: dict(axes) for name, axes in motion.items()}
+    for name, moves in stage.velocity.items():
+        motion[name] |= {axis: ("velocity", course, now) for axis, course in moves.prescribed.items()}
+    for name, size in stage.force.items():
+        body = bodies[name]
+        sign = inward_sign(body, scenario) if name in plates else _normal_sign(body)
+        motion[name][force_axis(body)] = ("force", sign * size)
+    return motion
+
+
+def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times and values of a velocity profile in time: linear in between, then constant.
+
+    Examples
+    --------
+    >>> knots(((1.0, 0.0), (2.0, 0.5)), 10.0)
+    (array([1., 2.]), array([0. , 0.5]))
+    """
+    if isinstance(course, Shaking):
+        times = np.linspace(0.0, duration, 1 + max(1, int(np.ceil(duration * course.frequency * KNOTS))))
+        return times, course.amplitude * np.sin(2 * np.pi * course.frequency * times + course.phase)
+    if isinstance(course, tuple):
+        return tuple(np.array(course, float).T)
+    return np.zeros(1), np.full(1, float(course))
+
+
+def with_controls(state: State, start: Poured, conditions: StageConditions, until: float) -> State:
+    """Return the state with the control of walls and plates that applies until the end of a stage."""
+    n, pull = len(state.grains.radius), np.zeros(3)
+    pull[: len(conditions.gravity)] = conditions.gravity
+    control = loads(n, len(conditions.walls), gravity=pull)._replace(group=state.control.group)
+    for name in (*conditions.walls, *start.plates):
+        rows = start.plates.get(name)
+        rows = np.array([n + conditions.walls.index(name)]) if rows is None else rows
+        control = driven(control, rows, 0.0)
+        for axis, way in conditions.motion[name].items():
+            k = AXES.index(axis)
+            if way[0] == "force":
+                control.free[rows, k], control.force[rows[0], k] = True, way[1]
+            elif isinstance(way[1], int | float):
+                control.rate[rows, k] = way[1]
+            else:
+                times, values = knots(way[1], until - way[2])
+                control.rate[rows, k] = 1.0
+                control = time_dependent(control, rows, way[2] + times, values, axes=[k])
+    return state._replace(control=control)
+
+
+def stage_leg(
+    scenario: FlowScenario,
+    start: Poured,
+    number: int,
+    conditions: StageConditions,
+    state: State,
+    begin: float,
+    done: int = 0,
+) -> Leg:
+    """Return what remains of a stage that began at a time, after a number of its samples."""
+    stage = scenario.stages[number]
+    before = round((state.time - begin) / start.dt)
+    steps = round((begin + stage.duration - state.time) / start.dt)
+    walls = tuple(start.walls.index(name) for name in conditions.walls)
+    return Leg(
+        state, start.law, start.dt, steps, sample_count(stage, scenario) - done, conditions.drag, before=(done, before),
+        walls=walls, waves=_waves(state, start, conditions), number=number, ranks=scenario.ranks,
+    )  # fmt: skip
+
+
+def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
+    """Return the courses that are sines, which LAMMPS evaluates as such, by their column in the control."""
+    waves, n = {}, len(state.grains.radius)
+    for name, axes in conditions.motion.items():
+        if name not in (*conditions.walls, *start.plates):
+            continue
+        row = start.plates[name][0] if name in start.plates else n + conditions.walls.index(name)
+        for axis, way in axes.items():
+            if way[0] == "velocity" and isinstance(way[1], Shaking):
+                shaking = way[1]
+                column = int(state.control.follows[row, AXES.index(axis)])
+                waves[column] = Wave(shaking.amplitude, shaking.frequency, shaking.phase, way[2])
+    return waves
