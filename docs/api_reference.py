@@ -7,16 +7,23 @@ import tokenize
 from enum import Enum
 from importlib import import_module
 from io import StringIO
+from operator import attrgetter
 from pathlib import Path
 
 from pydantic import BaseModel
 
+import stickslip
 from stickslip.lazy import public_names
+
+
+def module_of(namespace: str):
+    """Module of a namespace."""
+    return stickslip if namespace == "stickslip" else attrgetter(namespace)(stickslip)
 
 
 def with_modules(namespace: str) -> tuple[str, ...]:
     """A namespace and the modules among its names."""
-    module = import_module(f"stickslip.{namespace}")
+    module = module_of(namespace)
     inner = [name for name in module.__all__ if inspect.ismodule(getattr(module, name))]
     return namespace, *(f"{namespace}.{name}" for name in inner)
 
@@ -34,7 +41,7 @@ def full(namespace: str) -> str:
 
 def names(namespace: str) -> list[str]:
     """Public names of a namespace, without modules: functions, then classes, then constants."""
-    module = import_module(full(namespace))
+    module = module_of(namespace)
     things = {name: getattr(module, name) for name in sorted(public_names(module)) if name != "__version__"}
 
     def rank(name):
@@ -80,7 +87,7 @@ def overview(namespace: str) -> list[tuple[str, list[tuple[list[str], str]]]]:
 
     A namespace whose docstring has one paragraph gets rows from the first lines of its names' docstrings.
     """
-    module = import_module(full(namespace))
+    module = module_of(namespace)
     out = []
     for paragraph in re.split(r"\n\s*\n", inspect.cleandoc(module.__doc__)):
         found = [re.fullmatch(r" *(\w+(?:, \w+)*) {2,}(\S.*)", line) for line in paragraph.splitlines()]
@@ -106,7 +113,7 @@ def table(namespace: str, rows) -> list[str]:
 
 def link(namespace: str, name: str) -> str:
     """Link to a public name, or to the page of a namespace if there is one."""
-    if not inspect.ismodule(getattr(import_module(full(namespace)), name)):
+    if not inspect.ismodule(getattr(module_of(namespace), name)):
         return f":py:obj:`~{full(namespace)}.{name}`"
     place = name if namespace == "stickslip" else f"{namespace}.{name}"
     return f":doc:`{name} <{place}>`" if place in NAMESPACES else f"``{name}``"
@@ -114,7 +121,7 @@ def link(namespace: str, name: str) -> str:
 
 def entry(namespace: str, name: str) -> str:
     """Sphinx directive for a public name."""
-    thing, where = getattr(import_module(full(namespace)), name), f"{full(namespace)}.{name}"
+    thing, where = getattr(module_of(namespace), name), f"{full(namespace)}.{name}"
     if inspect.isclass(thing):
         return f".. autoclass:: {where}\n   :members:\n" + ("   :undoc-members:\n" if is_enum(thing) else "")
     if callable(thing):

@@ -56,8 +56,8 @@ class Mutant(NamedTuple):
 
     @property
     def room(self) -> str:
-        """First folder below the package, or the name of a module at its top."""
-        return Path(self.file).parts[2].removesuffix(".py")
+        """Room or wing, or the name of a module at the top of the package."""
+        return rooms.room_of(".".join(Path(self.file).parts[2:])).removesuffix(".py")
 
     @property
     def is_compiled(self) -> bool:

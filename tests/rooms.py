@@ -14,8 +14,15 @@ SPACES = ("control", "io", "laws", "measure", "modes", "packings", "protocols", 
 
 
 def rooms() -> list[str]:
-    """Names of all rooms."""
-    return sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+    """Names of all rooms, and of wings."""
+    folders = [path.parent.name for glob in ("*/__init__.py", "wings/*/__init__.py") for path in PACKAGE.glob(glob)]
+    return sorted({*folders} - {"wings"})
+
+
+def room_of(module: str) -> str:
+    """Room or wing of a module, named without the package."""
+    first, *rest = module.split(".")
+    return rest[0] if first == "wings" and rest else first
 
 
 @cache
@@ -30,7 +37,7 @@ def _imports(path: Path) -> dict[str, str]:
         if isinstance(node, ast.ImportFrom) and node.module:
             module = node.module.removeprefix("stickslip.") if not node.level else node.module
             if node.level or node.module.startswith("stickslip."):
-                values |= {alias.asname or alias.name: module.split(".")[0] for alias in node.names}
+                values |= {alias.asname or alias.name: room_of(module) for alias in node.names}
             elif node.module == "stickslip":
                 values |= {alias.asname or alias.name: alias.name for alias in node.names}
     return values

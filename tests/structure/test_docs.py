@@ -78,7 +78,7 @@ API = generator("api_reference")
 def test_the_overview_of_a_namespace_has_a_row_for_each_of_its_names(namespace):
     """A docstring whose columns were lost by reflowing leaves names out."""
     listed = [name for _, rows in API.overview(namespace) for names, _ in rows for name in names]
-    public = set(public_names(importlib.import_module(API.full(namespace)))) - {"__version__"}
+    public = set(public_names(API.module_of(namespace))) - {"__version__"}
     assert sorted(listed) == sorted(public)
 
 
@@ -218,7 +218,7 @@ def test_no_line_of_code_is_cut(page):
 
 @pytest.mark.parametrize("namespace", API.NAMESPACES)
 def test_no_example_of_a_docstring_is_cut(namespace):
-    module = importlib.import_module(API.full(namespace))
+    module = API.module_of(namespace)
     docs = [inspect.getdoc(getattr(module, name)) or "" for name in API.names(namespace)]
     blocks = [block for doc in docs for block in re.findall(r"^>>> (?:.+\n?)+", doc, flags=re.M)]  # with their output
     lines = [line for block in blocks for line in block.splitlines()]

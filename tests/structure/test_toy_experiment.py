@@ -1,18 +1,23 @@
-"""An experiment is one value: once it is in the list, `ss.simulate`, the command line, sweeps and `resume` know it."""
+"""A wing of somebody else: `ss.simulate`, the command line, sweeps and `resume` know its experiment.
+
+Without a wing, or with a broken one, everything else works.
+"""
 
 import json
 import sys
-from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip import wing
 from stickslip.cli import main
 from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
+from stickslip.wing import GROUP, Wing
 
 
 class Coins(ScenarioBase):
@@ -40,15 +45,34 @@ def simulate(scenario, *, folder=None, workers=None, report=lambda *now: None):
     return Tosses(scenario, np.asarray(heads))
 
 
+EXPERIMENT = Experiment(
+    Coins, "tosses of a coin", simulate,
+    numbers=lambda result: {"heads": result.heads.astype(float)},
+    measures=lambda result: {"share": (result.heads.mean(), "1")},
+    show=lambda result: print(f"{result.heads.sum()} heads"),
+)  # fmt: skip
+WING = Wing("coins_wing", "tosses of a coin", experiments={"coins": "coins"})
+COINS = EntryPoint("coins", f"{__name__}:WING", GROUP)
+
+
+@pytest.fixture
+def install(monkeypatch):
+    """Function that installs wings, and uninstalls others."""
+
+    def change(*more, without=()):
+        kept = [entry for entry in entry_points(group=GROUP) if entry.name not in without]
+        monkeypatch.setattr(wing, "entry_points", lambda group: [*kept, *more])
+        wing.wings.cache_clear()
+
+    yield change
+    monkeypatch.undo()
+    wing.wings.cache_clear()
+
+
 @pytest.fixture(autouse=True)
-def coins(monkeypatch):
-    toy = Experiment(
-        Coins, "tosses of a coin", simulate,
-        numbers=lambda result: {"heads": result.heads.astype(float)},
-        measures=lambda result: {"share": (result.heads.mean(), "1")},
-        show=lambda result: print(f"{result.heads.sum()} heads"),
-    )  # fmt: skip
-    monkeypatch.setitem(EXPERIMENTS, toy.name, toy)
+def coins(install, monkeypatch):
+    monkeypatch.setitem(sys.modules, "coins_wing.coins", sys.modules[__name__])
+    install(COINS)
     CALLS[:] = [None]
 
 
@@ -90,7 +114,27 @@ def test_bad_keys_are_named():
 def test_what_is_imported_late_is_there(name):
     first = EXPERIMENTS[name]
     for value in (*first, *(first.paper or ())):
-        package, _, path = getattr(value, "__qualname__", "").rpartition(".experiments.")
-        if package:
-            module, _, function = path.rpartition(".")
-            assert callable(getattr(import_module(f"{package}.experiments.{module}"), function)), path
+        if hasattr(value, "resolve"):
+            assert callable(value.resolve())
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("absent_package.wing:WING", "No module named 'absent_package'"),
+        (f"{__name__}:CALLS", "CALLS is a list, not a Wing"),
+    ],
+)
+def test_a_broken_wing_is_named_and_nothing_else_is_lost(value, said, install):
+    install(EntryPoint("broken", value, GROUP), COINS)
+    with pytest.warns(UserWarning, match=f"the wing broken cannot be loaded .*{said}.*repair or uninstall"):
+        assert "coins" in EXPERIMENTS
+    assert EXPERIMENTS["coins"] is EXPERIMENT
+    assert "gouge" in EXPERIMENTS
+
+
+def test_without_any_wing_scenarios_name_no_experiment(install):
+    install(without=[*wing.wings()])
+    assert not EXPERIMENTS
+    with pytest.raises(ss.experiments.ScenarioError, match="experiment = 'gouge' was given"):
+        ss.scenario(experiment="gouge")

@@ -60,7 +60,12 @@ def test_all_references_have_what_bibtex_needs():
         for name in fields["author"].split(" and "):
             assert name == "others" or re.fullmatch(r"\{.+\}|(\{?[^,{}]+\}?|[^,]+), .+", name), (key, name)
     source = ROOT / "src/stickslip"
-    paths = [source / "builtin_laws.py", source / "runs/bibliography.py", *(source / "experiments").rglob("*.py")]
+    paths = [
+        source / "builtin_laws.py",
+        source / "runs/bibliography.py",
+        *(source / "experiments").rglob("*.py"),
+        *(source / "wings").rglob("*.py"),
+    ]
     used = {word for path in paths for word in re.findall(r'"([A-Za-z0-9]+)"', path.read_text())}
     assert entries.keys() <= used, "a reference that nothing cites"
 

@@ -1,10 +1,15 @@
 """Command line: a thin layer in which every command calls one function of the layer below and shows its result."""
 
+from ..wing import add_commands
+
 # isort: off
-from . import running, packings, view, watching, records, about  # in the order of stickslip --help
+from . import running, packings, view  # in the order of stickslip --help
+
+add_commands()  # of wings
+from . import about  # noqa: E402
 
 # isort: on
-from .app import app
-from .entry_point import main
+from .app import app  # noqa: E402
+from .entry_point import main  # noqa: E402
 
-__all__ = ["about", "app", "main", "packings", "records", "running", "view", "watching"]
+__all__ = ["about", "app", "main", "packings", "running", "view"]

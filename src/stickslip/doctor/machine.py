@@ -17,7 +17,7 @@ from .._core import build
 from ..core.dynamics.driver import available_threads
 from ..ensemble import default_workers
 from ..solve.linear import factorised
-from ..wings.lammps.process import load_error
+from ..wing import wings
 
 CORE = ("numpy", "scipy", "h5py", "matplotlib", "xarray", "pydantic", "typer", "rich")
 DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # if it differs from the import name
@@ -117,7 +117,8 @@ def _check_pardiso() -> Fault | None:
 
 
 def _check_lammps() -> Fault | None:
-    said = load_error()
+    lammps = wings().get("lammps")
+    said = lammps.function(lammps.fault)() if lammps else ""
     return Fault(f"its library cannot be loaded ({said})", MPI if "mpi" in said.lower() else "") if said else None
 
 

@@ -10,7 +10,7 @@ from rich.text import Text
 from ..reports.terminal import STYLE, console, progress, show_pairs, show_table
 from . import machine
 from .machine import OptionalPart
-from .selfcheck import Selfcheck, selfcheck
+from .selfcheck import SelfcheckResult, selfcheck
 
 
 def examine(*, as_json: bool = False) -> tuple[bool, str]:
@@ -42,7 +42,7 @@ def show_machine(versions: dict, threads: dict, core: dict, parts: list[Optional
     show_table(table)
 
 
-def show_checks(result: Selfcheck) -> None:
+def show_checks(result: SelfcheckResult) -> None:
     """Print the self-check line by line, then the verdict."""
     table = Table("number", "measured", "deviation", "allowed", "", title="Self-check against stored numbers", **STYLE)
     for check in result.checks:
@@ -62,13 +62,13 @@ def show_checks(result: Selfcheck) -> None:
     console.print(_verdict(result), style="red" if wrong else "green")
 
 
-def _verdict(result: Selfcheck) -> str:
+def _verdict(result: SelfcheckResult) -> str:
     wrong = sum(not check.ok for check in result.checks)
     verdict = f"{wrong} of {len(result.checks)} numbers are wrong" if wrong else "all is well"
     return f"{verdict}, in {result.seconds:.1f} s"
 
 
-def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart], result: Selfcheck) -> str:
+def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart], result: SelfcheckResult) -> str:
     """JSON object with the keys of the tables; a number that could not be measured is null."""
     rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in result.checks]
     out = {

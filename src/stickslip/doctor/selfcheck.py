@@ -8,6 +8,7 @@ import hashlib
 import json
 import platform
 import time
+from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -16,20 +17,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.contacts.forces import accept, forces
-from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
-from ..core.laws.builtin import Law, for_pair, hertz_mindlin, linear
+from ..core.laws.builtin import Law, for_pair, hertz_mindlin
 from ..core.outcome import Outcome
 from ..core.progress import Report, silent
-from ..core.state import SLIDE, STICK, State
+from ..core.state import State
 from ..loading.packing import disk_array, with_push
 from ..loading.protocols import perturbed
 from ..solve.relax import relax
 from ..solve.spectrum import spectrum
-from ..wings.faults.friction.loads import slide_hold_slide
-from ..wings.faults.friction.ratestate import RateState, Spring, spring_slider
-from ..wings.status.apex_status import contact_status
-from ..wings.status.matrices import linear_system
+from ..wing import Selfcheck, wings
 
 STORED = Path(__file__).with_name("numbers.json")
 PUSHES = (0.5e-5, 1.0e-5, 1.5e-5)
@@ -48,7 +45,7 @@ class Check(NamedTuple):
     note: str
 
 
-class Selfcheck(NamedTuple):
+class SelfcheckResult(NamedTuple):
     """Result of the self-check."""
 
     checks: list[Check]
@@ -99,54 +96,26 @@ def measure_dynamics(state: State, law: Law) -> dict[str, float | str]:
     return {"dynamics, x after 1000 steps": end.grains.position[0, 0], BITS: bits}
 
 
-def measure_slider() -> dict[str, float]:
-    """Friction right after a hold, from the slip law with the parameters of Ferdowsi & Rubin 2021."""
-    surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
-    legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
-    history = spring_slider(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))
-    return {"rate and state, after a hold": float(history.friction.min())}
-
-
-def measure_contact_status() -> dict[str, float]:
-    """Status of four critical contacts in a row of disks, given their slip (McNamara & Herrmann 2006)."""
-    law = for_pair(linear(kn=1.0, kt=0.5, mu=0.5), 0, 1)
-    state = disk_array(5, press=1e-3, gap=-1e-3)
-    lifted = state.grains.position - [0, 1e-3, 0]
-    state = with_neighbor_list(state._replace(grains=state.grains._replace(position=lifted)))
-    contacts, near = state.contacts, state.contacts.count[0]
-    mode, slip = np.zeros_like(contacts.mode), np.zeros_like(contacts.slip)
-    mode[:near] = STICK
-    critical = np.flatnonzero((contacts.j[:near] >= 5) & (contacts.i[:near] < 4))  # on the floor, the last disk's not
-    mode[critical], slip[critical, 0] = SLIDE, 1e-3
-    matrix = linear_system(state._replace(contacts=contacts._replace(mode=mode, slip=slip)), law)
-    load = np.zeros(matrix.c.shape[0])
-    load[0], load[9] = 0.3, -0.4  # along x on the first disk and on the fourth
-    choice = contact_status(matrix, load)
-    return {
-        "quasi-rigid, number sliding": float(choice.sliding.sum()) if choice.ok else -1.0,
-        "quasi-rigid, slip rate": float(np.abs(choice.rate).max()),
-    }
-
-
 def measure_array(law: Law) -> dict[str, float | str]:
     """Eigenvalues and dynamics of the pushed array."""
     state = pushed_array(law)
     return measure_pair(state, law) | measure_dynamics(state, law)
 
 
-def measure(report: Report = silent) -> dict[str, float | str]:
-    """All numbers by name; errors are listed under `PROBLEM`."""
-    law, numbers = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1), {}
-    groups = {
+def measure(report: Report = silent, *, with_wings: bool = True) -> dict[str, float | str | Selfcheck]:
+    """All numbers by name, those of wings with the right values; errors are listed under `PROBLEM`."""
+    law = for_pair(hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth"), 0, 1)
+    numbers: dict[str, float | str | Selfcheck] = {}
+    groups: dict[str, Callable[[], dict]] = {
         "contact forces": partial(measure_forces, law),
         "ten disks: equilibria, eigenvalues, dynamics": partial(measure_array, law),
-        "rate and state": measure_slider,
-        "quasi-rigid": measure_contact_status,
     }
+    if with_wings:
+        groups |= {name: wing.function(wing.selfchecks) for name, wing in wings().items() if wing.selfchecks}
     for k, (part, group) in enumerate(groups.items()):
         report("self-check", k / len(groups), part)
         try:
-            numbers |= {name: value if isinstance(value, str) else float(value) for name, value in group().items()}
+            numbers |= {name: float(v) if isinstance(v, np.floating) else v for name, v in group().items()}
         except Exception as problem:  # a broken compiler or library is what the self-check looks for
             said = f"{part}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
             numbers[PROBLEM] = "; ".join(filter(None, [numbers.get(PROBLEM), said]))
@@ -158,13 +127,11 @@ TOLERANCES = {
     "contact force": (1e-12, "round-off of one evaluation, with or without fused operations"),
     "Jacobian": (1e-6, "equilibria with a residual force of 1e-14, and LAPACK's eigenvalues"),
     "dynamics": (1e-9, "a thousand steps from such an equilibrium; nothing is chaotic yet"),
-    "rate": (1e-6, "tolerance of the integrator"),
-    "quasi-rigid": (1e-9, "one sparse or dense solve"),
 }
 
 
 def compare(measured: dict, stored: dict) -> list[Check]:
-    """Compare every stored number with the measured one.
+    """Compare every stored number, and those of wings, with the measured one.
 
     Bits are also compared, but they are only guaranteed on the same type of machine and may differ on another
     processor or with another build of the core: differing bits are reported but do not count as a failure.
@@ -176,26 +143,30 @@ def compare(measured: dict, stored: dict) -> list[Check]:
             note = "the same bits" if got == right else "other bits: allowed"
             rows.append(Check(name, got, right, None, None, got != "none", note))
             continue
-        got = measured.get(name, float("nan"))
         tolerance, why = next(rule for start, rule in TOLERANCES.items() if name.startswith(start))
-        deviation = abs(got - right) / abs(right)
-        rows.append(Check(name, got, right, deviation, tolerance, bool(deviation <= tolerance), why))
-    return rows
+        rows.append(_compare(name, Selfcheck(measured.get(name, float("nan")), right, tolerance, why)))
+    return rows + [_compare(name, value) for name, value in measured.items() if isinstance(value, Selfcheck)]
 
 
-def selfcheck(report: Report = silent) -> Selfcheck:
+def _compare(name: str, number: Selfcheck) -> Check:
+    deviation = abs(number.measured - number.stored) / abs(number.stored)
+    is_right = bool(deviation <= number.tolerance)
+    return Check(name, number.measured, number.stored, deviation, number.tolerance, is_right, number.why)
+
+
+def selfcheck(report: Report = silent) -> SelfcheckResult:
     """Measure all numbers and compare them with the stored ones."""
     start = time.perf_counter()
     measured = measure(report)
     checks = compare(measured, json.loads(STORED.read_text(encoding="utf-8")))
-    return Selfcheck(checks, measured.get(PROBLEM, ""), time.perf_counter() - start)
+    return SelfcheckResult(checks, measured.get(PROBLEM, ""), time.perf_counter() - start)
 
 
 def write() -> None:
     """Store the numbers measured on this machine."""
     with_what = {name: version(name) for name in ("numpy", "scipy")}
     with_what |= {"python": platform.python_version(), "machine": platform.machine()}
-    made = {"made_by": "python -m stickslip.doctor.selfcheck", "with": with_what, "numbers": measure()}
+    made = {"made_by": "python -m stickslip.doctor.selfcheck", "with": with_what, "numbers": measure(with_wings=False)}
     if PROBLEM in made["numbers"]:
         raise RuntimeError(made["numbers"][PROBLEM])
     STORED.write_text(json.dumps(made, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

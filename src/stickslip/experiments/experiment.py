@@ -52,7 +52,8 @@ class Experiment(NamedTuple):
     failures: Callable = _failures  # result -> one sentence for each realization that failed
     announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
-    cycles: Callable | None = None  # contents of the archive -> (time, slip velocity, slip), to compare in sweeps
+    # (contents of the archive, times since an event) -> slip since that event or None, to compare members of sweeps
+    cycles: Callable | None = None
     paper: Paper | None = None
     more_papers: tuple[Paper, ...] = ()  # others that it reproduces
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments

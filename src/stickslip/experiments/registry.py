@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -13,18 +14,28 @@ from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.law_schema import renamed_keys
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers
-from ..wings.faults import fault, rate_state
-from ..wings.papers import disk_array, gouge, quasi_rigid, sphere_shear
-from ..wings.soils import cyclic_shear, element_test
-from ..wings.studies import catalogue, flow, threshold
+from ..wing import Wing, wings
 from .experiment import Experiment
 
-_ALL = (
-    disk_array, sphere_shear, quasi_rigid, flow, gouge, rate_state, fault, threshold, catalogue, element_test,
-    cyclic_shear,
-)  # fmt: skip
-# the single list of experiments, by the value of `experiment` in a scenario
-EXPERIMENTS: dict[str, Experiment] = {package.EXPERIMENT.name: package.EXPERIMENT for package in _ALL}
+
+class Experiments(Mapping[str, Experiment]):
+    """Experiments of all wings, by the value of `experiment` in a scenario; each is imported when it is used."""
+
+    def _packages(self) -> dict[str, tuple[str, Wing]]:
+        return {name: (package, wing) for wing in wings().values() for name, package in wing.experiments.items()}
+
+    def __getitem__(self, name: str) -> Experiment:
+        package, wing = self._packages()[name]
+        return wing.module(package).EXPERIMENT
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._packages())
+
+    def __len__(self) -> int:
+        return len(self._packages())
+
+
+EXPERIMENTS = Experiments()
 LARGEST_INTEGER = 2**63 - 1
 INTEGER_RANGE = "integers are limited to 64 bits; use a smaller one or write it as a float such as 1e30"
 _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None): "null"}

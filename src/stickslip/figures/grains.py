@@ -4,13 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import Normalize, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
-from ..core.arguments import require_positive
+from ..core.arguments import Bodies, Numbers, checked, require_positive
 from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
@@ -371,3 +372,26 @@ def _draw_scale_bar(axes, frame: Frame, layout: Layout) -> None:
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
     axes.annotate(" mean diameter", (x + long, y), va="center", fontsize=6.5, zorder=70)
+
+
+@checked
+def draw_grains_by_speed(axes: Axes, state: State, place: Numbers, loose: Bodies, top: float):
+    """Draw disks coloured by speed, nearer ones on top; return the mappable for a colour bar."""
+    n = len(state.grains.radius)
+    speed = np.full(n, np.nan)
+    speed[loose] = np.linalg.norm(state.grains.velocity[loose], axis=1)
+    glued = np.setdiff1d(np.arange(n), loose)
+    size = 2 * state.grains.radius
+    order = loose[np.argsort(place[loose, 2], kind="stable")]
+    options = {"units": "xy", "offset_transform": axes.transData, "linewidths": 0.1, "edgecolors": BLACK}
+    around = state.cell.vectors[0, 0] if state.cell.periodic[0] else 0.0
+    drawn = None
+    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are drawn at both edges
+        at = place[:, :2] + [shift, 0.0]
+        for rows, color in ((glued, {"facecolors": "0.6"}), (order, {"array": speed[order], "clim": (0.0, top)})):
+            drawn = axes.add_collection(
+                EllipseCollection(
+                    size[rows], size[rows], np.zeros(len(rows)), offsets=at[rows], cmap="viridis", **color, **options
+                )
+            )
+    return drawn

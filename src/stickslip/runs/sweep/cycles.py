@@ -11,7 +11,6 @@ from ...data.run_files import NUMBERS
 from ...experiments.registry import EXPERIMENTS, scenario_class
 from ...figures.saving import PLAIN, Look, render_all
 from ...figures.sweep import cycles
-from ...wings.faults.friction.cycles import repeated_slip
 from .definition import Sweep
 
 FIGURE = "cycles.png"
@@ -32,8 +31,8 @@ def write_cycles(
         return None
     recurrence = np.array(list(known.values()))
     since = np.linspace(-BEFORE, SPAN, POINTS) * np.median(recurrence)
-    histories = (experiment.cycles(archive.read(folder / MEMBERS / name / NUMBERS)) for name in list(known)[:MOST])
-    curves = [curve for history in histories if (curve := repeated_slip(*history, since)) is not None]
+    trees = (archive.read(folder / MEMBERS / name / NUMBERS) for name in list(known)[:MOST])
+    curves = [curve for tree in trees if (curve := experiment.cycles(tree, since)) is not None]
     if len(curves) < 3:
         return None
     figure = cycles(since, np.array(curves), recurrence, without=len(names) - len(known))

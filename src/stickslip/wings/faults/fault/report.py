@@ -6,6 +6,7 @@ import numpy as np
 
 from ....core.units import Fields, in_readable_units
 from ....reports.terminal import console, new_table, show_table
+from ..friction.cycles import repeated_slip
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import YEAR
@@ -105,12 +106,12 @@ def show(result: FaultResult) -> None:
     console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of {work}")
 
 
-def cycles(tree: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times, the greatest slip velocity, and slip at the station that slips most in steps."""
+def cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
+    """Return slip at times since an event, at the station that slips most in steps; None without a cycle."""
     series = tree["series"]
     time, slip = series["time"], series["slip"]
     uneven = np.std(slip - np.outer(time / time[-1], slip[-1]), axis=0)
-    return time, series["max_velocity"], slip[:, int(np.argmax(uneven))]
+    return repeated_slip(time, series["max_velocity"], slip[:, int(np.argmax(uneven))], since)
 
 
 def measures(result: FaultResult) -> dict[str, tuple[float, str]]:

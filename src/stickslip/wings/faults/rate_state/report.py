@@ -9,7 +9,7 @@ from ....data.nodes import archive_fields
 from ....data.run_files import SERIES
 from ....reports.terminal import console, new_table, show_table
 from ..friction.closed_forms import steady_friction
-from ..friction.cycles import passing_velocity, recurrence
+from ..friction.cycles import passing_velocity, recurrence, repeated_slip
 from ..friction.laboratory import LabRecord, write_csv
 from . import figures as figures_of
 from .simulate import SliderResult
@@ -56,10 +56,10 @@ def show(result: SliderResult) -> None:
         console.print(f"{h.end.value} (after {h.reached:.6g} s)", style="yellow")
 
 
-def cycles(tree: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times, slip velocity and slip from the contents of an archive."""
+def cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
+    """Return slip at times since an event, from the contents of an archive; None without a cycle."""
     time, slip, velocity = (tree["history"][name] for name in ("time", "slip", "velocity"))
-    return time, passing_velocity(time, slip, velocity), slip
+    return repeated_slip(time, passing_velocity(time, slip, velocity), slip, since)
 
 
 def measures(result: SliderResult) -> dict[str, tuple[float, str]]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ....core.arguments import Requirement, Result, Series, require_filled
 from ....core.measure import wrapped
+from ....figures.grains import draw_grains_by_speed
 from ....figures.style import (
     BLACK,
     BLUE,
@@ -22,7 +23,6 @@ from ....figures.style import (
     styled,
     subplots,
 )
-from ...studies.flow.figures import draw_grains_by_speed
 
 HELD = ("time held", "s")  # quantity and unit
 FRICTION = r"friction $\tau/\sigma$"

@@ -3,14 +3,12 @@
 from typing import Annotated, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.lines import Line2D
 
-from ....core.arguments import Array, Bodies, Numbers, Result, Series, checked
+from ....core.arguments import Array, Result, Series
 from ....core.measure import wrapped
-from ....core.state import State
 from ....core.units import with_unit
+from ....figures.grains import draw_grains_by_speed
 from ....figures.outlines import APART, body_limits
 from ....figures.style import (
     BLACK,
@@ -96,29 +94,6 @@ def _view_limits(result, shown, places):
     for k in np.flatnonzero(periodic[:2]):
         low[k], high[k] = 0.0, result.frames[0].cell.vectors[k, k]
     return low, high
-
-
-@checked
-def draw_grains_by_speed(axes: Axes, state: State, place: Numbers, loose: Bodies, top: float):
-    """Draw disks coloured by speed, nearer ones on top; return the mappable for a colour bar."""
-    n = len(state.grains.radius)
-    speed = np.full(n, np.nan)
-    speed[loose] = np.linalg.norm(state.grains.velocity[loose], axis=1)
-    glued = np.setdiff1d(np.arange(n), loose)
-    size = 2 * state.grains.radius
-    order = loose[np.argsort(place[loose, 2], kind="stable")]
-    options = {"units": "xy", "offset_transform": axes.transData, "linewidths": 0.1, "edgecolors": BLACK}
-    around = state.cell.vectors[0, 0] if state.cell.periodic[0] else 0.0
-    drawn = None
-    for shift in (around, -around, 0.0) if around else (0.0,):  # grains at an edge are drawn at both edges
-        at = place[:, :2] + [shift, 0.0]
-        for rows, color in ((glued, {"facecolors": "0.6"}), (order, {"array": speed[order], "clim": (0.0, top)})):
-            drawn = axes.add_collection(
-                EllipseCollection(
-                    size[rows], size[rows], np.zeros(len(rows)), offsets=at[rows], cmap="viridis", **color, **options
-                )
-            )
-    return drawn
 
 
 def _draw_walls(axes, state) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from .app import FigureOptions, Out, Output, check_choice, command, complete_from, examples, number_option
+from ...cli.app import FigureOptions, Out, Output, check_choice, command, complete_from, examples, number_option
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
@@ -80,9 +80,9 @@ def fit(
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
     check_choice("law", model.law, LAWS)
     check_choice("form", model.form, FORMS)
-    from ..reports import terminal
-    from ..runs import json_output
-    from ..wings.faults.rate_state import fit_report
+    from ...reports import terminal
+    from ...runs import json_output
+    from .rate_state import fit_report
 
     look = drawing.look()
     if out is not None:

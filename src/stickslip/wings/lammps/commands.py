@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from .app import Output, check_choice, command, complete_from, examples, finish
-from .entry_point import StoppedError
-from .packings import PackingOptions, in_units_of_packing
+from ...cli.app import Output, check_choice, command, complete_from, examples, finish
+from ...cli.entry_point import StoppedError
+from ...cli.packings import PackingOptions, in_units_of_packing
 
 METHODS = {
     "auto": "the fastest growth; of many grains only in equilibrium", "none": "no spectrum", "fastest": "always",
@@ -58,9 +58,9 @@ def watch(
     check_choice("method", method, METHODS)
     if once and until_idle is not None:
         raise ValueError("--once was given with --until-idle: give one of them")
-    from ..data.exchange.follow import open_source
-    from ..reports import terminal
-    from ..wings.lammps.watch.record import watch_and_record
+    from ...data.exchange.follow import open_source
+    from ...reports import terminal
+    from .watch.record import watch_and_record
 
     source = open_source(place, memory=not no_contacts, **options.values())
     table = out or source.folder / NAME
@@ -74,7 +74,7 @@ def watch(
     paths = [table, table.with_suffix(".html")]
 
     def answer() -> dict:
-        from ..runs import json_output
+        from ...runs import json_output
 
         last = done.rows[max(done.rows)]
         more = {"frames": len(done.rows), "newest": last._asdict(), "notes": done.notes}

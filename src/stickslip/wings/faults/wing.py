@@ -1,0 +1,11 @@
+"""Head of the wing of faults, which needs no grains."""
+
+from ...wing import Wing
+
+WING = Wing(
+    package=__package__,
+    words="rate-and-state friction, records and their fits, spring-sliders, earthquake cycles",
+    experiments={"rate-state": "rate_state", "fault": "fault"},
+    commands="commands",
+    selfchecks="selfchecks.selfchecks",
+)

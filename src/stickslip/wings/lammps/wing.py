@@ -1,0 +1,10 @@
+"""Head of the wing of LAMMPS as an engine."""
+
+from ...wing import Wing
+
+WING = Wing(
+    package=__package__,
+    words="LAMMPS as an engine, and watching its runs",
+    commands="commands",
+    fault="process.load_error",
+)

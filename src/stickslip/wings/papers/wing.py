@@ -1,0 +1,11 @@
+"""Head of the wing of papers."""
+
+from ...wing import Wing
+
+WING = Wing(
+    package=__package__,
+    words="four papers, with their claims",
+    experiments={
+        "disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"
+    },
+)  # fmt: skip

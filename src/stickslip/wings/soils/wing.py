@@ -1,0 +1,9 @@
+"""Head of the wing of soils."""
+
+from ...wing import Wing
+
+WING = Wing(
+    package=__package__,
+    words="element tests and cyclic shear of soils",
+    experiments={"element-test": "element_test", "cyclic-shear": "cyclic_shear"},
+)

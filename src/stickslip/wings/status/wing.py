@@ -1,0 +1,7 @@
+"""Head of the wing of contact status."""
+
+from ...wing import Wing
+
+WING = Wing(
+    package=__package__, words="contact status, load paths and rigid clusters", selfchecks="selfchecks.selfchecks"
+)

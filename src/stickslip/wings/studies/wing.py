@@ -1,0 +1,9 @@
+"""Head of the wing of studies. They may use the samples of papers."""
+
+from ...wing import Wing
+
+WING = Wing(
+    package=__package__,
+    words="granular flows, thresholds of friction, a catalogue of events",
+    experiments={"flow": "flow", "threshold": "threshold", "catalogue": "catalogue"},
+)
