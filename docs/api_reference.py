@@ -30,7 +30,7 @@ def with_modules(namespace: str) -> tuple[str, ...]:
 
 NAMESPACES = (
     "stickslip", "laws", "packings", "control", "protocols", "measure", "modes", "quasirigid", "friction",
-    *with_modules("experiments"), "io", *with_modules("figures"), "results", "ensemble", "examples",
+    *with_modules("experiments"), "io", *with_modules("figures"), "results", "ensemble", "examples", "kit",
 )  # fmt: skip
 
 

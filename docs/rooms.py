@@ -12,6 +12,7 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "stickslip"
 SVG = ROOT / "docs" / "figures" / "rooms.svg"
 WIDTH, BOX, HIGH, GAP = 960, 96, 34, 62
 INK, FILL, LINE = "#1f2933", "#e8eef4", "#7b8794"
@@ -38,7 +39,7 @@ def imports(rows: list[list[str]]) -> set[tuple[str, str]]:
         if box[a] != box[b] and graph.direct_import_exists(importer=f"stickslip.{a}", imported=f"stickslip.{b}")
     }
     for room in _namespaces(rows):  # their imports are in stubs
-        stub = (ROOT / "src" / "stickslip" / f"{room}.pyi").read_text(encoding="utf-8")
+        stub = (PACKAGE / f"{room}.pyi").read_text(encoding="utf-8")
         pairs |= {(box[room], box[b]) for b in re.findall(r"^from \.(\w+)", stub, flags=re.M) if b in box}
     middle = set(box.values())
     return {(a, b) for a, b in pairs if not any((a, c) in pairs and _reaches(c, b, pairs) for c in middle - {b})}
@@ -76,6 +77,8 @@ def svg() -> str:
             f'marker-end="url(#head)"><title>{a} imports {b}</title></path>'
         )
     for name, (x, y) in place.items():
+        if name == "wings":
+            name = f"wings: {', '.join(sorted(path.parent.name for path in PACKAGE.glob('wings/*/wing.py')))}"
         wide = max(BOX, 9 * len(name))
         out.append(
             f'<rect x="{x - wide / 2:g}" y="{y:g}" width="{wide}" height="{HIGH}" rx="5" fill="{FILL}" stroke="{INK}"/>'

@@ -4,8 +4,12 @@ Without a wing, or with a broken one, everything else works.
 """
 
 import json
+import os
+import subprocess
 import sys
+import tomllib
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,6 +22,8 @@ from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
 from stickslip.wing import GROUP, Wing
+
+ROOT = Path(__file__).parents[2]
 
 
 class Coins(ScenarioBase):
@@ -131,6 +137,32 @@ def test_a_broken_wing_is_named_and_nothing_else_is_lost(value, said, install):
         assert "coins" in EXPERIMENTS
     assert EXPERIMENTS["coins"] is EXPERIMENT
     assert "gouge" in EXPERIMENTS
+
+
+def test_the_wing_among_the_examples_runs(install, tmp_path, monkeypatch):
+    folder = ROOT / "examples" / "wing"
+    monkeypatch.syspath_prepend(folder)
+    entries = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"][GROUP]
+    install(*(EntryPoint(name, value, GROUP) for name, value in entries.items()))
+    (tmp_path / "bouncing.toml").write_text('experiment = "bouncing"\nheight = 2.0\n')
+    assert call(monkeypatch, "run", tmp_path / "bouncing.toml", "--out", tmp_path / "out") == 0
+    assert (tmp_path / "out" / "fig1_height.png").exists()
+    data = ss.io.open_dataset(tmp_path / "out")["numbers"]
+    restitution = np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))  # of a linear spring with 5 % of the critical damping
+    assert np.sqrt(data.height[np.argmin(data.height.values) :].max() / 2.0) == pytest.approx(restitution, rel=5e-3)
+
+
+@pytest.mark.slow
+def test_the_wing_among_the_examples_is_installed_by_pip(tmp_path):
+    options = "--quiet", "--no-deps", "--no-build-isolation", "--target", tmp_path / "site"
+    subprocess.run([sys.executable, "-m", "pip", "install", *options, ROOT / "examples" / "wing"], check=True)
+    (tmp_path / "bouncing.toml").write_text('experiment = "bouncing"\n')
+    code = (
+        "import sys; from stickslip.cli import main; sys.argv[1:1] = ['run', 'bouncing.toml', '--out', 'out']; main()"
+    )
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path / "site", ROOT / "src")))}
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert "rebound: 0.7" in done.stdout, done.stderr
 
 
 def test_without_any_wing_scenarios_name_no_experiment(install):

@@ -21,6 +21,7 @@ def _bundled_folder(name: str) -> Path:
 
 FOLDER, PAGES = _bundled_folder("examples"), _bundled_folder("docs")
 _WITHOUT_TEXT = {
+    "wing": "A wing with one experiment: `pip install examples/wing` adds it to `stickslip run`",
     "sheared": "What LAMMPS wrote for shear.lammps: 27 grains, three frames, for `stickslip watch`",
     "sheared_spheres.npz": "Fifty spheres, sheared until a complex pair exists, with the slip of every contact",
 }
@@ -101,7 +102,7 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
         If there is no such example, or a file of its name exists there and `overwrite` is False; nothing is copied.
     """
     sources = [path(name) for name in chosen or names()]
-    files = [file for source in sources for file in (sorted(source.iterdir()) if source.is_dir() else [source])]
+    files = [file for source in sources for file in _files(source)]
     targets = [Path(to) / file.relative_to(FOLDER) for file in files]
     if (taken := Path(to)).exists() and not taken.is_dir():
         raise ValueError(f"{to} is a file: give a folder")
@@ -110,6 +111,11 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
     return targets
+
+
+def _files(source: Path) -> list[Path]:
+    inner = sorted(source.rglob("*")) if source.is_dir() else [source]
+    return [file for file in inner if file.is_file() and "__pycache__" not in file.parts]
 
 
 def pages() -> dict[str, str]:

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from ...cli.app import FigureOptions, Out, Output, check_choice, command, complete_from, examples, number_option
+from ...kit import FigureOptions, Out, Output, check_choice, command, complete_from, examples, number_option
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...wing import Selfcheck
+from ...kit import Selfcheck
 from .friction.loads import slide_hold_slide
 from .friction.ratestate import RateState, Spring, spring_slider
 

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ... import State
 from ...core.dynamics.cell_motion import cell_mass
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.dynamics.engine import Leg
-from ...core.state import State
 from .leg import digits
 
 INSTANT = 1e-200  # duration of a step in which nothing moves; of zero, `fix langevin` makes NaN [time]

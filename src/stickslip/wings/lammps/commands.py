@@ -5,9 +5,17 @@ from typing import Annotated
 
 import typer
 
-from ...cli.app import Output, check_choice, command, complete_from, examples, finish
-from ...cli.entry_point import StoppedError
-from ...cli.packings import PackingOptions, in_units_of_packing
+from ...kit import (
+    Output,
+    PackingOptions,
+    StoppedError,
+    check_choice,
+    command,
+    complete_from,
+    examples,
+    finish,
+    in_units_of_packing,
+)
 
 METHODS = {
     "auto": "the fastest growth; of many grains only in equilibrium", "none": "no spectrum", "fastest": "always",

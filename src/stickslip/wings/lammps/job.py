@@ -4,10 +4,10 @@ from pathlib import Path
 from shutil import rmtree
 
 from ...core.dynamics.engine import Leg
-from ...data.atomic import write_atomically
 from ...data.checkpoint import LEGS
 from ...data.run_files import resume_command
-from ...data.schema import ScenarioError
+from ...experiments import ScenarioError
+from ...kit import write_atomically
 from .run import sample_path
 from .script import DATA, INPUT, SAMPLE, write_input
 

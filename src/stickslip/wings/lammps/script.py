@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ... import Law
 from ...builtin_laws import BY_NAME
 from ...core.dynamics.coefficients import driven_bodies
 from ...core.dynamics.engine import Leg
-from ...core.laws.builtin import DAMPING, KEEPS_FORCE, NO_TENSION, ROLLING, Law, parameter_names
+from ...core.laws.builtin import DAMPING, KEEPS_FORCE, NO_TENSION, ROLLING, parameter_names
 from ...data.exchange.frame import wrapped_into
 from ...data.exchange.lammps_laws import FORCE, MODELS, RESTITUTION, SDS, as_restitution
 from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log

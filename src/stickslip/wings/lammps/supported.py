@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ... import Law, State
 from ...builtin_laws import BUILTIN_LAWS, NAMES
 from ...core.dynamics.engine import Leg
 from ...core.laws.builtin import (
@@ -19,16 +20,14 @@ from ...core.laws.builtin import (
     VELOCITY,
     VISCOELASTIC,
     VISCOUS,
-    Law,
     damping_model,
     parameter_names,
     rescales,
 )
 from ...core.laws.kinds import Kind
 from ...core.laws.restitution import critical_coefficient, dashpot_coefficients, restitution_of
-from ...core.state import State
 from ...data.exchange.lammps_laws import MODELS
-from ...data.schema import ScenarioError
+from ...experiments import ScenarioError
 from .cell import needs_forces, tilts_of
 from .leg import inertia_factor, is_held, members_of
 

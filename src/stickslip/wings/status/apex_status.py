@@ -5,7 +5,7 @@ Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B;
 
 import numpy as np
 
-from ...core.arguments import checked
+from ...kit import checked
 from .cone_apex import SIDE, SLACK, Apex, status_of_velocity, stiffness_change
 from .events import APEX
 from .lcp import critical_numbers

@@ -7,11 +7,10 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from ...core.arguments import checked
-from ...core.laws.builtin import Law
-from ...core.measure import Committed, branch_vectors, supports
-from ...core.readable import readable
-from ...core.state import State
+from ... import Law, State
+from ...core.measure import Committed, supports
+from ...kit import checked, readable
+from ...measure import branch_vectors
 from .matrices import LinearSystem, linear_system
 from .pebbles import PEBBLES, PebbleGame
 from .system import elimination_order

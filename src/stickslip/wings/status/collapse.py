@@ -12,19 +12,16 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 
-from ...core.contacts.forces import accept, forces
+from ... import SLIDE, Control, Law, State, Status, accept, forces, freedom, newton, run
+from ...control import between, spring_forces
 from ...core.contacts.neighbors import body_positions, with_neighbor_list
-from ...core.control import between, spring_forces
-from ...core.dynamics.run import run
-from ...core.dynamics.timestep import stable_time_step
-from ...core.laws.builtin import KT, Law
-from ...core.measure import contact_forces, elastic_energy, mean_normal_force, rattlers, touching, volume
-from ...core.outcome import Status
-from ...core.readable import readable
+from ...core.laws.builtin import KT
+from ...core.measure import mean_normal_force, volume
 from ...core.scales import natural_scales
-from ...core.state import SLIDE, Control, State, reset_reached, resting
-from ...solve.freedom import freedom
-from ...solve.newton import Factorisation, newton
+from ...core.state import reset_reached, resting
+from ...kit import readable
+from ...measure import contact_forces, elastic_energy, rattlers, stable_time_step, touching
+from ...results import Factorisation
 from ...solve.spectrum import near_zero
 from .events import APEX
 from .matrices import linear_system, stiffness_matrix

@@ -26,8 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.arguments import check_types, checked, require_shape
-from ...core.readable import readable
+from ...kit import check_types, checked, readable, require_shape
 
 STICKS, SLIDES, SLIDES_BACK, OPENS = range(4)  # SLIDES has s = +1, SLIDES_BACK has s = −1
 STATUS_NAMES = ("sticks", "slides", "slides back", "opens")

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from ...core.arguments import checked
-from ...core.readable import readable
+from ...kit import checked, readable
 from .lcp import Complementarity, ScaledProblem, scale_problem
 
 MAPPED = 14  # contacts up to which all statuses are enumerated: 16,384

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.measure import branch_vectors
-from ...core.state import State
+from ... import State
+from ...measure import branch_vectors
 from .lcp import SLACK
 from .rattling import NUDGE, gaps
 from .status import ContactStatus

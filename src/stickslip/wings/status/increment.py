@@ -13,15 +13,15 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from ...core.contacts.forces import ContactLoads, accept, forces
+from ... import FREE, HELD, OPEN, SLIDE, STICK, Control, Law, State, accept, forces
+from ...control import between
 from ...core.contacts.jacobian import linearise
-from ...core.contacts.memory import FREE, HELD
 from ...core.contacts.neighbors import with_neighbor_list
-from ...core.control import between
-from ...core.laws.builtin import KN, KT, MU, Law
-from ...core.measure import contact_forces, rattlers
-from ...core.state import OPEN, SLIDE, STICK, Control, State
-from ...solve.freedom import Freedom, displaced, incidence, residual_vector
+from ...core.laws.builtin import KN, KT, MU
+from ...measure import contact_forces, rattlers
+from ...modes import displaced, residual_vector
+from ...results import ContactLoads, Freedom
+from ...solve.freedom import incidence
 from ...solve.linear import factorised
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
 from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs

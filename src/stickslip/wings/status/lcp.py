@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked
-from ...core.readable import readable
+from ...kit import checked, readable
 from ...solve.linear import one_thread
 from .matrices import LinearSystem
 from .system import StatusSolver

@@ -23,15 +23,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ...core.arguments import Numbers, check_types, checked, require_shape
+from ... import OPEN, SLIDE, STICK, Law, State, freedom
 from ...core.contacts.jacobian import Linearisation, blocks_of, linearise
-from ...core.laws.builtin import KEEPS_FORCE, SMOOTH, Law
+from ...core.laws.builtin import KEEPS_FORCE, SMOOTH
 from ...core.laws.properties import resists_rolling
-from ...core.measure import branch_vectors, touching
-from ...core.measure import rattlers as loose_grains
-from ...core.readable import readable
-from ...core.state import OPEN, SLIDE, STICK, State
-from ...solve.freedom import Freedom, freedom, incidence, spring_stiffness, stiffness_of
+from ...kit import Numbers, check_types, checked, readable, require_shape
+from ...measure import branch_vectors, touching
+from ...measure import rattlers as loose_grains
+from ...results import Freedom
+from ...solve.freedom import incidence, spring_stiffness, stiffness_of
 from .walls import append_wall_rotations
 
 

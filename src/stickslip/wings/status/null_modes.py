@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space, qr, svd
 
-from ...core.arguments import Numbers, checked
-from ...core.laws.builtin import Law
-from ...core.measure import rattlers
-from ...core.readable import readable
-from ...core.state import State
+from ... import Law, State
+from ...kit import Numbers, checked, readable
+from ...measure import rattlers
 from .matrices import LinearSystem, linear_system, stiffness_matrix
 from .walls import resists_turning, rigid_rotation
 

@@ -14,16 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked
-from ...core.contacts.forces import accept, forces
+from ... import OPEN, SLIDE, STICK, Control, Law, State, accept, forces, freedom
+from ...control import between
 from ...core.contacts.neighbors import with_neighbor_list
-from ...core.control import between
-from ...core.laws.builtin import Law
-from ...core.measure import ROUND_OFF, mean_normal_force, rattlers, touching
-from ...core.progress import Report, silent
-from ...core.readable import pluralize, readable
-from ...core.state import OPEN, SLIDE, STICK, Control, State
-from ...solve.freedom import freedom, residual_vector
+from ...core.measure import ROUND_OFF, mean_normal_force
+from ...kit import Report, checked, pluralize, readable, silent
+from ...measure import rattlers, touching
+from ...modes import residual_vector
 from .collapse import Collapse, describe_collapse, displacements, run_to_rest
 from .events import Event, Fork
 from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external_force

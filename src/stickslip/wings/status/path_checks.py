@@ -3,13 +3,12 @@
 import numpy as np
 from scipy.linalg import eigvals
 
+from ... import Control, Law, State, forces, freedom
 from ...builtin_laws import NAMES
-from ...core.arguments import require_positive
-from ...core.contacts.forces import forces
-from ...core.laws.builtin import KT, Law
+from ...core.laws.builtin import KT
 from ...core.measure import mean_normal_force
-from ...core.state import Control, State
-from ...solve.freedom import freedom, residual_vector
+from ...kit import require_positive
+from ...modes import residual_vector
 from .increment import external_force
 from .matrices import LinearSystem, linear_system
 from .system import driven_motions, pinned_coordinates, regular_stiffness

@@ -4,11 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked, require_not_negative
-from ...core.control import stress_controlled
-from ...core.laws.builtin import Law
-from ...core.measure import stress
-from ...core.state import State
+from ... import Law, State
+from ...control import stress_controlled
+from ...kit import checked, require_not_negative
+from ...measure import stress
 from .apex_status import contact_status
 from .increment import external_force
 from .matrices import linear_system

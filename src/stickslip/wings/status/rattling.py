@@ -11,11 +11,11 @@ Source for the least distance: Lawson and Hanson, Solving Least Squares Problems
 import numpy as np
 from scipy.optimize import nnls
 
+from ... import OPEN, Law, State
 from ...core.contacts.geometry import shifts
 from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import MU, Law
-from ...core.measure import branch_vectors
-from ...core.state import OPEN, State
+from ...core.laws.builtin import MU
+from ...measure import branch_vectors
 from .matrices import contact_frames
 
 NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap of a new contact

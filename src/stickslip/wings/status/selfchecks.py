@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from ... import SLIDE, STICK
 from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import for_pair, linear
-from ...core.state import SLIDE, STICK
-from ...loading.packing import disk_array
-from ...wing import Selfcheck
+from ...kit import Selfcheck
+from ...laws import for_pair, linear
+from ...packings import disk_array
 from .apex_status import contact_status
 from .matrices import linear_system
 

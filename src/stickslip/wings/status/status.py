@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from ...core.readable import readable
+from ...kit import readable
 from ...solve.linear import one_thread
 from .absence import Absence, UnresistedMotion, farkas, farkas_ray, find_idle_motions, motion_of_ray
 from .enumeration import BLUR, MAPPED, Solution, enumerate_solutions

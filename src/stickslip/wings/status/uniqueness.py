@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked
-from ...core.readable import readable
+from ...kit import checked, readable
 from .enumeration import BLUR, MAPPED, enumerate_rates
 from .lcp import Complementarity, ScaledProblem, scale_problem
 

@@ -15,10 +15,10 @@ squared overlap over the squared size of the packing.
 import numpy as np
 from scipy import sparse
 
+from ... import State
 from ...core.fields import LARGEST
-from ...core.measure import branch_vectors
-from ...core.state import State
-from ...solve.freedom import Freedom
+from ...measure import branch_vectors
+from ...results import Freedom
 
 
 def append_wall_rotations(state: State, matrix, arm: float):

@@ -8,7 +8,7 @@ method) 78.28 years, BICyclE (J. Jiang, 2018, spectral boundary elements of 25 m
 
 import numpy as np
 
-from ....reports.claims import Claim, claim
+from ....kit import Claim, claim
 from ..friction.fault_record import YEAR
 from .simulate import SETTLING, FaultResult
 

@@ -7,9 +7,7 @@ a normal fault of 30°: 7.5 km down dip, and at the surface. For the other dips 
 
 import numpy as np
 
-from ....core.progress import Report, silent, within
-from ....data.schema import validate_scenario
-from ....reports.claims import Claim, claim, note_quick_run
+from ....kit import Claim, Report, claim, note_quick_run, silent, validate_scenario, within
 from ..friction.fault_record import YEAR
 from .paper import Reproduction
 from .scenario import FaultScenario

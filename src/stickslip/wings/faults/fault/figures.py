@@ -2,8 +2,18 @@
 
 import numpy as np
 
-from ....core.arguments import require_filled, require_not_negative, require_positive
-from ....figures.style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, styled
+from ....kit import (
+    BLACK,
+    BLUE,
+    COLORS,
+    RED,
+    column_axes,
+    label_axes,
+    require_filled,
+    require_not_negative,
+    require_positive,
+    styled,
+)
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import points
 

@@ -7,9 +7,7 @@ the source, 9.77 m away, and "z = 0.5 km" is 50 cells away, as their pressures s
 
 import numpy as np
 
-from ....core.progress import Report, silent, within
-from ....data.schema import validate_scenario
-from ....reports.claims import Claim, claim, note_quick_run
+from ....kit import Claim, Report, claim, note_quick_run, silent, validate_scenario, within
 from .paper import Reproduction
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles

@@ -6,10 +6,7 @@ Erickson et al. 2020, doi:10.1785/0220190248; description by B. Erickson and J. 
 from pathlib import Path
 from typing import NamedTuple
 
-from ....core.progress import Report, silent, within
-from ....data.schema import validate_scenario
-from ....ensemble import Workers
-from ....reports.claims import Claim, note_quick_run
+from ....kit import Claim, Report, Workers, note_quick_run, silent, validate_scenario, within
 from .claims import evaluate_claims
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles

@@ -4,8 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ....core.units import Fields, in_readable_units
-from ....reports.terminal import console, new_table, show_table
+from ....kit import Fields, console, in_readable_units, new_table, show_table
 from ..friction.cycles import repeated_slip
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory

@@ -6,9 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from ....core.sizes import Size
-from ....core.units import YEAR
-from ....data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ....kit import YEAR, Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size
 from ..friction.fault import Fault, check_normal, line_fault
 from ..friction.normal_stress import Injection, Oscillation, StressTable, read_stress_table
 

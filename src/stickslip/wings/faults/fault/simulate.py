@@ -5,11 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.progress import Report, silent, within
-from ....data.checkpoint import checkpoint_in
-from ....data.schema import ScenarioError
-from ....experiments.experiment import result_of
+from ....experiments import ScenarioError
+from ....kit import Report, checked, checkpoint_in, result_of, silent, within
 from ..friction.fault import Fault, profile
 from ..friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
 from ..friction.fault_record import YEAR, FaultEvents, Recording

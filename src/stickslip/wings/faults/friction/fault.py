@@ -8,9 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import check_types, checked, require_positive
-from ....core.readable import readable
-from ....core.text import quoted
+from ....kit import check_types, checked, quoted, readable, require_positive
 from .laws import EVOLUTIONS, FORMS, form_code
 from .normal_stress import INSTANTS, Injection, Oscillation, StressTable
 from .stress_transfer import BOUNDARIES, StressTransfer, image_nodes, stress_transfer

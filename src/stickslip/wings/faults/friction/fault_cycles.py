@@ -9,9 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ....core.arguments import check_types, checked, require_positive, require_shape
-from ....core.progress import Report, silent
-from ....core.readable import readable
+from ....kit import Report, check_types, checked, readable, require_positive, require_shape, silent
 from .fault import Fault, check_fault, check_normal
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
 from .fault_state import FaultState, check_state, initial_state

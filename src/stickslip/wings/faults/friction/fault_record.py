@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.readable import pluralize, readable
-from ....core.units import YEAR
+from ....kit import YEAR, pluralize, readable
 from .fault import Fault
 from .fault_state import frictional_stress
 from .half_space import surface_displacement

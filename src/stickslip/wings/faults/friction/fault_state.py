@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import Values, checked, require_positive, require_shape
-from ....core.readable import readable
-from ....core.units import in_readable_units
+from ....kit import Values, checked, in_readable_units, readable, require_positive, require_shape
 from . import laws
 from .fault import Fault, check_fault
 from .fault_step import Machine

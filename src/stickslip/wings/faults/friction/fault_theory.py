@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked, require_positive
-from ....core.readable import readable
+from ....kit import checked, readable, require_positive
 from .fault import SEISMIC, Fault, check_fault
 
 LOCALIZED = 0.3781  # a/b below which nucleation zones have a fixed length

@@ -3,8 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from ....core.arguments import checked
-from ....core.units import units_of
+from ....kit import checked, units_of
 from .fault_cycles import FaultHistory
 from .fault_record import FaultEvents
 

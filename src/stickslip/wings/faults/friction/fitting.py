@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ....core.arguments import checked
-from ....core.readable import readable
+from ....kit import checked, readable
 from .identifiability import Estimates, covariance, estimate, without_intervals
 from .laws import EVOLUTIONS, FORMS
 from .model import DEFAULTS, FIT, LINEAR, NAMES, OWN, PLAIN, Data, model_friction, prepare

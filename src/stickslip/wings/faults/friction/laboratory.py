@@ -7,10 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import check_types, checked, require_filled
-from ....core.readable import readable
-from ....core.tables import heading_of, split_label, write_table
-from ....core.text import parse_number, shortened
+from ....core.tables import split_label
+from ....kit import check_types, checked, heading_of, parse_number, readable, require_filled, shortened, write_table
 from ....known import HARMLESS, UNKNOWN, USED, find_row
 from .fitting import Data
 from .load_history import contradiction, find_steps, stated_steps, with_normal

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import Series, checked, require_shape
-from ....core.readable import readable
+from ....kit import Series, checked, readable, require_shape
 from .loads import LoadStep, check_times
 from .record_files import LENGTH, TIME
 

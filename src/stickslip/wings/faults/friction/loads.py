@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import Series, checked, require_positive, require_shape
-from ....core.readable import readable
+from ....kit import Series, checked, readable, require_positive, require_shape
 
 
 @readable

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ....core.arguments import Series, checked, require_not_negative, require_positive
-from ....core.readable import readable
+from ....kit import Series, checked, readable, require_not_negative, require_positive
 from .loads import LoadStep, leg_arrays
 
 

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import check_types
-from ....core.readable import readable
+from ....kit import check_types, readable
 from .loads import LoadStep, check_times, leg_arrays
 from .slider import DONE, build_slider, friction, history, state_history
 

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.readable import readable
+from ....kit import checked, readable
 from .fitting import Fit
 
 STRONG = 6.0  # smallest significant difference of AIC: a likelihood ratio of 20

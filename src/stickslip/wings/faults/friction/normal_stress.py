@@ -11,9 +11,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from scipy.special import erfc
 
-from ....core.arguments import Array, Series, check_types, checked, require_positive
-from ....core.readable import readable
-from ....core.text import read_text
+from ....kit import Array, Series, check_types, checked, read_text, readable, require_positive
 
 INSTANTS = 400  # times at which the normal stress is checked before a simulation
 

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import Series, check_types, checked, require_positive
-from ....core.readable import readable
+from ....kit import Series, check_types, checked, readable, require_positive
 from . import slider
 from .laws import EVOLUTIONS, FORMS
 from .loads import LoadStep, check_times, leg_arrays

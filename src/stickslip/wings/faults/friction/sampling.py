@@ -15,11 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import Seed, checked, require_options
-from ....core.progress import Report, silent
-from ....core.readable import readable
-from ....core.sizes import Size, require_sizes
-from ....extras import require
+from ....core.arguments import Seed
+from ....kit import Report, Size, checked, readable, require, require_options, require_sizes, silent
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
 from .identifiability import covariance
 from .model import Data

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.readable import readable
+from ....kit import checked, readable
 from .laws import slopes
 from .ratestate import RateState, Spring, check, check_spring, slider_of
 from .slider import rates

@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from ....experiments.experiment import Experiment, lazy_function
+from ....experiments import Experiment
 from ....experiments.sources import STATE
-from ....lazy import attach
+from ....kit import attach, lazy_function
 from .scenario import RateStateScenario
 
 _here = partial(lazy_function, __name__)

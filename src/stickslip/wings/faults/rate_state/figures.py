@@ -5,8 +5,8 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from ....core.arguments import Result, Series
-from ....figures.style import BLACK, BLUE, GREEN, ORANGE, PAGE, SKY, WIDTH, column_axes, label_axes, styled, subplots
+from ....figures.style import PAGE
+from ....kit import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, Result, Series, column_axes, label_axes, styled, subplots
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
 GREY = "0.6"

@@ -6,15 +6,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.progress import within
-from ....core.tables import format_table, heading_of
-from ....core.text import parse_integer
 from ....data.manifest import find_foreign, write_file
 from ....data.run_files import foreign_files_message
-from ....extras import require
-from ....figures.saving import FORMATS, PLAIN, Look, render_all
+from ....figures import Look
+from ....kit import (
+    FORMATS,
+    PLAIN,
+    console,
+    format_table,
+    heading_of,
+    new_table,
+    parse_integer,
+    progress,
+    render_all,
+    require,
+    show_table,
+    within,
+)
 from ....known import UNKNOWN, with_keys
-from ....reports.terminal import console, new_table, progress, show_table
 from ..friction.fitting import Fit, Solution, build_fit, solve_fit
 from ..friction.laboratory import LabRecord, read_record, record_columns, record_data
 from ..friction.model import Data

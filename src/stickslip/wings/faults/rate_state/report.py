@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.nodes import archive_fields
 from ....data.run_files import SERIES
-from ....reports.terminal import console, new_table, show_table
+from ....kit import archive_fields, console, new_table, show_table
 from ..friction.closed_forms import steady_friction
 from ..friction.cycles import passing_velocity, recurrence, repeated_slip
 from ..friction.laboratory import LabRecord, write_csv

@@ -5,8 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import Size
-from ....data.schema import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ....kit import Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size
 from ..friction.ratestate import RateState
 
 

@@ -5,9 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.progress import Report, silent
-from ....experiments.experiment import result_of
+from ....kit import Report, checked, result_of, silent
 from ..friction.loads import LoadStep
 from ..friction.ratestate import SlipHistory, Spring, spring_slider
 from ..friction.stability import Sliding, steady_sliding

@@ -4,8 +4,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ....core.arguments import Array
-from ....figures.style import BLUE, GREEN, ORANGE, RED, SKY, column_axes, label_axes, legend_above, styled
+from ....kit import BLUE, GREEN, ORANGE, RED, SKY, Array, column_axes, label_axes, legend_above, styled
 
 Column = Annotated[Any, Array((1,), finite=False)]  # NaN where a quantity is not known
 COLOURS = {"stable": GREEN, "unstable": RED}  # of a verdict; others have none

@@ -4,9 +4,10 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from ....core.progress import Report, silent
 from ....data.exchange.follow import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
-from ....data.sample import Account, MemoryNote, PackingError
+from ....data.sample import Account, MemoryNote
+from ....kit import Report, silent
+from ....packings import PackingError
 from .measures import Row, measure_frame
 
 NO_MEMORY = (

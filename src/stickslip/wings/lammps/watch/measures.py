@@ -4,15 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.laws.builtin import Law
-from ....core.measure import coordination, least_supports, stress
-from ....core.progress import Report, silent
-from ....core.state import SLIDE, State
+from .... import SLIDE, Law, State, stability
+from ....core.measure import least_supports
+from ....kit import Report, silent
+from ....measure import BALANCED_BELOW, coordination, stress
 from ....reports.packing import to_dict, verdict
-from ....solve.balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
+from ....results import Stability
+from ....solve.balance import force_imbalance, modes_under, no_equilibrium_message
 from ....solve.linearised import linearised
 from ....solve.spectrum import softest_eigenvalue
-from ....solve.stability import DENSE_UP_TO, Stability, stability
+from ....solve.stability import DENSE_UP_TO
 
 METHODS = ("auto", "none", "fastest", "all", "dense", "pairs")
 TENSOR = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")

@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from .... import __version__
-from ....core.readable import pluralize
 from ....figures import page
-from ....figures.saving import render
-from ....reports.output_file import staged_file
-from ....solve.balance import BALANCED_BELOW
+from ....kit import pluralize, render, staged_file
+from ....measure import BALANCED_BELOW
 from .figures import watched_balance, watched_contacts, watched_spectrum, watched_stress
 from .loop import Progress
 from .measures import Row, verdict_word

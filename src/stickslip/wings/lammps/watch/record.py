@@ -3,9 +3,8 @@
 import time
 from pathlib import Path
 
-from ....data.atomic import check_free
 from ....data.exchange.follow import Source
-from ....reports.output_file import check_output
+from ....kit import check_free, check_output
 from .loop import Progress, watch
 from .page import write_page
 from .screen import screen

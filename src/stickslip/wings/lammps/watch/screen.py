@@ -8,7 +8,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ....reports.terminal import STYLE, can_redraw, console
+from ....kit import console
+from ....reports.terminal import STYLE, can_redraw
 from .loop import Progress
 from .measures import Row, verdict_word
 from .page import cells

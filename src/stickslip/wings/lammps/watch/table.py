@@ -4,10 +4,8 @@ import json
 from pathlib import Path
 
 from .... import __version__
-from ....core.tables import format_table, read_table
-from ....core.text import parse_number, read_text
-from ....data.atomic import write_atomically
 from ....data.exchange.follow import Source
+from ....kit import format_table, parse_number, read_table, read_text, write_atomically
 from ....reports.packing import describe_law
 from .measures import Row
 

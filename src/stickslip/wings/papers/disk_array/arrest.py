@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.measure import touching
-from ....core.progress import Report, silent
-from ....data.checkpoint import checkpoint_in, load_or_compute
-from ....ensemble import Workers
-from ....loading.protocols import free_run, perturbed
-from ....loading.threshold import KineticThreshold, kinetic_threshold
-from ....solve.spectrum import spectrum
+from .... import spectrum
+from ....kit import Report, Workers, checkpoint_in, load_or_compute, silent
+from ....measure import touching
+from ....packings import perturbed
+from ....protocols import free_run, kinetic_threshold
+from ....results import KineticThreshold
 from .simulate import DiskArrayResult, make_protocol, point_at_load
 
 LATE_STATES = 8  # of a run, relaxed

@@ -2,13 +2,9 @@
 
 import numpy as np
 
-from ....core.progress import Report, silent, within
-from ....core.readable import pluralize
-from ....ensemble import Workers
-from ....experiments.realizations import Task, run_realizations
-from ....loading.protocols import stable_window
-from ....loading.threshold import KineticThreshold
-from ....reports.claims import Claim, claim
+from ....kit import Claim, Report, Task, Workers, claim, pluralize, run_realizations, silent, within
+from ....protocols import stable_window
+from ....results import KineticThreshold
 from .arrest import ARREST_LOADS, Arrest
 from .claims_of_fronts import backward_claims, evaluate_fronts
 from .claims_of_modes import evaluate_modes

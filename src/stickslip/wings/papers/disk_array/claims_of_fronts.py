@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ....reports.claims import Claim, claim, format_value, standard_error
+from ....kit import Claim, claim, format_value, standard_error
 from .fronts import Front
 from .measures import backward_front, backward_order, drift_front, exceeds, forward_front, power_law, speed_proportion
 from .printed import FRONT_LOADS, IM_LAMBDA, TOLERANCE, V1, V2_THRESHOLD

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ....core.outcome import NotInEquilibriumError
-from ....core.readable import pluralize
-from ....data.schema import validate_scenario
+from .... import NotInEquilibriumError
+from ....kit import Claim, claim, pluralize, validate_scenario
 from ....loading.protocols import Family
-from ....reports.claims import ALWAYS, Claim, claim
+from ....reports.claims import ALWAYS
 from .measures import wave_power, y_mode
 from .printed import FRONT_LOADS, LINE_TOP, MODE_LOAD, STABLE_LOAD, TOLERANCE, UNSTABLE
 from .scenario import DiskArrayScenario

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ....core.contacts.jacobian import linearise
-from ....reports.claims import Claim, claim, standard_error
+from ....kit import Claim, claim, standard_error
 from .arrest import Arrest
 from .measures import exceeds, velocity_line
 from .printed import FRONT_LOADS, LINE_TOP, TOLERANCE, V2_THRESHOLD

@@ -9,9 +9,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from scipy.special import chdtrc
 
-from ....core.arguments import Requirement, Result, require_filled, require_index
 from ....figures.animation import FPS, SECONDS, GifWriter
-from ....figures.style import (
+from ....figures.style import TIME, OwnFigure, common_style
+from ....kit import (
     BLACK,
     BLUE,
     COLORS,
@@ -20,17 +20,18 @@ from ....figures.style import (
     PURPLE,
     RED,
     SKY,
-    TIME,
-    OwnFigure,
+    Requirement,
+    Result,
     column_axes,
-    common_style,
     label_axes,
     legend_above,
     plot_fast,
     power_of_ten,
+    require_filled,
+    require_index,
     styled,
 )
-from ....solve.spectrum import Spectrum
+from ....results import Spectrum
 
 _KIND = "DiskArrayResult"
 _WithPairs = Annotated[Any, Result(_KIND, ("families",))]

@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.laws.builtin import Law, damping_model
-from ....core.outcome import NotInEquilibriumError
-from ....core.state import State
-from ....loading.protocols import Equilibrium, Growth, fit_growth, free_run, perturbed
-from ....solve.spectrum import damped_growth
+from .... import Law, NotInEquilibriumError, State
+from ....core.laws.builtin import damping_model
+from ....loading.protocols import Growth
+from ....modes import damped_growth
+from ....packings import perturbed
+from ....protocols import fit_growth, free_run
+from ....results import Equilibrium
 from . import fronts
 from .scenario import DiskArrayScenario, Dynamics
 

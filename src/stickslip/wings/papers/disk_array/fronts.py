@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from .... import SLIDE, Law, State
 from ....core.dynamics.engine import Engine, Leg
 from ....core.dynamics.run import own_engine
-from ....core.laws.builtin import Law
-from ....core.state import SLIDE, State
-from ....loading.protocols import perturbed
+from ....packings import perturbed
 
 BOOTSTRAPS = 1000
 AROUND = (

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....loading.protocols import Equilibrium, Protocol, dominant_family, fit_growth
-from ....reports.claims import standard_error
-from ....solve.spectrum import Spectrum
+from ....kit import standard_error
+from ....loading.protocols import dominant_family
+from ....protocols import Protocol, fit_growth
+from ....results import Equilibrium, Spectrum
 from . import fronts
 from .free_runs import FreeRun
 from .simulate import DiskArrayResult, Ensemble

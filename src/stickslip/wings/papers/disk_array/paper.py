@@ -10,14 +10,22 @@ I0 = 1. It is labelled as a hypothesis everywhere.
 
 from typing import NamedTuple
 
-from ....core.progress import Report, silent, within
-from ....data.checkpoint import UNFINISHED, Checkpoint
-from ....data.schema import validate_scenario
-from ....ensemble import Workers
-from ....experiments.contact_law import make_law
-from ....experiments.realizations import Task, open_device, run_realizations
-from ....loading.threshold import KineticThreshold
-from ....reports.claims import Claim, note_quick_run
+from ....data.checkpoint import UNFINISHED
+from ....kit import (
+    Checkpoint,
+    Claim,
+    Report,
+    Task,
+    Workers,
+    make_law,
+    note_quick_run,
+    open_device,
+    run_realizations,
+    silent,
+    validate_scenario,
+    within,
+)
+from ....results import KineticThreshold
 from .arrest import Arrest, find_arrests, kick_array
 from .claims import evaluate_claims
 from .printed import FRONT_LOADS, STABLE_LOAD

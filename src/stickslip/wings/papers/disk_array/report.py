@@ -4,14 +4,12 @@ from functools import partial
 
 import numpy as np
 
-from ....core.outcome import Outcome
-from ....core.units import Fields
-from ....data.nodes import archive_fields
+from .... import Outcome
 from ....data.run_files import MOVIE
-from ....figures.instability import static_and_kinetic
+from ....figures import static_and_kinetic
+from ....kit import Fields, archive_fields, console, new_table
 from ....loading.protocols import Family
-from ....reports.terminal import console, new_table
-from ....solve.spectrum import Spectrum
+from ....results import Spectrum
 from . import figures as figures_of
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .paper import Reproduction

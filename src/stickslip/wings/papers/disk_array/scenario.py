@@ -6,19 +6,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from ....core.sizes import STATE, Size
-from ....data.law_schema import PackingLaw
-from ....data.schema import (
+from ....core.sizes import STATE
+from ....kit import (
     Duration,
     Finite,
     Listed,
     Loads,
     NotNegative,
+    PackingLaw,
     Positive,
     ScenarioBase,
     ScenarioTable,
     Seed,
     Several,
+    Size,
 )
 
 

@@ -6,30 +6,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
+from .... import Law, Outcome, State, Status, spectrum
 from ....core.dynamics.batch import Device
-from ....core.laws.builtin import Law
-from ....core.outcome import Outcome, Status
-from ....core.progress import Report, silent, within
-from ....core.state import State
-from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
-from ....ensemble import Workers
-from ....experiments.contact_law import make_law
-from ....experiments.experiment import result_of
-from ....experiments.realizations import Task, open_device, run_realizations
-from ....loading.packing import disk_array, with_push
-from ....loading.protocols import (
-    Change,
-    Equilibrium,
-    Family,
-    Growth,
-    Protocol,
-    equilibrium,
-    load_path,
-    ramp,
-    track_pairs,
+from ....kit import (
+    Checkpoint,
+    Report,
+    Task,
+    Workers,
+    checked,
+    checkpoint_in,
+    load_or_compute,
+    make_law,
+    open_device,
+    result_of,
+    run_realizations,
+    silent,
+    within,
 )
-from ....solve.spectrum import Spectrum, spectrum
+from ....loading.protocols import Change, Family, Growth, equilibrium
+from ....modes import track_pairs
+from ....packings import disk_array, with_push
+from ....protocols import Protocol, load_path, ramp
+from ....results import Equilibrium, Spectrum
 from . import EXPERIMENT, fronts
 from .free_runs import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
 from .scenario import DiskArrayScenario

@@ -7,8 +7,7 @@ the study itself or from other sources serve as references. Tolerances were fixe
 import numpy as np
 from scipy.special import chdtri
 
-from ....core.readable import pluralize
-from ....reports.claims import Claim, claim
+from ....kit import Claim, claim, pluralize
 from ...faults.friction.fitting import Fit, fit
 from ...faults.friction.model_comparison import compare_laws
 from . import measures

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from ....core.laws.builtin import elastic_constants, hertz_mindlin_reff
-from ....reports.claims import Claim, claim
-from ....solve.collision import collision
+from ....kit import Claim, claim
+from ....laws import collision, elastic_constants, hertz_mindlin_reff
 from ...faults.friction.fitting import fit
 from ...faults.friction.loads import LoadStep
 from ...faults.friction.model import Data

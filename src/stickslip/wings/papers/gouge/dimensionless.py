@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.measure import inertial_number
+from ....measure import inertial_number
 from .scenario import GougeScenario
 
 # limits of the quasi-static range of hard grains, in a layer that is not dominated by its plates

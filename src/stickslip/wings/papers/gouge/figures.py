@@ -4,10 +4,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ....core.arguments import Requirement, Result, Series, require_filled
-from ....core.measure import wrapped
-from ....figures.grains import draw_grains_by_speed
-from ....figures.style import (
+from ....kit import (
     BLACK,
     BLUE,
     COLORS,
@@ -16,13 +13,19 @@ from ....figures.style import (
     PURPLE,
     RED,
     WIDTH,
+    Requirement,
+    Result,
+    Series,
     column_axes,
+    draw_grains_by_speed,
     label_axes,
     legend_above,
     plot_fast,
+    require_filled,
     styled,
     subplots,
 )
+from ....measure import wrapped
 
 HELD = ("time held", "s")  # quantity and unit
 FRICTION = r"friction $\tau/\sigma$"

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
+from ....kit import checked
 from ...faults.friction.loads import LoadStep
 from ...faults.friction.measure import Mean, steady_mean
 from ...faults.friction.model import Data

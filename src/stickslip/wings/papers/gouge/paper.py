@@ -8,10 +8,7 @@ second. The scenario in `examples/gouge_paper.toml` has the scale of the paper.
 from pathlib import Path
 from typing import NamedTuple
 
-from ....core.progress import Report, silent, within
-from ....data.schema import validate_scenario
-from ....ensemble import Workers
-from ....reports.claims import Claim, note_quick_run
+from ....kit import Claim, Report, Workers, note_quick_run, silent, validate_scenario, within
 from .claims import evaluate_claims
 from .report import announce, announce_samples
 from .samples import Sample, check_folder, read_samples

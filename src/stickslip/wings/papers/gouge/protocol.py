@@ -9,15 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .... import State, run
 from ....core.control import factors_at
 from ....core.dynamics.engine import Engine, Leg
-from ....core.dynamics.record import Record
-from ....core.dynamics.run import run
-from ....core.dynamics.timestep import stable_time_step
-from ....core.measure import elastic_energy, overlaps, touching
-from ....core.progress import Report, within
-from ....core.state import State
-from ....data.checkpoint import Checkpoint, load_or_compute
+from ....kit import Checkpoint, Report, load_or_compute, within
+from ....measure import elastic_energy, overlaps, stable_time_step, touching
+from ....results import Record
 from ...faults.friction.measure import steady_mean
 from .dimensionless import Range, make_range, stiffness
 from .sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample

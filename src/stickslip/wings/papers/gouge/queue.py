@@ -8,14 +8,14 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from .... import State
 from ....core.dynamics.engine import Engine, Leg
-from ....core.dynamics.record import Record
 from ....core.dynamics.run import join_samples, sample
-from ....core.progress import silent
-from ....core.state import State
-from ....data.checkpoint import LEGS, checkpoint_in
+from ....data.checkpoint import LEGS
 from ....data.exchange.lammps_restart import is_complete
-from ....data.schema import ScenarioError
+from ....experiments import ScenarioError
+from ....kit import checkpoint_in, silent
+from ....results import Record
 from ...lammps.job import clear_legs, leg_folder, write_scripts
 from ...lammps.process import require_lammps
 from ...lammps.run import read_leg, sample_path, with_records, write_start

@@ -6,13 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core.readable import pluralize
-from ....core.tables import heading_of, write_table
-from ....core.units import units_of
-from ....data.nodes import archive_fields
 from ....data.run_files import CURVES, SERIES, SLIPS
-from ....figures.style import power_of_ten
-from ....reports.terminal import console, new_table, show_table
+from ....kit import (
+    archive_fields,
+    console,
+    heading_of,
+    new_table,
+    pluralize,
+    power_of_ten,
+    show_table,
+    units_of,
+    write_table,
+)
 from ...faults.friction.laboratory import LabRecord, write_csv
 from . import figures as figures_of
 from . import measures as measured

@@ -9,18 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.contacts.forces import forces, unbalanced_forces
-from ....core.contacts.memory import FROZEN
-from ....core.contacts.neighbors import without_walls
-from ....core.control import driven, force_controlled, rigid, spring_loaded
-from ....core.dynamics.run import run
-from ....core.dynamics.timestep import stable_time_step
-from ....core.laws.builtin import DAMPING_N, Law, with_values
-from ....core.measure import contact_forces, elastic_energy, touching
-from ....core.progress import Report, silent
-from ....core.state import Grains, State, assembly, box, flat_walls, loads, spheres
-from ....data.schema import ScenarioError
-from ....experiments.contact_law import make_law
+from .... import FROZEN, Grains, Law, State, assembly, box, flat_walls, forces, run, spheres
+from ....control import driven, force_controlled, loads, rigid, spring_loaded
+from ....core.laws.builtin import DAMPING_N, with_values
+from ....experiments import ScenarioError
+from ....kit import Report, make_law, silent
+from ....measure import contact_forces, elastic_energy, stable_time_step, touching, unbalanced_forces
+from ....packings import without_walls
 from .scenario import GougeScenario
 
 SPACING = 1.05  # spacing of the lattice on which grains are placed, in largest diameters

@@ -12,11 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .... import __version__
-from ....core.text import shortened
-from ....core.units import SI
 from ....data import archive
-from ....data.archive import ArchiveError
 from ....data.schema import given_keys
+from ....kit import SI, ArchiveError, shortened
 from .dimensionless import Range
 from .protocol import Realization, Series, Test
 from .scenario import GougeScenario

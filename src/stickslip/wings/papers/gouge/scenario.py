@@ -11,9 +11,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import MOST, STATE, Size
-from ....data.law_schema import LawTable, allow_laws
-from ....data.schema import (
+from ....core.sizes import MOST, STATE
+from ....kit import (
+    LawTable,
     Listed,
     NotNegative,
     Positive,
@@ -22,7 +22,9 @@ from ....data.schema import (
     ScenarioTable,
     Seed,
     Several,
+    Size,
     Sized,
+    allow_laws,
     require_lammps_for_ranks,
 )
 

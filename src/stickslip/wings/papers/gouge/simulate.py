@@ -6,16 +6,24 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .... import __version__
-from ....core.arguments import checked
 from ....core.dynamics.batch import Device
 from ....core.dynamics.engine import Engine
 from ....core.dynamics.run import own_engine
-from ....core.progress import Report, silent, within
 from ....data import archive
-from ....data.checkpoint import Checkpoint, checkpoint_in
-from ....ensemble import Workers
-from ....experiments.experiment import result_of
-from ....experiments.realizations import Realizations, Task, open_device, run_realizations
+from ....kit import (
+    Checkpoint,
+    Realizations,
+    Report,
+    Task,
+    Workers,
+    checked,
+    checkpoint_in,
+    open_device,
+    result_of,
+    run_realizations,
+    silent,
+    within,
+)
 from . import EXPERIMENT
 from .dimensionless import Range
 from .protocol import TRUNK, Branch, Realization, Series, Test, Trunk, make_realization, run_branch, run_trunk

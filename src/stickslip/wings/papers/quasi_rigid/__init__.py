@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from ....experiments.experiment import Experiment, Paper, lazy_function
+from ....experiments import Experiment
 from ....experiments.sources import CONTACT
-from ....lazy import attach
+from ....kit import Paper, attach, lazy_function
 from .scenario import QuasiScenario
 
 _here = partial(lazy_function, __name__)

@@ -6,11 +6,11 @@ The paper contains proofs and prints no numbers, so its statements are compared 
 import numpy as np
 from scipy.stats import binomtest
 
-from ....core.readable import pluralize
-from ....core.state import State
-from ....loading.biaxial import TOP
-from ....reports.claims import ALWAYS, Claim, claim, median_error
-from ....solve.spectrum import damped_growth, spectrum
+from .... import State, spectrum
+from ....kit import Claim, claim, median_error, pluralize
+from ....modes import damped_growth
+from ....packings import TOP
+from ....reports.claims import ALWAYS
 from ...status.matrices import linear_system
 from ...status.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from .cases import ApexCases, StatusCases, apex_cases, status_cases

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from ....core.laws.builtin import hertz_mindlin
-from ....core.state import State
-from ....loading.biaxial import TOP
-from ....reports.claims import ALWAYS, CAN, Claim, claim, standard_error
+from .... import State
+from ....kit import Claim, claim, standard_error
+from ....laws import hertz_mindlin
+from ....packings import TOP
+from ....reports.claims import ALWAYS, CAN
 from ...status.matrices import linear_system, stiffness_matrix
 from ...status.null_modes import DRIVEN, mechanisms
 from .growth import disk_in_groove, through_instability, through_mechanism

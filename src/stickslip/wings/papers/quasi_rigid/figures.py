@@ -7,13 +7,12 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from ....core.arguments import Requirement, Result, checked, require_filled, require_index, require_shape
+from .... import State
+from ....control import spring_forces
 from ....core.contacts.neighbors import body_positions
-from ....core.control import spring_forces
 from ....core.measure import Committed
-from ....core.state import State
 from ....figures.grains import bare_frame, contact_segments, layout_of, start_drawing
-from ....figures.style import (
+from ....kit import (
     BLACK,
     BLUE,
     GREEN,
@@ -22,9 +21,15 @@ from ....figures.style import (
     RED,
     SKY,
     WIDTH,
+    Requirement,
+    Result,
+    checked,
     column_axes,
     label_axes,
     legend_above,
+    require_filled,
+    require_index,
+    require_shape,
     styled,
 )
 

@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigvals
 
-from ....core.contacts.forces import accept, forces
-from ....core.dynamics.run import run
-from ....core.laws.builtin import Law, linear
-from ....core.state import SLIDE, State, assembly, box, disks, flat_walls, loads
-from ....solve.freedom import residual_vector
+from .... import SLIDE, Law, State, accept, assembly, box, disks, flat_walls, forces, run
+from ....control import loads
+from ....laws import linear
+from ....modes import residual_vector
 from ...status.matrices import linear_system, stiffness_matrix
 
 RADIUS, OVERLAP = 0.5, 1e-4  # of the disk [length]; mass, kn and twice the radius are 1

@@ -6,10 +6,7 @@ The paper contains proofs and prints no numbers. Its biaxial test is run here wi
 
 from typing import NamedTuple
 
-from ....core.progress import Report, silent
-from ....data.schema import validate_scenario
-from ....ensemble import Workers
-from ....reports.claims import Claim, note_quick_run
+from ....kit import Claim, Report, Workers, note_quick_run, silent, validate_scenario
 from .claims import CASES, evaluate_claims
 from .scenario import QuasiScenario
 from .simulate import QuasiResult, simulate_quasi

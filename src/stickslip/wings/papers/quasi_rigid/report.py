@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core.tables import write_table
-from ....core.units import Fields, units_of
-from ....data.nodes import archive_fields
 from ....data.run_files import COLLAPSES, SERIES
-from ....figures.grains import packing
-from ....reports.terminal import console, new_table, show_table
+from ....figures import packing
+from ....kit import Fields, archive_fields, console, new_table, show_table, units_of, write_table
 from ...status.collapse import Collapse
 from . import figures as figures_of
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics

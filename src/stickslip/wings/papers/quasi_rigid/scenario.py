@@ -5,9 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import STATE, Size
-from ....data.law_schema import LawTable, allow_laws
-from ....data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ....core.sizes import STATE
+from ....kit import LawTable, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size, allow_laws
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Times = Annotated[tuple[Positive, ...], Listed]

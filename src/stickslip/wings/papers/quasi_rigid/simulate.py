@@ -7,32 +7,28 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
-from ....core.arguments import checked
-from ....core.contacts.forces import forces
-from ....core.contacts.memory import HELD
+from .... import HELD, Control, Law, State, forces
+from ....control import between, spring_forces, stress_controlled
 from ....core.contacts.neighbors import body_positions
-from ....core.control import between, spring_forces, stress_controlled
-from ....core.laws.builtin import KN, Law
-from ....core.measure import branch_vectors, contact_forces, touching
-from ....core.progress import Report, silent, within
-from ....core.state import Control, State
-from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
-from ....ensemble import Workers
-from ....experiments.experiment import result_of
-from ....experiments.realizations import Task, run_realizations
-from ....loading.biaxial import (
-    BOTTOM,
-    LEFT,
-    RIGHT,
-    TOP,
-    biaxial_box,
-    sheared_box,
-    with_load,
-    with_machine,
-    with_travel,
-)  # fmt: skip
-from ....loading.slow import SlowRun, slow_dynamics
-from ....solve.freedom import Freedom, displaced, residual_vector
+from ....core.laws.builtin import KN
+from ....kit import (
+    Checkpoint,
+    Report,
+    Task,
+    Workers,
+    checked,
+    checkpoint_in,
+    load_or_compute,
+    result_of,
+    run_realizations,
+    silent,
+    within,
+)
+from ....measure import branch_vectors, contact_forces, touching
+from ....modes import displaced, residual_vector
+from ....packings import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box
+from ....quasirigid import slow_dynamics, with_load, with_machine, with_travel  # fmt: skip
+from ....results import Freedom, SlowRun
 from ....solve.linear import suitable_threads
 from ...status.collapse import Collapse
 from ...status.enumeration import status_map

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigvalsh
 
-from ....core.dynamics.run import run
-from ....core.laws.builtin import Law
-from ....core.state import SLIDE, State
-from ....loading.biaxial import TOP, biaxial_box, with_load
+from .... import SLIDE, Law, State, run
+from ....packings import TOP, biaxial_box
+from ....quasirigid import with_load
 from ...status.apex_status import contact_status
 from ...status.enumeration import MAPPED
 from ...status.lcp import complementarity

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.readable import pluralize
-from ....loading.release import Released
-from ....reports.claims import CAN, Claim, claim
+from ....kit import Claim, claim, pluralize
+from ....reports.claims import CAN
+from ....results import Released
 from .claims_of_laws import law_claims
 from .claims_of_motion import matrix_claim, motion_claims, number_claims
 from .claims_of_protocol import protocol_claims

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from scipy.stats import binomtest
 
-from ....reports.claims import ALWAYS, Claim, claim
+from ....kit import Claim, claim
+from ....reports.claims import ALWAYS
 
 BIRTHS = Path(__file__).with_name("births_by_law.csv")  # written by benchmarks/pairs_by_law.py
 MU, UNLIMITED = 10.0, 1e6  # the paper's friction; μ from which on no contact reaches the limit

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ....core.readable import pluralize
-from ....reports.claims import Claim, claim
+from ....kit import Claim, claim, pluralize
 from .medians import describe_range, median_claim
 from .motion import axis_ratios, block_asymmetry, stress_oscillation
 from .simulate import ShearPath, ShearResult

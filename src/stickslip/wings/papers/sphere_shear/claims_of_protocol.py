@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.special import chdtri
 
-from ....core.measure import fabric, touching
-from ....core.state import State, volume
-from ....reports.claims import Claim, claim
+from .... import State, spectrum
+from ....core.state import volume
+from ....kit import Claim, claim
+from ....measure import fabric, touching
 from ....solve.freedom import ZERO_BELOW
-from ....solve.spectrum import spectrum
 from .medians import describe_range, median_claim
 from .simulate import ShearPath, ShearResult
 

@@ -6,22 +6,23 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
-from ....core.arguments import Requirement, Result, require_filled
-from ....core.readable import pluralize
-from ....figures.style import (
+from ....figures.style import TIME, OwnFigure
+from ....kit import (
     BLUE,
     COLORS,
     GREEN,
     ORANGE,
     RED,
-    TIME,
     WIDTH,
-    OwnFigure,
+    Requirement,
+    Result,
     column_axes,
     label_axes,
     legend_above,
     plot_fast,
+    pluralize,
     power_of_ten,
+    require_filled,
     styled,
 )
 

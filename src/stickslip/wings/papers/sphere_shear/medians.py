@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ....reports.claims import Claim, claim, median_error
+from ....kit import Claim, claim, median_error
 
 TOLERANCE = {
     "onset": 1.0,  # nothing is printed, and the packing fraction is not given: a factor of two

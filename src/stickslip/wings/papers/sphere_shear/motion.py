@@ -4,11 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.laws.builtin import Law
-from ....core.measure import touching
-from ....core.state import State
-from ....loading.release import Released
-from ....solve.freedom import freedom, jacobian
+from .... import Law, State, freedom, jacobian
+from ....measure import touching
+from ....results import Released
 
 PARTS = 10  # of the window of the fit, in each of which the amplitude of the stress is taken
 

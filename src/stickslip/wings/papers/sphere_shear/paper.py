@@ -6,10 +6,7 @@ k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fractio
 
 from typing import NamedTuple
 
-from ....core.progress import Report, silent
-from ....data.schema import validate_scenario
-from ....ensemble import Workers
-from ....reports.claims import Claim, note_quick_run
+from ....kit import Claim, Report, Workers, note_quick_run, silent, validate_scenario
 from .claims import evaluate_claims
 from .scenario import ShearScenario
 from .simulate import ShearResult, simulate_shear

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from ....core.readable import pluralize
-from ....data.nodes import archive_fields
-from ....reports.terminal import console, new_table, show_table
+from ....kit import archive_fields, console, new_table, pluralize, show_table
 from . import figures as figures_of
 from .simulate import ShearResult
 

@@ -6,10 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import STATE, Size
-from ....data.law_schema import PackingLaw
-from ....data.packing_schema import Packing
-from ....data.schema import Duration, Loads, Positive, ScenarioBase, ScenarioTable, Seed, Several
+from ....core.sizes import STATE
+from ....kit import Duration, Loads, Packing, PackingLaw, Positive, ScenarioBase, ScenarioTable, Seed, Several, Size
 
 
 class Shear(ScenarioTable):

@@ -8,26 +8,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
+from .... import Law, NotInEquilibriumError, Outcome, State, Status, spectrum
 from ....core.contacts.jacobian import linearise
-from ....core.laws.builtin import Law
-from ....core.measure import pressure, stress, touching
-from ....core.outcome import NotInEquilibriumError, Outcome, Status
-from ....core.progress import Report, silent
-from ....core.readable import readable
-from ....core.state import State
-from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
-from ....ensemble import Member, Workers
-from ....experiments.contact_law import make_law
-from ....experiments.experiment import result_of
-from ....experiments.jammed_packing import make_packing
-from ....experiments.realizations import Realizations, Task, run_realizations
-from ....loading.packing import PackingInfo
-from ....loading.protocols import Equilibrium, Growth, Protocol, bisect_change, load_path
-from ....loading.quasistatic import aqs
-from ....loading.release import Released, release
-from ....solve.equilibrate import LeftPathError, UnstableEquilibriumWarning
-from ....solve.spectrum import spectrum
+from ....kit import (
+    Checkpoint,
+    Member,
+    Realizations,
+    Report,
+    Task,
+    Workers,
+    checked,
+    checkpoint_in,
+    load_or_compute,
+    make_law,
+    make_packing,
+    readable,
+    result_of,
+    run_realizations,
+    silent,
+)
+from ....loading.protocols import Growth, bisect_change
+from ....measure import pressure, stress, touching
+from ....modes import UnstableEquilibriumWarning
+from ....protocols import Protocol, aqs, load_path, release
+from ....results import Equilibrium, PackingInfo, Released
+from ....solve.equilibrate import LeftPathError
 from . import EXPERIMENT
 from .scenario import ShearScenario
 

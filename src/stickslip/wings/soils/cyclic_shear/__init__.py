@@ -2,9 +2,8 @@
 
 from functools import partial
 
-from ....experiments.experiment import Experiment, lazy_function
-from ....experiments.sources import law_references
-from ....lazy import attach
+from ....experiments import Experiment
+from ....kit import attach, law_references, lazy_function
 from .scenario import CyclicShearScenario
 
 _here = partial(lazy_function, __name__)

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
-from ....core.arguments import Requirement, Result, require_filled
-from ....figures.style import (
+from ....kit import (
     BLACK,
     BLUE,
     COLORS,
@@ -17,8 +16,11 @@ from ....figures.style import (
     RED,
     SKY,
     WIDTH,
+    Requirement,
+    Result,
     column_axes,
     label_axes,
+    require_filled,
     styled,
     subplots,
 )

@@ -8,7 +8,7 @@ to the trapezia between equilibria.
 
 import numpy as np
 
-from ....core.dynamics.ledger import Ledger
+from ....results import Ledger
 from ..element_test.measures import Estimate, estimate
 from .sands import band
 from .scenario import CyclicShearScenario

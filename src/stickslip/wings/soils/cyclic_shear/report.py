@@ -5,12 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core.readable import pluralize
-from ....core.tables import write_table
-from ....core.units import heading, unit_name
-from ....data.nodes import archive_fields
 from ....data.run_files import CYCLES, SERIES
-from ....reports.terminal import console, new_table, show_table
+from ....kit import archive_fields, console, heading, new_table, pluralize, show_table, unit_name, write_table
 from ..element_test.report import for_engineers
 from . import figures as figures_of
 from .measures import (

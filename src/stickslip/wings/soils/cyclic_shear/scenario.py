@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import Size
-from ....data.schema import Listed, Positive, ScenarioTable
+from ....kit import Listed, Positive, ScenarioTable, Size
 from ..element_test.scenario import NARROWEST, ElementLaw, SampleScenario, widest_shear
 
 SMALLEST = 1e-8  # smallest amplitude: its stress is then about 1e-6 of the pressure, which is balanced to 1e-9

@@ -6,24 +6,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.dynamics.ledger import Account, dissipation
-from ....core.laws.builtin import Law
-from ....core.measure import contact_forces, least_supports, pressure, rattlers, stress, volume
-from ....core.outcome import NotInEquilibriumError
-from ....core.progress import Report, silent, within
-from ....core.readable import readable
-from ....core.state import State
-from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
-from ....ensemble import Workers
-from ....experiments.contact_law import make_law
-from ....experiments.experiment import result_of
-from ....experiments.realizations import Task, run_realizations
+from .... import Law, NotInEquilibriumError, State
+from ....core.dynamics.ledger import Account
+from ....core.measure import least_supports, volume
+from ....kit import (
+    Checkpoint,
+    Report,
+    Task,
+    Workers,
+    checked,
+    checkpoint_in,
+    load_or_compute,
+    make_law,
+    readable,
+    result_of,
+    run_realizations,
+    silent,
+    within,
+)
 from ....loading.compression import compression_scales
-from ....loading.packing import PackingInfo
 from ....loading.settling import servo_mass, strain_step
-from ....solve.moduli import elastic_moduli
-from ....solve.newton import Factorisation
+from ....measure import contact_forces, dissipation, pressure, rattlers, stress
+from ....modes import elastic_moduli
+from ....results import Factorisation, PackingInfo
 from ..element_test.paths import Drive, controlled, strain_of
 from ..element_test.sample import BALANCED, check_pressures, make_sample
 from ..element_test.simulate import MODULI_UP_TO

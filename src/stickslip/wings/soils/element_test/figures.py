@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
-from ....core.arguments import Result
-from ....figures.style import BLACK, BLUE, COLORS, RED, column_axes, label_axes, legend_above, styled
+from ....kit import BLACK, BLUE, COLORS, RED, Result, column_axes, label_axes, legend_above, styled
 
 STRAINS = {
     "axial_strain": r"axial strain $\varepsilon_a$", "gamma": r"shear strain $\gamma$",

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked, require_positive
+from ....kit import checked, require_positive
 
 MISFIT = 0.05  # largest deviation from a curve, as a share of the mass, with which a sample represents it
 LARGEST_SAMPLE = 10**7  # grains up to which the number that a curve needs is searched for

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.control import stress_controlled
-from ....core.state import State
+from .... import State
+from ....control import stress_controlled
 from .scenario import Loading
 
 AXES = "xyz"

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.control import stress_controlled
-from ....core.laws.builtin import Law
-from ....core.measure import stress
-from ....core.state import State
-from ....loading.envelope import Envelope, Localisation, localisation, response_envelope
-from ....solve.stability import Stability, stability
+from .... import Law, State, stability
+from ....control import stress_controlled
+from ....loading.envelope import Localisation
+from ....measure import stress
+from ....protocols import Envelope, localisation, response_envelope
+from ....results import Stability
 from ...status.lcp import complementarity
 from ...status.matrices import linear_system
 from ...status.uniqueness import UniquenessVerdict, certificate

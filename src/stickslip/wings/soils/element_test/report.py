@@ -5,13 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core.readable import pluralize
-from ....core.tables import write_table
-from ....core.units import heading, unit_name
-from ....data.nodes import archive_fields
 from ....data.run_files import ENVELOPES, PROBES, SERIES
-from ....figures.envelopes import response_envelopes
-from ....reports.terminal import console, new_table, show_table
+from ....figures import response_envelopes
+from ....kit import archive_fields, console, heading, new_table, pluralize, show_table, unit_name, write_table
 from . import figures as figures_of
 from .measures import (
     MEANING,

@@ -4,16 +4,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ....core.contacts.forces import accept, forces
-from ....core.laws.builtin import Law, with_values
-from ....core.progress import Report, within
-from ....core.state import State, loads
-from ....data.checkpoint import Checkpoint, abandon
-from ....data.schema import ScenarioError
-from ....loading.compression import check_pressure, compressed, compression_scales
-from ....loading.packing import PackingInfo, packing_info
+from .... import Law, State, accept, forces
+from ....control import loads
+from ....core.laws.builtin import with_values
+from ....data.checkpoint import abandon
+from ....experiments import ScenarioError
+from ....kit import Checkpoint, Report, within
+from ....loading.compression import check_pressure, compression_scales
+from ....loading.packing import packing_info
 from ....loading.settling import servo_mass, settle
-from ....solve.newton import Factorisation
+from ....packings import compressed
+from ....results import Factorisation, PackingInfo
 from .paths import Drive, controlled
 from .scenario import ElementSample
 

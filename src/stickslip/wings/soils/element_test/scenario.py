@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from ....core.sizes import Size
-from ....data.law_schema import LawTable, allow_laws
-from ....data.schema import (
+from ....kit import (
     Finite,
+    LawTable,
     Listed,
     NotNegative,
     Positive,
@@ -19,6 +18,8 @@ from ....data.schema import (
     ScenarioBase,
     ScenarioTable,
     Seed,
+    Size,
+    allow_laws,
     require_lammps_for_ranks,
 )
 from .grading import MISFIT, Grading, diameters, from_d10_d50_d60, grains_needed, misfit, require_span

@@ -9,40 +9,43 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.contacts.forces import forces, unbalanced_forces
-from ....core.contacts.memory import FROZEN
-from ....core.control import strained_at
-from ....core.dynamics.cell_motion import strained
+from .... import FROZEN, SLIDE, Law, NotInEquilibriumError, State, forces, run
+from ....control import strained_at
 from ....core.dynamics.engine import Engine
-from ....core.dynamics.run import run
-from ....core.laws.builtin import Law
-from ....core.measure import (
+from ....core.measure import least_supports
+from ....kit import (
+    Checkpoint,
+    Fields,
+    Report,
+    Task,
+    Workers,
+    checked,
+    checkpoint_in,
+    load_or_compute,
+    make_law,
+    readable,
+    result_of,
+    run_realizations,
+    silent,
+    within,
+)
+from ....loading.compression import Scales, compression_scales, stopped
+from ....loading.envelope import Localisation
+from ....loading.settling import DRAG, servo_mass, settle
+from ....measure import (
     contact_forces,
     coordination,
     fabric,
-    least_supports,
     overlaps,
     packing_fraction,
     stress,
     touching,
+    unbalanced_forces,
 )
-from ....core.outcome import NotInEquilibriumError
-from ....core.progress import Report, silent, within
-from ....core.readable import readable
-from ....core.state import SLIDE, State
-from ....core.units import Fields
-from ....data.checkpoint import Checkpoint, checkpoint_in, load_or_compute
-from ....ensemble import Workers
-from ....experiments.contact_law import make_law
-from ....experiments.experiment import result_of
-from ....experiments.realizations import Task, run_realizations
-from ....loading.compression import Scales, compression_scales, stopped
-from ....loading.envelope import Envelope, Localisation
-from ....loading.packing import PackingInfo
-from ....loading.settling import DRAG, servo_mass, settle
-from ....solve.moduli import elastic_moduli
-from ....solve.newton import Factorisation
+from ....modes import elastic_moduli
+from ....packings import strained
+from ....protocols import Envelope
+from ....results import Factorisation, PackingInfo
 from ...lammps.run import lammps_engine
 from . import EXPERIMENT
 from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress

@@ -5,18 +5,18 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from ....core.arguments import Result
-from ....figures.style import (
+from ....figures.style import PAGE
+from ....kit import (
     BLACK,
     BLUE,
     COLORS,
     GREEN,
     ORANGE,
-    PAGE,
     PURPLE,
     RED,
     SKY,
     WIDTH,
+    Result,
     column_axes,
     label_axes,
     legend_above,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ....loading.event_types import EventKind
+from ....results import EventKind
 from .predictors import PREDICTORS, Skill, skills
 from .simulate import CatalogueResult
 from .tables import Table, event_table, step_table

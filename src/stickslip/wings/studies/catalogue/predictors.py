@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.readable import readable
+from ....kit import checked, readable
 from .tables import Table
 
 # columns of the steps, and whether an event is expected for large values (1) or for small ones (−1)

@@ -4,11 +4,9 @@ from functools import partial
 
 import numpy as np
 
-from ....core.readable import pluralize
-from ....data.nodes import archive_fields
 from ....data.run_files import EVENTS, STEPS
-from ....loading.event_types import EventKind
-from ....reports.terminal import console, new_table, show_table
+from ....kit import archive_fields, console, new_table, pluralize, show_table
+from ....results import EventKind
 from . import figures as figures_of
 from .measures import class_counts, measures, predictor_skills
 from .simulate import CatalogueResult

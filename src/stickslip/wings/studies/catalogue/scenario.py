@@ -5,10 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import Size
-from ....data.law_schema import PackingLaw
-from ....data.packing_schema import Packing
-from ....data.schema import Positive, ScenarioBase, ScenarioTable, Seed
+from ....kit import Packing, PackingLaw, Positive, ScenarioBase, ScenarioTable, Seed, Size
 
 
 class EventShear(ScenarioTable):

@@ -4,20 +4,26 @@ from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
-from ....core.arguments import checked
-from ....core.dynamics.timestep import stable_time_step
-from ....core.laws.builtin import Law
-from ....core.progress import Report, silent, within
-from ....core.readable import pluralize
-from ....data.checkpoint import checkpoint_in
-from ....ensemble import Member, Workers, reach
-from ....experiments.contact_law import make_law
-from ....experiments.experiment import result_of
-from ....experiments.jammed_packing import make_packing
-from ....experiments.realizations import Task, run_realizations
-from ....loading.event_types import Event, EventKind, Events, StrainStep
-from ....loading.events import find_events
-from ....loading.packing import PackingInfo
+from .... import Law
+from ....ensemble import reach
+from ....kit import (
+    Member,
+    Report,
+    Task,
+    Workers,
+    checked,
+    checkpoint_in,
+    make_law,
+    make_packing,
+    pluralize,
+    result_of,
+    run_realizations,
+    silent,
+    within,
+)
+from ....measure import stable_time_step
+from ....protocols import find_events
+from ....results import Event, EventKind, Events, PackingInfo, StrainStep
 from . import EXPERIMENT
 from .scenario import CatalogueScenario
 

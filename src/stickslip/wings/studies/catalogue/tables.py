@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from ....core import tables
-from ....core.arguments import checked
-from ....core.units import Fields, current_units, in_units, units_of
+from ....core.units import current_units
+from ....kit import Fields, checked, in_units, units_of
 from ....loading.event_class import RATIO
-from ....loading.event_types import Event, StrainStep
+from ....results import Event, StrainStep
 
 Table = dict[str, np.ndarray]
 LENGTHS = {"jump": "D", "newton_distance": "D"}  # in mean diameters

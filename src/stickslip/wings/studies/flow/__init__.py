@@ -3,9 +3,8 @@
 from functools import partial
 
 from ....builtin_laws import BY_NAME
-from ....experiments.experiment import Experiment, lazy_function
-from ....experiments.sources import law_references
-from ....lazy import attach
+from ....experiments import Experiment
+from ....kit import attach, law_references, lazy_function
 from .scenario import FlowScenario
 
 _here = partial(lazy_function, __name__)

@@ -5,25 +5,27 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ....core.arguments import Array, Result, Series
-from ....core.measure import wrapped
-from ....core.units import with_unit
-from ....figures.grains import draw_grains_by_speed
 from ....figures.outlines import APART, body_limits
-from ....figures.style import (
+from ....figures.style import PAGE
+from ....kit import (
     BLACK,
     BLUE,
     COLORS,
     GREEN,
     ORANGE,
-    PAGE,
+    Array,
+    Result,
+    Series,
     column_axes,
+    draw_grains_by_speed,
     label_axes,
     legend_above,
     plot_fast,
     styled,
     subplots,
+    with_unit,
 )
+from ....measure import wrapped
 
 PANELS = 6
 WALL = "0.25"

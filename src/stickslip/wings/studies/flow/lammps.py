@@ -5,11 +5,11 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from ....core.contacts.neighbors import without_walls
+from .... import State
 from ....core.dynamics.engine import Engine, Leg
-from ....core.dynamics.record import Record
-from ....core.state import State
-from ....data.schema import ScenarioError
+from ....experiments import ScenarioError
+from ....packings import without_walls
+from ....results import Record
 from ...lammps.job import leg_folder, write_job
 from ...lammps.run import lammps_engine, read_leg, walls_at, with_records
 from ...lammps.supported import check_leg

@@ -7,11 +7,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ....core.arguments import Bodies, checked, require_filled, require_index
+from .... import State
 from ....core.control import body_numbers
-from ....core.measure import inertial_number, wrapped
-from ....core.readable import readable
-from ....core.state import State
+from ....kit import Bodies, checked, readable, require_filled, require_index
+from ....measure import inertial_number, wrapped
 from .simulate import FlowResult
 
 

@@ -4,17 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.control import rigid
-from ....core.laws.builtin import Law, for_pair, parameter_names
+from .... import Law, State, assembly, box, disks, flat_walls, spheres
+from ....control import loads, rigid
+from ....core.laws.builtin import parameter_names
 from ....core.laws.kinds import Kind
 from ....core.laws.validation import largest_stiffness
 from ....core.laws.values import evaluate
-from ....core.readable import pluralize, readable
-from ....core.sizes import Size, require_sizes
-from ....core.state import State, assembly, box, disks, flat_walls, heights, loads, spheres
-from ....data.schema import ScenarioError
-from ....experiments.contact_law import make_law
+from ....experiments import ScenarioError
+from ....kit import Size, checked, make_law, pluralize, readable, require_sizes
+from ....laws import for_pair
+from ....measure import heights
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage
 
 SAFETY = 0.1  # in √(m/k): a twentieth of a collision's π √(m/2k), a sixth of the stability limit with six contacts

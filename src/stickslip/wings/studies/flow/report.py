@@ -5,11 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core.tables import write_table
-from ....core.units import Fields, heading, units_of, with_unit
-from ....data.nodes import archive_fields
 from ....data.run_files import SERIES
-from ....reports.terminal import console, new_table, show_table
+from ....kit import Fields, archive_fields, console, heading, new_table, show_table, units_of, with_unit, write_table
 from . import figures as figures_of
 from .measures import deposit, plane_shear, profile_deviation, velocity_profile
 from .pouring import Poured

@@ -10,10 +10,10 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ....builtin_laws import NAMES
-from ....core.sizes import MOST, STATE, Size
-from ....data.law_schema import LawTable, allow_laws
-from ....data.schema import (
+from ....core.sizes import MOST, STATE
+from ....kit import (
     Finite,
+    LawTable,
     Listed,
     NotNegative,
     Positive,
@@ -22,6 +22,8 @@ from ....data.schema import (
     ScenarioTable,
     Seed,
     Several,
+    Size,
+    allow_laws,
     require_lammps_for_ranks,
 )
 

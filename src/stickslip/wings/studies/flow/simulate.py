@@ -7,21 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.contacts.forces import forces, unbalanced_forces
-from ....core.contacts.memory import FROZEN
-from ....core.contacts.neighbors import without_walls
+from .... import FROZEN, SLIDE, Law, State, forces
 from ....core.dynamics.engine import Engine
 from ....core.dynamics.run import own_engine
-from ....core.laws.builtin import Law
-from ....core.measure import contact_forces, coordination, elastic_energy, least_supports, touching
-from ....core.progress import Report, silent
-from ....core.readable import readable
-from ....core.state import SLIDE, State
-from ....core.units import Fields
-from ....data.archive import ArchiveError
-from ....data.checkpoint import Checkpoint, checkpoint_in
-from ....experiments.experiment import result_of
+from ....core.measure import least_supports
+from ....kit import ArchiveError, Checkpoint, Fields, Report, checked, checkpoint_in, readable, result_of, silent
+from ....measure import contact_forces, coordination, elastic_energy, touching, unbalanced_forces
+from ....packings import without_walls
 from . import EXPERIMENT
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage

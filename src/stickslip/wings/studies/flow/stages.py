@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.control import driven, time_dependent
+from .... import State
+from ....control import driven, loads, time_dependent
 from ....core.dynamics.engine import Leg, Wave
-from ....core.state import State, loads
 from .pouring import Poured, initial_plate_force, inward_sign, sample_count
 from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 

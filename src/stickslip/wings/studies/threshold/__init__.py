@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from ....experiments.experiment import Experiment, lazy_function
-from ....experiments.sources import CONTACT, law_references
-from ....lazy import attach
+from ....experiments import Experiment
+from ....experiments.sources import CONTACT
+from ....kit import attach, law_references, lazy_function
 from .scenario import ThresholdScenario
 
 _here = partial(lazy_function, __name__)

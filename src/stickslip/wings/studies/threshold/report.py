@@ -5,13 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core.tables import write_table
-from ....core.units import Fields, heading
-from ....data.nodes import archive_fields
 from ....data.run_files import THRESHOLD
-from ....figures.instability import static_and_kinetic
-from ....reports.terminal import console, new_table, show_table
-from ....solve.fastest import FastestPair
+from ....figures import static_and_kinetic
+from ....kit import Fields, archive_fields, console, heading, new_table, show_table, write_table
+from ....results import FastestPair
 from .simulate import ThresholdResult
 
 LABEL = {

@@ -8,9 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from ....core.sizes import Size
-from ....data.law_schema import PackingLaw
-from ....data.schema import Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed
+from ....kit import Listed, NotNegative, PackingLaw, Positive, ScenarioBase, ScenarioTable, Seed, Size
 from ...papers.disk_array.scenario import Array, DiskArrayScenario, Relaxation
 from ...papers.gouge.scenario import (
     GougeCell,

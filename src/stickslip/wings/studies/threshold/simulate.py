@@ -5,23 +5,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import checked
-from ....core.dynamics.timestep import stable_time_step
-from ....core.laws.builtin import Law
-from ....core.measure import pressure
-from ....core.outcome import NotInEquilibriumError, Outcome, Status
-from ....core.progress import Report, silent
-from ....core.state import State
-from ....data.checkpoint import Checkpoint, abandon, checkpoint_in, load_or_compute
-from ....data.schema import ScenarioError
-from ....ensemble import Workers
-from ....experiments.contact_law import make_law
-from ....experiments.experiment import result_of
-from ....experiments.jammed_packing import make_packing
-from ....loading.packing import PackingInfo
-from ....loading.protocols import Equilibrium, Protocol, load_path, solve_point
-from ....loading.stress import cell_shear, plate_shear
-from ....loading.threshold import LEGS, KineticThreshold, kinetic_threshold, travel
+from .... import Law, NotInEquilibriumError, Outcome, State, Status
+from ....data.checkpoint import abandon
+from ....experiments import ScenarioError
+from ....kit import (
+    Checkpoint,
+    Report,
+    Workers,
+    checked,
+    checkpoint_in,
+    load_or_compute,
+    make_law,
+    make_packing,
+    result_of,
+    silent,
+)
+from ....loading.protocols import solve_point
+from ....loading.threshold import LEGS, travel
+from ....measure import pressure, stable_time_step
+from ....protocols import Protocol, cell_shear, kinetic_threshold, load_path, plate_shear
+from ....results import Equilibrium, KineticThreshold, PackingInfo
 from ...papers.disk_array import simulate as disk_array
 from ...papers.gouge.sample import Gouge, prepare_sample
 from . import EXPERIMENT
