@@ -5,6 +5,7 @@ Without a wing, or with a broken one, everything else works.
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -163,6 +164,33 @@ def test_the_wing_among_the_examples_is_installed_by_pip(tmp_path):
     env = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path / "site", ROOT / "src")))}
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=env, capture_output=True, text=True)
     assert "rebound: 0.7" in done.stdout, done.stderr
+
+
+ALONE = """
+import importlib.abc, importlib.metadata, sys
+class Hidden(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith("stickslip.wings"):
+            raise ImportError(f"{name} is hidden")
+sys.meta_path.insert(0, Hidden())
+found = importlib.metadata.entry_points
+importlib.metadata.entry_points = lambda **which: [] if which == {"group": "stickslip.wings"} else found(**which)
+from stickslip.cli import main
+for words in (["stability", "few.npz"], ["convert", "few.npz", "--to", "few.csv"], ["report", "few.npz"], ["doctor"]):
+    sys.argv = ["stickslip", *words]
+    try:
+        main()
+    except SystemExit as end:
+        assert not end.code, words
+"""
+
+
+def test_the_laboratory_works_without_its_wings(few_spheres, tmp_path):
+    shutil.copy(few_spheres, tmp_path / "few.npz")  # a process of its own, 4 s: nothing may have been imported before
+    done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "oscillatory instability" in done.stdout and "all is well" in done.stdout
+    assert (tmp_path / "few.csv").exists() and (tmp_path / "few-report.html").exists()
 
 
 def test_without_any_wing_scenarios_name_no_experiment(install):
