@@ -168,7 +168,8 @@ def test_after_control_c_the_message_names_the_folder_if_something_was_saved(sav
             checkpoint_in(folder, scenario).save("piece", {"value": 1.0})
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(EXPERIMENTS, "rate-state", EXPERIMENTS["rate-state"]._replace(simulate=stopped))
+    stopping = EXPERIMENTS["rate-state"]._replace(simulate=stopped)
+    monkeypatch.setattr("stickslip.wings.faults.rate_state.EXPERIMENT", stopping)
     (tmp_path / "s.toml").write_text('experiment = "rate-state"\nsamples.number = 10\n')
     run = stickslip("run", "s.toml", "--out", "out", cwd=tmp_path)
     ending = "continue with stickslip resume out" if saved else "run the command again"

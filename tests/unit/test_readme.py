@@ -51,7 +51,7 @@ def test_the_examples_run_and_are_short(page, number, message, tmp_path, monkeyp
 
 
 def test_links_and_commands_exist():
-    for target in re.findall(r"\]\((?!http)([^)]+)\)", README):
+    for target in re.findall(r"\]\((?!http)([^)#\s]+)", README):
         assert (ROOT / target).exists(), target
     makefile = (ROOT / "Makefile").read_text()
     for word in re.findall(r"make (\w+)", README):

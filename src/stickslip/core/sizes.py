@@ -30,9 +30,9 @@ def require_sizes(sizes: Iterable[Size], error: type[ValueError] = ValueError) -
 
     Examples
     --------
-    >>> require_sizes([Size("the path takes", 4e9, "load steps", "use larger steps")])
+    >>> require_sizes([Size("it takes", 4e9, "load steps", "use larger steps")])
     Traceback (most recent call last):
-    ValueError: the path takes 4e+09 load steps: at most 100000 are allowed; use larger steps
+    ValueError: it takes 4e+09 load steps: at most 100000 are allowed; use larger steps
     """
     for what, number, kind, remedy in sizes:
         if not number <= LIMITS[kind]:
