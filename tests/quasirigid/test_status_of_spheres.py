@@ -117,7 +117,7 @@ def test_a_pushed_sphere_slides_at_twice_mu_times_the_normal_force_in_any_direct
 
 
 def test_statuses_on_round_cones_are_those_of_the_return_mapping():
-    """Statuses, and the stretching that the springs keep, contact by contact."""
+    """Statuses, and the stretching that the springs keep with its derivative, contact by contact."""
     rng, kinds = np.random.default_rng(0), set()
     for _ in range(15):
         count = int(rng.integers(1, 4))
@@ -131,7 +131,11 @@ def test_statuses_on_round_cones_are_those_of_the_return_mapping():
         if not det:
             continue
         kept = np.array([_mapped(v, s) for v, s in zip(solution.velocity, sign, strict=True)])
-        np.testing.assert_allclose(round_cone_stretch(apex, solution.velocity)[0], kept, atol=1e-12)
+        stretch, by, _ = round_cone_stretch(apex, solution.velocity)
+        np.testing.assert_allclose(stretch, kept, atol=1e-12)
+        h = 1e-6 * np.abs(solution.velocity).max()  # no velocity is as near to the edge of its status
+        sides = [[round_cone_stretch(apex, solution.velocity + s * h * e)[0] for e in np.eye(3)] for s in (1, -1)]
+        np.testing.assert_allclose(by, np.stack(np.subtract(*sides), axis=2) / (2 * h), atol=1e-6)
         force = np.einsum("eab,eb->ea", springs, kept - solution.velocity)
         balance = solution.velocity.ravel() + apex.compliance @ force.ravel()
         np.testing.assert_allclose(balance, apex.velocity.ravel(), atol=1e-7 * np.abs(solution.velocity).max())
