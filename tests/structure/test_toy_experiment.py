@@ -196,5 +196,5 @@ def test_the_laboratory_works_without_its_wings(few_spheres, tmp_path):
 def test_without_any_wing_scenarios_name_no_experiment(install):
     install(without=[*wing.wings()])
     assert not EXPERIMENTS
-    with pytest.raises(ss.experiments.ScenarioError, match="experiment = 'gouge' was given"):
+    with pytest.raises(ss.experiments.ScenarioError, match="experiment = 'gouge' was given, but no wing is installed"):
         ss.scenario(experiment="gouge")
