@@ -98,7 +98,9 @@ def scenario_class(tables: dict) -> type[ScenarioBase]:
     """Return the scenario class named by `experiment`, by default that of the disk array."""
     name = tables.get("experiment", "disk-array")
     if not EXPERIMENTS:
-        raise ScenarioError(f"experiment = {str(name)[:100]!r} was given, but no wing is installed: install stickslip again")
+        raise ScenarioError(
+            f"experiment = {str(name)[:100]!r} was given, but no wing is installed: install stickslip again"
+        )
     if not isinstance(name, str) or name not in EXPERIMENTS:
         near = get_close_matches(str(name).lower().replace("_", "-"), EXPERIMENTS, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
