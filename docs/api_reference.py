@@ -30,8 +30,9 @@ def with_modules(namespace: str) -> tuple[str, ...]:
 
 NAMESPACES = (
     "stickslip", "laws", "packings", "control", "protocols", "measure", "modes", "quasirigid", "friction",
-    *with_modules("experiments"), "io", *with_modules("figures"), "results", "ensemble", "examples", "kit",
+    *with_modules("experiments"), "io", *with_modules("figures"), "results", "ensemble", "examples",
 )  # fmt: skip
+LISTED = ("kit",)  # namespaces of internal names: a table, without their docstrings
 
 
 def full(namespace: str) -> str:
@@ -66,7 +67,7 @@ PUBLIC = _links()
 def write(folder: Path) -> None:
     """Write one page per namespace."""
     folder.mkdir(exist_ok=True)
-    for namespace in NAMESPACES:
+    for namespace in (*NAMESPACES, *LISTED):
         path, text = folder / f"{namespace}.rst", page(namespace)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
@@ -79,7 +80,7 @@ def page(namespace: str) -> str:
     for text, rows in overview(namespace)[1:]:
         parts += [f".. rubric:: {marked(text)}" if rows else marked(text), ""] if text else []
         parts += table(namespace, rows) if rows else []
-    return "\n".join(parts + [entry(namespace, name) for name in names(namespace)])
+    return "\n".join(parts + [entry(namespace, name) for name in names(namespace) if namespace not in LISTED])
 
 
 def overview(namespace: str) -> list[tuple[str, list[tuple[list[str], str]]]]:
@@ -113,6 +114,8 @@ def table(namespace: str, rows) -> list[str]:
 
 def link(namespace: str, name: str) -> str:
     """Link to a public name, or to the page of a namespace if there is one."""
+    if namespace in LISTED:
+        return f":py:obj:`~{PUBLIC[name]}`" if name in PUBLIC else f"``{name}``"
     if not inspect.ismodule(getattr(module_of(namespace), name)):
         return f":py:obj:`~{full(namespace)}.{name}`"
     place = name if namespace == "stickslip" else f"{namespace}.{name}"
