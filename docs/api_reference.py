@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+import sys
 import tokenize
 from enum import Enum
 from importlib import import_module
@@ -32,6 +33,8 @@ NAMESPACES = (
     "stickslip", "laws", "packings", "control", "protocols", "measure", "modes", "quasirigid", "friction",
     *with_modules("experiments"), "io", *with_modules("figures"), "results", "ensemble", "examples",
 )  # fmt: skip
+for _namespace in NAMESPACES[1:]:  # Sphinx imports them by these names; modules of wings have others
+    sys.modules.setdefault(f"stickslip.{_namespace}", module_of(_namespace))
 LISTED = ("kit",)  # namespaces of internal names: a table, without their docstrings
 
 
