@@ -22,7 +22,7 @@ from stickslip.loading.biaxial import TOP, biaxial_box, with_load, with_machine,
 from stickslip.loading.slow import SlowRun, slow_dynamics
 from stickslip.wings.status.collapse import Collapse, displacements, without_drift
 from stickslip.wings.status.path import LoadPath, load_path
-from tests.quasirigid.five_packings import spheres
+from tests.wings.status.five_packings import spheres
 
 DRAG, WHOLE = 0.02, 1e6  # drag of both, and duration of the leg in slow dynamics
 INCREMENT = 0.005

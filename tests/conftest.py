@@ -28,7 +28,7 @@ settings.load_profile("ci")
 pytest_plugins = ("tests.durations",)
 
 # folders of `make quick`, without files that start other processes or prepare samples for long
-QUICK = ("unit", "derivatives", "laws", "friction", "exchange")
+QUICK = ("unit", "derivatives", "laws", "faults", "exchange")
 
 
 def pytest_addoption(parser):
@@ -63,7 +63,7 @@ def _loud_floating_point():
 
 # folders and files without tests of figures
 PLAIN = {
-    "hardening", "restart", "ensemble", "laws", "peers", "exchange", "watch", "reports", "test_cli", "test_output",
+    "hardening", "restart", "ensemble", "laws", "peers", "exchange", "lammps", "reports", "test_cli", "test_output",
     "test_lock", "test_help",
 }  # fmt: skip
 _savefig = Figure.savefig

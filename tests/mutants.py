@@ -40,7 +40,7 @@ CORE = (
     "tests/orders",
     "tests/unit",
     "tests/device",
-    "tests/friction",
+    "tests/wings/faults",
 )
 COPIED = ("src", "tests", "docs", "examples", "benchmarks", "release", "paper")
 LONGEST = 1800  # seconds for the tests of one fault

@@ -45,7 +45,7 @@ from tests.peers.lammps_scenes import (
     stirred,
     under_stress,
 )
-from tests.unit.test_flow import TOML
+from tests.wings.studies.test_flow import TOML
 
 # without LAMMPS
 

@@ -11,7 +11,7 @@ import pytest
 import stickslip as ss
 from stickslip.data.exchange.follow import open_source
 from stickslip.wings.lammps.watch.loop import watch
-from tests.watch.dumps import LAW
+from tests.wings.lammps.dumps import LAW
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "shear.lammps"
 RUN = """

@@ -12,7 +12,7 @@ KINDS = "address,undefined"
 TESTS = (
     "tests/unit/test_core.py", "tests/unit/test_dynamics.py", "tests/unit/test_blocks.py", "tests/unit/test_record.py",
     "tests/unit/test_springs.py", "tests/derivatives/test_jacobian.py", "tests/properties/test_determinism.py",
-    "tests/friction/test_laws.py",
+    "tests/wings/faults/test_laws.py",
 )  # fmt: skip
 
 

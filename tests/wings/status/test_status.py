@@ -21,8 +21,8 @@ from stickslip.wings.status.system import StatusSolver, pinned_coordinates
 from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate
 from tests.conftest import make_law, stirred
 from tests.derivatives.test_free_cell import packed
-from tests.quasirigid.five_packings import sample
-from tests.quasirigid.test_status_against_enumeration import drawn
+from tests.wings.status.five_packings import sample
+from tests.wings.status.test_status_against_enumeration import drawn
 
 
 def jammed_disks(seed, n=24):

@@ -1,6 +1,6 @@
 """A triaxial test in LAMMPS, for tests: writes the sample and the stresses on its path.
 
-LD_LIBRARY_PATH=… python -m tests.unit.element_test_lammps  # with the `lammps` package
+LD_LIBRARY_PATH=… python -m tests.wings.soils.element_test_lammps  # with the `lammps` package
 """
 
 import json

@@ -18,9 +18,9 @@ from stickslip.wings.papers.gouge import report as gouge_report
 from stickslip.wings.papers.gouge.simulate import simulate_gouge
 from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
-from tests.gouge.test_gouge import small
+from tests.wings.papers.test_gouge import small
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 def reduced(chosen):

@@ -14,7 +14,7 @@ from stickslip.experiments import ScenarioError
 from stickslip.loading import threshold as kinetic
 from stickslip.wings.studies.threshold import simulate as threshold
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 PACKING = {
     "experiment": "threshold",
     "seed": 1,

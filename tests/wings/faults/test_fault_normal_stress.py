@@ -25,7 +25,7 @@ from tests.conftest import stickslip_here as stickslip
 
 SOURCE = friction.Injection(flux=1.25e-6, storage=1e-9, diffusivity=0.1, stop=8.64e6)
 TABLE = friction.StressTable([0.0, 1e7, 1.2e7], [0.0, 1000.0], [[0.0, 0.0], [-2e6, 1e6], [3e6, 0.0]])
-EXAMPLE = Path(__file__).parents[2] / "examples" / "injection.toml"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "injection.toml"
 QUIET = friction.Recording(quiet_sampling=YEAR)
 STATIONS = friction.Recording(stations=(0.0, 525.0), quiet_sampling=1e5)
 

@@ -5,7 +5,7 @@ import pytest
 
 from stickslip.wings.faults.friction.fitting import fit
 from stickslip.wings.faults.friction.noise import WHITE, autoregression, whitened
-from tests.friction.test_fit import HOLDS, PAPER, STEPS, STIFFNESS, TRUE, correlated, record
+from tests.wings.faults.test_fit import HOLDS, PAPER, STEPS, STIFFNESS, TRUE, correlated, record
 
 
 def fits(law, legs, rho, count, seed):

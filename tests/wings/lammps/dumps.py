@@ -4,7 +4,7 @@ import threading
 import time
 from pathlib import Path
 
-SHEARED = Path(__file__).parents[2] / "examples" / "sheared"
+SHEARED = Path(__file__).parents[3] / "examples" / "sheared"
 LAW = {"law": "hertz_mindlin_reff", "kn": 1.0, "kt": 0.8, "mu": 0.2, "damping_n": 0.0, "damping_t": 0.0}
 WORDS = [word for name, value in LAW.items() for word in (f"--{name.replace('_', '-')}", str(value))]
 STEPS = [0, 40000, 80000]

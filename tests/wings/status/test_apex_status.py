@@ -9,7 +9,7 @@ from stickslip.wings.status import apex_status
 from stickslip.wings.status.events import APEX
 from stickslip.wings.status.increment import external_force
 from stickslip.wings.status.status import Verdict
-from tests.quasirigid.test_status_of_spheres import path_of, squeezed
+from tests.wings.status.test_status_of_spheres import path_of, squeezed
 
 PRESS = 0.01
 

@@ -13,7 +13,7 @@ from stickslip.wings.status.increment import OUT_OF_BALANCE, external_force
 from stickslip.wings.status.round_cone import round_cone_stretch, status_on_round_cones
 from stickslip.wings.status.status import Verdict
 from stickslip.wings.status.system import _coordinates_of_bridges, rolling_motions
-from tests.quasirigid.five_packings import spheres
+from tests.wings.status.five_packings import spheres
 
 
 def squeezed(control):

@@ -32,7 +32,7 @@ from stickslip.wings.soils.element_test.measures import (
 from stickslip.wings.soils.element_test.paths import drive_of
 from stickslip.wings.soils.element_test.report import columns, figures
 from stickslip.wings.soils.element_test.sample import check_pressures, make_sample
-from tests.unit import element_test_lammps
+from tests.wings.soils import element_test_lammps
 
 DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}
 SPHERES = {"grains": 60, "friction": 0.1}
@@ -203,7 +203,7 @@ def test_strains_that_cancel_are_no_dilatancy_and_real_ones_are_kept(dim):
 
 
 def test_lammps_follows_the_same_path():
-    """Stresses from `python -m tests.unit.element_test_lammps`; slip in LAMMPS is of first order in the time step."""
+    """Stresses from `python -m tests.wings.soils.element_test_lammps`; slip in LAMMPS is first order in time."""
     state, _, _ = ss.io.read_packing(element_test_lammps.SAMPLE)
     here = np.array(element_test_lammps.stresses(element_test_lammps.rig(state, "stickslip")))
     there = np.array(json.loads(element_test_lammps.STORE.read_text(encoding="utf-8")))

@@ -9,7 +9,7 @@ from stickslip.wings.papers.quasi_rigid.simulate import simulate_quasi
 from stickslip.wings.status import collapse as dynamics
 from stickslip.wings.status.path import COLLAPSE
 from stickslip.wings.status.status import Verdict
-from tests.quasirigid.five_packings import spheres
+from tests.wings.status.five_packings import spheres
 
 GAP, PRESS, MU = 0.02, 0.01, 0.4
 

@@ -13,7 +13,7 @@ from stickslip.experiments.registry import ScenarioError, read_scenario, scenari
 from stickslip.wings.faults.rate_state import simulate as room
 from tests.conftest import stickslip_here as stickslip
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state.toml"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "rate_state.toml"
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from stickslip.wings.status.cone_apex import (
 )
 from stickslip.wings.status.matrices import linear_system, statuses, stiffness_matrix
 from stickslip.wings.status.opening import decide_statuses, reduce_to_contacts
-from tests.quasirigid.test_status import jammed_disks
+from tests.wings.status.test_status import jammed_disks
 
 SPRINGS = np.diag([1.0, 0.5])
 

@@ -10,7 +10,7 @@ from stickslip.wings.papers.gouge import simulate as simulation
 from stickslip.wings.papers.gouge.samples import EXACT, read_sample, read_samples, sample_path
 from stickslip.wings.papers.gouge.simulate import simulate_gouge
 from tests.conftest import stickslip_here as stickslip
-from tests.gouge.test_gouge import small
+from tests.wings.papers.test_gouge import small
 
 
 @pytest.fixture(scope="module")

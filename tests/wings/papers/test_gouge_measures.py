@@ -5,7 +5,7 @@ import pytest
 
 from stickslip.wings.papers.gouge import curves as gouge_curves
 from stickslip.wings.papers.gouge import measures
-from tests.gouge.test_gouge import made, of_tests
+from tests.wings.papers.test_gouge import made, of_tests
 
 INTERVAL = 2e-5  # of `small()`
 

@@ -14,8 +14,8 @@ from stickslip.wings.status.matrices import linear_system, stiffness_matrix
 from stickslip.wings.status.status import Verdict
 from stickslip.wings.status.system import regular_stiffness
 from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate
-from tests.quasirigid import brute_force as brute
-from tests.quasirigid.five_packings import KINDS, on_the_cone, sample, spheres
+from tests.wings.status import brute_force as brute
+from tests.wings.status.five_packings import KINDS, on_the_cone, sample, spheres
 
 
 def drawn(number: int, most: int, dim: int = 2):
