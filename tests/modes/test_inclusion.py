@@ -1,5 +1,7 @@
 """Inflated grains: Lamé's solution, steps against the linear response, fits of screening to fields made of it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.special import jv, spherical_jn, spherical_yn, yv
@@ -268,3 +270,13 @@ def test_the_figure_shows_rings_fits_and_the_line_from_the_moduli(deep):
         assert ("elastic, from the moduli" in lines) == (k == 0)
     r, u = {line.get_label(): line for line in figure.axes[0].lines}["elastic, from the moduli"].get_xydata().T
     np.testing.assert_allclose(u, fits.lame * (1 / r - np.pi / field.volume * r) / field.growth)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_elastic_displacements_vanish_where_a_ball_has_the_volume_of_the_packing(dim):
+    """What an inflated grain displaces is taken up by the area or volume of the whole packing."""
+    radius = 3.0
+    volume = {2: np.pi * radius**2, 3: 4 / 3 * np.pi * radius**3}[dim]
+    made = SimpleNamespace(dim=dim, volume=volume, lame=np.array([0.5, 1.5]))
+    found = Inflation.elastic(made, np.array([1.0, radius]))
+    assert found == pytest.approx([1 - radius**-dim, 0.0], abs=1e-14)

@@ -100,3 +100,12 @@ def test_differences_of_two_results_have_welchs_interval():
     from scipy.stats import t
 
     assert half == pytest.approx(np.hypot(a.error, b.error) * t.ppf(0.975, freedom))
+
+
+def test_groups_of_unequal_sizes_have_fishers_mean_size():
+    """Sizes 1, 2 and 3: the mean size of the analysis of variance is (6 − 14/6)/2 = 11/6."""
+    groups = [[0.0], [2.0, 3.0], [1.0, 2.0, 1.5]]
+    means, whole = [0.0, 2.5, 1.5], np.mean([0.0, 2.0, 3.0, 1.0, 2.0, 1.5])
+    between = sum(len(g) * (m - whole) ** 2 for g, m in zip(groups, means, strict=True)) / 2
+    within = (0.5 + 0.5) / 3
+    assert intraclass_correlation(groups) == pytest.approx((between - within) / (between + (11 / 6 - 1) * within))
