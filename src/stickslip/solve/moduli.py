@@ -127,8 +127,8 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     positive, so that C is positive where a packing resists. Under a pressure p it differs from the second derivative of
     an energy by terms of order p. Rattlers are excluded.
 
-    With overlaps of a few per cent, the shear stress of a new equilibrium differed from that of C_xyxy by 0.03 % after
-    a strain of 1e-4, and by 0.3 % after 1e-3 (`tests/modes/test_moduli.py`).
+    In 16 disks and 20 spheres without sliding contacts, with overlaps of 1 to 3 %, the change of the shear stress
+    differed from that of C_xyxy by 0.03 % after a strain of 1e-4, and by 0.3 % after 1e-3 (`tests/modes/test_moduli.py`).
 
     Parameters
     ----------
