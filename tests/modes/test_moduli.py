@@ -64,6 +64,10 @@ def test_differences_of_equilibria(dim, n, fraction):
         # residuals of 1e-15 over steps of 1e-7
         np.testing.assert_allclose(-(stresses[0] - stresses[1]) / 2 / h, moduli.tensor[:, :, c, d], atol=1e-7 * size)
         np.testing.assert_allclose(-(carried[0] - carried[1]) / 2 / h, moduli.affine[:, :, c, d], atol=1e-7 * size)
+    for strain, error in ((1e-4, 4e-4), (1e-3, 4e-3)):  # three times the strain
+        end, outcome = ss.equilibrate(ss.packings.strained(state, strain * np.outer(*np.eye(dim)[:2])), LAW)
+        change = (ss.measure.stress(end, LAW) - ss.measure.stress(state, LAW))[0, 1]
+        assert outcome.ok and change == pytest.approx(-strain * moduli.tensor[0, 1, 0, 1], rel=error)
     assert np.abs(moduli.non_affine).max() > 0.1 * size
     assert 1e-4 < moduli.asymmetry < 0.1  # friction has no potential
     assert np.linalg.eigvalsh(moduli.voigt + moduli.voigt.T).min() > 0

@@ -8,7 +8,7 @@ import stickslip as ss
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.progress import silent
 from stickslip.solve import transient as module
-from stickslip.solve.freedom import assembled
+from stickslip.solve.freedom import assembled, displaced
 from tests.modes.conftest import LAW, sheared
 
 
@@ -68,6 +68,21 @@ def test_it_is_the_matrix_exponential_and_nothing_exceeds_it(calm):
         motion = step @ motion
         most = max(most, np.linalg.norm(root @ motion @ back, 2))
     assert 0.995 * growth.amplitude < most <= growth.amplitude * (1 + 1e-3)
+
+
+def test_a_run_grows_as_predicted(calm):
+    growth, small = ss.modes.transient_growth(calm, LAW, duration=100.0, samples=4), 1e-8
+    start, speed = displaced(calm, growth.free, small * growth.start[0]), growth.free.spread(small * growth.start[1])
+    speed = speed.reshape(-1, 6)
+    grains = start.grains._replace(velocity=speed[:, :3], spin=speed[:, 3:] / calm.grains.radius[:, None])
+    expected = growth.free.spread(growth.end[0]).reshape(-1, 6)[:, :3]
+    off = []
+    for dt in (0.1, 0.05):  # a fifteenth and a thirtieth of the stable one
+        steps = int(growth.time / dt)
+        end, _, outcome = ss.run(start._replace(grains=grains), LAW, steps, growth.time / steps)
+        assert outcome.ok
+        off.append(np.abs((end.grains.position - calm.grains.position) / small - expected).max())
+    assert off[1] < 0.012 * np.abs(expected).max() and off[1] < 0.3 * off[0]  # of velocity Verlet: (ω dt)² ω t/24
 
 
 def test_displacements_grow_likewise_and_lanczos_agrees(calm, monkeypatch):

@@ -155,7 +155,7 @@ def test_the_movie_of_a_run_lasts_eight_seconds_and_shows_its_last_stage(tmp_pat
     monkeypatch.setattr("stickslip.figures.animation.movie", film)
     assert run("movie", tmp_path).returncode == run("movie", tmp_path, "--whole", "--overwrite").returncode == 0
     for (times, fps, labels), start, label in zip(filmed, (2, 0), ("flow, time 2", "pour, time 0"), strict=True):
-        assert (len(times), fps, labels[0]) == (200, 25, label)
+        assert (len(times), fps, labels[0]) == (200, 25, f"{label} in units of the scenario")
         np.testing.assert_allclose(times, np.linspace(start, 4, 200), atol=1e-12)
 
 

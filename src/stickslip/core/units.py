@@ -211,9 +211,9 @@ def unit_name(unit: str, dim: int | None = None) -> str:
     return in_units(unit, units).replace("^2", "²").replace("^3", "³")
 
 
-def with_unit(number: str, unit: str) -> str:
-    """Return a number followed by its unit, if units are in use."""
-    return f"{number} {unit_name(unit)}" if _IN_USE.get() else number
+def with_unit(number: str, unit: str, *, unnamed: str = "") -> str:
+    """Return a number followed by its unit, or by `unnamed` if no units are in use."""
+    return f"{number} {unit_name(unit) if _IN_USE.get() else unnamed}".rstrip()
 
 
 def heading(name: str, unit: str) -> str:

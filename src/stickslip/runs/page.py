@@ -68,6 +68,7 @@ class PageContent(NamedTuple):
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
     verdict: str = ""  # sentence on the stability of a packing, if it was computed and can be judged
     stages: tuple[str, ...] = ()  # of a run with stages, for each frame
+    source: str = "file"  # whose units are those of the frames
 
 
 def load_content(
@@ -153,7 +154,7 @@ def folder_content(
     sentence = f"unstable ({labels[at]}): {_describe_growth(modes[0][2])}" if modes else ""
     return PageContent(
         title, versions, frames, labels, at, modes, sections, without, why, why, sentence,
-        tuple(_stage_of(frame.state.time, _stages(tree)) for frame in frames),
+        tuple(_stage_of(frame.state.time, _stages(tree)) for frame in frames), "scenario",
     )  # fmt: skip
 
 
@@ -507,7 +508,8 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
         stage = (
             shown.stages[first + min(max(1, int(np.searchsorted(times, t))), len(times) - 1)] if shown.stages else ""
         )
-        out.append((f"{stage}, " if stage else "") + f"time {with_unit(f'{t:.4g}', 'time')}")
+        time = with_unit(f"time {t:.4g}", "time", unnamed=f"in units of the {shown.source}")
+        out.append((f"{stage}, " if stage else "") + time)
     return frames, out
 
 

@@ -55,6 +55,9 @@ def stationary_fluctuations(
     resists, are taken out of motion and noise; what a run adds to velocities is T/(Σm) for each translation. The number
     of modes is that of the coordinates that are left.
 
+    In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % smaller, with a
+    statistical error of 3 % (`tests/modes/test_response.py`).
+
     Parameters
     ----------
     temperature : T of thermal noise [energy]

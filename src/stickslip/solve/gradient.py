@@ -473,7 +473,8 @@ def verdict_probability(
     Normal errors are added to all positions; slips stay those that were given. Errors of X-ray or photoelastic data
     are much larger than the displacements to which forces are sensitive, so no balance is asked of the samples: forces
     that balance the given positions are thought to be there. The contact that decides is the one whose distance
-    contributes most to the variance of λ to first order.
+    contributes most to the variance of λ to first order. For errors of 1e-4, this `deviation` was within 3 % of the
+    spread of 200 samples (`tests/modes/test_gradient.py`).
 
     Parameters
     ----------

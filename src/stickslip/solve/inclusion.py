@@ -89,7 +89,8 @@ def inflate(
 ) -> Inflation:
     """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, each contact held in its mode.
 
-    A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`.
+    A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`. They differed by up to
+    0.02 % of the largest displacement for a growth of 1e-6, and by 0.2 % for 1e-5 (`tests/modes/test_inclusion.py`).
 
     In an isotropic elastic body the mean of u_r over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
     of area or volume V, B = −πA/V or −4πA/3V, and A = M/(2π(K + G)) or M/(4π(K + 4G/3)), with the force dipole M =

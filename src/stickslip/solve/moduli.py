@@ -127,6 +127,10 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     positive, so that C is positive where a packing resists. Under a pressure p it differs from the second derivative of
     an energy by terms of order p. Rattlers are excluded.
 
+    In 16 disks and 20 spheres without sliding contacts, with overlaps of 1 to 3 %, the change of the shear stress
+    differed from that of C_xyxy by 0.03 % after a strain of 1e-4, and by 0.3 % after 1e-3
+    (`tests/modes/test_moduli.py`).
+
     Parameters
     ----------
     state : State, accepted and in equilibrium, in a fully periodic cell, without walls or rigid groups

@@ -127,7 +127,9 @@ def dispersion(
 
     In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the poles are exact. In a
     disordered packing a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is as far from
-    the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse factorisations.
+    the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse factorisations. In 300
+    disks, the structure factor of all modes peaked within 2 % of P and S, and within 8 % of R
+    (`tests/modes/test_waves.py`).
 
     Parameters
     ----------
@@ -219,6 +221,9 @@ def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
 
     ρ is the mass of the grains without rattlers over the volume. A uniform stress drops out of the equation if C is the
     response of the Cauchy stress, as here. NaN where a wave is unstable.
+
+    In 300 disks, waves of `dispersion` were 2 % slower at a wavelength of 18 diameters, and 6 to 9 % at 6 diameters
+    (`tests/modes/test_waves.py`).
 
     Parameters
     ----------

@@ -113,6 +113,10 @@ def load_path(
     held leads to the next equilibrium, from which the path goes on. Loads are dead; the load points of springs may move
     instead, and a stiff spring drives a displacement (`with_machine`).
 
+    Slow dynamics in 200 steps of the load moved the lid as the path did, within 0.1 % (median) and 0.9 % (largest), and
+    strained sheared cells within 0.06 %, event by event, where one status alone was consistent
+    (`tests/quasirigid/test_path.py`).
+
     Parameters
     ----------
     state : State in equilibrium under its own control

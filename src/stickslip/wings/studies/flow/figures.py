@@ -59,7 +59,7 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
         drawn = draw_grains_by_speed(axes, state, place, loose, top)
         _draw_walls(axes, state)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], tops[k // columns]), aspect="equal")
-        axes.set_title(f"$t$ = {with_unit(f'{state.time:.4g}', 'time')}", fontsize=7, pad=2)
+        axes.set_title(f"$t$ = {with_unit(f'{state.time:.4g}', 'time', unnamed='time units')}", fontsize=7, pad=2)
     for axes in panels.flat[len(shown) :]:
         axes.axis("off")
     for axes in panels[-1]:
