@@ -302,6 +302,15 @@ def test_a_layer_in_three_dimensions_may_buckle(dimension, tmp_path):
     assert any("motion along z is left out" in note for note in obstacles(tmp_path)) == (not dimension)
 
 
+def test_a_script_changes_nothing_in_a_dump_that_it_closed(cases, tmp_path):
+    (tmp_path / "dump.grains").write_bytes((cases / "poured" / "dump.grains").read_bytes())
+    law = f"pair_style {HOOKE_HISTORY}\npair_coeff * *\nfix m all nve/sphere\ndump d all custom 1 dump.grains id\nrun 9"
+    later = "pair_style gran/hooke/history 2000 571.4 20 10 0.1 1\nrun 9"
+    for end, friction in (("undump d", 0.4), ("", 0.1), ("undump d\ndump d all custom 1 dump.grains id", 0.1)):
+        (tmp_path / "in.poured").write_text(f"atom_style sphere\n{law}\n{end}\n{later}\n")
+        assert ss.io.read_packing(tmp_path).law.table[0, 0, 2] == friction
+
+
 def test_regions_in_units_of_the_lattice(cases, tmp_path):
     """The spacing of 1.49 is in the log; `units box` has its own."""
     log = (in_poured(cases, tmp_path) / "log.lammps").read_text()

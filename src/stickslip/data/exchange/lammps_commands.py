@@ -121,11 +121,25 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
     if writes:
         return writes[-1] + 1
     runs = [k for k, event in enumerate(events) if isinstance(event, Block) and event.start is not None]
+    if not runs and (closed := _closing(events, until)):
+        return closed
     reached = [k for k in runs if events[k].start < step <= events[k].end or events[k].start == events[k].end == step]
     reached = reached or [k for k in runs if events[k].start <= step <= events[k].end]
     if step < 0 or not reached or (reached[-1] == runs[-1] and events[reached[-1]].end == step):
         return len(events)
     return reached[-1]
+
+
+def _closing(events: list[Command | Block], until: str) -> int:
+    """Place of the command `undump` after which a dump was not written any more; 0 if it was to the end."""
+    closed, name = 0, ""
+    for k, event in enumerate(events):
+        words = event.words if isinstance(event, Command) else [""]
+        if words[0] == "dump" and len(words) > 5 and until and fnmatchcase(until, Path(words[5]).name):
+            closed, name = 0, words[1]
+        elif words[:2] == ["undump", name]:
+            closed = k
+    return closed
 
 
 def read_lines_of(path: Path) -> str:
