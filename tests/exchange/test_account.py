@@ -258,6 +258,59 @@ def test_setforce_leaves_rotations_free_and_nve_holds_them(cases, tmp_path):
     assert read.state.control.free[:24, :3].all() and not read.state.control.free[:24, 3:].any()
 
 
+UNSURE = "are not known for certain"
+
+
+@pytest.mark.parametrize(
+    ("lines", "held"),
+    [
+        ("group low id 1:3\ngroup low clear\ngroup low id 24", [24]),
+        ("group a id 1:3\ngroup low union a\ngroup a id 20:24", [1, 2, 3]),
+        ("group low id 1:5\ngroup b id 4:5\ngroup low subtract low b", [1, 2, 3]),
+        ("group low id 1:5\ngroup b id 4:5\ngroup c id 24\ngroup low subtract c b", [1, 2, 3, 24]),
+        ("group low id 24\n3 atoms in group low", UNSURE),  # the group was there in a restart file
+        ("group low id 24\n1 atoms in group low", [24]),
+        ("group low type 1\nset atom 24 type 2", UNSURE),
+        ("group low id 24\nset atom 24 type 2", [24]),
+        ("group a type 2\ngroup low union a\nset atom 24 type/fraction 2 0.5 1", UNSURE),
+        ("group low id 24\ndelete_atoms overlap 0.1 all all", UNSURE),
+        ("group low id 24\ndelete_atoms overlap 0.1 all all compress no", [24]),
+        ("group low id 24\nreplicate 2 1 1\ngroup low clear\ngroup low id 1", [1]),
+    ],
+)
+def test_groups_are_those_when_their_commands_ran(lines, held, cases, tmp_path):
+    """LAMMPS adds the grains that are there at that time; later ids, types and groups change nothing."""
+    read = ss.io.read_packing(in_poured(cases, tmp_path, f"{lines}\nfix z low freeze"))
+    left_out = [note for note in read.notes if isinstance(note, Obstacle)]
+    if held == UNSURE:
+        assert any(f"the members of group low {UNSURE}" in note for note in left_out)
+    else:
+        assert not left_out
+        assert (np.flatnonzero(~read.state.control.free[:24, 0]) + 1).tolist() == held
+
+
+@pytest.mark.parametrize("dimension", ["", "dimension 2\n"])
+def test_a_layer_in_three_dimensions_may_buckle(dimension, tmp_path):
+    """All grains at z = 0 mean two dimensions only where the run has two."""
+    heads = "id type x y z vx vy vz omegax omegay omegaz radius mass"
+    rows = "1 1 1 1 0 0 0 0 0 0 0 0.5 1\n2 1 1.99 1 0 0 0 0 0 0 0 0.5 1\n"
+    box = "ITEM: BOX BOUNDS ff ff ff\n0 5\n0 5\n-1 1\n"
+    head = f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\n{box}ITEM: ATOMS {heads}\n"
+    (tmp_path / "layer.dump").write_text(head + rows)
+    script = f"{dimension}atom_style sphere\npair_style {HOOKE_HISTORY}\npair_coeff * *\nfix m all nve/sphere\n"
+    (tmp_path / "in.layer").write_text(f"{script}dump d all custom 1 layer.dump {heads}\n")
+    assert any("motion along z is left out" in note for note in obstacles(tmp_path)) == (not dimension)
+
+
+def test_a_script_changes_nothing_in_a_dump_that_it_closed(cases, tmp_path):
+    (tmp_path / "dump.grains").write_bytes((cases / "poured" / "dump.grains").read_bytes())
+    law = f"pair_style {HOOKE_HISTORY}\npair_coeff * *\nfix m all nve/sphere\ndump d all custom 1 dump.grains id\nrun 9"
+    later = "pair_style gran/hooke/history 2000 571.4 20 10 0.1 1\nrun 9"
+    for end, friction in (("undump d", 0.4), ("", 0.1), ("undump d\ndump d all custom 1 dump.grains id", 0.1)):
+        (tmp_path / "in.poured").write_text(f"atom_style sphere\n{law}\n{end}\n{later}\n")
+        assert ss.io.read_packing(tmp_path).law.table[0, 0, 2] == friction
+
+
 def test_regions_in_units_of_the_lattice(cases, tmp_path):
     """The spacing of 1.49 is in the log; `units box` has its own."""
     log = (in_poured(cases, tmp_path) / "log.lammps").read_text()

@@ -444,3 +444,18 @@ def test_decimal_commas_between_commas_are_not_taken_for_columns(tmp_path):
     (tmp_path / "a.csv").write_text(f"time [s],load_point [um],friction [-]\n{rows}")
     with pytest.raises(ValueError, match="if commas are decimal ones, separate columns by semicolons"):
         read_record(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("heads", "row", "sentence"),
+    [
+        ("friction", "60", "friction is about 60: is it in per cent"),
+        ("tau (MPa),sigma_n (MPa)", "3,5000", "friction is about 0.0006: is it in per cent, or are units"),
+        ("friction,tau (MPa),sigma_n (MPa)", "0.9,3,5", "about 0.9, and shear over normal stress is about 0.6"),
+    ],
+)
+def test_friction_that_contradicts_its_stresses_or_all_materials_is_doubted(tmp_path, heads, row, sentence):
+    rows = "".join(f"{k},{k},{row}\n" for k in range(20))
+    (tmp_path / "r.csv").write_text(f"time (s),load_point (um),{heads}\n{rows}")
+    with pytest.warns(UserWarning, match=sentence):
+        read_record(tmp_path / "r.csv")

@@ -10,13 +10,15 @@ import numpy as np
 
 from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
 from .content import read_content, read_lines
-from .lammps_log import BONDS, LATTICE, VERSION, Block, Command, read_events, recognize_log
+from .lammps_log import BONDS, LATTICE, MEMBERS, VERSION, Block, Command, read_events, recognize_log
 
 LONGEST_LINE = 4096  # characters that values of variables may have in a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
 INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")  # fixes that change their number
 RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
+RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
+COMBINED = ("union", "subtract", "intersect")  # groups made of others
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
 WRITING = ("write_restart", "write_data", "write_dump")
 BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
@@ -119,11 +121,25 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
     if writes:
         return writes[-1] + 1
     runs = [k for k, event in enumerate(events) if isinstance(event, Block) and event.start is not None]
+    if not runs and (closed := _closing(events, until)):
+        return closed
     reached = [k for k in runs if events[k].start < step <= events[k].end or events[k].start == events[k].end == step]
     reached = reached or [k for k in runs if events[k].start <= step <= events[k].end]
     if step < 0 or not reached or (reached[-1] == runs[-1] and events[reached[-1]].end == step):
         return len(events)
     return reached[-1]
+
+
+def _closing(events: list[Command | Block], until: str) -> int:
+    """Place of the command `undump` after which a dump was not written any more; 0 if it was to the end."""
+    closed, name = 0, ""
+    for k, event in enumerate(events):
+        words = event.words if isinstance(event, Command) else [""]
+        if words[0] == "dump" and len(words) > 5 and until and fnmatchcase(until, Path(words[5]).name):
+            closed, name = 0, words[1]
+        elif words[:2] == ["undump", name]:
+            closed = k
+    return closed
 
 
 def read_lines_of(path: Path) -> str:
@@ -191,7 +207,11 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     if key == BONDS:
         run.acts[key] = f"{' '.join(rest)} ({place}) were not taken over: {find_row('section', 'Bonds').why}"
         return run
+    if key == MEMBERS:
+        run.groups.get(rest[-1], []).append(["count", rest[0]])
+        return run
     run.met[group_of("command", key)].add(key)
+    _change_groups(run, key, rest)
     if key == "clear":
         return _empty(run.source, run.year)._replace(met=run.met)
     if key == "pair_style" and rest:
@@ -215,7 +235,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
 
 def _set(run: Run, key: str, rest: list[str]) -> None:
     """Take a command that changes a setting."""
-    if rest and key in ("units", "atom_style", "newton", "boundary"):
+    if rest and key in ("units", "atom_style", "newton", "boundary", "dimension"):
         run.settings[key] = rest
     elif key == "change_box" and "boundary" in rest:
         run.settings["boundary"] = rest[rest.index("boundary") + 1 :][:3]
@@ -242,9 +262,29 @@ def _define(run: Run, key: str, rest: list[str], place: str) -> None:
     elif key in ("group", "region") and rest[1:2] == ["delete"]:
         (run.groups if key == "group" else run.regions).pop(rest[0], None)
     elif key == "group" and len(rest) > 1:
-        run.groups.setdefault(rest[0], []).append(rest[1:])
+        _define_group(run, *rest)
     elif key == "region" and len(rest) > 1:
         run.regions[rest[0]] = Region(rest[1:], run.settings.get(LATTICE))
+
+
+def _define_group(run: Run, name: str, style: str, *arguments: str) -> None:
+    """Add to a group; the groups that it is made of are kept as they are now."""
+    if style == "clear":
+        run.groups[name] = []
+    if style in COMBINED:
+        kept = {word: f"{word} {len(run.groups)}" for word in arguments if word != "all"}
+        run.groups.update({new: list(run.groups.get(word, [["unknown"]])) for word, new in kept.items()})
+        arguments = tuple(kept.get(word, word) for word in arguments)
+    run.groups.setdefault(name, []).append([style, *arguments])
+
+
+def _change_groups(run: Run, key: str, rest: list[str]) -> None:
+    """Note groups whose members have other ids, or other types, after a command."""
+    retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))
+    renumbered = key in (*RENUMBERING, *RELABELING) and " ".join(rest[-2:]) != "compress no"
+    for lines in run.groups.values() if retyped or renumbered else ():
+        if any(words[0] == "type" or (renumbered and words[0] == "id") for words in lines):
+            lines.append(["changed"])
 
 
 def _take_style(run: Run, key: str, rest: list[str], place: str) -> None:
@@ -263,14 +303,17 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
     for style, *arguments in run.groups.get(name, [["unknown"]]):
         if style in ("type", "id") and (types if style == "type" else ids) is not None:
             members |= _select(*((types + 1, run.numbers(arguments)) if style == "type" else (ids, arguments)))
-        elif style in ("union", "subtract", "intersect"):
-            parts = [group_members(run, word, ids, types, n) for word in arguments if word != name]
+        elif style in COMBINED:
+            parts = [group_members(run, word, ids, types, n) for word in arguments]
             if any(part is None for part in parts) or not parts:
                 return None
-            others = np.any([np.zeros(n, bool), *parts[1:]], axis=0)
-            members |= {"union": parts[0] | others, "subtract": parts[0] & ~others, "intersect": np.all(parts, axis=0)}[
-                style
-            ]
+            if style == "intersect":
+                members |= np.all(parts, axis=0)
+            else:
+                others = np.any([np.zeros(n, bool), *parts[1:]], axis=0)
+                members = members | parts[0] | others if style == "union" else (members | parts[0]) & ~others
+        elif style == "count" and members.sum() == int(arguments[0]):
+            continue
         elif style not in ("empty", "clear"):
             return None
     return members

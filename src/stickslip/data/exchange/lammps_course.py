@@ -73,6 +73,9 @@ def take_over(course: Course) -> None:
     units = run.settings.get("units", ["lj"])[0]
     if units not in SAME_UNITS:
         course.obstacle(f"units {units}, in which LAMMPS converts forces, were not taken over")
+    restored = "read_restart" in run.met[USED]  # with the dimension
+    if course.packing.arrays.get("dim") == 2 and run.settings.get("dimension") != ["2"] and not restored:
+        course.obstacle("grains at z = 0 are read in two dimensions, and the run has three: motion along z is left out")
     _take_pairs(course)
     for name, (group, style, *_) in run.fixes.items():
         if style in MOVERS:
@@ -90,7 +93,7 @@ def _try(course: Course, name: str, take, *given) -> None:
         take(*given)
         return
     except RecursionError:
-        why = f"group {group} is defined by itself"
+        why = f"group {group} is made of too many others"
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         why = str(problem)
     text = f"fix {name} ({style}) was not taken over: {why} ({course.run.places[name]})"

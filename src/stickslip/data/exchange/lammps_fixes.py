@@ -55,7 +55,10 @@ class Course:
         mask = self.masks.get(group)
         mask = group_members(self.run, group, self.packing.ids, self.types, self.n) if mask is None else mask
         if mask is None:
-            raise ValueError(f"the members of group {group} are not in the files (restart files have them)")
+            raise ValueError(
+                f"the members of group {group} are not known for certain: restart files have them, and commands only "
+                f"if they choose types or ids that nothing changes later"
+            )
         return mask
 
     def wall_number(self, name: str) -> int:

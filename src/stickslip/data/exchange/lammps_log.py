@@ -11,13 +11,14 @@ RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")
 HEAD = re.compile(r"LAMMPS \(\d+ \w+ (\d{4})")
 BEGINS = re.compile(r"Per MPI rank memory allocation |Memory usage per processor ")
 LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps with (\d+) atoms")
-VERSION, LATTICE, BONDS = "(version)", "(spacing)", "(bonds)"
+VERSION, LATTICE, BONDS, MEMBERS = "(version)", "(spacing)", "(bonds)", "(members)"
 NAMED = re.compile(r"[a-z]\w*(/\w+)*(\s|$)")  # how a command begins that is none of those known
 TALKING = ("info", "package", "run", "minimize", "rerun")  # commands after which any words may come
 QUOTES, MOST_QUOTED = '"""', 1000  # marks of a text of several lines, and lines that it may have
 REPORTS = {  # what LAMMPS reports, in the place of commands
     VERSION: HEAD, LATTICE: re.compile(r"Lattice spacing in x,y,z = (.*)"),
     BONDS: re.compile(r"\s+([1-9]\d* (?:bonds|angles|dihedrals|impropers))\s*$"),
+    MEMBERS: re.compile(r"(\d+ atoms in group \S+)\s*$"),
 }  # fmt: skip
 ENDLESS = float("inf")
 

@@ -41,6 +41,7 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     "theta": (TIME, ("theta", "state")),
 }  # fmt: skip
 LEAST = 10  # rows
+LEAST_FRICTION, MOST_FRICTION = 0.005, 5.0  # beyond which a unit is doubted
 ABSENT = (-9999.0, -999.0, -99999.0)  # written by some programs where there is no number
 CROOKED = 0.2  # straight legs per sample from which a displacement counts as noisy
 SHOWN = 8  # columns that a message lists
@@ -106,6 +107,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
         if not (values["normal_stress"] > 0).all():
             raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
         values["friction"] = values["shear_stress"] / values["normal_stress"]
+    _doubt_friction(path, values)
     values.pop("shear_stress", None)
     if (values["friction"] < 0).all():
         raise ValueError(f"{path}: friction is negative throughout: is its sign reversed? give positive values")
@@ -119,6 +121,22 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
             warnings.warn(f"{path}: {name} is counted backwards: its sign was turned round", stacklevel=2)
             values[name] = -values[name]
     return LabRecord(**values)
+
+
+def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
+    """Warn of friction that no material has, as in per cent or of mixed units, or that differs from its stresses."""
+    usual = float(np.median(np.abs(values["friction"])))
+    told = f"{path}: friction is about {usual:.3g}"
+    if usual > MOST_FRICTION or 0 < usual < LEAST_FRICTION:
+        warnings.warn(f"{told}: is it in per cent, or are units of the stresses mixed up?", stacklevel=3)
+    if {"shear_stress", "normal_stress"} <= set(values) and (values["normal_stress"] > 0).all():
+        ratio = float(np.median(np.abs(values["shear_stress"] / values["normal_stress"])))
+        if abs(ratio - usual) > 0.1 * usual:
+            warnings.warn(
+                f"{told}, and shear over normal stress is about {ratio:.3g}: friction is used; correct the column that "
+                f"is wrong",
+                stacklevel=3,
+            )
 
 
 @checked
