@@ -495,3 +495,14 @@ def test_what_is_used_is_taken_over():
     assert {group_of("fix", style) for style in MOVERS} == {USED, UNKNOWN}
     assert plain_style("gran/hooke/history/kk/device") == "gran/hooke/history" and plain_style("lj/cut") == "lj/cut"
     assert group_of("fix", "mystery") == group_of("command", "mystery") == group_of("a kind", "mystery") == UNKNOWN
+
+
+@pytest.mark.parametrize(("velocity", "undecided"), [("0 0 0", False), ("0.5 0 0", True)])
+def test_grains_that_no_fix_moves_may_have_velocities(velocity, undecided, cases, tmp_path):
+    """As a belt: LAMMPS does not move them, and their contacts have dashpots."""
+    lines = "unfix move\ngroup low id 1:3\ngroup mob subtract all low\nfix move mob nve/sphere"
+    folder = in_poured(cases, tmp_path, lines, "poured.data")
+    changed(folder, "poured.data", "\n2 0 0 0 0 0 0\n", f"\n2 {velocity} 0 0 0\n")
+    read = ss.io.read_packing(folder)
+    assert "3 grains that no fix moves are held" in read.notes
+    assert any("no fix moves have velocities" in note for note in read.notes) == undecided

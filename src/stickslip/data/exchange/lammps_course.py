@@ -129,6 +129,9 @@ def _hold_the_rest(course: Course) -> None:
     if rest.any():
         course.free[rest] = False
         course.notes.append(f"{pluralize(int(rest.sum()), 'grain')} that no fix moves are held")
+        speed = np.linalg.norm(course.packing.arrays.get("velocity", np.zeros((course.n, 3))), axis=1)
+        if speed[rest].max() > speed[course.moved].max():
+            course.obstacle("grains that no fix moves have velocities, on which dashpots of their contacts act")
     if still.any():
         spin = course.packing.arrays.get("spin")
         course.free[still, 3:] = False
