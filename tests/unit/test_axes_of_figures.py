@@ -256,7 +256,7 @@ def test_snapshots_have_walls_times_and_units(panels):
         assert (axes.get_aspect(), axes.get_xlim()) == (1, (0, LENGTH))
         assert axes.get_ylim()[0] < -0.2 and axes.get_ylim()[1] > 4.4  # all of every grain
     shown, bar = panels
-    assert [axes.get_title() for axes in shown] == [f"$t$ = {t:g}" for t in SHOWN]
+    assert [axes.get_title() for axes in shown] == [f"$t$ = {t:g} time units" for t in SHOWN]
     assert {labels(axes) for axes in shown} <= {(x, y) for x in ("", "$x$ [length]") for y in ("", "$y$ [length]")}
     assert labels(shown[0])[1] == "$y$ [length]" and labels(shown[-1])[0] == "$x$ [length]"
     assert bar.get_xlabel() == "speed [length/time]"
