@@ -149,7 +149,7 @@ class BirthForm(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """What the form predicts, in words."""
+        """Prediction of the form, in words."""
         i, j = self.limit_contact if self.limit <= self.opening else self.opening_contact
         what = "reaches the Coulomb limit" if self.limit <= self.opening else "opens"
         end = "no contact is lost"

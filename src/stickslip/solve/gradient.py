@@ -447,7 +447,7 @@ def with_given_slips(state: State) -> State:
 
 @readable
 class VerdictProbability(NamedTuple):
-    """How sure the verdict on a packing is whose positions have errors."""
+    """Certainty of the verdict on a packing whose positions have errors."""
 
     stable: int  # samples without a growing mode
     samples: int
