@@ -23,9 +23,8 @@ from ...kit import readable
 from ...measure import contact_forces, elastic_energy, rattlers, stable_time_step, touching
 from ...results import Factorisation
 from ...solve.spectrum import near_zero
-from .events import APEX
+from .events import APEX, gaps
 from .matrices import linear_system, stiffness_matrix
-from .rattling import gaps
 from .system import pinned_coordinates, roll_springs
 
 TIME_STEP = 0.1  # of dynamics, in units of the longest stable one, as in `slow_dynamics`

@@ -20,17 +20,15 @@ from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import KN, KT, MU
 from ...measure import contact_forces, rattlers
 from ...modes import displaced, residual_vector
-from ...results import ContactLoads, Freedom
 from ...solve.freedom import incidence
 from ...solve.linear import factorised
+from .apex_status import ApexStatuses, decide_statuses
+from .complementarity import complementarity, inconsistent
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
-from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs
-from .lcp import complementarity, inconsistent
+from .events import APEX, CLOSES, INCREMENT, NUDGE, REACHES, Event, Fork, gaps, next_event, open_pairs, with_modes
 from .matrices import LinearSystem, force_rates, linear_system
-from .opening import ApexStatuses, decide_statuses
-from .rattling import NUDGE, gaps, with_modes
 from .status import ContactStatus, Verdict, status_of_critical
-from .system import RESIDUAL, pinned_coordinates, regular_stiffness
+from .system import RESIDUAL, external_force, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
@@ -57,12 +55,6 @@ class PathState(NamedTuple):
     unique: bool  # whether the status was unique for every load when last tested
     looked: float  # load of the last test for uniqueness and for other statuses
     wedged: bool = False  # whether a rattler has just been wedged here
-
-
-def external_force(state: State, free: Freedom) -> np.ndarray:
-    """(n,) generalised external force on the free coordinates [force]."""
-    nothing = np.zeros((state.n_bodies, 3))
-    return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)
 
 
 class Increment:

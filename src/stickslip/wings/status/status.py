@@ -22,12 +22,14 @@ from scipy.linalg import LinAlgError
 
 from ...kit import readable
 from ...solve.linear import one_thread
-from .absence import Absence, UnresistedMotion, farkas, farkas_ray, find_idle_motions, motion_of_ray
-from .enumeration import BLUR, MAPPED, Solution, enumerate_solutions
-from .lcp import (
+from .complementarity import (
+    BLUR,
+    MAPPED,
     Complementarity,
+    Solution,
     complementarity_of_system,
     critical_numbers,
+    enumerate_solutions,
     inconsistent,
     lemke,
     principal_pivoting,
@@ -36,7 +38,19 @@ from .lcp import (
 )
 from .matrices import LinearSystem, force_rates, stiffness_matrix
 from .system import StatusSolver, driven_motions
-from .uniqueness import Uniqueness, certificate, is_regular, may_be_p_matrix, sign_of_minor
+from .uniqueness import (
+    Absence,
+    Uniqueness,
+    UnresistedMotion,
+    certificate,
+    farkas,
+    farkas_ray,
+    find_idle_motions,
+    is_regular,
+    may_be_p_matrix,
+    motion_of_ray,
+    sign_of_minor,
+)
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
 ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates

@@ -5,6 +5,9 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import splu
 
+from ... import State
+from ...modes import residual_vector
+from ...results import ContactLoads, Freedom
 from ...solve.linear import factorised
 from .matrices import LinearSystem, stiffness_matrix
 
@@ -228,3 +231,9 @@ def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
     graph.setdiag(1.0 + np.diff(graph.indptr))  # larger than the rest of its column, so that there is no pivoting
     rank = splu(graph, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).perm_c
     return np.argsort(rank[node], kind="stable")
+
+
+def external_force(state: State, free: Freedom) -> np.ndarray:
+    """(n,) generalised external force on the free coordinates [force]."""
+    nothing = np.zeros((state.n_bodies, 3))
+    return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)

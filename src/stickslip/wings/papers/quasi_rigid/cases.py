@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from ...status.apex_status import reduce_to_contacts
+from ...status.complementarity import complementarity, status_map
 from ...status.cone_apex import STATUS_NAMES, Apex, consistent_statuses
-from ...status.enumeration import status_map
-from ...status.lcp import complementarity
 from ...status.matrices import LinearSystem, linear_system
-from ...status.opening import reduce_to_contacts
 from ...status.uniqueness import certificate
 from .simulate import QuasiResult
 

@@ -12,7 +12,7 @@ from ....modes import damped_growth
 from ....packings import TOP
 from ....reports.claims import ALWAYS
 from ...status.matrices import linear_system
-from ...status.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
+from ...status.rigidity import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from .cases import ApexCases, StatusCases, apex_cases, status_cases
 from .claims_of_motion import evaluate_motion
 from .simulate import QuasiResult, SampleResult, table_one

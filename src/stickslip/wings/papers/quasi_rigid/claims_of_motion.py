@@ -8,7 +8,7 @@ from ....laws import hertz_mindlin
 from ....packings import TOP
 from ....reports.claims import ALWAYS, CAN
 from ...status.matrices import linear_system, stiffness_matrix
-from ...status.null_modes import DRIVEN, mechanisms
+from ...status.rigidity import DRIVEN, mechanisms
 from .growth import disk_in_groove, through_instability, through_mechanism
 from .simulate import QuasiResult, SampleResult, table_one
 from .sliding import BURST, SlidingState, geometric_slope, most_critical, sliding_state, vibrate

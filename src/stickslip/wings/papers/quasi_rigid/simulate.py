@@ -31,14 +31,12 @@ from ....quasirigid import slow_dynamics, with_load, with_machine, with_travel  
 from ....results import Freedom, SlowRun
 from ....solve.linear import suitable_threads
 from ...status.collapse import Collapse
-from ...status.enumeration import status_map
+from ...status.complementarity import complementarity, status_map
 from ...status.events import Event, Fork
-from ...status.increment import external_force
-from ...status.lcp import complementarity
 from ...status.matrices import LinearSystem, linear_system, statuses, stiffness_matrix
 from ...status.path import LoadPath, PathPoint, load_path
 from ...status.status import Verdict
-from ...status.system import pinned_coordinates
+from ...status.system import external_force, pinned_coordinates
 from ...status.uniqueness import certificate
 from . import EXPERIMENT
 from .scenario import QuasiScenario

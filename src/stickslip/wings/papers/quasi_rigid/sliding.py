@@ -12,8 +12,7 @@ from .... import SLIDE, Law, State, run
 from ....packings import TOP, biaxial_box
 from ....quasirigid import with_load
 from ...status.apex_status import contact_status
-from ...status.enumeration import MAPPED
-from ...status.lcp import complementarity
+from ...status.complementarity import MAPPED, complementarity
 from ...status.matrices import LinearSystem, linear_system, statuses, stiffness_matrix
 from ...status.path import load_path
 from ...status.system import pinned_coordinates
