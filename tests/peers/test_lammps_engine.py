@@ -22,8 +22,7 @@ from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
 from stickslip.wings.faults.friction.measure import steady_mean
 from stickslip.wings.lammps import process, script
-from stickslip.wings.lammps.job import leg_folder
-from stickslip.wings.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
+from stickslip.wings.lammps.run import leg_folder, run_in_lammps, run_leg, sample_path, walls_at
 from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.studies.flow import SETTLING, SHEARED
 from stickslip.wings.studies.flow import lammps as flow_lammps

@@ -68,7 +68,7 @@ def watch(
         raise ValueError("--once was given with --until-idle: give one of them")
     from ...data.exchange.follow import open_source
     from ...reports import terminal
-    from .watch.record import watch_and_record
+    from .watch_record import watch_and_record
 
     source = open_source(place, memory=not no_contacts, **options.values())
     table = out or source.folder / NAME

@@ -11,8 +11,20 @@ from ...core.dynamics.engine import Leg
 from ...core.laws.builtin import DAMPING, KEEPS_FORCE, NO_TENSION, ROLLING, parameter_names
 from ...data.exchange.frame import wrapped_into
 from ...data.exchange.lammps_laws import FORCE, MODELS, RESTITUTION, SDS, as_restitution
-from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
-from .leg import LOOSE, atom_types, digits, inertia_factor, is_held, members_of, warm_up
+from .cell import (
+    INSTANT,
+    LOOSE,
+    CellCommands,
+    atom_types,
+    cell_commands,
+    digits,
+    inertia_factor,
+    is_held,
+    members_of,
+    needs_forces,
+    rates_in_log,
+    warm_up,
+)
 from .supported import is_granular, is_linear, lacks_radius, name_with_radius, parameters_of
 
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"

@@ -28,8 +28,7 @@ from ...core.laws.kinds import Kind
 from ...core.laws.restitution import critical_coefficient, dashpot_coefficients, restitution_of
 from ...data.exchange.lammps_laws import MODELS
 from ...experiments import ScenarioError
-from .cell import needs_forces, tilts_of
-from .leg import inertia_factor, is_held, members_of
+from .cell import inertia_factor, is_held, members_of, needs_forces, tilts_of
 
 MAX_KNOTS = 64  # of the course of a velocity within one leg
 STAY = 'or use engine = "stickslip"'

@@ -16,9 +16,8 @@ from ....data.exchange.lammps_restart import is_complete
 from ....experiments import ScenarioError
 from ....kit import checkpoint_in, silent
 from ....results import Record
-from ...lammps.job import clear_legs, leg_folder, write_scripts
 from ...lammps.process import require_lammps
-from ...lammps.run import read_leg, sample_path, with_records, write_start
+from ...lammps.run import clear_legs, leg_folder, read_leg, sample_path, with_records, write_scripts, write_start
 from ...lammps.script import write_input
 from ...lammps.supported import check_leg
 from .protocol import TRUNK, run_branch, settled_sample, slide_trunk
