@@ -15,9 +15,9 @@ from PIL import Image
 from stickslip.core.state import State
 from stickslip.data import archive
 from stickslip.reports import claims as table
+from stickslip.wings.papers.disk_array import claims as disk_array
+from stickslip.wings.papers.disk_array import claims_of_motion as printed
 from stickslip.wings.papers.disk_array import measures as disk_measures
-from stickslip.wings.papers.disk_array import paper as disk_array
-from stickslip.wings.papers.disk_array import printed
 from tests.conftest import stickslip_here
 
 pytestmark = pytest.mark.timeout(300)  # another process compiles

@@ -8,7 +8,7 @@ import pytest
 from stickslip.wings.faults.friction.loads import LoadStep
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from stickslip.wings.papers.gouge import claims as gouge_claims
-from stickslip.wings.papers.gouge import claims_of_text as text
+from stickslip.wings.papers.gouge import claims as text
 from stickslip.wings.papers.gouge.paper import paper_scenario
 from stickslip.wings.papers.gouge.statistics import Number
 

@@ -179,7 +179,7 @@ def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
     while waiting:
         over = child.poll() is not None
         boxes = written_boxes(leg, folder)
-        while waiting and waiting[0] in boxes and is_complete(sample_path(leg, folder, waiting[0])):
+        while waiting and waiting[0] in boxes and is_complete(restart_path(leg, folder, waiting[0])):
             step = waiting.pop(0)
             yield read_state(leg, folder, step, boxes[step])
         if waiting and over:
@@ -219,14 +219,14 @@ def written_boxes(leg: Leg, folder: Path) -> dict[int, np.ndarray]:
     return {int(numbers[0]) - warm_up(leg): np.array(numbers[1:], float) for numbers in lines}
 
 
-def sample_path(leg: Leg, folder: Path, step: int) -> Path:
+def restart_path(leg: Leg, folder: Path, step: int) -> Path:
     """Path of the restart file of a step."""
     return folder / SAMPLE.replace("*", str(step + warm_up(leg)))
 
 
 def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     """Read the state at a step, with the memory of its contacts; angles are those at the start of the leg."""
-    state, path = leg.state, sample_path(leg, folder, step)
+    state, path = leg.state, restart_path(leg, folder, step)
     try:
         places = Places.of(leg.law)
         restart = read_restart(path, walls=len(state.walls.mass), values=places.size)
@@ -335,7 +335,7 @@ def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
     for number, leg in enumerate(legs):
         place = leg_folder(folder, number)
         paths.append(write_input(leg._replace(number=number), place, begin=begin))
-        ends.append(sample_path(leg, place, leg.steps))
+        ends.append(restart_path(leg, place, leg.steps))
         begin = f"../{place.name}/{ends[-1].name}"
     return [*paths, *write_scripts(folder, ends, ranks)]
 

@@ -11,9 +11,9 @@ from ....kit import Fields, archive_fields, console, new_table
 from ....loading.protocols import Family
 from ....results import Spectrum
 from . import figures as figures_of
+from .claims import Reproduction
+from .claims_of_motion import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
-from .paper import Reproduction
-from .printed import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .simulate import DiskArrayResult, point_at_load
 
 FIGURES = (

@@ -29,7 +29,7 @@ from ....packings import disk_array, with_push
 from ....protocols import Protocol, load_path, ramp
 from ....results import Equilibrium, Spectrum
 from . import EXPERIMENT, fronts
-from .free_runs import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
+from .fronts import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
 from .scenario import DiskArrayScenario
 
 RAMP, BIRTHS, FREE = "quasi-static ramp", "births and deaths of pairs", "free runs"  # names of stages

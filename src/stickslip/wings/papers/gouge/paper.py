@@ -11,9 +11,8 @@ from typing import NamedTuple
 from ....kit import Claim, Report, Workers, note_quick_run, silent, validate_scenario, within
 from .claims import evaluate_claims
 from .report import announce, announce_samples
-from .samples import Sample, check_folder, read_samples
 from .scenario import GougeScenario
-from .simulate import GougeResult, simulate_gouge
+from .simulate import GougeResult, Sample, check_folder, read_samples, simulate_gouge
 
 SLOW, PAPER = 0.03, 0.02  # velocities before holds; the latter is that of Fig S2 [m/s]
 DAMPINGS = {  # keys are the names used in claims and figures

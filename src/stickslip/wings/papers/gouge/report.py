@@ -21,13 +21,10 @@ from ....kit import (
 from ...faults.friction.laboratory import LabRecord, write_csv
 from . import figures as figures_of
 from . import measures as measured
-from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
-from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
-from .protocol import Series
-from .sample import damping
-from .samples import Sample
-from .simulate import GougeResult
-from .slips import Slips, find_slips
+from .claims import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
+from .protocol import Series, Slips, find_slips
+from .sample import damping, inertial_numbers, normalised_hold, normalised_stiffness, stiffness
+from .simulate import GougeResult, Sample
 from .statistics import slope
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps

@@ -46,8 +46,8 @@ EXPERIMENT = Experiment(
             "3e4, 1e5, 3e5 and 1e6; load increments of 2e-3 instead of 1e-3; 60 constructed cases of each"
             " kind instead of 500"
         ),
-        scenario=_here("paper.paper_scenario"),
-        reproduce=_here("paper.reproduce"),
+        scenario=_here("claims.paper_scenario"),
+        reproduce=_here("claims.reproduce"),
         shows=_here("claims.shows"),
     ),
 )
