@@ -7,9 +7,7 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from stickslip.reports.claims import NOT_REPRODUCED, REPRODUCED, UNDECIDED
-from stickslip.wings.papers.disk_array import claims, claims_of_motion
-from stickslip.wings.papers.disk_array import claims_of_motion as motion_rows
-from stickslip.wings.papers.disk_array import fronts, measures
+from stickslip.wings.papers.disk_array import claims, claims_of_motion, fronts, measures
 from stickslip.wings.papers.disk_array.fronts import Front
 from stickslip.wings.papers.disk_array.measures import Arrest
 
@@ -184,7 +182,7 @@ def test_powers_of_the_push_and_the_ratio_of_both_fronts(monkeypatch):
 def test_slip_that_is_charged_grows_by_more_than_a_tenth():
     def row(charge):
         charge = np.array(charge)
-        return motion_rows._charging(Arrest(0.03, charge, charge, charge, charge, charge, 9)).measured
+        return claims_of_motion._charging(Arrest(0.03, charge, charge, charge, charge, charge, 9)).measured
 
     assert row([2.0, 2.1, 1.9]) is True and row([1.01, 0.99, 1.0]) is False and row([0.6, 1.1, 1.9]) is None
 
@@ -192,9 +190,9 @@ def test_slip_that_is_charged_grows_by_more_than_a_tenth():
 def test_m_at_the_breach_is_a_length_in_units_of_r_and_the_first_contact_is_counted():
     runs = Made(msd_at_breach=np.array([2.5e-5, 2.5e-5, np.nan]), wall_first=np.array([0.0, 0.0, np.nan]))
     main = Made(sliding=dict.fromkeys((0.083, 0.087, 0.09), runs))
-    row = motion_rows._msd_at_breach(main)
+    row = claims_of_motion._msd_at_breach(main)
     assert row.measured == pytest.approx(1e-2) and row.verdict == REPRODUCED and "1.0e-04 R²" in row.note
-    first = motion_rows._where_first(main)
+    first = claims_of_motion._where_first(main)
     assert first.verdict == NOT_REPRODUCED and "in 0 of 6 realizations" in first.note
 
 
@@ -202,11 +200,11 @@ def test_a_ratio_of_means_has_the_error_that_repeated_runs_show():
     rng, results = np.random.default_rng(0), []
     for _ in range(300):
         values = np.array([1.0, 1.2]) * (1 + 0.2 * rng.normal(size=(30, 2)))
-        results.append(motion_rows._ratio("r", "Fig 7: text", np.vstack([values, [np.nan, 1.0]]), 0.1, "ratio"))
+        results.append(claims_of_motion._ratio("r", "Fig 7: text", np.vstack([values, [np.nan, 1.0]]), 0.1, "ratio"))
     measured = np.array([row.measured for row in results])
     assert measured.mean() == pytest.approx(1.2, rel=0.01) and "over 30 runs" in results[0].note
     assert np.median([row.error for row in results]) == pytest.approx(measured.std(), rel=0.15)
-    assert motion_rows._ratio("r", "Fig 7: text", np.full((3, 2), np.nan), 0.1, "ratio").verdict == UNDECIDED
+    assert claims_of_motion._ratio("r", "Fig 7: text", np.full((3, 2), np.nan), 0.1, "ratio").verdict == UNDECIDED
 
 
 def test_one_case_without_balance_refutes_always_and_one_without_a_pair_leaves_it_open(monkeypatch):

@@ -102,7 +102,7 @@ def test_blocks_exchange_as_the_paper_says(monkeypatch):
         matrix[6 * i, 6 * j] *= 1 + 1e-6
         return matrix.tocsr()
 
-    monkeypatch.setattr(motion, "jacobian", damaged)
+    monkeypatch.setattr(claims, "jacobian", damaged)
     assert claims.block_asymmetry(state, law)["A"] > 1e-8
 
 

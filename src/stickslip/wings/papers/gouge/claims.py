@@ -1,8 +1,8 @@
 """Evaluation of the claims of Ferdowsi & Rubin 2021, the supplement to their slide-hold-slide study.
 
 The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Other
-statements follow from closed forms or from measured curves. Statements from the study itself or from other sources serve as
-references. Tolerances were fixed before anything was measured.
+statements follow from closed forms or from measured curves. Statements from the study itself or from other sources
+serve as references. Tolerances were fixed before anything was measured.
 """
 
 import numpy as np
