@@ -11,7 +11,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.dynamics.run import join_samples, own_engine
-from stickslip.core.dynamics.run import sample as engine_sample
+from stickslip.core.dynamics.run import take_sample as engine_sample
 from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
 from stickslip.extras import MissingExtraError

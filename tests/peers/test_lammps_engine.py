@@ -12,7 +12,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.memory import FROZEN
 from stickslip.core.dynamics.engine import Leg, Wave
-from stickslip.core.dynamics.run import join_samples, own_engine, sample
+from stickslip.core.dynamics.run import join_samples, own_engine, take_sample
 from stickslip.core.laws.builtin import ROLLING
 from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
@@ -236,7 +236,7 @@ def test_runs_with_another_engine_have_a_record_of_its_states():
     assert outcome.ok and (end.grains.velocity == again.grains.velocity).all() and len(record.time) == 3
     leg = Leg(state, LINEAR, DT, 40, 2, 0.1)
     states = [here for here, _ in own_engine().pieces(leg)]
-    for name, values in join_samples([sample(here, leg) for here in (state, *states)], leg)._asdict().items():
+    for name, values in join_samples([take_sample(here, leg) for here in (state, *states)], leg)._asdict().items():
         assert np.all(values == getattr(same, name)), name
     with pytest.raises(ValueError, match="spin_drag and ledger were given with another engine, which has drag and"):
         ss.run(state, LINEAR, 50, DT, every=10, spin_drag=0.1, ledger=True, engine=own_engine())

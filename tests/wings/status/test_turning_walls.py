@@ -146,7 +146,7 @@ def test_status_takes_turning_walls():
 
 def test_walls_that_cannot_turn_are_refused():
     state, law = boxed(1e-3)
-    with pytest.raises(ValueError, match="half the length"):
+    with pytest.raises(ValueError, match="must be positive"):
         linear_system(state, law, wall_arm=-1.0)
     group = state.control.group.copy()
     group[N:] = 0

@@ -16,9 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import State
-from ...core.dynamics.cell_motion import cell_mass
-from ...core.dynamics.coefficients import driven_bodies
-from ...core.dynamics.engine import Leg
+from ...kit import Leg, cell_mass, driven_bodies
 
 LOOSE = 1  # atom type of grains that belong to no rigid group; group g has type g + 2
 

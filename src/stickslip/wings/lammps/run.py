@@ -11,24 +11,21 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ... import OPEN, Law, State
-from ...core.control import factors_at
-from ...core.dynamics.coefficients import driven_bodies
-from ...core.dynamics.engine import Engine, Leg
-from ...core.dynamics.run import join_samples, sample
-from ...data.checkpoint import LEGS
-from ...data.exchange.lammps_restart import (
-    Places,
-    Restart,
-    is_complete,
-    read_restart,
-    restore_memory,
-    rotations,
-    write_memory,
+from ...kit import (
+    LEGS,
+    Engine,
+    Leg,
+    ScenarioError,
+    checked,
+    driven_bodies,
+    factors_at,
+    join_samples,
+    lammps_restart,
+    read_dump,
+    run_files,
+    take_sample,
+    write_atomically,
 )
-from ...data.exchange.lammps_text import read_dump
-from ...data.run_files import resume_command
-from ...experiments import ScenarioError
-from ...kit import checked, write_atomically
 from ...results import Record
 from .cell import needs_forces, read_cell, warm_up
 from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps
@@ -124,9 +121,9 @@ def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Rec
         nothing = join_samples([], leg)
         yield from ((state, nothing) for state in states)
         return
-    end, samples = leg.state, [sample(leg.state, leg)]
+    end, samples = leg.state, [take_sample(leg.state, leg)]
     for end in states:
-        samples.append(sample(end, leg))
+        samples.append(take_sample(end, leg))
     yield end, join_samples(samples[: leg.steps // leg.every + 1], leg)
 
 
@@ -160,7 +157,7 @@ def write_start(leg: Leg, folder: Path) -> Path:
     made = run_lammps(PREPARE, folder=folder)
     if made.returncode:
         raise RuntimeError(f"LAMMPS stopped: {error_line(made)}")
-    write_memory(folder / BEFORE, folder / BEFORE, leg.state, leg.law)
+    lammps_restart.write_memory(folder / BEFORE, folder / BEFORE, leg.state, leg.law)
     path = write_input(leg, folder, begin=BEFORE)
     for name in (PREPARE, DATA):
         (folder / name).unlink()
@@ -179,7 +176,7 @@ def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
     while waiting:
         over = child.poll() is not None
         boxes = written_boxes(leg, folder)
-        while waiting and waiting[0] in boxes and is_complete(restart_path(leg, folder, waiting[0])):
+        while waiting and waiting[0] in boxes and lammps_restart.is_complete(restart_path(leg, folder, waiting[0])):
             step = waiting.pop(0)
             yield read_state(leg, folder, step, boxes[step])
         if waiting and over:
@@ -228,8 +225,8 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     """Read the state at a step, with the memory of its contacts; angles are those at the start of the leg."""
     state, path = leg.state, restart_path(leg, folder, step)
     try:
-        places = Places.of(leg.law)
-        restart = read_restart(path, walls=len(state.walls.mass), values=places.size)
+        places = lammps_restart.Places.of(leg.law)
+        restart = lammps_restart.read_restart(path, walls=len(state.walls.mass), values=places.size)
         if len(restart.ids) != len(state.grains.radius):
             raise ValueError("a restart file that lacks grains")
     except (OSError, ValueError) as problem:
@@ -245,12 +242,14 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
     imposed, n = driven_bodies(moved), len(grains.radius)
     grains = grains._replace(velocity=imposed.velocity[:n], spin=imposed.spin[:n])
-    more, wall_more = (rotations(values, *places[1:]) for values in (restart.more, restart.wall_more))
+    more, wall_more = (lammps_restart.rotations(values, *places[1:]) for values in (restart.more, restart.wall_more))
     restart = restart._replace(more=more, wall_more=wall_more)
-    return restore_memory(moved._replace(grains=grains), leg.law, restart)
+    return lammps_restart.restore_memory(moved._replace(grains=grains), leg.law, restart)
 
 
-def _read_motion(leg: Leg, folder: Path, step: int, restart: Restart, following: np.ndarray, rates: np.ndarray):
+def _read_motion(
+    leg: Leg, folder: Path, step: int, restart: lammps_restart.Restart, following: np.ndarray, rates: np.ndarray
+):
     """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
     state, rate = leg.state, leg.state.control.cell_rate
     dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
@@ -350,8 +349,8 @@ def clear_legs(folder: Path) -> None:
     """
     if any((folder / LEGS).rglob(SAMPLE)):
         raise ScenarioError(
-            f"{folder} contains states that LAMMPS wrote: continue with {resume_command(folder)}, or choose another "
-            f"folder"
+            f"{folder} contains states that LAMMPS wrote: continue with {run_files.resume_command(folder)}, or choose "
+            f"another folder"
         )
     rmtree(folder / LEGS, ignore_errors=True)
 

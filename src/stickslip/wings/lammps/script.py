@@ -5,12 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ... import Law
-from ...builtin_laws import BY_NAME
-from ...core.dynamics.coefficients import driven_bodies
-from ...core.dynamics.engine import Leg
-from ...core.laws.builtin import DAMPING, KEEPS_FORCE, NO_TENSION, ROLLING, parameter_names
-from ...data.exchange.frame import wrapped_into
-from ...data.exchange.lammps_laws import FORCE, MODELS, RESTITUTION, SDS, as_restitution
+from ...kit import BY_NAME, Leg, builtin, driven_bodies, lammps_laws, wrapped_into
 from .cell import (
     INSTANT,
     LOOSE,
@@ -155,7 +150,7 @@ def contact_commands(leg: Leg, begin: str = DATA) -> str:
         else f"# {state.cell.dim} dimensions"
     )
     load = f"read_data {DATA}" if new else f"read_restart {begin}"
-    order = "atom_modify sort 0 0\n" if leg.law.properties & ROLLING else ""  # memory would be reversed
+    order = "atom_modify sort 0 0\n" if leg.law.properties & builtin.ROLLING else ""  # memory would be reversed
     exclude = "".join(f" exclude type {g + 2} {g + 2}" for g in members_of(state))
     return f"""{read}
 {order}newton off
@@ -172,7 +167,7 @@ neigh_modify delay 0 every 1 check yes{exclude}
 def _coefficients(law: Law, q, radius: float) -> dict[str, float]:
     """Parameters by name, k_n and k_t as LAMMPS multiplies them, by √R_eff for Hertz's law."""
     share = np.sqrt(radius) if lacks_radius(law) else 1.0
-    values = dict(zip(parameter_names(law), q.tolist(), strict=True))
+    values = dict(zip(builtin.parameter_names(law), q.tolist(), strict=True))
     return values | {"kn": values["kn"] / share, "kt": values["kt"] / share}
 
 
@@ -188,7 +183,7 @@ def pair_commands(law: Law, leg: Leg) -> str:
 
 
 def _tension_option(law: Law) -> str:
-    return " limit_damping" if law.damping & NO_TENSION else ""
+    return " limit_damping" if law.damping & builtin.NO_TENSION else ""
 
 
 def _wall_commands(leg: Leg) -> str:
@@ -209,10 +204,10 @@ def _wall_commands(leg: Leg) -> str:
 def granular_style(law: Law, values: dict[str, float]) -> str:
     """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n and E that of grains with ν = 0."""
     name = name_with_radius(law)
-    (normal, tangential), damping_n, share = MODELS[name], values["damping_n"], values["damping_t"]
-    damping = next(word for word, model in DAMPING.items() if model == law.damping & ~NO_TENSION)
-    if damping in RESTITUTION:
-        damping_n, damping = as_restitution(name, law.damping, damping_n), "coeff_restitution"
+    (normal, tangential), damping_n, share = lammps_laws.MODELS[name], values["damping_n"], values["damping_t"]
+    damping = next(word for word, model in builtin.DAMPING.items() if model == law.damping & ~builtin.NO_TENSION)
+    if damping in lammps_laws.RESTITUTION:
+        damping_n, damping = lammps_laws.as_restitution(name, law.damping, damping_n), "coeff_restitution"
     else:
         if not is_granular(law) and not (damping_n or share):
             damping = BY_NAME[name].damping
@@ -220,7 +215,7 @@ def granular_style(law: Law, values: dict[str, float]) -> str:
     kn = [values["kn"], damping_n]
     if "work" in values:
         kn = [1.5 * values["kn"], damping_n, 0.0, values["work"] / 2]
-    force = FORCE if law.properties & KEEPS_FORCE else ""
+    force = lammps_laws.FORCE if law.properties & builtin.KEEPS_FORCE else ""
     return (
         f"{normal} {digits(*kn)} tangential {tangential}{force} {digits(values['kt'], share, values['mu'])} "
         f"damping {damping}{_rolling_style(law, values)}{_tension_option(law)}"
@@ -228,7 +223,7 @@ def granular_style(law: Law, values: dict[str, float]) -> str:
 
 
 def _rolling_style(law: Law, values: dict[str, float]) -> str:
-    part, names = SDS["rolling"]
+    part, names = lammps_laws.SDS["rolling"]
     return f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
 
 

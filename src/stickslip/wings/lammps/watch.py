@@ -7,18 +7,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import SLIDE, Law, State, stability
-from ...core.measure import least_supports
-from ...data.exchange.follow import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
-from ...data.sample import Account, MemoryNote
-from ...kit import Report, silent
-from ...measure import BALANCED_BELOW, coordination, stress
+from ...kit import (
+    DENSE_UP_TO,
+    Account,
+    MemoryNote,
+    Report,
+    follow,
+    least_supports,
+    linearised,
+    modes_under,
+    no_equilibrium_message,
+    packing_report,
+    silent,
+    softest_eigenvalue,
+)
+from ...measure import BALANCED_BELOW, coordination, imbalance, stress
 from ...packings import PackingError
-from ...reports.packing import to_dict, verdict
 from ...results import Stability
-from ...solve.balance import force_imbalance, modes_under, no_equilibrium_message
-from ...solve.linearised import linearised
-from ...solve.spectrum import softest_eigenvalue
-from ...solve.stability import DENSE_UP_TO
 
 METHODS = ("auto", "none", "fastest", "all", "dense", "pairs")
 TENSOR = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
@@ -81,7 +86,7 @@ def measure_frame(
     row = Row(
         step, digest, len(state.grains.radius), len(here.rows),
         coordination=coordination(state, least_supports(law, state.cell.dim)),
-        sliding=int((mode == SLIDE).sum()) if memory else None, residual=force_imbalance(here),
+        sliding=int((mode == SLIDE).sum()) if memory else None, residual=imbalance(state, law),
     )  # fmt: skip
     row = _add_stress(row, state, law)
     free = here.backbone
@@ -119,7 +124,7 @@ def _without_spectrum(row: Row) -> Row:
 
 def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
     """Row with the numbers of a spectrum, as `stickslip stability --json` has them."""
-    known = to_dict(result, notes=notes)
+    known = packing_report.to_dict(result, notes=notes)
     grow = known["pairs"]
     negative = known["negative"] if "negative" in known else known["growing"]
     static = result.undamped or result
@@ -128,7 +133,7 @@ def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
         rattlers=known["rattlers"], softest=least, zero_modes=known["zero_modes"], pairs=len(grow),
         growth_rate=grow[0]["growth_rate"] if grow else None, omega=grow[0]["omega"] if grow else None,
         buckling=len(negative), stable=known["stable"], balanced=known["balanced"],
-        verdict=verdict(result, None, notes), scope=known["scope"],
+        verdict=packing_report.verdict(result, None, notes), scope=known["scope"],
     )  # fmt: skip
 
 
@@ -164,8 +169,8 @@ class Progress(NamedTuple):
 
 
 def watch(
-    source: Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
-    until_idle: float | None = None, interval: float = INTERVAL, report: Report = silent,
+    source: follow.Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
+    until_idle: float | None = None, interval: float = follow.INTERVAL, report: Report = silent,
 ) -> Iterator[Progress]:  # fmt: skip
     """Compute every frame that is not `known`, and yield what is known before and after each.
 
@@ -186,7 +191,7 @@ def watch(
     problem: PackingError | None = None
     while True:
         if not (once and seen):
-            before, seen = seen, look(source, seen)
+            before, seen = seen, follow.look(source, seen)
             last = time.monotonic() if before is None or before.sizes != seen.sizes else last
         left = _frames_to_compute(seen, rows)
         notes = (*said, *seen.notes)
@@ -209,24 +214,24 @@ def watch(
             break
         yield Progress(rows, notes, 0)
         time.sleep(interval)
-    notes = (*said, *seen.notes, *missing_frames(seen))
+    notes = (*said, *seen.notes, *follow.missing_frames(seen))
     if not any(row.computed for row in rows.values()):
         raise PackingError(f"{source.folder} has no complete frame: {'; '.join(notes[-3:])}")
     yield Progress(rows, notes, 0, live=False)
 
 
-def _frames_to_compute(seen: Look, rows: dict[int, Row]) -> list[Pair]:
+def _frames_to_compute(seen: follow.Look, rows: dict[int, Row]) -> list[follow.Pair]:
     """Frames to compute: those that are not in the table, or have changed since."""
     return [pair for pair in seen.ready if key_of(pair) != getattr(rows.get(pair.grains.step), "digest", None)]
 
 
-def key_of(pair: Pair) -> str:
+def key_of(pair: follow.Pair) -> str:
     """Digest of a frame with its contacts."""
     return pair.grains.digest + (pair.contacts.digest if pair.contacts else "")
 
 
-def _compute(source: Source, pair: Pair, method: str, report) -> tuple[Row, list[str]]:
-    state, notes = read_pair(source, pair)
+def _compute(source: follow.Source, pair: follow.Pair, method: str, report) -> tuple[Row, list[str]]:
+    state, notes = follow.read_pair(source, pair)
     memory = pair.contacts is not None
     try:
         row = measure_frame(

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from ... import __version__
-from ...figures import page
 from ...kit import (
     BLUE,
     GREEN,
@@ -18,6 +17,7 @@ from ...kit import (
     column_axes,
     label_axes,
     legend_above,
+    page,
     pluralize,
     render,
     staged_file,

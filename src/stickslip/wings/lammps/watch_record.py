@@ -16,19 +16,19 @@ from rich.table import Table
 from rich.text import Text
 
 from ... import __version__
-from ...data.exchange.follow import Source
 from ...kit import (
     check_free,
     check_output,
     console,
+    follow,
     format_table,
+    packing_report,
     parse_number,
     read_table,
     read_text,
+    terminal,
     write_atomically,
 )
-from ...reports.packing import describe_law
-from ...reports.terminal import STYLE, can_redraw
 from .watch import Progress, Row, verdict_word, watch
 from .watch_page import cells, write_page
 
@@ -36,11 +36,11 @@ MARK = "written by stickslip watch "
 NUMBERS = {name: kind for name, kind in Row.__annotations__.items() if kind is not str}
 
 
-def describe(source: Source, method: str) -> dict:
+def describe(source: follow.Source, method: str) -> dict:
     """What determines the numbers of a row besides its frame."""
     law = source.law
     return {
-        "law": describe_law(law), "parameters": law.table.tolist(), "kind": str(law.kind),
+        "law": packing_report.describe_law(law), "parameters": law.table.tolist(), "kind": str(law.kind),
         "memory": source.contacts is not None, "columns": source.columns, "boundary": source.boundary,
         "i0": source.i0, "method": method,
     }  # fmt: skip
@@ -109,7 +109,7 @@ def _line(row: Row) -> list[str]:
 @contextmanager
 def screen() -> "Iterator[_Live | _Lines]":
     """Context manager for what shows the progress, `show(done)`, and that of one frame, `report`."""
-    if can_redraw() and console.width >= NARROW:
+    if terminal.can_redraw() and console.width >= NARROW:
         with Live(console=console, refresh_per_second=4) as live:
             yield _Live(live)
     else:
@@ -138,7 +138,7 @@ class _Live:
 
 
 def _table(done: Progress) -> Table:
-    table = Table(**STYLE, padding=(0, 0, 0, 1))
+    table = Table(**terminal.STYLE, padding=(0, 0, 0, 1))
     for name in COLUMNS:
         table.add_column(name, justify="left" if name == "verdict" else "right", no_wrap=True)
     rows = [row for _, row in sorted(done.rows.items())]
@@ -192,7 +192,14 @@ REST = 5.0  # the same, over the time that a write takes
 
 
 def watch_and_record(
-    source: Source, table: Path, *, method: str, once: bool, until_idle: float | None, overwrite: bool, made_from=()
+    source: follow.Source,
+    table: Path,
+    *,
+    method: str,
+    once: bool,
+    until_idle: float | None,
+    overwrite: bool,
+    made_from=(),
 ) -> tuple[Progress, str]:
     """Watch until the end; return what is known then, and, after ctrl-C, a sentence that names the table.
 

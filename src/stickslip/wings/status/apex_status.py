@@ -16,12 +16,10 @@ from scipy.optimize import linprog
 
 from ... import SLIDE, STICK, Law, State
 from ...control import stress_controlled
-from ...core.contacts.neighbors import with_neighbor_list
-from ...kit import Selfcheck, checked, require_not_negative
+from ...kit import Selfcheck, checked, factorised, require_not_negative, with_neighbor_list
 from ...laws import for_pair, linear
 from ...measure import stress
 from ...packings import disk_array
-from ...solve.linear import factorised
 from .complementarity import critical_numbers
 from .cone_apex import (
     ENUMERATED,

@@ -20,8 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from ...kit import checked, readable
-from ...solve.linear import one_thread
+from ...kit import checked, one_thread, readable
 from .matrices import LinearSystem
 from .system import StatusSolver
 

@@ -18,9 +18,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ... import OPEN, Law, State
-from ...core.contacts.geometry import shifts
-from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import MU
+from ...kit import builtin, shifts, with_neighbor_list
 from ...measure import branch_vectors
 from .complementarity import SLACK
 from .matrices import contact_frames
@@ -75,7 +73,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
             return release_rattlers(state, loose), nothing
         i, j = contacts.i[rows], contacts.j[rows]
         move, pressed = _smallest_displacement(_gap_directions(i, j, normal[:, : state.cell.dim], whole), tiny - gap)
-        friction = law.table[material[i], material[j], MU]
+        friction = law.table[material[i], material[j], builtin.MU]
         frame = contact_frames(normal[pressed], np.zeros_like(normal[pressed]), state.cell.dim)
         wedge = _wedging_contacts(i[pressed], j[pressed], frame, friction[pressed], whole)
         if len(wedge) or move is None:

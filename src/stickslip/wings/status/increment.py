@@ -15,13 +15,9 @@ from scipy.linalg import LinAlgError
 
 from ... import FREE, HELD, OPEN, SLIDE, STICK, Control, Law, State, accept, forces
 from ...control import between
-from ...core.contacts.jacobian import linearise
-from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import KN, KT, MU
+from ...kit import builtin, factorised, incidence, linearise, with_neighbor_list
 from ...measure import contact_forces, rattlers
 from ...modes import displaced, residual_vector
-from ...solve.freedom import incidence
-from ...solve.linear import factorised
 from .apex_status import ApexStatuses, decide_statuses
 from .complementarity import complementarity, inconsistent
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
@@ -408,8 +404,10 @@ def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
     material = np.concatenate([state.grains.material, state.walls.material])
     q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
     springs = np.zeros((len(rows), m.width, m.width))
-    springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1] = q[:, KN], q[:, KT], q[:, KT]
+    springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1] = q[:, builtin.KN], q[:, builtin.KT], q[:, builtin.KT]
     columns = (m.width * kept[:, None] + np.arange(m.width)).ravel()
     parts = {name: getattr(m, name)[kept] for name in ("rows", "frame", "damping", "sign", "force", "limit")}
-    slope = q[:, MU] * q[:, KN] / q[:, KT]
-    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, columns]), springs=springs, mu=q[:, MU], slope=slope, **parts)
+    slope = q[:, builtin.MU] * q[:, builtin.KN] / q[:, builtin.KT]
+    return m._replace(
+        c=sparse.csr_array(m.c.tocsc()[:, columns]), springs=springs, mu=q[:, builtin.MU], slope=slope, **parts
+    )

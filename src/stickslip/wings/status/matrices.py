@@ -33,15 +33,25 @@ import numpy as np
 from scipy import sparse
 
 from ... import OPEN, SLIDE, STICK, Law, State, freedom
-from ...core.contacts.jacobian import Linearisation, blocks_of, linearise
-from ...core.fields import LARGEST
-from ...core.laws.builtin import KEEPS_FORCE, SMOOTH
-from ...core.laws.properties import resists_rolling
-from ...kit import Numbers, check_types, checked, readable, require_shape
+from ...kit import (
+    Linearisation,
+    Numbers,
+    Positive,
+    blocks_of,
+    builtin,
+    check_types,
+    checked,
+    incidence,
+    linearise,
+    readable,
+    require_shape,
+    resists_rolling,
+    spring_stiffness,
+    stiffness_of,
+)
 from ...measure import branch_vectors, touching
 from ...measure import rattlers as loose_grains
 from ...results import Freedom
-from ...solve.freedom import incidence, spring_stiffness, stiffness_of
 
 
 @readable
@@ -85,7 +95,7 @@ class LinearSystem(NamedTuple):
 
 @checked
 def linear_system(
-    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None
+    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: Positive | None = None
 ) -> LinearSystem:
     """Compute the matrices of an accepted state.
 
@@ -127,7 +137,7 @@ def linear_system(
     sign = np.where(slip < 0, -1.0, 1.0)
     force = np.zeros((len(rows), state.cell.dim))
     force[:, 0], force[:, 1] = line.force_n[rows], -sign * pull
-    by_overlap = line.slope_t[rows] * np.abs(slip) * (not law.properties & KEEPS_FORCE)
+    by_overlap = line.slope_t[rows] * np.abs(slip) * (not law.properties & builtin.KEEPS_FORCE)
     springs = np.zeros((len(rows), state.cell.dim, state.cell.dim))
     springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1], springs[:, 1, 0] = k_n, k_t, k_t, -sign * by_overlap
     slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
@@ -142,7 +152,7 @@ def linear_system(
 
 
 def _check_supported(state: State, law: Law) -> None:
-    if law.coulomb == SMOOTH:
+    if law.coulomb == builtin.SMOOTH:
         raise ValueError(
             "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
         )
@@ -298,7 +308,7 @@ def append_wall_rotations(state: State, matrix, arm: float):
     matrix : LinearSystem of disks between walls that only translate
     arm : factor on the angle of a wall [length]
     """
-    _check_walls(state, arm)
+    _check_walls(state)
     rows, c, free = matrix.rows, matrix.c, matrix.free
     n, count = len(state.grains.radius), len(state.walls.mass)
     mine = np.flatnonzero(state.contacts.j[rows] >= n)
@@ -339,10 +349,8 @@ def _append_angles(state: State, free: Freedom) -> Freedom:
     return Freedom(np.append(free.component, component), mass, free.dim, place, free.length)
 
 
-def _check_walls(state: State, arm: float) -> None:
+def _check_walls(state: State) -> None:
     n = len(state.grains.radius)
-    if not 1 / LARGEST <= arm <= LARGEST:
-        raise ValueError(f"wall_arm = {arm} was given: it must be positive, such as half the length of a wall")
     if state.cell.dim != 2:
         raise ValueError(
             "wall_arm was given for a packing in three dimensions, where walls only translate: leave it out"

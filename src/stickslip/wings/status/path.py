@@ -16,12 +16,19 @@ import numpy as np
 from scipy.linalg import eigvals
 
 from ... import OPEN, SLIDE, STICK, Control, Law, State, accept, forces, freedom
-from ...builtin_laws import NAMES
 from ...control import between
-from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import KT
-from ...core.measure import ROUND_OFF, mean_normal_force
-from ...kit import Report, checked, pluralize, readable, require_positive, silent
+from ...kit import (
+    Report,
+    builtin,
+    checked,
+    mean_normal_force,
+    pluralize,
+    readable,
+    require_positive,
+    silent,
+    with_neighbor_list,
+)
+from ...laws import linear
 from ...measure import rattlers, touching
 from ...modes import residual_vector
 from .collapse import Collapse, describe_collapse, displacements, run_to_rest
@@ -38,6 +45,7 @@ RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics goes on without a collapse"
 OFFSET = 1e-4  # of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
 JUMP = 10.0  # motion over that before, for the same change of the load, from which it is a collapse
+PARTED = 1e-9  # share of a radius beyond which contacts at the apex have parted, the uncertainty of positions
 AGAIN = 5  # times that a disk is wedged on a path from which the path counts as dependent on the increment
 
 
@@ -361,7 +369,7 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
 def _without_parted(state: State) -> State:
     """State in which contacts at the apex that have parted by more than round-off are open."""
     rows = touching(state)
-    return with_modes(state, rows[gaps(state, rows)[1] > ROUND_OFF * state.grains.radius.min()], OPEN)
+    return with_modes(state, rows[gaps(state, rows)[1] > PARTED * state.grains.radius.min()], OPEN)
 
 
 def _progress_message(point: PathPoint) -> str:
@@ -379,12 +387,12 @@ def check_start(state: State, law: Law, legs, increment: float) -> None:
     """Raise ValueError, with one sentence, if no path can begin in a state, or if a leg cannot be followed."""
     if not legs:
         raise ValueError("no leg was given: at least one Control is needed")
-    if law.kind != NAMES.index("linear") or law.properties:
+    if law.kind != linear().kind or law.properties:
         raise ValueError(
             "a law that is not linear in the overlap was given, or other lever arms: paths are piecewise linear "
             "only for `linear`"
         )
-    if not law.table[..., KT].min() > 0:
+    if not law.table[..., builtin.KT].min() > 0:
         raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
     if not 0 < increment <= 1:
         raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")

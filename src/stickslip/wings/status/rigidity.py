@@ -21,8 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from ... import Law, State
-from ...core.measure import Committed, supports
-from ...kit import Numbers, checked, readable
+from ...kit import Committed, Numbers, Positive, checked, readable, supports
 from ...measure import branch_vectors, rattlers
 from ...results import Freedom
 from .matrices import LinearSystem, linear_system, stiffness_matrix
@@ -429,7 +428,7 @@ def mechanisms(
     load: np.ndarray | None = None,
     sliding: Numbers | None = None,
     *,
-    wall_arm: float | None = None,
+    wall_arm: Positive | None = None,
 ) -> list[Mechanism]:
     """Find all null modes of k, each in one of the classes of Sec. III E.
 

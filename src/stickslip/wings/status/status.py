@@ -20,8 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from ...kit import readable
-from ...solve.linear import one_thread
+from ...kit import one_thread, readable
 from .complementarity import (
     BLUR,
     MAPPED,

@@ -6,9 +6,9 @@ from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import splu
 
 from ... import State
+from ...kit import factorised
 from ...modes import residual_vector
 from ...results import ContactLoads, Freedom
-from ...solve.linear import factorised
 from .matrices import LinearSystem, stiffness_matrix
 
 # changed contacts up to which a factor is corrected and beyond which it is recomputed; at 3000 disks 48 cost the same,

@@ -18,8 +18,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, qr, solve_triangular
 from scipy.optimize import linprog
 
-from ...kit import checked, readable
-from ...solve.linear import factorised
+from ...kit import checked, factorised, readable
 from .complementarity import BLUR, MAPPED, Complementarity, Ray, ScaledProblem, enumerate_rates, scale_problem
 from .system import StatusSolver
 

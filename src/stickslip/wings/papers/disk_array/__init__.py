@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function
 from .scenario import DiskArrayScenario
 
 _here = partial(lazy_function, __name__)

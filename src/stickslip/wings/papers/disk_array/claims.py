@@ -13,10 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import NotInEquilibriumError
-from ....data.checkpoint import UNFINISHED
 from ....kit import (
+    ALWAYS,
+    UNFINISHED,
     Checkpoint,
     Claim,
+    Family,
     Report,
     Task,
     Workers,
@@ -30,9 +32,7 @@ from ....kit import (
     validate_scenario,
     within,
 )
-from ....loading.protocols import Family
 from ....protocols import stable_window
-from ....reports.claims import ALWAYS
 from ....results import KineticThreshold
 from .claims_of_motion import (
     BISECTED,

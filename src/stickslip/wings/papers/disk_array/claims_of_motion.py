@@ -5,8 +5,7 @@ Tolerances were fixed before anything was measured.
 
 import numpy as np
 
-from ....core.contacts.jacobian import linearise
-from ....kit import Claim, claim, format_value, standard_error
+from ....kit import Claim, claim, format_value, linearise, standard_error
 from .fronts import Front
 from .measures import (
     Arrest,

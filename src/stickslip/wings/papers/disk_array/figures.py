@@ -9,8 +9,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from scipy.special import chdtrc
 
-from ....figures.animation import FPS, SECONDS, GifWriter
-from ....figures.style import TIME, OwnFigure, common_style
 from ....kit import (
     BLACK,
     BLUE,
@@ -20,9 +18,13 @@ from ....kit import (
     PURPLE,
     RED,
     SKY,
+    TIME,
+    OwnFigure,
     Requirement,
     Result,
+    animation,
     column_axes,
+    common_style,
     label_axes,
     legend_above,
     plot_fast,
@@ -246,7 +248,7 @@ STUCK, AT_LIMIT, SLIDES = "stuck", "has reached the Coulomb limit at the substra
 def transition_movie(
     result: Annotated[Any, Result("DiskArrayResult", ("trajectory", "pressed"))],
     path: str | Path,
-    frames: int = round(FPS * SECONDS),
+    frames: int = round(animation.FPS * animation.SECONDS),
 ) -> Path:
     """Write an animation of the transition as a GIF, with disks coloured by their state."""
     data, radius = result.trajectory, result.pressed.grains.radius
@@ -290,7 +292,7 @@ def transition_movie(
             moved = data.position[k, :, 0].mean() - data.position[0, :, 0].mean()
             title.set_text(f"$F_x$ = {data.load:.3f}, $t$ = {time:.0f}: centre of mass moved by {moved:.3f} diameters")
 
-        with GifWriter(fps=FPS).saving(figure, path, figure.dpi) as writer:
+        with animation.GifWriter(fps=animation.FPS).saving(figure, path, figure.dpi) as writer:
             for time in times:
                 draw(time)
                 writer.grab_frame()

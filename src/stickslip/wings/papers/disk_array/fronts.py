@@ -10,10 +10,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from .... import SLIDE, Law, NotInEquilibriumError, State
-from ....core.dynamics.engine import Engine, Leg
-from ....core.dynamics.run import own_engine
-from ....core.laws.builtin import damping_model
-from ....loading.protocols import Growth
+from ....kit import Engine, Growth, Leg, builtin, own_engine
 from ....modes import damped_growth
 from ....packings import perturbed
 from ....protocols import fit_growth, free_run
@@ -310,7 +307,7 @@ def fastest_period(point: Equilibrium) -> float:
 
 def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
     """Growth rate and frequency of the fastest-growing mode of a free run, with its drag and dashpots [1/time]."""
-    if how.drag or how.spin_drag or damping_model(law):
+    if how.drag or how.spin_drag or builtin.damping_model(law):
         fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
         return max(0.0, float(fastest.real)), abs(float(fastest.imag))
     modes = point.spectrum

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import spectrum
-from ....kit import Report, Workers, checkpoint_in, load_or_compute, silent, standard_error
-from ....loading.protocols import dominant_family
+from ....kit import Report, Workers, checkpoint_in, dominant_family, load_or_compute, silent, standard_error
 from ....measure import touching
 from ....packings import perturbed
 from ....protocols import Protocol, fit_growth, free_run, kinetic_threshold

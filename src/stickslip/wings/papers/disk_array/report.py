@@ -5,10 +5,8 @@ from functools import partial
 import numpy as np
 
 from .... import Outcome
-from ....data.run_files import MOVIE
-from ....figures import static_and_kinetic
-from ....kit import Fields, archive_fields, console, new_table
-from ....loading.protocols import Family
+from .... import figures as common_figures
+from ....kit import Family, Fields, archive_fields, console, new_table, run_files
 from ....results import Spectrum
 from . import figures as figures_of
 from .claims import Reproduction
@@ -39,7 +37,7 @@ def figures(result: DiskArrayResult):
 def files(result: DiskArrayResult):
     """Yield (file name, function that writes it) for the animation of the transition."""
     if result.trajectory:
-        yield MOVIE, partial(figures_of.transition_movie, result)
+        yield run_files.MOVIE, partial(figures_of.transition_movie, result)
 
 
 def failures(result: DiskArrayResult) -> tuple[str, ...]:
@@ -54,7 +52,7 @@ def paper_figures(reproduction: Reproduction):
     yield FIGURES[0], figures_of.complex_pairs(both, IM_LAMBDA)
     point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
-    yield FIGURES[6], static_and_kinetic(reproduction.threshold, label="$F_x$")
+    yield FIGURES[6], common_figures.static_and_kinetic(reproduction.threshold, label="$F_x$")
 
 
 def paper_numbers(reproduction: Reproduction) -> dict:

@@ -7,14 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import Law, Outcome, State, Status, spectrum
-from ....core.dynamics.batch import Device
 from ....kit import (
+    Change,
     Checkpoint,
+    Device,
+    Family,
+    Growth,
     Report,
     Task,
     Workers,
     checked,
     checkpoint_in,
+    equilibrium,
     load_or_compute,
     make_law,
     open_device,
@@ -23,7 +27,6 @@ from ....kit import (
     silent,
     within,
 )
-from ....loading.protocols import Change, Family, Growth, equilibrium
 from ....modes import track_pairs
 from ....packings import disk_array, with_push
 from ....protocols import Protocol, load_path, ramp

@@ -11,9 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import State, run
-from ....core.control import factors_at
-from ....core.dynamics.engine import Engine, Leg
-from ....kit import Checkpoint, Report, load_or_compute, within
+from ....kit import Checkpoint, Engine, Leg, Report, factors_at, load_or_compute, within
 from ....measure import elastic_energy, overlaps, stable_time_step, touching
 from ....results import Record
 from ...faults.friction.measure import steady_mean

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.run_files import CURVES, SERIES, SLIPS
 from ....kit import (
     archive_fields,
     console,
@@ -14,6 +13,7 @@ from ....kit import (
     new_table,
     pluralize,
     power_of_ten,
+    run_files,
     show_table,
     units_of,
     write_table,
@@ -86,17 +86,17 @@ def _slips(result: GougeResult) -> Slips:
 
 def files(result: GougeResult):
     """Yield (file name, function that writes it) for the series, slips, and laboratory records of velocity steps."""
-    yield SERIES, partial(_write_series, result)
+    yield run_files.SERIES, partial(_write_series, result)
     if len((slips := _slips(result)).time):
-        yield SLIPS, partial(_write_slips, slips)
+        yield run_files.SLIPS, partial(_write_slips, slips)
     yield from _step_files(result)
 
 
 def paper_files(reproduction):
     """Yield (file name, function that writes it) for the paper's experiments."""
-    yield SERIES, partial(_write_series, reproduction.main)
+    yield run_files.SERIES, partial(_write_series, reproduction.main)
     yield from _step_files(reproduction.more.get("steps", reproduction.main))
-    yield CURVES, partial(_write_curves, reproduction)
+    yield run_files.CURVES, partial(_write_curves, reproduction)
 
 
 def paper_failures(reproduction) -> tuple[str, ...]:

@@ -12,9 +12,7 @@ import numpy as np
 
 from .... import FROZEN, Grains, Law, State, assembly, box, flat_walls, forces, run, spheres
 from ....control import driven, force_controlled, loads, rigid, spring_loaded
-from ....core.laws.builtin import DAMPING_N, with_values
-from ....experiments import ScenarioError
-from ....kit import Report, make_law, silent
+from ....kit import Report, ScenarioError, builtin, make_law, silent
 from ....measure import contact_forces, elastic_energy, inertial_number, stable_time_step, touching, unbalanced_forces
 from ....packings import without_walls
 from .scenario import GougeScenario
@@ -175,12 +173,12 @@ def gouge_law(scenario: GougeScenario, mu: float) -> Law:
     chosen, meeting = scenario.law, {}
     if chosen.size is not None:
         meeting = {"radius": chosen.size / 2, "mass": scenario.grains.density * np.pi / 6 * chosen.size**3}
-    return with_values(make_law(chosen, **meeting), mu=mu)
+    return builtin.with_values(make_law(chosen, **meeting), mu=mu)
 
 
 def damping(scenario: GougeScenario) -> float:
     """γ_n of a scenario, as given or from its restitution [1/(m s)]."""
-    return float(gouge_law(scenario, 0.0).table[0, 0, DAMPING_N])
+    return float(gouge_law(scenario, 0.0).table[0, 0, builtin.DAMPING_N])
 
 
 def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = silent) -> Gouge:

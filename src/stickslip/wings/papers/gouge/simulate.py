@@ -21,29 +21,32 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .... import State, __version__
-from ....core.dynamics.batch import Device
-from ....core.dynamics.engine import Engine, Leg
-from ....core.dynamics.run import join_samples, own_engine, sample
-from ....data import archive
-from ....data.checkpoint import LEGS
-from ....data.exchange.lammps_restart import is_complete
-from ....data.schema import given_keys
-from ....experiments import ScenarioError
 from ....kit import (
+    LEGS,
     SI,
     ArchiveError,
     Checkpoint,
+    Device,
+    Engine,
+    Leg,
     Realizations,
     Report,
+    ScenarioError,
     Task,
     Workers,
+    archive,
     checked,
     checkpoint_in,
+    given_keys,
+    join_samples,
+    lammps_restart,
     open_device,
+    own_engine,
     result_of,
     run_realizations,
     shortened,
     silent,
+    take_sample,
     within,
 )
 from ....results import Record
@@ -252,7 +255,7 @@ def queued_engine(folder: Path) -> Engine:
     except (ValueError, TypeError, AttributeError, RecursionError):
         raise ScenarioError(f"{path} is damaged: write it again with --export") from None
     for place, end in table.values():
-        if not is_complete(place / end):
+        if not lammps_restart.is_complete(place / end):
             raise ScenarioError(
                 f"LAMMPS has not finished in {place}: let it finish there first, for example with sh run.sh"
             )
@@ -278,7 +281,7 @@ class _Legs:
         end = restart_path(leg, target, leg.steps)
         self.table[leg.name] = len(self.ends), end.name
         self.ends.append(end)
-        still = join_samples([sample(leg.state, leg)] * 2, leg)
+        still = join_samples([take_sample(leg.state, leg)] * 2, leg)
         yield leg.state._replace(time=leg.state.time + leg.steps * leg.dt), still
 
 

@@ -12,6 +12,8 @@ from scipy.stats import binomtest
 
 from .... import State, spectrum
 from ....kit import (
+    ALWAYS,
+    CAN,
     Claim,
     Report,
     Workers,
@@ -26,7 +28,6 @@ from ....kit import (
 from ....laws import hertz_mindlin
 from ....modes import damped_growth
 from ....packings import TOP
-from ....reports.claims import ALWAYS, CAN
 from ...status.matrices import linear_system, stiffness_matrix
 from ...status.rigidity import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from .cases import (

@@ -9,9 +9,6 @@ from matplotlib.lines import Line2D
 
 from .... import State
 from ....control import spring_forces
-from ....core.contacts.neighbors import body_positions
-from ....core.measure import Committed
-from ....figures.grains import bare_frame, contact_segments, layout_of, start_drawing
 from ....kit import (
     BLACK,
     BLUE,
@@ -21,15 +18,21 @@ from ....kit import (
     RED,
     SKY,
     WIDTH,
+    Committed,
     Requirement,
     Result,
+    bare_frame,
+    body_positions,
     checked,
     column_axes,
+    contact_segments,
     label_axes,
+    layout_of,
     legend_above,
     require_filled,
     require_index,
     require_shape,
+    start_drawing,
     styled,
 )
 

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.run_files import COLLAPSES, SERIES
-from ....figures import packing
-from ....kit import Fields, archive_fields, console, new_table, show_table, units_of, write_table
+from .... import figures as common_figures
+from ....kit import Fields, archive_fields, console, new_table, run_files, show_table, units_of, write_table
 from ...status.collapse import Collapse
 from . import figures as figures_of
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
@@ -19,7 +18,7 @@ def figures(result: QuasiResult):
     yield "fig1_curves.png", figures_of.curves(result.tested, result.scenario.loading.test)
     end = longest.path.points[-1]
     title = f"sample {longest.seed} where its path ends, load {end.load:.4g}"
-    yield "fig2_statuses.png", packing(end.state, longest.law, title=title)
+    yield "fig2_statuses.png", common_figures.packing(end.state, longest.law, title=title)
     if len(longest.pairs):
         yield "fig3_cone.png", figures_of.cone(longest, result.scenario.law.mu)
     yield "fig4_stiffness.png", figures_of.stiffness(longest)
@@ -29,9 +28,9 @@ def figures(result: QuasiResult):
 
 def files(result: QuasiResult):
     """Yield (file name, function that writes it) for the curves and collapses as CSV."""
-    yield SERIES, partial(_write_curves, result)
+    yield run_files.SERIES, partial(_write_curves, result)
     if result.scenario.loading.collapses:
-        yield COLLAPSES, partial(_write_collapses, result)
+        yield run_files.COLLAPSES, partial(_write_collapses, result)
 
 
 def numbers(result: QuasiResult) -> dict:

@@ -9,19 +9,20 @@ from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
 from .... import HELD, Control, Law, State, forces
 from ....control import between, spring_forces, stress_controlled
-from ....core.contacts.neighbors import body_positions
-from ....core.laws.builtin import KN
 from ....kit import (
     Checkpoint,
     Report,
     Task,
     Workers,
+    body_positions,
+    builtin,
     checked,
     checkpoint_in,
     load_or_compute,
     result_of,
     run_realizations,
     silent,
+    suitable_threads,
     within,
 )
 from ....measure import branch_vectors, contact_forces, touching
@@ -29,7 +30,6 @@ from ....modes import displaced, residual_vector
 from ....packings import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box
 from ....quasirigid import slow_dynamics, with_load, with_machine, with_travel  # fmt: skip
 from ....results import Freedom, SlowRun
-from ....solve.linear import suitable_threads
 from ...status.collapse import Collapse
 from ...status.complementarity import complementarity, status_map
 from ...status.events import Event, Fork
@@ -268,7 +268,7 @@ def stiffness_at(state: State, law: Law, begin: Control, end: Control) -> tuple:
     """Return the fields of PathStiffness after `load` for one state."""
     m = linear_system(state, law)
     kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
-    k, scale = stiffness_matrix(m)[kept][:, kept].toarray(), float(law.table[0, 0, KN])
+    k, scale = stiffness_matrix(m)[kept][:, kept].toarray(), float(law.table[0, 0, builtin.KN])
     squares = eigvals(k / m.free.mass[kept][:, None])
     rates = np.sqrt(squares.astype(complex)).imag[squares.imag > PAIR * np.abs(squares).max()]
     unique, consistent, bijective = _uniqueness(m, load_rate(state, begin, end, m.free))

@@ -16,12 +16,23 @@ from scipy.special import chdtri
 from scipy.stats import binomtest
 
 from .... import Law, State, freedom, jacobian, spectrum
-from ....core.state import volume
-from ....kit import Claim, Report, Workers, claim, median_error, note_quick_run, pluralize, silent, validate_scenario
+from ....kit import (
+    ALWAYS,
+    CAN,
+    ZERO_BELOW,
+    Claim,
+    Report,
+    Workers,
+    claim,
+    median_error,
+    note_quick_run,
+    pluralize,
+    silent,
+    validate_scenario,
+    volume,
+)
 from ....measure import fabric, touching
-from ....reports.claims import ALWAYS, CAN
 from ....results import Released
-from ....solve.freedom import ZERO_BELOW
 from .scenario import ShearScenario
 from .simulate import ShearPath, ShearResult, simulate_shear
 

@@ -6,14 +6,15 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
-from ....figures.style import TIME, OwnFigure
 from ....kit import (
     BLUE,
     COLORS,
     GREEN,
     ORANGE,
     RED,
+    TIME,
     WIDTH,
+    OwnFigure,
     Requirement,
     Result,
     column_axes,

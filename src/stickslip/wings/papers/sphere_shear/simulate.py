@@ -9,16 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import Law, NotInEquilibriumError, Outcome, State, Status, spectrum
-from ....core.contacts.jacobian import linearise
 from ....kit import (
     Checkpoint,
+    Growth,
+    LeftPathError,
     Member,
     Realizations,
     Report,
     Task,
     Workers,
+    bisect_change,
     checked,
     checkpoint_in,
+    linearise,
     load_or_compute,
     make_law,
     make_packing,
@@ -27,12 +30,10 @@ from ....kit import (
     run_realizations,
     silent,
 )
-from ....loading.protocols import Growth, bisect_change
 from ....measure import pressure, stress, touching
 from ....modes import UnstableEquilibriumWarning
 from ....protocols import Protocol, aqs, load_path, release
 from ....results import Equilibrium, PackingInfo, Released
-from ....solve.equilibrate import LeftPathError
 from . import EXPERIMENT
 from .scenario import ShearScenario
 
