@@ -323,33 +323,27 @@ def enumerate_solutions(problem: Complementarity, again: Callable | None = None)
     through = enumerate_rates(here)
     solutions, rays = [], []
     for number in through.consistent:
-        solution = _make_solution(here, through, number)
+        slides, rate = through.slides[number], through.rate[number]
+        found = Solution(slides, np.where(slides, rate, 0.0), rate, through.error[number], int(through.sign[number]))
+        solution = _solution_in_units(here, found)
         if again is not None and (np.abs(solution.rate) <= solution.error).any():
-            solution = _replace_rates(solution, again(solution.slides))
-        solutions += [] if solution is None else [solution]
+            if (better := again(slides)) is None:
+                continue
+            rate, error = better
+            solution = solution._replace(rate=rate, error=error, slip=np.where(slides, rate, 0.0))
+        solutions.append(solution)
     for number in np.flatnonzero(through.sign == 0):
         face = _solution_face(here, through.slides[number])
         solutions += [_solution_in_units(here, end) for end in _face_ends(face)]
-        rays += [_ray_in_units(here, ray) for ray in _find_rays(here, face)]
+        rays += [
+            ray._replace(slip=here.slip_unit * ray.slip, left=ray.left / here.gap_unit)
+            for ray in _find_rays(here, face)
+        ]
     kept = []
     for solution in sorted(solutions, key=lambda s: {1: 0, -1: 1, 0: 2}[s.sign]):
         if not any(_same_rates(solution, other) for other in kept):
             kept.append(solution)
     return AllSolutions(tuple(kept), tuple(rays))
-
-
-def _make_solution(problem: ScaledProblem, through: AllStatusRates, number: int) -> Solution:
-    slides, rate = through.slides[number], through.rate[number]
-    slip = np.where(slides, rate, 0.0)
-    return _solution_in_units(problem, Solution(slides, slip, rate, through.error[number], int(through.sign[number])))
-
-
-def _replace_rates(solution: Solution, better: tuple[np.ndarray, np.ndarray] | None) -> Solution | None:
-    """Solution with more accurate rates, or None if these show that it is not consistent."""
-    if better is None:
-        return None
-    rate, error = better
-    return solution._replace(rate=rate, error=error, slip=np.where(solution.slides, rate, 0.0))
 
 
 def _same_rates(solution: Solution, other: Solution) -> bool:
@@ -360,11 +354,6 @@ def _same_rates(solution: Solution, other: Solution) -> bool:
 def _solution_in_units(problem: ScaledProblem, end: Solution) -> Solution:
     unit = np.where(end.slides, problem.slip_unit, problem.gap_unit)
     return end._replace(slip=problem.slip_unit * end.slip, rate=unit * end.rate, error=unit * end.error)
-
-
-def _ray_in_units(problem: ScaledProblem, ray: Ray) -> Ray:
-    left = ray.left / problem.gap_unit
-    return ray._replace(slip=problem.slip_unit * ray.slip, left=left, drive=ray.drive)
 
 
 class SolutionFace(NamedTuple):

@@ -195,19 +195,15 @@ def follow_pieces(apex: Apex) -> StatusSolution:
         length, contact, to, inwards = _next_crossing(apex, here, move, now)
         if gain > 0 and share + length * gain >= 1:
             velocity = _velocity(apex, now)
-            return StatusSolution(now, velocity, "along the pieces") if _is_consistent(apex, now, velocity) else nothing
+            if velocity is None:
+                return nothing
+            fits = status_of_velocity(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
+            return StatusSolution(now, velocity, "along the pieces") if np.array_equal(fits, now) else nothing
         if not np.isfinite(length):
             return nothing
         here, share, now = here + length * move, share + length * gain, now.copy()
         now[contact] = to
     return nothing
-
-
-def _is_consistent(apex: Apex, status: np.ndarray, velocity: np.ndarray | None) -> bool:
-    """Return True if the velocities of given statuses lie in the cells of these statuses."""
-    if velocity is None:
-        return False
-    return np.array_equal(status_of_velocity(apex, velocity, status, SLACK * np.abs(velocity).max(initial=0.0)), status)
 
 
 def _crossing_rate(bound, move: np.ndarray) -> float:
@@ -254,15 +250,7 @@ class AllStatuses(NamedTuple):
 
 
 def enumerate_statuses(apex: Apex) -> AllStatuses:
-    """Enumerate all combinations of statuses.
-
-    Combinations with the same velocities, which lie on a boundary of their cells, count once. Stable ones come first.
-
-    Raises
-    ------
-    ValueError
-        if there are more than 4096 combinations.
-    """
+    """Enumerate all combinations of statuses, as `consistent_statuses` does; stable ones come first."""
     if count_choices(apex) > ENUMERATED:
         raise ValueError(
             f"{len(apex.sign)} contacts with {count_choices(apex):.3g} combinations of statuses were given: at most "
@@ -278,7 +266,8 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
     good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
     kept = []
     for k in good:
-        if not any(_same_velocities(velocity[k], velocity[other]) for other in kept):
+        same = SAME * np.abs(velocity[k]).max(initial=0.0)  # as for statuses on either side of a cell boundary
+        if not any(np.abs(velocity[k] - velocity[other]).max(initial=0.0) <= same for other in kept):
             kept.append(k)
     # a disk that slides or opens at two contacts and has no others is free: `apex_status` releases it as a body
     free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
@@ -326,11 +315,6 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """
     every = enumerate_statuses(apex)
     return every.status, every.coherent
-
-
-def _same_velocities(velocity: np.ndarray, other: np.ndarray) -> bool:
-    """Return True if two velocities are the same, as for statuses on either side of a cell boundary."""
-    return np.abs(velocity - other).max(initial=0.0) <= SAME * np.abs(velocity).max(initial=0.0)
 
 
 def force_change(apex: Apex, solution: StatusSolution) -> np.ndarray:

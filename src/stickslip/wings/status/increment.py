@@ -18,7 +18,7 @@ from ...control import between
 from ...kit import builtin, factorised, incidence, linearise, with_neighbor_list
 from ...measure import contact_forces, rattlers
 from ...modes import displaced, residual_vector
-from .apex_status import ApexStatuses, decide_statuses
+from .apex_status import decide_statuses
 from .complementarity import complementarity, inconsistent
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
 from .events import APEX, CLOSES, INCREMENT, NUDGE, REACHES, Event, Fork, gaps, next_event, open_pairs, with_modes
@@ -96,7 +96,8 @@ class Increment:
         choice = decide_statuses(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
         self.unchecked += not choice.complete
         if choice.status is None or not choice.stable:
-            self.lost = _verdict_of_loss(choice)
+            absent = Verdict.UNSTABLE if choice.complete else Verdict.NOT_FOUND
+            self.lost = absent if choice.status is None else Verdict.NEGATIVE
             return
         if choice.others and (np.array(choice.others) != choice.status).any():
             self._record_fork(choice.status, choice.others)
@@ -145,7 +146,8 @@ class Increment:
     def run(self, start: float):
         """Run the increment; return the state at its end, the fraction of the leg that was used, and the verdict."""
         m = self.matrix
-        self._set_load(start)
+        self.events = [event._replace(load=start) for event in self.events]
+        self.forks = [fork._replace(load=start) for fork in self.forks]
         if self.lost is not None:
             return self.place, 0.0, self.lost
         force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
@@ -208,10 +210,6 @@ class Increment:
         if not np.isfinite(rate).all() or inconsistent(slides[critical], rate).any():
             return None
         return ContactStatus(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
-
-    def _set_load(self, load: float) -> None:
-        self.events = [e._replace(load=load) for e in self.events]
-        self.forks = [f._replace(load=load) for f in self.forks]
 
     def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """(M,) mask of sticking contacts with a force that are on the cone to round-off."""
@@ -369,13 +367,6 @@ class Increment:
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:
     """Statuses, as in `cone_apex`, of contacts that carry a force: sgn D_t for sliding contacts, 0 for others."""
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
-
-
-def _verdict_of_loss(choice: ApexStatuses) -> Verdict:
-    """Verdict if contacts at the apex have no consistent and stable combination of statuses."""
-    if choice.status is not None:
-        return Verdict.NEGATIVE
-    return Verdict.UNSTABLE if choice.complete else Verdict.NOT_FOUND
 
 
 def _make_solver(matrix: LinearSystem, slides, geometric: bool):

@@ -113,7 +113,12 @@ def linear_system(
         for a smooth law, under which contacts neither slide nor stick; for rolling resistance; or if walls cannot
         rotate.
     """
-    _check_supported(state, law)
+    if law.coulomb == builtin.SMOOTH:
+        raise ValueError(
+            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
+        )
+    if resists_rolling(law):
+        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
     rows, modes = touching(state), np.minimum(state.contacts.mode, STICK)
     stuck = state._replace(contacts=state.contacts._replace(mode=modes))
     line = linearise(stuck, law)
@@ -149,15 +154,6 @@ def linear_system(
     dead = stuck._replace(control=stuck.control._replace(spring=np.zeros_like(stuck.control.spring)))
     matrix = matrix._replace(geometric=_geometric_stiffness(dead, law, line, matrix))
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
-
-
-def _check_supported(state: State, law: Law) -> None:
-    if law.coulomb == builtin.SMOOTH:
-        raise ValueError(
-            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
-        )
-    if resists_rolling(law):
-        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
 
 
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:

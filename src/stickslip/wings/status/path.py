@@ -159,7 +159,8 @@ def load_path(
     >>> path.verdict.name
     'CONSISTENT'
     """
-    here = _accept_forces(with_neighbor_list(state), law)
+    here = with_neighbor_list(state)
+    here = accept(here, forces(here, law)[1])
     check_start(here, law, legs, increment)
     if drag is not None:
         check_dynamics(state.control, drag, duration, travel)
@@ -231,13 +232,11 @@ class _PathRecord:
 
     def motion_before(self, load: float, width: float, held: np.ndarray) -> float:
         """Displacement of the given bodies per load, over the last `width` of the path [length]."""
-        earlier = [p for p in self.points if p.load <= load - width and not self._passed(p.load)]
+        since = self.collapses[-1].held if self.collapses else -np.inf
+        earlier = [p for p in self.points if since <= p.load <= load - width]
         begin = earlier[-1] if earlier else self.points[0]
         moved = displacements(begin.state, self.points[-1].state)[held, :3]
         return float(np.linalg.norm(moved) / (load - begin.load)) if load > begin.load else 0.0
-
-    def _passed(self, load: float) -> bool:
-        return bool(self.collapses) and load < self.collapses[-1].held
 
     def collapse(self, event: Collapse, point: PathPoint) -> None:
         self.points.append(point)
@@ -301,7 +300,9 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
         left = wedged - share if not len(wedge) else 0.0
         size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
-        report("load path", (leg.number + share) / leg.count, _progress_message(point))
+        slide = f"{point.sliding} of {point.contacts} contacts slide"
+        text = f"load {point.load:.4f}, {slide}, unbalanced {point.residual:.0e} of the mean force"
+        report("load path", (leg.number + share) / leg.count, text)
         if way.since > CROWD:
             return place, share, Verdict.NO_PROGRESS
     return place, share, Verdict.CONSISTENT
@@ -351,12 +352,10 @@ def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
     return out
 
 
-def _accept_forces(state: State, law: Law) -> State:
-    return accept(state, forces(state, law)[1])
-
-
 def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
-    state = _without_parted(place.state)
+    rows = touching(place.state)
+    parted = gaps(place.state, rows)[1] > PARTED * place.state.grains.radius.min()
+    state = with_modes(place.state, rows[parted], OPEN)
     loads, _ = forces(state, law)
     rows = touching(state)
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
@@ -364,19 +363,6 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     sliding = int((state.contacts.mode[rows] == SLIDE).sum())
     return PathPoint(load, state, sliding, len(rows), residual / mean if mean else np.inf)
-
-
-def _without_parted(state: State) -> State:
-    """State in which contacts at the apex that have parted by more than round-off are open."""
-    rows = touching(state)
-    return with_modes(state, rows[gaps(state, rows)[1] > PARTED * state.grains.radius.min()], OPEN)
-
-
-def _progress_message(point: PathPoint) -> str:
-    return (
-        f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, unbalanced "
-        f"{point.residual:.0e} of the mean force"
-    )
 
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces

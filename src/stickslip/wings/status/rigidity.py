@@ -12,7 +12,7 @@ sparse graphs, doi:10.1016/j.disc.2007.07.104; McNamara and Herrmann, Quasi-rigi
 E, for the classes of null modes, motions that the quasi-static balance leaves undetermined.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -25,7 +25,7 @@ from ...kit import Committed, Numbers, Positive, checked, readable, supports
 from ...measure import branch_vectors, rattlers
 from ...results import Freedom
 from .matrices import LinearSystem, linear_system, stiffness_matrix
-from .system import elimination_order
+from .system import elimination_order, load_of
 
 SHIFT, MORE = 1e-12, 100.0  # added to squared singular values, so that none is zero; a larger one by this factor
 REPEATS = 4  # of a solve; each one reduces what is not null by SHIFT over its squared singular value
@@ -50,7 +50,9 @@ class RigidClusters(NamedTuple):
 
 
 @checked
-def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") -> RigidClusters:
+def rigid_clusters(
+    state: Committed, law: Law, *, method: Literal["null-space", "pebbles"] = "null-space"
+) -> RigidClusters:
     """Decompose a packing into clusters that every motion without resistance moves as rigid bodies.
 
     A contact below its Coulomb limit resists any relative velocity of the two surfaces, a sliding one only that along
@@ -102,8 +104,6 @@ def rigid_clusters(state: Committed, law: Law, *, method: str = "null-space") ->
     >>> clusters.body, clusters.floppy
     (array([ 0,  0,  0, -1]), 4)
     """
-    if method not in ("null-space", "pebbles"):
-        raise ValueError(f'method = {method!r} was given: give "null-space" or "pebbles"')
     if method == "pebbles" and state.cell.dim == 3:
         raise ValueError(
             'method = "pebbles" was given for spheres: the game holds for disks only, use method="null-space"'
@@ -463,16 +463,14 @@ def mechanisms(
     size = len(matrix.free)
     if size > DENSE_UP_TO:
         raise ValueError(f"{size} coordinates were given: null modes are computed for at most {DENSE_UP_TO}")
-    load = np.zeros(size) if load is None else np.asarray(load, float)
-    if load.shape != (size,):
-        raise ValueError(
-            f"a load of shape {load.shape} was given: shape {(size,)} is needed, one component for each coordinate"
-        )
-    if not np.isfinite(load).all():
-        raise ValueError("a load that is not finite was given: every component must be a finite number")
+    load = np.zeros(size) if load is None else load_of(matrix, load)
     k = stiffness_matrix(matrix, sliding, geometric=False).toarray()
     rigid = _rigid_motions(matrix)
-    turn = np.zeros((size, 0)) if wall_arm is None else _rigid_rotation(state, matrix, wall_arm)
+    turn = np.zeros((size, 0))  # the rotation of the whole packing, unless anything but the overlaps resists it
+    if wall_arm is not None:
+        move = rigid_rotation(state, matrix.free, wall_arm)
+        if not resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):
+            turn = (move / np.linalg.norm(move))[:, None]
     loose = rattlers(state, 2)
     own = np.flatnonzero(np.append(loose, np.zeros(state.n_bodies - len(loose) + 1, bool))[matrix.free.body])
     out = [Mechanism(RIGID, v, _load_share(load, v), False) for v in rigid.T]
@@ -497,14 +495,6 @@ def _rigid_motions(matrix: LinearSystem) -> np.ndarray:
     return np.stack(moves, axis=1) if moves else np.zeros((len(matrix.free), 0))
 
 
-def _rigid_rotation(state: State, matrix: LinearSystem, arm: float) -> np.ndarray:
-    """(n, 1) unit vector of the rotation of the whole packing, or (n, 0) if anything but the overlaps resists it."""
-    move = rigid_rotation(state, matrix.free, arm)
-    if resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):
-        return np.zeros((len(move), 0))
-    return (move / np.linalg.norm(move))[:, None]
-
-
 def _find_mechanisms(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[Mechanism]:
     """Null modes of the coordinates `rest` without rigid motions, idle ones first, then those driven by the load."""
     if not len(rest):
@@ -526,16 +516,11 @@ def _find_mechanisms(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[M
     power = float(np.linalg.norm(taken) / size) if size else 0.0
     driven = []
     if power > 1e-9:
-        answer = null @ _driven_amplitudes(null, load[rest])
+        along = null.T @ load[rest]  # the first mode is driven if the load is orthogonal to all of them
+        answer = null @ (along if np.linalg.norm(along) > 1e-12 * np.linalg.norm(load[rest]) else np.eye(len(along))[0])
         driven = [_make_mechanism(DRIVEN, matrix, rest, answer, power)]
         null = _complement(null, (answer / np.linalg.norm(answer))[:, None])
     return [_make_mechanism(IDLE, matrix, rest, v, 0.0) for v in null.T] + driven
-
-
-def _driven_amplitudes(null: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Amplitudes of null modes driven by a load; the first mode if the load is orthogonal to all of them."""
-    along = null.T @ load
-    return along if np.linalg.norm(along) > 1e-12 * np.linalg.norm(load) else np.eye(null.shape[1])[0]
 
 
 def _complement(vectors: np.ndarray, base: np.ndarray) -> np.ndarray:

@@ -28,14 +28,7 @@ class StatusSolver:
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
         self.critical, self.solves = critical, 0
-        self.load = np.asarray(load, float)
-        if self.load.shape != (len(matrix.free),):
-            raise ValueError(
-                f"a load of shape {self.load.shape} was given: shape {(len(matrix.free),)} is needed, one component "
-                f"for each coordinate"
-            )
-        if not np.isfinite(self.load).all():
-            raise ValueError("a load that is not finite was given: every component must be a finite number")
+        self.matrix, self.geometric, self.load = matrix, geometric, load_of(matrix, load)
         order = elimination_order(matrix.c, matrix.free.body, matrix.width)
         self.kept = order[~np.isin(order, np.append(pinned_coordinates(matrix), np.asarray(held, np.int64)))]
         c = sparse.csr_array(matrix.c[self.kept])
@@ -140,6 +133,18 @@ class StatusSolver:
         slip = np.where(slides, self.sees.T @ v, 0.0)
         missed = self.stuck @ v - self.pull @ slip - self.right
         return bool(np.abs(missed).max(initial=0.0) <= RESIDUAL * np.abs(self.right).max(initial=0.0))
+
+
+def load_of(matrix: LinearSystem, load) -> np.ndarray:
+    """(n,) load as an array; raises ValueError with one sentence if it is no finite number for each coordinate."""
+    load, size = np.asarray(load, float), len(matrix.free)
+    if load.shape != (size,):
+        raise ValueError(
+            f"a load of shape {load.shape} was given: shape {(size,)} is needed, one component for each coordinate"
+        )
+    if not np.isfinite(load).all():
+        raise ValueError("a load that is not finite was given: every component must be a finite number")
+    return load
 
 
 def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
