@@ -81,7 +81,8 @@ Figures
 
 Claims of a paper
 
-    Claim, claim, median_error, standard_error, format_value, note_quick_run        rows of the table of claims
+    Claim, claim, statement     rows of the table of claims
+    median_error, standard_error, format_value, note_quick_run      errors, values and notes in it
     ALWAYS, CAN                 statements about every case, and about one
 """
 

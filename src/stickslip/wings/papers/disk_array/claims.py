@@ -29,6 +29,7 @@ from ....kit import (
     pluralize,
     run_realizations,
     silent,
+    statement,
     validate_scenario,
     within,
 )
@@ -93,11 +94,6 @@ PURE = 1 - TOLERANCE["share"]  # share in y from which a mode counts as a pure y
 UNIT = "sqrt(k_n (2R)^1/2/m)"
 
 
-def evaluate_modes(main: DiskArrayResult) -> list[Claim]:
-    """Evaluate the statements on the spectra of the main scenario."""
-    return [_variants(), *_births(main), _coalescence(main), _growing(main), *_mode_claims(main), *_wave_claims(main)]
-
-
 def first_pair(**change) -> float | None:
     """Push, in units of F_y, at which the first pair exists; 0 without equilibrium at any push, None if none is met."""
     chosen = validate_scenario(DiskArrayScenario, dynamics={"loads": ()}, relaxation={"steps": STEPS}, **change)
@@ -127,11 +123,10 @@ def _variants() -> Claim:
             f". Counterexample: with {' or '.join(lost)} no push has an equilibrium, as the last disk touches one "
             f"neighbour only: its torque and force along the row balance if |F_t| = F_n there, which needs mu >= 1"
         )
-    return claim(
+    return statement(
         "always-a-threshold",
         'Fig 2: "by increasing the external force F_x we always reach a threshold value of this force where a pair '
-        'of complex eigenvalues is born"', True, False if lost else None if never else True, "", 0.0, note,
-        quantifier=ALWAYS,
+        'of complex eigenvalues is born"', False if lost else None if never else True, note, quantifier=ALWAYS,
     )  # fmt: skip
 
 
@@ -147,12 +142,16 @@ def _births(main: DiskArrayResult) -> list[Claim]:
         claim("births-of-pairs", 'Fig 2: "this figure exhibits two events of birth of a complex conjugate pair"', 2,
               len(events), "births", TOLERANCE["pairs"],
               f"up to F_x = {LINE_TOP:g}: {', '.join(f'{load:.5f}' for load in events) or 'none'}", error=0.0),
-        claim("first-pair-dies", 'Fig 2: "the first complex pair dies out with increasing F_x without triggering a '
-              'transition to dynamical friction"', True, bool(death < STABLE_LOAD and quiet) if born else None, "", 0.0,
-              f"it lives from {born[0].birth.load:.5f} to {death:.5f}" if born else "no pair"),
-        claim("unstable-above-0.082", UNSTABLE, True, not without if above else None, "", 0.0,
-              f"{len(above)} equilibria up to {main.path[-1].load:g}; without a pair: {without or 'none'}",
-              quantifier=ALWAYS),
+        statement(
+            "first-pair-dies", 'Fig 2: "the first complex pair dies out with increasing F_x without triggering a '
+            'transition to dynamical friction"', bool(death < STABLE_LOAD and quiet) if born else None,
+            f"it lives from {born[0].birth.load:.5f} to {death:.5f}" if born else "no pair",
+        ),
+        statement(
+            "unstable-above-0.082", UNSTABLE, not without if above else None,
+            f"{len(above)} equilibria up to {main.path[-1].load:g}; without a pair: {without or 'none'}",
+            quantifier=ALWAYS,
+        ),
     ]  # fmt: skip
 
 
@@ -176,21 +175,18 @@ def birth_exponents(family: Family, main: DiskArrayResult) -> tuple[float, float
 
 
 def _coalescence(main: DiskArrayResult) -> Claim:
-    room = [f for f in main.families if f.birth and _distance_before(f, main) > BEFORE[1]]
+    loads = np.array([p.load for p in main.path])  # a birth needs room after the point of the path before it
+    born = [f for f in main.families if f.birth]
+    room = [f for f in born if f.birth.below - loads[loads <= f.birth.below].max() > BEFORE[1]]
     exponents = np.array([birth_exponents(f, main) for f in room]).reshape(-1, 2)
     listed = ", ".join(f"{gap:.3f} and {height:.3f}" for gap, height in exponents)
-    return claim(
+    return statement(
         "real-pair-coalesces",
-        'Fig 2: "A pair of real eigenvalues coalesces when the pair of imaginary eigenvalues bifurcates"', True,
-        bool((np.abs(exponents - 0.5) < SQUARE_ROOT).all()) if len(room) else None, "", 0.0,
+        'Fig 2: "A pair of real eigenvalues coalesces when the pair of imaginary eigenvalues bifurcates"',
+        bool((np.abs(exponents - 0.5) < SQUARE_ROOT).all()) if len(room) else None,
         f"exponents of the gap between two real eigenvalues below the birth, and of Im λ above it, against the "
         f"distance in F_x, at {pluralize(len(room), 'birth')}: {listed}; both are 1/2 where two real eigenvalues meet",
     )  # fmt: skip
-
-
-def _distance_before(family: Family, main: DiskArrayResult) -> float:
-    """Distance in F_x of a birth from the point of the path before it."""
-    return family.birth.below - max(p.load for p in main.path if p.load <= family.birth.below)
 
 
 def _growing(main: DiskArrayResult) -> Claim:
@@ -202,9 +198,9 @@ def _growing(main: DiskArrayResult) -> Claim:
         f"largest Im λ at {printed.sum()} equilibria between {FRONT_LOADS[0]:g} and {FRONT_LOADS[-1]:g}; up to "
         f"{points[-1].load:g} it falls at {(np.diff(largest) <= 0).sum()} of {len(points) - 1} steps"
     )
-    return claim(
-        "im-lambda-grows", 'Fig 5: "the imaginary part of the eigenvalues grows with increasing F_x"', True,
-        bool((np.diff(largest[printed]) > 0).all()), "", 0.0, note,
+    return statement(
+        "im-lambda-grows", 'Fig 5: "the imaginary part of the eigenvalues grows with increasing F_x"',
+        bool((np.diff(largest[printed]) > 0).all()), note,
     )  # fmt: skip
 
 
@@ -271,9 +267,11 @@ def evaluate_claims(
     ]
     ramps = run_realizations(_spectrum_claims, tasks, stage="claims", workers=workers, report=report)
     printed_spectra, quarter_spectra = ramps.complete
-    printed = printed_spectra + _dynamics_claims(main)
+    printed = printed_spectra + [_growth(main, load) for load in GROWTH_LOADS] + [_stability(main, "")]
+    printed += [*(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]
     printed += [row for arrest in arrests for row in _arrest_claims(arrest)] + _threshold_claims(threshold)
-    printed += evaluate_fronts(main) + evaluate_modes(main) + evaluate_motion(main, arrests)
+    printed += [*evaluate_fronts(main), _variants(), *_births(main), _coalescence(main), _growing(main)]
+    printed += [*_mode_claims(main), *_wave_claims(main), *evaluate_motion(main, arrests)]
     return [
         *printed, *quarter_spectra, _stability(quarter, suffix), *backward_claims(quarter, suffix),
         *sliding_claims(quarter, suffix),
@@ -342,11 +340,6 @@ def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None,
     )  # fmt: skip
 
 
-def _dynamics_claims(main: DiskArrayResult) -> list[Claim]:
-    return [*(_growth(main, load) for load in GROWTH_LOADS), _stability(main, ""),
-            *(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]  # fmt: skip
-
-
 def _growth(main: DiskArrayResult, load: float) -> Claim:
     free = main.free_runs[load]
     ratio, error, note = None, None, f"predicted {free.predicted_growth:.4e}"
@@ -372,10 +365,9 @@ def _stability(result: DiskArrayResult, suffix: str) -> Claim:
             f"mean M in the last 1/{LATE} of {free.time[-1]:.0f} time units over that in the first: {rise:.2g}; "
             f"M at the end: {free.msd[-1]:.1e}; fastest growth rate of the spectrum: {free.predicted_growth:.1e}"
         )
-    return claim(
+    return statement(
         f"stable-msd-{STABLE_LOAD:.3f}{suffix}",
-        'Fig 3: "for F_x = 0.062 the system is stable and M(t) remains minute", "never increases"', True, measured, "",
-        0.0, note,
+        'Fig 3: "for F_x = 0.062 the system is stable and M(t) remains minute", "never increases"', measured, note,
     )  # fmt: skip
 
 
@@ -401,7 +393,7 @@ def _sliding_onset(main: DiskArrayResult) -> Claim:
             f"contact {i + 1:.0f}–{j + 1:.0f} is the first at the limit; disk {first} is the first among wall contacts"
         )
     said = 'Fig 3: at 0.083 "the oscillatory instability triggers the transition", "the Coulomb law is breached"'
-    return claim("sliding-0.083", said, True, free.slid, "", 0.0, note)
+    return statement("sliding-0.083", said, free.slid, note)
 
 
 def _arrest_claims(arrest: Arrest) -> list[Claim]:
@@ -447,10 +439,10 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
             TOLERANCE["threshold"], f"{note}; 95 % between {low:.4f} and {high:.4f}; {stops}",
             error=(high - low) / 3.92 if known else None,
         ),
-        claim(
+        statement(
             "threshold-between-arrest-and-sliding",
             'Fig 3: "the MSD becomes stationary" at 0.03 and 0.04, sliding at 0.083',
-            True, bool(max(ARREST_LOADS) < low and high < top) if known else None, "", 0.0,
+            bool(max(ARREST_LOADS) < low and high < top) if known else None,
             f"whether the kinetic threshold, {low:.4f} to {high:.4f} (95 %), lies between 0.04 and {top:g}",
         ),
     ]  # fmt: skip

@@ -5,7 +5,7 @@ Tolerances were fixed before anything was measured.
 
 import numpy as np
 
-from ....kit import Claim, claim, format_value, linearise, standard_error
+from ....kit import Claim, claim, format_value, linearise, standard_error, statement
 from .fronts import Front
 from .measures import (
     Arrest,
@@ -167,8 +167,8 @@ def _start(name: str, source: str, disk: int, times: np.ndarray) -> Claim:
     times = times[np.isfinite(times).all(axis=1)]
     share, n = float((times.argmin(axis=1) == disk).mean()) if len(times) else np.nan, len(times)
     error = np.sqrt(share * (1 - share) / n) if n else np.inf
-    return claim(
-        name, source, True, exceeds(share, error, 0.5), "", 0.0,
+    return statement(
+        name, source, exceeds(share, error, 0.5),
         f"disk {disk + 1} is the first in {share:.0%} of {n} complete realizations, and by chance in "
         f"{1 / times.shape[1]:.0%}; the statement is read as more than half",
     )  # fmt: skip
@@ -182,8 +182,8 @@ def _order(forward: dict[float, Front | None]) -> Claim:
     back = steps + CERTAIN * errors < 0
     late = ", ".join(f"disk {np.argmax(front.delay) + 1} at {load:g}" for load, front in forward.items() if front)
     holds = None if len(fronts) < len(forward) or (steps.min() <= 0 and not back.any()) else bool(steps.min() > 0)
-    return claim(
-        "breach-in-order", 'Fig 5: "with τ_{i+1} > τ_i > τ_1 and i being the index of the disk"', True, holds, "", 0.0,
+    return statement(
+        "breach-in-order", 'Fig 5: "with τ_{i+1} > τ_i > τ_1 and i being the index of the disk"', holds,
         f"steps between mean delays of neighbours at {len(fronts)} loads: {(steps > 0).sum()} of {len(steps)} are "
         f"positive, {back.sum()} are negative by more than {CERTAIN:g} errors; the last on average is {late}"
         f"{'; more realizations would decide it' if holds is None else ''}",
@@ -222,16 +222,20 @@ def _dependences(main: DiskArrayResult) -> list[Claim]:
     speeds = ", ".join(f"{f.speed:.3f} ± {f.speed_error:.3f} at {load:g}" for load, f in backward.items() if f)
     power = f"p in V ∝ F_x^p over loads from {min(main.sliding):g} to {max(main.sliding):g}"
     return [
-        claim("v1-depends-on-push", 'Fig 5: "with a wave speed V_1(F_x) depending on the external force F_x"', True,
-              None if p1 is None else exceeds(p1, e1, 0.0), "", 0.0,
-              f"{power}: {'not fitted' if p1 is None else f'{p1:.2f} ± {e1:.2f}'}"),
+        statement(
+            "v1-depends-on-push", 'Fig 5: "with a wave speed V_1(F_x) depending on the external force F_x"',
+            None if p1 is None else exceeds(p1, e1, 0.0),
+            f"{power}: {'not fitted' if p1 is None else f'{p1:.2f} ± {e1:.2f}'}",
+        ),
         claim("v2-power-of-push", 'Fig 5: "a velocity V_2 that does not depend on the external force F_x"', 0.0, p2,
               "1", TOLERANCE["independence"],
               f"{power}: {speeds}; loads that differ by 8 %, as the paper's, cannot show it", error=e2),
-        claim("v2-much-faster-than-v1", 'Fig 5: "the backward wave of sliding is much faster than V_1"', True,
-              bool(low > MUCH) if len(ratios) == len(FRONT_LOADS) else None, "", 0.0,
-              f"V_2/V_1: {', '.join(f'{ratio:.0f} at {load:g}' for load, ratio in ratios.items())}; much faster: more "
-              f"than {MUCH:g} times, also two errors below"),
+        statement(
+            "v2-much-faster-than-v1", 'Fig 5: "the backward wave of sliding is much faster than V_1"',
+            bool(low > MUCH) if len(ratios) == len(FRONT_LOADS) else None,
+            f"V_2/V_1: {', '.join(f'{ratio:.0f} at {load:g}' for load, ratio in ratios.items())}; much faster: more "
+            f"than {MUCH:g} times, also two errors below",
+        ),
     ]  # fmt: skip
 
 
@@ -273,9 +277,9 @@ def evaluate_motion(main: DiskArrayResult, arrests: list[Arrest]) -> list[Claim]
 def _charging(arrest: Arrest) -> Claim:
     """Claim that the slip at the substrate is charged; it must grow by more than the tolerance."""
     mean, error = float(arrest.charge.mean()), standard_error(arrest.charge)
-    return claim(
-        f"charging-{arrest.load:.3f}", 'Fig 3: "static friction with charging of t_iw" at 0.03 and 0.04', True,
-        exceeds(mean, error, 1 + TOLERANCE["charging"]), "", 0.0,
+    return statement(
+        f"charging-{arrest.load:.3f}", 'Fig 3: "static friction with charging of t_iw" at 0.03 and 0.04',
+        exceeds(mean, error, 1 + TOLERANCE["charging"]),
         f"mean |t_iw| of {len(arrest.charge)} late states over that before the run: {mean:.3f} ± {error:.3f}; at rest "
         f"the forces of the substrate add up to F_x, so that t_iw can change sign or place, but not its sum",
     )  # fmt: skip
@@ -298,9 +302,9 @@ def _where_first(main: DiskArrayResult) -> Claim:
     first = np.concatenate([main.sliding[load].wall_first for load in FRONT_LOADS])
     first = first[np.isfinite(first)]
     share = float(first.mean()) if len(first) else np.nan
-    return claim(
+    return statement(
         "substrate-first", 'Fig 3: at 0.083 "for the first time the Coulomb law is breached at the contact with the '
-        'substrate"', True, exceeds(share, _share_error(first), 0.5), "", 0.0,
+        'substrate"', exceeds(share, _share_error(first), 0.5),
         f"in {int(first.sum())} of {len(first)} realizations the first contact at the limit is with the substrate; in "
         f"the others it is between two disks",
     )  # fmt: skip
@@ -334,18 +338,17 @@ def _spiral(main: DiskArrayResult) -> list[Claim]:
     whole = None if None in each else all(each)
     reached_at = main.free_runs[TRANSITION].breach
     return [
-        claim(
+        statement(
             "spiral-lifts-disks", 'Fig 4: "A spiral in the x-y plane leads in time to an increase in y_i to the point '
-            'that breaching the Coulomb law at the contact with the substrate becomes inevitable"', True,
-            exceeds(float(lifted.mean()) if len(lifted) else np.nan, _share_error(lifted), 0.5), "", 0.0,
+            'that breaching the Coulomb law at the contact with the substrate becomes inevitable"',
+            exceeds(float(lifted.mean()) if len(lifted) else np.nan, _share_error(lifted), 0.5),
             f"{lifted.sum()} of {len(lifted)} disks have risen when their contact with the substrate first reaches the "
             f"limit; by the median F_n has then fallen to {overlap**1.5:.2g} of its value before the run, and F_t from "
             f"{used:.2g} to {overlap**1.5:.2g} of mu times that value: the limit falls to F_t",
         ),
-        claim(
+        statement(
             "spiral-is-representative", 'Fig 4: the trajectory of the fourth disk "is representative for all the other '
-            'disks"', True, whole, "", 0.0,
-            f"median overlap with the substrate at the limit, over that before the run, disk by disk: "
+            'disks"', whole, f"median overlap with the substrate at the limit, over that before the run, disk by disk: "
             f"{', '.join(f'{np.median(column):.2f}' for column in _columns(left, reached))}",
         ),
         claim(

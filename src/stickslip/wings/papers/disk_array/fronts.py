@@ -330,15 +330,7 @@ def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeR
     how = scenario.dynamics
     check_time_step(point, how.dt)
     start = perturbed(point.state, scenario.seed, how.seed_velocity)
-    _, record, outcome = free_run(
-        start,
-        law,
-        duration=how.duration,
-        dt=how.dt,
-        sample=fastest_period(point) / 5,
-        drag=how.drag,
-        spin_drag=how.spin_drag,
-    )
+    _, record, outcome = free_run(start, law, duration=how.duration, sample=fastest_period(point) / 5, **how.options)
     if outcome.broken:
         raise NotInEquilibriumError(f"the free run at push = {point.load:g} blew up", outcome)
     rate, frequency = predicted_growth(point, law, how)
@@ -374,11 +366,10 @@ def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenari
     how = scenario.dynamics
     period = fastest_period(point)
     begin = max(0.0, float(known.first_limit[0]) - 30 * period)
-    options = {"drag": how.drag, "spin_drag": how.spin_drag, "dt": how.dt}
     start = perturbed(point.state, scenario.seed, how.seed_velocity)
-    before, _, _ = free_run(start, law, duration=begin, sample=how.duration, **options)
+    before, _, _ = free_run(start, law, duration=begin, sample=how.duration, **how.options)
     length = min(how.duration - begin, 600 * period)
-    _, record, _ = free_run(before, law, duration=length, sample=period / 20, **options)
+    _, record, _ = free_run(before, law, duration=length, sample=period / 20, **how.options)
     along = record.position[:, :, 0] - point.state.grains.position[:, 0]
     slide = crossing_times(record.time, along, [SLIDING_THRESHOLD * diameter(point.state)])[0]
     return Trajectory(

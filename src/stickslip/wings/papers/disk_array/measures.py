@@ -214,22 +214,17 @@ def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
     scenario, law, how = result.scenario, result.law, result.scenario.dynamics
     point, protocol = point_at_load(result.path, load), make_protocol(result.scenario, result.law)
     end, rows = perturbed(point.state, scenario.seed, how.seed_velocity), []
+    start = point.state.grains.position
     for k in range(LATE_STATES):
         duration = how.duration if k == 0 else how.duration / LATE_STATES
-        end, _, _ = free_run(
-            end, law, duration=duration, dt=how.dt, sample=duration, drag=how.drag, spin_drag=how.spin_drag
-        )
+        end, _, _ = free_run(end, law, duration=duration, sample=duration, **how.options)
         rest, _ = protocol.settle(end, load)
         rows.append((
-            _msd(end, point.state), _msd(rest, point.state), len(spectrum(rest, law).pairs), _neighbours(rest),
+            *(float(((state.grains.position - start) ** 2).sum()) for state in (end, rest)),
+            len(spectrum(rest, law).pairs), _neighbours(rest),
             _wall_slip(end) / _wall_slip(point.state),
         ))  # fmt: skip
     return Arrest(load, *(np.array(column) for column in zip(*rows, strict=True)), _neighbours(point.state))
-
-
-def _msd(state, start) -> float:
-    """M, the sum of the squared displacements of all disks [length²]."""
-    return float(((state.grains.position - start.grains.position) ** 2).sum())
 
 
 def _wall_slip(state) -> float:

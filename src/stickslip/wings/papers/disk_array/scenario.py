@@ -105,6 +105,11 @@ class Dynamics(ScenarioTable):
     drag: NotNegative = Field(0.0, description="drag on translations per unit mass [1/time]")
     spin_drag: NotNegative | None = Field(None, description="drag on rotations; default: same as `drag` [1/time]")
 
+    @property
+    def options(self) -> dict:
+        """Time step and drags, as options of a free run."""
+        return self.model_dump(include={"dt", "drag", "spin_drag"})
+
 
 class Sliding(ScenarioTable):
     """Many realizations of the transition at loads where the array slides, for fronts and the sliding velocity."""

@@ -91,7 +91,10 @@ def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
 
 def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
     """Bring the array to equilibrium under its normal load."""
-    state, law = build_array(scenario)
+    array, load, law = scenario.array, scenario.load, make_law(scenario.law)
+    state = disk_array(
+        array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
+    )
     return equilibrium(state, law, what="the normal load alone", **_damping(scenario))[0], law
 
 
@@ -141,27 +144,14 @@ def run_sliding(
 ) -> dict[float, Ensemble]:
     """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
-    options = {
-        "velocity": dynamics.seed_velocity,
-        "duration": how.duration,
-        "dt": dynamics.dt,
-        "thresholds": how.thresholds,
-        "drag": dynamics.drag,
-        "spin_drag": dynamics.spin_drag,
-    }
+    options = {"velocity": dynamics.seed_velocity, "duration": how.duration, "thresholds": how.thresholds}
     for point in points:
         check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
-    tasks = [
-        Task(
-            f"seed {seed}",
-            (p.state, law, p.load, seed, options | {"sample": fastest_period(p) / 10}),
-            f"{p.load!r}-{seed}",
-            kept,
-        )
-        for p in points
-        for seed in seeds
-    ]
+    tasks = []
+    for p in points:
+        options |= dynamics.options | {"sample": fastest_period(p) / 10}
+        tasks += [Task(f"seed {s}", (p.state, law, p.load, s, dict(options)), f"{p.load!r}-{s}", kept) for s in seeds]
     runs = run_realizations(
         _transition_task, tasks, stage="realizations of sliding", workers=workers, device=device, report=report,
         describe=_describe_member,
@@ -295,15 +285,6 @@ def add_sliding(
         points, result.law, scenario, workers, report, kept=kept and kept.of("sliding"), device=device
     )
     return result._replace(sliding=sliding)
-
-
-def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
-    """Build the array of a scenario before equilibration (with its normal load but no push), and its law."""
-    array, load = scenario.array, scenario.load
-    state = disk_array(
-        array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
-    )
-    return state, make_law(scenario.law)
 
 
 def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:

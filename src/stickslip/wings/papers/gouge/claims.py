@@ -8,7 +8,7 @@ serve as references. Tolerances were fixed before anything was measured.
 import numpy as np
 from scipy.special import chdtri
 
-from ....kit import Claim, claim, pluralize
+from ....kit import Claim, claim, pluralize, statement
 from ....laws import collision, elastic_constants, hertz_mindlin_reff
 from ...faults.friction.fitting import Fit, fit
 from ...faults.friction.loads import LoadStep
@@ -82,14 +82,6 @@ UNDEFINED = (
 )
 
 
-def evaluate_text(main: GougeResult, reslides: GougeResult | None) -> list[Claim]:
-    """Evaluate the statements; `reslides` is the result with slides at several velocities after one hold."""
-    return [
-        *_peaks(reslides), _time_step(main.scenario), _definitions(main.scenario), _law_of_holds(main), _bands(main),
-        _damping_ratio(),
-    ]  # fmt: skip
-
-
 def _peaks(result: GougeResult | None) -> list[Claim]:
     """Claims about the peak at V_r = V_i, the collapse of normalised peaks, and the slope of peaks below b."""
     paper, where = COLLAPSE * PEAK_SLOPE, "Fig S2: panel b and inset, C ≈ 5 times the slope 0.0155"
@@ -98,8 +90,8 @@ def _peaks(result: GougeResult | None) -> list[Claim]:
     if result is None:
         return [
             claim("peak-at-equal-velocities", where, paper, None, "1", PEAK, FULL),
-            claim("collapse-of-peaks", collapse, True, None, "", 0.0, FULL),
-            claim("slope-below-b", below, True, None, "", 0.0, FULL),
+            statement("collapse-of-peaks", collapse, None, FULL),
+            statement("slope-below-b", below, None, FULL),
         ]
     before = measures.holds(result)[0]
     _, after, peaks, _ = reslides_after_longest(result, before)
@@ -113,16 +105,16 @@ def _peaks(result: GougeResult | None) -> list[Claim]:
         ),
         claim(
             "peak-at-equal-velocities@frozen", where, paper, first.value, "1", PEAK,
-            f"after 1.43 s, t̄ = k V_i t/(a σ): {first.value:.4f} ± {first.half:.4f}", error=first.half / 2,
+            f"after 1.43 s, t̄ = k V_i t/(a σ): {_interval(first)}", error=first.half / 2,
         ),
-        claim(
-            "collapse-of-peaks", collapse, True, False if abs(off.value) > off.half else None, "", 0.0,
-            f"slope of peaks minus a fifth of the peak at V_r = V_i: {off.value:.4f} ± {off.half:.4f}, zero if peaks "
+        statement(
+            "collapse-of-peaks", collapse, False if abs(off.value) > off.half else None,
+            f"slope of peaks minus a fifth of the peak at V_r = V_i: {_interval(off)}, zero if peaks "
             f"are proportional to 5 + ln(V_r/V_i); an interval that contains zero does not show that they collapse",
         ),
-        claim(
-            "slope-below-b", below, True, below_or_not(rate, B), "", 0.0,
-            f"slope {rate.value:.4f} ± {rate.half:.4f} per e-fold of V_r/V_i, b = {B}",
+        statement(
+            "slope-below-b", below, below_or_not(rate, B),
+            f"slope {_interval(rate)} per e-fold of V_r/V_i, b = {B}",
         ),
     ]  # fmt: skip
 
@@ -211,7 +203,8 @@ def compare_hold_laws(time: np.ndarray, friction: np.ndarray, before: float, spr
     return compare_laws(*(fit(data, law=law, fixed=fixed, windows=window) for law in ("slip", "aging")))
 
 
-def _law_of_holds(main: GougeResult) -> Claim:
+def _law_of_holds(main: GougeResult) -> list[Claim]:
+    """Claims about the law that holds follow, the bands of their curves, and the ratio of the dampings."""
     before = measures.holds(main)[-1]
     curve, rate = measures.hold_curve(main, before), measures.per_efold(measures.hold_curve(main, before))
     made = compare_hold_laws(curve.x, curve.mean, before, stiffness(main.scenario) / main.scenario.load.normal_stress)
@@ -219,28 +212,22 @@ def _law_of_holds(main: GougeResult) -> Claim:
     inside = {law: abs(rate.value - value) <= rate.half for law, value in expected.items()}
     measured = None if made.preferred is None else made.preferred == "slip" and inside["slip"]
     slopes = ", ".join(f"{law} law {value:.4f}" for law, value in expected.items())
-    return claim(
-        "slip-law-in-holds", "Fig S1: curves of both laws; no statement in the supplement", None,
-        measured if measured is None or inside["slip"] != inside["aging"] else None, "", 0.0,
-        f"{made.sentence}, from {min(measures.EARLIEST, curve.x[-1] / 10):g} s on with a free level; slope per e-fold "
-        f"{rate.value:.4f} ± {rate.half:.4f}: {slopes}. Both laws predict a larger decrease before that time",
-        reference=True, reference_source=STUDY,
-    )  # fmt: skip
-
-
-def _bands(main: GougeResult) -> Claim:
-    curve = measures.hold_curve(main, measures.holds(main)[-1])
-    return claim(
-        "bands-of-holds", "Fig S1: shaded, 2σ of 8 realizations; no number is printed", None, float(curve.band[-1]),
-        "1", PEAK, f"2σ over {len(curve.rows)} branches at the end of the longest hold",
-    )  # fmt: skip
-
-
-def _damping_ratio() -> Claim:
-    return claim(
-        "damping-ratio", 'Text: "the choices of the ratio have little impact"', True, None, "", 0.0,
-        "γ_t = γ_n/2 was used throughout; holds with γ_t = 0 and γ_t = γ_n in as many samples would decide it",
-    )  # fmt: skip
+    return [
+        _statement(
+            "slip-law-in-holds", "Fig S1: curves of both laws; no statement in the supplement",
+            measured if measured is None or inside["slip"] != inside["aging"] else None,
+            f"{made.sentence}, from {min(measures.EARLIEST, curve.x[-1] / 10):g} s on with a free level; slope per "
+            f"e-fold {_interval(rate)}: {slopes}. Both laws predict a larger decrease before that time", STUDY,
+        ),
+        claim(
+            "bands-of-holds", "Fig S1: shaded, 2σ of 8 realizations; no number is printed", None, float(curve.band[-1]),
+            "1", PEAK, f"2σ over {len(curve.rows)} branches at the end of the longest hold",
+        ),
+        statement(
+            "damping-ratio", 'Text: "the choices of the ratio have little impact"', None,
+            "γ_t = γ_n/2 was used throughout; holds with γ_t = 0 and γ_t = γ_n in as many samples would decide it",
+        ),
+    ]  # fmt: skip
 
 
 STEADY = (0.33, 0.42)  # range of the steady friction of such gouge
@@ -273,8 +260,8 @@ def evaluate_claims(holds: dict[str, GougeResult], more: dict[str, GougeResult])
     steps = more.get("steps")
     return [
         *_relaxation(main), _compaction(main), _healing(main), _reslide_peaks(more.get("reslides")),
-        *evaluate_text(main, more.get("reslides")), *_rate_state_fit(steps), _symmetry(steps), _restitution(holds),
-        _restitution_of_collisions(holds), _calibrated_damping(holds),
+        *_peaks(more.get("reslides")), _time_step(main.scenario), _definitions(main.scenario), *_law_of_holds(main),
+        *_rate_state_fit(steps), _symmetry(steps), _restitution(holds), *_collisions(holds),
         _steady_friction(main, more), _temperature(main, steps), _quasi_static(main), _energies(main),
     ]  # fmt: skip
 
@@ -299,16 +286,9 @@ def _error_note(number: Number) -> str:
     return f"95 % intervals; two states of one sample have a correlation of {number.alike:.2f}"
 
 
-def _is_positive(number: Number) -> bool | None:
-    """Return True if a number is positive, False if negative, and None if its 95 % interval contains zero."""
-    return bool(number.value > 0) if abs(number.value) > number.half else None
-
-
-def _statement(id: str, source: str, measured: bool | None, note: str, *, study: str = "") -> Claim:
-    """Make a claim about a statement of the paper or, if `study` is given, of that source."""
-    if study:
-        return claim(id, source, None, measured, "", 0.0, note, reference=True, reference_source=study)
-    return claim(id, source, True, measured, "", 0.0, note)
+def _statement(id: str, source: str, measured: bool | None, note: str, study: str) -> Claim:
+    """Make a claim about a statement of another source."""
+    return claim(id, source, None, measured, "", 0.0, note, reference=True, reference_source=study)
 
 
 def _missing_claim(id: str, source: str, paper, unit: str, tolerance: float, note: str, **more) -> Claim:
@@ -349,8 +329,9 @@ def _compaction(main: GougeResult) -> Claim:
     curve = measures.hold_curve(main, before, "thickness")
     curve = curve._replace(rows=-curve.rows / size)
     rate, end = measures.per_efold(curve), curve.at(curve.x[-1])
+    thinner = bool(rate.value > 0) if abs(rate.value) > rate.half else None  # whether the interval contains zero
     return _statement(
-        "compaction-in-holds", "Text: not in the supplement", _is_positive(rate),
+        "compaction-in-holds", "Text: not in the supplement", thinner,
         f"thickness lost per e-fold of hold time: {_interval(rate)} D, {_error_note(rate)}; {_interval(end)} D after "
         f"{curve.x[-1]:g} s; {_scale_note(main)}", study=STUDY,
     )  # fmt: skip
@@ -455,17 +436,18 @@ def _symmetry(result: GougeResult | None) -> Claim:
     )  # fmt: skip
 
 
-def _compare_dampings(first: GougeResult, second: GougeResult) -> dict[str, tuple[Number, Number]]:
-    """Relaxation (at the end of the shorter hold, and per e-fold) and steady friction for two damping values."""
+def _compare_dampings(first: GougeResult, second: GougeResult) -> tuple[dict[str, tuple[Number, Number]], str]:
+    """Relaxation (at the end of the shorter hold, per e-fold) and steady friction for two dampings, also in words."""
     before = measures.holds(first)[0]
     curves = [measures.hold_curve(result, before) for result in (first, second)]
     last = min(float(curve.x[-1]) for curve in curves)
     cut = [c._replace(x=c.x[c.x <= last * 1.01], rows=c.rows[:, c.x <= last * 1.01]) for c in curves]
-    return {
+    pairs = {
         f"change in friction over {last:.2g} s": tuple(c.at(last) for c in cut),
         "per e-fold": tuple(measures.per_efold(c) for c in cut),
         "steady friction": tuple(measures.mean_friction(result, before) for result in (first, second)),
     }
+    return pairs, "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
 
 
 def _restitution(holds: dict[str, GougeResult]) -> Claim:
@@ -473,56 +455,49 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
     id, source = "restitution-insensitivity", 'Text: "restitution coefficient exerted no significant influence"'
     by_eq8 = [r for r in holds.values() if r.scenario.law.reading == "eq8"]
     if len(by_eq8) < 2:
-        return _statement(id, source, None, "only one restitution was run")
-    pairs = _compare_dampings(*by_eq8[:2])
+        return statement(id, source, None, "only one restitution was run")
+    pairs, listed = _compare_dampings(*by_eq8[:2])
     differences = {name: difference(*pair) for name, pair in pairs.items()}
     telling = all(half <= TELLING for name, (_, half) in differences.items() if name != "steady friction")
     apart = any(abs(value) > half for value, half in differences.values())
-    listed = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
     gammas = " and ".join(f"{damping(r.scenario):.2g}" for r in by_eq8[:2])
-    return _statement(
+    return statement(
         id, source, False if apart else True if telling else None,
         f"ε = 0.98 and 0.3 by Eq 8, γ_n = {gammas} 1/(m s); alike if all differences lie within their 95 % intervals: "
         f"{listed}; {_scale_note(by_eq8[1])}",
     )  # fmt: skip
 
 
-def _restitution_of_collisions(holds: dict[str, GougeResult]) -> Claim:
-    """Claim about restitution 0.98 and nearly 1 (γ_n by Eq 8 as printed) of collisions under the contact law."""
-    id = "restitution-of-collisions"
-    source = 'Text: "exerted no significant influence", from "nearly zero" to "nearly 1"'
-    other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
+def _collisions(holds: dict[str, GougeResult]) -> list[Claim]:
+    """Claims about a damping for which collisions under the contact law really have the stated restitution of 0.98.
+
+    By Eq 8 as printed they have nearly 1. Both dampings are compared, and the relaxation with them.
+    """
+    id, said = "restitution-of-collisions", 'Text: "exerted no significant influence", from "nearly zero" to "nearly 1"'
+    source = "Text: not in the paper; the other reading of its restitution"
+    main, other = next(iter(holds.values())), next((r for r in holds.values() if r.scenario.law.reading != "eq8"), None)
     if other is None:
-        return _statement(id, source, None, "needs holds with a restitution of 0.98 under the contact law")
-    pairs = _compare_dampings(next(iter(holds.values())), other)
+        return [
+            statement(id, said, None, "needs holds with a restitution of 0.98 under the contact law"),
+            claim("calibrated-damping", source, None, None, "1", 0.5, "not run"),
+        ]
+    pairs, listed = _compare_dampings(main, other)
     apart = {name: difference(*pair) for name, pair in pairs.items()}
     differ = [name for name, (value, half) in apart.items() if abs(value) > half]
-    listed = "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items())
-    return _statement(
-        id, source, False if differ else None,
-        f"if ε is the restitution of a collision under Eq 1, at 1.00 and 0.98: {listed}; outside their 95 % intervals: "
-        f"{', '.join(differ) or 'none'}; {_scale_note(other)}",
-    )  # fmt: skip
-
-
-def _calibrated_damping(holds: dict[str, GougeResult]) -> Claim:
-    """Claim about the relaxation with a damping for which collisions really have the stated restitution."""
-    source = "Text: not in the paper; the other reading of its restitution"
-    other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
-    if other is None:
-        return claim("calibrated-damping", source, None, None, "1", 0.5, "not run")
-    main = next(iter(holds.values()))
-    pairs = _compare_dampings(main, other)
-    (plain, strong), listed = (
-        next(iter(pairs.values())),
-        "; ".join(f"{name} {_interval(a)} and {_interval(b)}" for name, (a, b) in pairs.items()),
-    )
+    plain, strong = next(iter(pairs.values()))
     error = np.hypot(strong.half, plain.half * strong.value / plain.value) / abs(2 * plain.value)
-    return claim(
-        "calibrated-damping", source, None, strong.value / plain.value, "1", 0.5,
-        f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), which gives collisions a restitution of 0.98, "
-        f"over that with {damping(main.scenario):.2g}: {listed}; {_scale_note(other)}", error=float(error),
-    )  # fmt: skip
+    return [
+        statement(
+            id, said, False if differ else None,
+            f"if ε is the restitution of a collision under Eq 1, at 1.00 and 0.98: {listed}; outside their 95 % "
+            f"intervals: {', '.join(differ) or 'none'}; {_scale_note(other)}",
+        ),
+        claim(
+            "calibrated-damping", source, None, strong.value / plain.value, "1", 0.5,
+            f"relaxation with γ_n = {damping(other.scenario):.2g} 1/(m s), which gives collisions a restitution of "
+            f"0.98, over that with {damping(main.scenario):.2g}: {listed}; {_scale_note(other)}", error=float(error),
+        ),
+    ]  # fmt: skip
 
 
 def _steady_friction(main: GougeResult, more: dict[str, GougeResult]) -> Claim:

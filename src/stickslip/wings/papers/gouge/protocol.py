@@ -149,13 +149,7 @@ def slide_trunk(
 def run_branch(
     scenario: GougeScenario, start: Branch, engine: Engine, report: Report, kept: Checkpoint | None = None
 ) -> tuple[Test, ...]:
-    """Run the tests that start from one state of the trunk; arguments as in `run_trunk`.
-
-    Raises
-    ------
-    RuntimeError
-        If the sample becomes unstable.
-    """
+    """Run the tests that start from one state of the trunk; arguments and errors as in `run_trunk`."""
     kept = kept and kept._replace(nouns=(Gouge, Series))
     part = scenario.protocol[start.part]
     duration, name = sum(part.branch(start.before, scenario.grains.mean)), f"branch-{start.part}-{start.number}"
@@ -170,8 +164,8 @@ def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) ->
     fastest = max(test.velocity for test in everything)
     state, thickness = trunk.states["steady"], float(trunk.tests[0].series.thickness[-1])
     overlap = _mean_overlap(state) / scenario.grains.mean
-    law = gouge_law(scenario, scenario.law.mu)
-    good = make_range(scenario, fastest, thickness, overlap, stable_time_step(state, law))
+    stable = stable_time_step(state, gouge_law(scenario, scenario.law.mu))
+    good = make_range(scenario, fastest, thickness, overlap, stable)
     return Realization(seed, good, everything, trunk.states, trunk.ledger)
 
 
@@ -180,10 +174,8 @@ def _slide_to_steadiness(legs: "_LegRunner", place):
     chosen = legs.scenario.preparation
     if not chosen.steady:
         seconds = chosen.slip * legs.scenario.grains.mean / chosen.velocity
-        place, series, elastic = legs.run(place, chosen.velocity, seconds, "preparation")
-        return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
-    reached = _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
-    if reached is None:
+        reached = legs.run(place, chosen.velocity, seconds, "preparation")
+    elif not (reached := _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)):
         raise RuntimeError(
             f"the sample was not steady after a slip of {chosen.longest:g} D: raise preparation.change or "
             f"preparation.longest"
@@ -261,15 +253,7 @@ def _log_binned(series: Series) -> Series:
 class _LegRunner:
     """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
 
-    def __init__(
-        self,
-        scenario: GougeScenario,
-        engine: Engine,
-        report: Report,
-        kept: Checkpoint | None,
-        duration: float,
-        name: str,
-    ):
+    def __init__(self, scenario: GougeScenario, engine: Engine, report: Report, kept, duration: float, name: str):
         self.scenario, self.engine, self.report, self.kept, self.name = scenario, engine, report, kept, name
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
@@ -311,12 +295,11 @@ class _LegRunner:
         self.done += steps
         self.total = max(self.total, self.done)
         self.report(
-            stage,
-            self.done / self.total,
+            stage, self.done / self.total,
             f"load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
             f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "
             f"{series.sliding_fraction[-1]:.0%} of contacts slide",
-        )
+        )  # fmt: skip
 
 
 def _concatenate(parts: list[Series]) -> Series:

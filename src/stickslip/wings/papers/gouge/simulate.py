@@ -118,13 +118,11 @@ def write_sample(folder: Path, scenario: GougeScenario, realization: Realization
     (folder / STATES).mkdir(parents=True, exist_ok=True)
     about: dict[str, Any] = {"scenario": scenario.text, "version": __version__, "units": SI}
     archive.write(folder / STATES / path.name, {"physics": PHYSICS, "end": realization.states["end"]}, **about)
-    tests = tuple(test._replace(series=_round(test.series)) for test in realization.tests)
+    tests = tuple(
+        t._replace(series=Series(*(c if n in EXACT else c.astype(np.float32) for n, c in t.series._asdict().items())))
+        for t in realization.tests
+    )
     archive.write(path, {"physics": PHYSICS, "sample": realization._replace(tests=tests, states={})}, **about)
-
-
-def _round(series: Series) -> Series:
-    """Round columns to single precision, except for those in `EXACT`."""
-    return Series(*(c if n in EXACT else c.astype(np.float32) for n, c in series._asdict().items()))
 
 
 def read_samples(folder: Path, scenarios: dict[str, GougeScenario]) -> dict[str, dict[int, Sample]]:
@@ -235,11 +233,6 @@ def export(scenario: GougeScenario, folder: Path) -> list[Path]:
     return [*written.paths, folder / LEGS / TABLE, *write_scripts(folder, written.ends, scenario.ranks)]
 
 
-def is_written(folder: Path) -> bool:
-    """Return True if the legs of a scenario have been written to a folder."""
-    return (folder / LEGS / TABLE).is_file()
-
-
 def queued_engine(folder: Path) -> Engine:
     """Return an Engine that reads the legs that LAMMPS has run in a folder written by `export`.
 
@@ -333,7 +326,12 @@ def simulate_gouge(
     """
     if samples:
         check_folder(samples)
-    where = _open_device(device, scenario) if device else find_engine(scenario, folder) and None
+    if device and scenario.engine != "stickslip":
+        raise ValueError(
+            f'device = "{device}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
+        )
+    law = gouge_law(scenario, scenario.law.mu)
+    where = open_device(device, law) if device else find_engine(scenario, folder) and None
     if workers is None and scenario.ranks > 1:
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
@@ -342,7 +340,12 @@ def simulate_gouge(
     missing = [k for k, member in enumerate(realizations) if member is None]
     failures = {}
     if missing:
-        ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, samples, workers, where, report)
+        kept, rest = checkpoint_in(folder, scenario), [alone[k] for k in missing]
+        if kept:
+            for member in rest:
+                kept.of(member.digest).check()
+            kept.announce()
+        ensemble = _Ensemble(scenario, rest, kept, folder, samples, workers, where, report)
         for k, member in zip(missing, ensemble.run(), strict=True):
             realizations[k], failures[seeds[k]] = (None, member) if isinstance(member, str) else (member, "")
     sentences = tuple(f"realization {seed} failed: {failure}" for seed, failure in failures.items() if failure)
@@ -352,27 +355,22 @@ def simulate_gouge(
     return GougeResult(scenario, done, sentences, len(alone) - len(missing))
 
 
-class _Ensemble:
+class _Ensemble(NamedTuple):
     """Run unfinished realizations: all their trunks in parallel, then all branches of the trunks."""
 
-    def __init__(
-        self,
-        scenario: GougeScenario,
-        alone: list,
-        folder: Path | None,
-        samples: Path | None,
-        workers: Workers,
-        device: Device | None,
-        report: Report,
-    ):
-        self.scenario, self.alone, self.folder, self.samples = scenario, alone, folder, samples
-        self.workers, self.device, self.report = workers, device, report
-        self.kept = checkpoint_in(folder, scenario)
-        self.first = scenario.trunk_duration / scenario.duration  # share of the work done by the trunks
-        if self.kept:
-            for member in alone:
-                self.kept.of(member.digest).check()
-            self.kept.announce()
+    scenario: GougeScenario
+    alone: list[GougeScenario]  # of each realization
+    kept: Checkpoint | None
+    folder: Path | None
+    samples: Path | None
+    workers: Workers
+    device: Device | None
+    report: Report
+
+    @property
+    def first(self) -> float:
+        """Share of the work done by the trunks."""
+        return self.scenario.trunk_duration / self.scenario.duration
 
     def run(self) -> list[Realization | str]:
         """Return each realization, or one sentence that says why it failed."""
@@ -429,29 +427,10 @@ class _Ensemble:
 
 
 def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
-    """Return the engine that a scenario names; it reads legs that were written to the folder for a queue.
-
-    Raises
-    ------
-    RuntimeError
-        If it is not installed. The message says how to install it.
-    ScenarioError
-        If a leg has not run in the queue.
-    """
+    """Return the engine that a scenario names; it reads legs that were written to the folder for a queue."""
     if scenario.engine == "stickslip":
         return own_engine(threads=1)
-    if folder and is_written(folder):
-        return queued_engine(folder)
-    return lammps_engine(scenario.ranks)
-
-
-def _open_device(name: str, scenario: GougeScenario) -> Device:
-    """Return the device that runs a scenario; see `simulate_gouge` for errors."""
-    if scenario.engine != "stickslip":
-        raise ValueError(
-            f'device = "{name}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
-        )
-    return open_device(name, gouge_law(scenario, scenario.law.mu))
+    return queued_engine(folder) if folder and (folder / LEGS / TABLE).is_file() else lammps_engine(scenario.ranks)
 
 
 def _trunk_task(text: str, kept: Checkpoint | None, report: Report, engine: Engine | None = None) -> Trunk:
@@ -479,19 +458,14 @@ def _find_realization(member: GougeScenario, folder: Path | None, samples: Path 
     """Return a realization that has finished earlier, among the samples or in the run folder; None if there is none."""
     if samples and (path := sample_path(samples, member)).exists():
         return read_sample(path, member).realization
-    found = _read_realization(_realization_path(member, folder))
+    path, found = _realization_path(member, folder), None
+    if path and path.exists():
+        if (version := archive.attributes(path)["stickslip"]) != __version__:
+            raise ArchiveError(
+                f"{path} was computed by stickslip {version}, but this is version {__version__}, whose numbers may "
+                f"differ: move the file away to compute it again"
+            )
+        found = archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]
     if samples and found:
         write_sample(samples, member, found)
     return found
-
-
-def _read_realization(path: Path | None) -> Realization | None:
-    """Read a realization that has already finished; None if there is none."""
-    if path is None or not path.exists():
-        return None
-    if (version := archive.attributes(path)["stickslip"]) != __version__:
-        raise archive.ArchiveError(
-            f"{path} was computed by stickslip {version}, but this is version {__version__}, whose numbers may differ: "
-            f"move the file away to compute it again"
-        )
-    return archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]

@@ -23,6 +23,7 @@ from ....kit import (
     pluralize,
     silent,
     standard_error,
+    statement,
     validate_scenario,
 )
 from ....laws import hertz_mindlin
@@ -96,9 +97,9 @@ def _growth() -> list[Claim]:
             f"exponent of speed against time of a disk between two floors, both of whose contacts are at the limit, "
             f"after a small push: {slow.power:.6f}", error=0.0,
         ),
-        claim(
-            "growth-through-instability", 'Sec. III D: "v_0 grows exponentially on a short time scale"', True,
-            abs(ratio - 1) < RATE, "", 0.0,
+        statement(
+            "growth-through-instability", 'Sec. III D: "v_0 grows exponentially on a short time scale"',
+            abs(ratio - 1) < RATE,
             f"a disk in a groove with one contact at the limit and det k(S) < 0: rate {fast.rate:.5f}, √−λ of m⁻¹k "
             f"{fast.predicted:.5f}, over {decades:.1f} decades of speed",
         ),
@@ -119,9 +120,8 @@ def _null_modes(main: QuasiResult) -> Claim:
                 drives = [mode for mode in modes if mode.kind == DRIVEN]
                 wrong += bool(drives) != (np.linalg.norm(rest) > BALANCED * np.linalg.norm(load))
                 driven, irrelevant = driven + len(drives), irrelevant + len(modes) - len(drives)
-    return claim(
-        "null-mode-classes", 'Sec. III E: "null eigenvalues of k can always be put into one of two classes"', True,
-        not wrong, "", 0.0,
+    return statement(
+        "null-mode-classes", 'Sec. III E: "null eigenvalues of k can always be put into one of two classes"', not wrong,
         f"{driven} null modes that the load drives, {irrelevant} that it does not, with the statuses of the packings "
         f"and with all contacts sliding; in {wrong} cases they contradict the residual of k v = load, found by least "
         f"squares", quantifier=ALWAYS,
@@ -144,21 +144,21 @@ def _critical_contacts(main: QuasiResult, quick: bool) -> Claim:
     id = "hundreds-of-critical-contacts"
     source = 'Sec. II C: "it is common to have hundreds of critical contacts" with "thousands of particles"'
     if quick:
-        return claim(id, source, True, None, "", 0.0, f"needs a path of {DISKS} disks", quantifier=CAN)
+        return statement(id, source, None, f"needs a path of {DISKS} disks", quantifier=CAN)
     count, load = most_critical(DISKS, main.scenario.seed)
-    return claim(
-        id, source, True, count >= HUNDREDS, "", 0.0,
-        f"up to {count} in one path of {DISKS} disks, which ends at load {load:.3g}", quantifier=CAN,
+    return statement(
+        id, source, count >= HUNDREDS, f"up to {count} in one path of {DISKS} disks, which ends at load {load:.3g}",
+        quantifier=CAN,
     )  # fmt: skip
 
 
 def _least_stable(states: list[tuple[int, SlidingState]]) -> Claim:
     by_value = [s.least_eigenvalue for _, s in states if s.critical > 1 and s.least_eigenvalue is not None]
     by_det = [s.least_determinant for _, s in states if s.critical > 1 and s.least_determinant is not None]
-    return claim(
+    return statement(
         "all-sliding-least-stable",
         'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
-        True, sum(by_value) > len(by_value) / 2 if by_value else None, "", 0.0,
+        sum(by_value) > len(by_value) / 2 if by_value else None,
         f"holds in most states: among all statuses, it has the smallest eigenvalue of the symmetric part of k in "
         f"{sum(by_value)} of {len(by_value)} states with 2 to 6 critical contacts, and the smallest det k in "
         f"{sum(by_det)} of {len(by_det)} with 2 to 14",
@@ -173,10 +173,10 @@ def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
     error = standard_error(means)
     mean = float(np.mean(means)) if means else 0.0
     decided = error is not None and abs(mean) > 2 * error
-    return claim(
+    return statement(
         "sliding-contributions-negative",
-        'Sec. V A: "the contributions of sliding contacts to the quadratic form are on the average negative"', True,
-        mean < 0 if decided else None, "", 0.0,
+        'Sec. V A: "the contributions of sliding contacts to the quadratic form are on the average negative"',
+        mean < 0 if decided else None,
         f"{(shares < 0).mean() if len(shares) else 0:.0%} of {len(shares)} are negative; mean over samples of the "
         f"share of one contact in Q {mean:.4f} ± {2 * (error or 0):.4f}, for v under the load; more "
         f"samples would decide it",
@@ -195,9 +195,9 @@ def _sliding_share(states: list[tuple[int, SlidingState]]) -> Claim:
             f"{lowest[1]}, {lowest[3]} of {lowest[2]} slide when the load is reversed, before the others leave the cone"
         )
     holds = bool(share.min() > 0.5 and (lowest is None or lowest[0] > 0.5)) if states else None
-    return claim(
+    return statement(
         "close-to-all-sliding", 'Sec. V A: "the packing is always close to this state", where all critical contacts '
-        "slide", True, holds, "", 0.0, note, quantifier=ALWAYS,
+        "slide", holds, note, quantifier=ALWAYS,
     )  # fmt: skip
 
 
@@ -207,17 +207,16 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
     most = max((v.energy for v in made), default=0.0)
     switches = f"median switches of a critical contact {np.median(kicked):.2g}" if made else "no state"
     return [
-        claim(
+        statement(
             "vibrations-switch-statuses",
-            'Sec. V A: "the contact status will therefore switch between non-sliding and sliding"', True,
-            None if not made or np.median(still) else bool(np.median(kicked)), "", 0.0,
+            'Sec. V A: "the contact status will therefore switch between non-sliding and sliding"',
+            None if not made or np.median(still) else bool(np.median(kicked)),
             f"after random velocities of 1e-2 overlaps per time of a contact, {switches} in 200 looks during 200 time "
             f"units; without them {np.median(still) if made else 0:.2g}. States whose contacts keep their status "
             f"without a kick would decide it",
         ),
-        claim(
-            "vibrations-collapse", 'Sec. V A: "if it finds an unstable one, it may collapse"', True,
-            most > BURST, "", 0.0,
+        statement(
+            "vibrations-collapse", 'Sec. V A: "if it finds an unstable one, it may collapse"', most > BURST,
             f"largest kinetic energy of {len(made)} states: {most:.2g} times that of the kick, {BURST:g} being a "
             f"collapse; kicks at loads closer to the end of the path would decide it", quantifier=CAN,
         ),
@@ -226,9 +225,9 @@ def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
 
 def _linear_law() -> Claim:
     errors = table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION)
-    return claim(
-        "linear-law-is-no-restriction", 'Sec. V A: "one could always linearize the force law"', True,
-        max(errors.values()) < LINEARISED, "", 0.0,
+    return statement(
+        "linear-law-is-no-restriction", 'Sec. V A: "one could always linearize the force law"',
+        max(errors.values()) < LINEARISED,
         f"Table I with Hertz–Mindlin linearised at a point, at the limit: relative errors up to "
         f"{max(errors.values()):.0e}. K then has the entry −φ' below its diagonal, and a sticking contact contributes "
         f"a positive amount to Q only if μ² < 24 k_t/k_n",
@@ -270,9 +269,8 @@ def _table_one(main: QuasiResult) -> Claim:
     errors = [table_one(_most_sliding_state(sample), sample.law) for sample in main.tested]
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
     listed = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
-    return claim(
-        "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", True, max(worst.values()) < RELATIONS, "",
-        0.0,
+    return statement(
+        "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", max(worst.values()) < RELATIONS,
         f"compared with the engine's forces in states with sliding contacts; relative errors: {listed} (steps of 1e-7 "
         f"radii)",
     )  # fmt: skip
@@ -296,19 +294,18 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
     ends = sum(sample.looks.consistent[-1] == 0 for sample in main.tested)
     example = drawn.none > 0 and drawn.several > 0
     return [
-        claim(
+        statement(
             "status-map-bijective",
-            'Eq 5: "the mapping C is bijective", if "all possible states lead to a stable packing"', True,
-            bool(bijective and drawn.agree == drawn.total), "", 0.0,
+            'Eq 5: "the mapping C is bijective", if "all possible states lead to a stable packing"',
+            bool(bijective and drawn.agree == drawn.total),
             f"tested where A is a P-matrix, which follows from that premise: in all such states on the paths; in "
             f"{drawn.agree} of {drawn.total} constructed cases the map is bijective if and only if A is a P-matrix; "
             f"regardless of the premise, the map is bijective in {whole} of {number} states with 1 to 10 critical "
-            f"contacts, by enumeration of all statuses",
-            quantifier=ALWAYS,
+            f"contacts, by enumeration of all statuses", quantifier=ALWAYS,
         ),
-        claim(
-            "one-consistent-state", 'Sec. II D: "always one, and only one choice of contact status"', True,
-            not wrong if checked else None, "", 0.0,
+        statement(
+            "one-consistent-state", 'Sec. II D: "always one, and only one choice of contact status"',
+            not wrong if checked else None,
             f"{f'not in {wrong[0]}, elsewhere ' if wrong else ''}exactly one under the load of the test in each of "
             f"{checked} states with 1 to 10 critical contacts that are stable (the premise); {number - checked} more "
             f"have an eigenvalue of k that is not positive, for example where rattlers have just been wedged; no "
@@ -332,7 +329,7 @@ def _slow_error(main: QuasiResult) -> Claim:
     source = "Sec. III D: quasi-static balance as the limit of Newton's second law"
     if not compared:
         note = "no sample has slow dynamics at every duration"
-        return claim("path-vs-dynamics-error", source, True, None, "", 0.0, note)
+        return statement("path-vs-dynamics-error", source, None, note)
     errors = np.array([[run.error for run in sorted(sample.slow, key=lambda r: r.time)] for sample in compared])
     middle = np.median(errors, axis=0)
     listed = ", ".join(
@@ -341,8 +338,8 @@ def _slow_error(main: QuasiResult) -> Claim:
     )
     falls, left = int((errors[:, -1] < errors[:, 0]).sum()), len(main.tested) - len(compared)
     rest = f"; {pluralize(left, 'sample')} without dynamics at every duration" if left else ""
-    return claim(
-        "path-vs-dynamics-error", source, True, sign_test(falls, len(errors)), "", 0.0,
+    return statement(
+        "path-vs-dynamics-error", source, sign_test(falls, len(errors)),
         f"largest difference of strain up to 95 % of the load, over the last strain, median and range for each "
         f"duration of the whole load: {listed}; smaller at the slowest load than at the fastest in {falls} of "
         f"{len(errors)} samples{rest}",
@@ -424,8 +421,8 @@ def _premise(main: QuasiResult) -> Claim:
             f"eigenvalue of the symmetric part of k is {shown.looks.symmetric[k]:.1e} K_n) and a unique status for "
             f"every load, and the path continues to {shown.looks.load[-1]:.4g}"
         )
-    return claim(
-        "stability-premise", f"Sec. V A: {YIELD}", True, shown is None, "", 0.0,
+    return statement(
+        "stability-premise", f"Sec. V A: {YIELD}", shown is None,
         f"{note}; Q > 0 for all v first fails at {min(premise):.3g} to {max(premise):.3g} of the load at which the "
         f"path ends, median {np.median(premise):.3g}; the status stays unique up to {min(unique):.3g} to "
         f"{max(unique):.3g} (not known at {unknown} of {points} points): the premise is sufficient but much too "
@@ -454,18 +451,17 @@ def _flutter(main: QuasiResult) -> Claim:
     source = 'Sec. III D: "if vᵀkv > 0 then ... v undergoes damped oscillations"'
     if best is None:
         note = f"none of {seen} states with Q > 0 has a complex pair of m⁻¹k"
-        return claim("flutter-example", source, True, True if seen else None, "", 0.0, note, quantifier=ALWAYS)
+        return statement("flutter-example", source, True if seen else None, note, quantifier=ALWAYS)
     k, sample = best
     state = sample.path.states[int(np.argmin(np.abs(sample.path.load - sample.looks.load[k])))]
     modes = spectrum(state, sample.law, modes=False)
     growth = float(modes.growth_rate[modes.pair_indices].max(initial=0.0))
-    return claim(
-        "flutter-example", source, True, not growth > 0, "", 0.0,
+    return statement(
+        "flutter-example", source, not growth > 0,
         f"does not hold if k is not symmetric; counterexample among {seen} states with Q > 0: sample {sample.seed} at "
         f"load {sample.looks.load[k]:.4g} has Q > 0 for all v and a complex pair of m⁻¹k, which grows at a rate of "
         f"{growth:.2e} without dashpots, and therefore also with weak ones; with the dashpots of the samples the "
-        f"largest growth rate is {damped_growth(state, sample.law)[0].real.max():.2e}",
-        quantifier=ALWAYS,
+        f"largest growth rate is {damped_growth(state, sample.law)[0].real.max():.2e}", quantifier=ALWAYS,
     )  # fmt: skip
 
 

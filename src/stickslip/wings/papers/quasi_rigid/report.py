@@ -44,6 +44,8 @@ def numbers(result: QuasiResult) -> dict:
 
 def _sample(sample: SampleResult) -> dict:
     path, events = sample.path, sample.path.events
+    columns = {name: np.array([getattr(event, name) for event in path.collapses]) for name in Collapse._fields}
+    reasons = "\n".join(columns.pop("reason").tolist())
     out = {
         "law": sample.law,
         "path": {
@@ -58,7 +60,7 @@ def _sample(sample: SampleResult) -> dict:
             "kind": "\n".join(e.kind for e in events),
             "bodies": np.array([[e.i, e.j] for e in events]).reshape(-1, 2),
         },
-        "collapses": _collapses(path.collapses),
+        "collapses": Fields(columns | {"reason": reasons}, Collapse),
         "curve": archive_fields(sample.curve),
         "looks": archive_fields(sample.looks),
         "slow": {
@@ -75,13 +77,6 @@ def _sample(sample: SampleResult) -> dict:
     if sample.collapse is not None:
         out["collapse"] = sample.collapse
     return out
-
-
-def _collapses(events: tuple[Collapse, ...]) -> Fields:
-    """Fields of all collapses of a path, one row each."""
-    columns = {name: [getattr(event, name) for event in events] for name in Collapse._fields}
-    reasons = "\n".join(columns.pop("reason"))
-    return Fields({name: np.array(column) for name, column in columns.items()} | {"reason": reasons}, Collapse)
 
 
 def _write_collapses(result: QuasiResult, path: Path) -> None:
@@ -120,8 +115,7 @@ def show(result: QuasiResult) -> None:
         )  # fmt: skip
     show_table(table)
     for sample in result.tested:
-        end = sample.path.summary
-        console.print(f"  sample {sample.seed}: {end}")
+        console.print(f"  sample {sample.seed}: {sample.path.summary}")
     if result.scenario.loading.collapses:
         _show_collapses(result)
     for failure in result.failures:
@@ -129,18 +123,10 @@ def show(result: QuasiResult) -> None:
 
 
 def _show_collapses(result: QuasiResult) -> None:
-    names = (
-        "sample",
-        "load",
-        "largest motion",
-        "along the load",
-        "released",
-        "participation",
-        "lost",
-        "gained",
-        "mode",
+    along = ("largest motion", "along the load", "released", "participation", "lost", "gained", "mode")
+    table = new_table(
+        "sample", "load", *along, title="Collapses, with the overlap of their motion with what nothing resists before"
     )
-    table = new_table(*names, title="Collapses, with the overlap of their motion with what nothing resists before")
     for sample in result.tested:
         for event in sample.path.collapses:
             if not event.quiet:

@@ -28,6 +28,7 @@ from ....kit import (
     note_quick_run,
     pluralize,
     silent,
+    statement,
     validate_scenario,
     volume,
 )
@@ -201,15 +202,15 @@ def law_claims() -> list[Claim]:
          'reported phenomenology"', _mostly(unlimited.born, unlimited.packings),
          f"packings with a pair: {unlimited}; with a linear law the limit is responsible: {bare}"),
     )  # fmt: skip
-    generic = claim(
+    generic = statement(
         "generic-without-hamiltonian", 'Sec. V: "as long as the dynamics is describable by forces which are not '
-        'derivable from a Hamiltonian, this instability should be generic"', True, not few, "", 0.0,
+        'derivable from a Hamiltonian, this instability should be generic"', not few,
         f"packings with a pair under {len(births)} laws: the fewest are {min(births.values(), key=lambda b: b.born)}, "
         f"where only the rotation of the normal makes J asymmetric. This law has a U(delta, t), and is Hamiltonian by "
         f"App. A; under all others at least {min(b.born for b in births.values() if b != bare)} have one; {STUDY}",
         quantifier=ALWAYS,
     )  # fmt: skip
-    return [*(claim(id, said, True, value, "", 0.0, f"{note}; {STUDY}")
+    return [*(statement(id, said, value, f"{note}; {STUDY}")
               for id, said, value, note in rows), generic]  # fmt: skip
 
 
@@ -247,10 +248,10 @@ def number_claims(main: ShearResult) -> list[Claim]:
             5.87e-5, im, "1/time^2", "im-lambda", f"the state with one pair and the fastest growth of each path: "
             f"{describe_range(im)}; it depends on pressure and strain, which are not printed",
         ),
-        claim(
+        statement(
             "many-pairs-at-larger-strain",
             'Fig 1: "at higher values of gamma one can easily obtain the simultaneous existence of many complex '
-            'eigenpairs"', True, 2 * many > len(last), "", 0.0,
+            'eigenpairs"', 2 * many > len(last),
             f"at least {MANY} pairs at the last strain in {many} of {len(last)} packings: {', '.join(map(str, last))}",
         ),
         median_claim(
@@ -274,10 +275,10 @@ def matrix_claim(main: ShearResult) -> Claim:
     differences = [block_asymmetry(path.last, main.law) for path in main.paths]
     worst = {name: max(d[name] for d in differences) for name in "ABCD"}
     axes = min(d["axes"] for d in differences)
-    return claim(
+    return statement(
         "symmetries-of-blocks",
-        "App. B: A_ij = A_ji, B_ij = -B_ji, C_ij = -C_ji, D_ij = D_ji; not under exchange of the axes of A", True,
-        max(worst.values()) < SYMMETRIC < axes, "", 0.0,
+        "App. B: A_ij = A_ji, B_ij = -B_ji, C_ij = -C_ji, D_ij = D_ji; not under exchange of the axes of A",
+        max(worst.values()) < SYMMETRIC < axes,
         f"largest violation in the last state of {pluralize(len(differences), 'path')}, over the largest entry: "
         f"{', '.join(f'{name} {value:.0e}' for name, value in worst.items())}; of A under exchange of its "
         f"axes: at least {axes:.0e}",
@@ -292,22 +293,22 @@ def motion_claims(main: ShearResult) -> list[Claim]:
     waves = [wave for wave in map(stress_oscillation, runs) if wave]
     offsets, slopes = [abs(wave.offset) for wave in waves], [wave.exponent for wave in waves]
     return [
-        claim(
-            "trajectories-spiral", 'Fig 4: Sec. IV, "induce a spiral motion in three dimensions"', True,
-            bool(np.median(wide) > PLANE) if wide else None, "", 0.0,
+        statement(
+            "trajectories-spiral", 'Fig 4: Sec. IV, "induce a spiral motion in three dimensions"',
+            bool(np.median(wide) > PLANE) if wide else None,
             f"second over first singular value of a turn, 0 on a line and 1 on a circle, median over grains and turns: "
             f"{describe_range(wide)}; by Eq 9 as printed every grain would move on a line",
         ),
-        claim(
+        statement(
             "trajectories-three-dimensional", 'Fig 4: "the particle trajectories [...] display a 3D funnel motion"',
-            True, bool(np.median(flat) > PLANE) if flat else None, "", 0.0,
+            bool(np.median(flat) > PLANE) if flat else None,
             f"with one pair every grain spirals in a plane, that of Re c and Im c, another one for every grain; third "
             f"over first singular value of a turn, median over grains and turns: {describe_range(flat, '{:.1e}')}; "
             f"against time, or with a drift, a plane spiral looks like a funnel",
         ),
-        claim(
-            "stress-around-zero", 'Fig 5: "during the linear stage [...] the stress oscillates around zero"', True,
-            bool(np.median(offsets) < CENTRED) if offsets else None, "", 0.0,
+        statement(
+            "stress-around-zero", 'Fig 5: "during the linear stage [...] the stress oscillates around zero"',
+            bool(np.median(offsets) < CENTRED) if offsets else None,
             f"change of the stress: mean over root mean square, both of δσ exp(-omega_i t): {describe_range(offsets)}",
         ),
         median_claim(
@@ -338,8 +339,8 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
             f"1/eta_0 = {1 / DRAG:.3g}; sound of the slower, transverse kind takes {describe_range(times)}, from the "
             f"shear modulus of the first step",
         ),
-        claim(
-            "dynamics-overdamped", said, True, max(shares) > 0.5, "", 0.0,
+        statement(
+            "dynamics-overdamped", said, max(shares) > 0.5,
             f"share of the modes with omega <= eta_0/2, which that drag overdamps: {describe_range(shares)}; softest "
             f"mode: {describe_range(softest)}",
         ),
@@ -378,9 +379,9 @@ def _isotropy(main: ShearResult) -> Claim:
     first = [path.single for path in main.paths if path.single is not None]
     values, last = ([isotropy_statistic(s) for s in some] for some in (first, [path.last for path in main.paths]))
     limit = chdtri(max(len(first), 1) * (dim * (dim + 1) // 2 - 1), LEVEL)
-    return claim(
-        "isotropic-contacts", 'Sec. V: "prepared in a way that leads to an isotropic contact distribution"', True,
-        sum(values) < limit if first else None, "", 0.0,
+    return statement(
+        "isotropic-contacts", 'Sec. V: "prepared in a way that leads to an isotropic contact distribution"',
+        sum(values) < limit if first else None,
         f"chi-square of the fabric tensor in the states with one pair: {describe_range(values)}, together "
         f"{sum(values):.3g}, and {limit:.3g} would reject isotropy at {LEVEL:.0%}; at the last strain "
         f"{describe_range(last)}",
@@ -418,7 +419,8 @@ def _path_claims(main: ShearResult) -> list[Claim]:
     exponents = [p.onset.exponent if p.onset else None for p in paths]
     fraction = [p.packed.packing_fraction for p in paths]
     pressures = [p.packed.pressure for p in paths]
-    drift = [abs(p.zero_modes - _zero_modes(p.packed.rattlers, main.scenario.packing.dim)) for p in paths]
+    dim = main.scenario.packing.dim  # zero modes: translations, and all coordinates of every rattler
+    drift = [abs(p.zero_modes - dim - (6 if dim == 3 else 3) * p.packed.rattlers) for p in paths]
     back = sum(p.reappears for p in paths)
     return [
         median_claim(
@@ -438,19 +440,14 @@ def _path_claims(main: ShearResult) -> list[Claim]:
             f"maximum over {len(paths)} packings; zero modes other than translations and rattlers: {max(drift)}",
             error=0.0,
         ),
-        claim(
+        statement(
             "pairs-reappear",
-            'Fig 1: "with increasing strain the imaginary component can reduce and disappear, then reappear"', True,
-            bool(back), "", 0.0,
+            'Fig 1: "with increasing strain the imaginary component can reduce and disappear, then reappear"',
+            bool(back),
             f"all pairs vanish and some reappear in {back} of {len(paths)} packings; pairs at the last strain "
             f"{paths[0].strain[-1]:g}: {', '.join(f'{p.pairs[-1]:.0f}' for p in paths)}", quantifier=CAN,
         ),
     ]  # fmt: skip
-
-
-def _zero_modes(rattlers: int, dim: int) -> int:
-    """Number of zero modes at zero slip: translations, and all coordinates of every rattler."""
-    return dim + (6 if dim == 3 else 3) * rattlers
 
 
 class Stretch(NamedTuple):
@@ -523,9 +520,9 @@ def _decade_claims(main: ShearResult) -> list[Claim]:
     note = f"M within a factor of two of exp(2 omega_i t), omega_i predicted: {describe_range(decades, '{:.1f}')}{ends}"
     note += f"; {growing} still grew when the run ended" if growing else ""
     return [
-        claim(
-            "growth-follows-prediction", said, True, all(s.decades >= DECADES for s in known) if known else None, "",
-            0.0, f"over at least ten decades; {note}",
+        statement(
+            "growth-follows-prediction", said, all(s.decades >= DECADES for s in known) if known else None,
+            f"over at least ten decades; {note}",
         ),
         claim(
             "decades-of-growth", said, DECADES, known_median(decades), "decades of M", TOLERANCE["decades"],
