@@ -71,6 +71,7 @@ Terminal and command line
 
 Figures
 
+    style                       the module of the following: axes, style and colours
     styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH     axes and style
     BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY        colours
     draw_grains_by_speed        grains coloured by speed

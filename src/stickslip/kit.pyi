@@ -142,6 +142,7 @@ from .extras import install_command as install_command
 from .extras import require as require
 from .figures import animation as animation
 from .figures import page as page
+from .figures import style as style
 from .figures.grains import bare_frame as bare_frame
 from .figures.grains import contact_segments as contact_segments
 from .figures.grains import draw_grains_by_speed as draw_grains_by_speed
