@@ -48,6 +48,13 @@ def is_held(state: State, members: np.ndarray) -> bool:
     return not state.control.free[members[0], : state.cell.dim].any()
 
 
+def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times of the knots of a course from the start of a leg, with both ends, and its values there."""
+    control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
+    times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
+    return times, np.interp(times, control.knots, control.course[:, column])
+
+
 def inertia_factor(state: State) -> float:
     """I0 of the grains that turn, NaN if they differ."""
     grains, loose = state.grains, state.control.group[: len(state.grains.radius)] < 0
@@ -158,11 +165,6 @@ def _turn(rate: Matrix, dt: float) -> Matrix:
     return _product(_inverse(_sum((1, ONE), (0.25 * dt, rate))), _sum((1, ONE), (-0.25 * dt, rate)))
 
 
-def _drag_factors(leg: Leg) -> tuple[float, float]:
-    """κ and σ."""
-    return 1 - 0.5 * leg.dt * leg.drag, 1 / (1 + 0.5 * leg.dt * leg.drag)
-
-
 def _stress_commands(leg: Leg) -> list[str]:
     """Variables of L̇, from contacts and from the energy of fixes of which each has Σ m v² along an axis."""
     state, lines = leg.state, []
@@ -177,7 +179,8 @@ def _stress_commands(leg: Leg) -> list[str]:
 
 def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):
     """Coefficients, fixes of Σ m v², and the fix of the forces on grains; `first`: velocities are at the start."""
-    dt, h, (keep, slow) = leg.dt, 0.5 * leg.dt, _drag_factors(leg)
+    dt, h = leg.dt, 0.5 * leg.dt
+    keep, slow = 1 - h * leg.drag, 1 / (1 + h * leg.drag)  # κ and σ
     half, turn = _inverse(_sum((1, ONE), (-h, later))), _turn(rate, dt)
     ahead = _product(half, _turn(later, dt))
     v, x, kick = _sum((slow, _product(turn, _sum((1, ONE), (h, rate))))), _sum((-slow, _product(turn, rate))), slow * h

@@ -27,7 +27,7 @@ from ...kit import (
     write_atomically,
 )
 from ...results import Record
-from .cell import needs_forces, read_cell, warm_up
+from .cell import leg_course, needs_forces, read_cell, warm_up
 from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps
 from .script import BEFORE, DATA, INPUT, PLACES, PREPARE, SAMPLE, format_preparation, write_input
 from .supported import check_leg
@@ -128,15 +128,10 @@ def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Rec
 
 
 def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
-    """Run a leg in a folder, and yield its states as they are written; closing the iterator ends LAMMPS.
-
-    Raises
-    ------
-    RuntimeError
-        If LAMMPS stopped; the message is one sentence.
-    """
+    """Run a leg in a folder, and yield its states as they are written; closing the iterator ends LAMMPS."""
     path = write_start(leg, folder)
-    clear_output(folder)
+    for old in (*folder.glob(SAMPLE), *folder.glob(PLACES), folder / LOG):  # of an earlier run of the same leg
+        old.unlink(missing_ok=True)
     child = start_lammps(path.name, folder=folder, ranks=leg.ranks)
     try:
         yield from _follow(leg, folder, child)
@@ -164,12 +159,6 @@ def write_start(leg: Leg, folder: Path) -> Path:
     return path
 
 
-def clear_output(folder: Path) -> None:
-    """Remove the states and the log of an earlier run of the same leg."""
-    for path in (*folder.glob(SAMPLE), *folder.glob(PLACES), folder / LOG):
-        path.unlink(missing_ok=True)
-
-
 def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
     """Yield states while LAMMPS runs."""
     waiting = leg.sample_steps
@@ -180,25 +169,16 @@ def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
             step = waiting.pop(0)
             yield read_state(leg, folder, step, boxes[step])
         if waiting and over:
-            raise RuntimeError(f"LAMMPS stopped at step {max(boxes, default=0)} of {leg.steps}: {why_stopped(folder)}")
+            logs = [path for path in (folder / "err.txt", folder / LOG) if path.is_file()]
+            words = filter(None, (last_error(path.read_text(errors="replace")) for path in logs))
+            why = next(words, "without a message")
+            raise RuntimeError(f"LAMMPS stopped at step {max(boxes, default=0)} of {leg.steps}: {why}")
         if waiting and not over:
             time.sleep(WAIT)
 
 
-def why_stopped(folder: Path) -> str:
-    """Return LAMMPS's own words on why it stopped: its error message, or else the last line of its log."""
-    texts = [path.read_text(errors="replace") if path.is_file() else "" for path in (folder / "err.txt", folder / LOG)]
-    return last_error(texts[0]) or last_error(texts[1]) or "without a message"
-
-
 def read_leg(leg: Leg, folder: Path) -> Iterator[State]:
-    """Yield the states of a leg that LAMMPS has run elsewhere.
-
-    Raises
-    ------
-    ScenarioError
-        If a state is missing; the message is one sentence.
-    """
+    """Yield the states of a leg that LAMMPS has run elsewhere; raise ScenarioError if one is missing."""
     boxes = written_boxes(leg, folder)
     for step in leg.sample_steps:
         if step not in boxes:
@@ -281,17 +261,15 @@ def walls_at(leg: Leg, elapsed: float):
 
 def _course(leg: Leg, column: int, elapsed: float) -> tuple[float, float]:
     """Integral of a course from the start of the leg, and its value."""
-    control, begin = leg.state.control, leg.state.time
+    begin = leg.state.time
     if column < 0:
         return elapsed, 1.0
     if wave := leg.waves.get(column):
         turn = 2 * np.pi * wave.frequency
         first, last = (turn * (t - wave.start) + wave.phase for t in (begin, begin + elapsed))
         return wave.amplitude / turn * (np.cos(first) - np.cos(last)), float(wave(begin + elapsed))
-    end = begin + elapsed
-    times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
-    values = np.interp(times, control.knots, control.course[:, column])
-    return float(np.trapezoid(values, times)), float(factors_at(control, end)[column])
+    times, values = leg_course(leg, column, elapsed)
+    return float(np.trapezoid(values, times)), float(factors_at(leg.state.control, times[-1])[column])
 
 
 SCRIPT, JOB = "run.sh", "job.slurm"
@@ -322,12 +300,7 @@ def leg_folder(folder: Path, number: int) -> Path:
 def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
     """Write the input of legs, each starting where the previous one ends, a script that runs them, and a job for SLURM.
 
-    The first leg starts without contact memory.
-
-    Raises
-    ------
-    ScenarioError
-        If LAMMPS has already run legs in this folder.
+    The first leg starts without contact memory; errors as in `clear_legs`.
     """
     clear_legs(folder)
     paths, ends, begin = [], [], DATA
@@ -340,13 +313,7 @@ def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
 
 
 def clear_legs(folder: Path) -> None:
-    """Remove legs that were written before.
-
-    Raises
-    ------
-    ScenarioError
-        If LAMMPS has already run legs in this folder.
-    """
+    """Remove legs that were written before; raise ScenarioError if LAMMPS has already run some in this folder."""
     if any((folder / LEGS).rglob(SAMPLE)):
         raise ScenarioError(
             f"{folder} contains states that LAMMPS wrote: continue with {run_files.resume_command(folder)}, or choose "

@@ -15,6 +15,7 @@ from .cell import (
     digits,
     inertia_factor,
     is_held,
+    leg_course,
     members_of,
     needs_forces,
     rates_in_log,
@@ -43,21 +44,12 @@ def format_data(leg: Leg) -> str:
     motion = [f"{k + 1} {digits(*velocity[k], *spin[k])}" for k in range(len(density))]
     head = [
         "Grains: type 1 is loose, others are rigid groups", "", f"{len(density)} atoms",
-        f"{type_count(leg)} atom types", "",
+        f"{int(types.max(initial=LOOSE))} atom types", "",
         *(f"{digits(corner[k], corner[k] + size[k])} {a}lo {a}hi" for k, a in enumerate("xyz")),
     ]  # fmt: skip
-    if _is_triclinic(leg):
+    if np.tril(vectors, -1).any() or leg.state.control.cell_rate.any():
         head.append(f"{digits(vectors[1, 0], vectors[2, 0], vectors[2, 1])} xy xz yz")
     return "\n".join([*head, "", "Atoms # sphere", "", *atoms, "", "Velocities", "", *motion, ""])
-
-
-def type_count(leg: Leg) -> int:
-    """Number of atom types."""
-    return int(atom_types(leg.state).max(initial=LOOSE))
-
-
-def _is_triclinic(leg: Leg) -> bool:
-    return bool(np.tril(leg.state.cell.vectors, -1).any() or leg.state.control.cell_rate.any())
 
 
 def _box(leg: Leg):
@@ -94,9 +86,10 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 def format_input(leg: Leg, begin: str = DATA) -> str:
     """Commands of a leg, output and `run` included."""
     first = warm_up(leg)
+    times = f"every {leg.every} steps, and at the end" if leg.every else f"at {leg.samples} times"
     return f"""{contact_commands(leg, begin)}
 {motion_commands(leg)}
-# a state is written to a restart file and a line to the log {_times(leg)}
+# a state is written to a restart file and a line to the log {times}
 variable sample equal {_next_sample(leg, f"(step-{first})" if first else "step")}{f"+{first}" if first else ""}
 restart v_sample {SAMPLE}
 thermo_style custom step xlo xhi ylo yhi zlo zhi xy xz yz{rates_in_log(leg.state)}
@@ -104,11 +97,6 @@ thermo_modify format float %.17g flush yes norm no
 thermo v_sample
 {_place_commands(leg)}{_warm_up(leg) if first else ""}run {leg.steps}{" pre no" if first else ""}
 """
-
-
-def _times(leg: Leg) -> str:
-    """Describe how often a state is written."""
-    return f"every {leg.every} steps, and at the end" if leg.every else f"at {leg.samples} times"
 
 
 def _next_sample(leg: Leg, step: str) -> str:
@@ -216,15 +204,12 @@ def granular_style(law: Law, values: dict[str, float]) -> str:
     if "work" in values:
         kn = [1.5 * values["kn"], damping_n, 0.0, values["work"] / 2]
     force = lammps_laws.FORCE if law.properties & builtin.KEEPS_FORCE else ""
+    part, names = lammps_laws.SDS["rolling"]
+    rolling = f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
     return (
         f"{normal} {digits(*kn)} tangential {tangential}{force} {digits(values['kt'], share, values['mu'])} "
-        f"damping {damping}{_rolling_style(law, values)}{_tension_option(law)}"
+        f"damping {damping}{rolling}{_tension_option(law)}"
     )
-
-
-def _rolling_style(law: Law, values: dict[str, float]) -> str:
-    part, names = lammps_laws.SDS["rolling"]
-    return f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
 
 
 def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str]]:
@@ -248,7 +233,7 @@ def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str
 
 def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step") -> str:
     """Displacement since the start of the leg as a function of the step."""
-    time, control, begin = f"({step}*dt)", leg.state.control, leg.state.time
+    time, begin = f"({step}*dt)", leg.state.time
     if column < 0:
         return f"{digits(rate)}*{time}"
     if wave := leg.waves.get(column):
@@ -256,10 +241,8 @@ def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step")
         phase = turn * (begin - wave.start) + wave.phase
         angle = f"({digits(turn)}*{time}+{digits(phase)})"
         return f"{digits(rate * wave.amplitude / turn)}*({digits(np.cos(phase))}-cos{angle})"
-    end = begin + leg.steps * leg.dt
-    inside = control.knots[(control.knots > begin) & (control.knots < end)]
-    edges = np.array([begin, *inside, end])
-    values = rate * np.interp(edges, control.knots, control.course[:, column])
+    edges, values = leg_course(leg, column, leg.steps * leg.dt)
+    values = rate * values
     parts = [f"{digits(values[0])}*{time}"]
     for a, b, low, high in zip(edges[:-1] - begin, edges[1:] - begin, values[:-1], values[1:], strict=True):
         slope = (high - low) / (b - a)
@@ -382,12 +365,9 @@ def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
 
 def lead_formula(leg: Leg, column: int) -> str:
     """Displacement of a spring's load point, which is linear between knots."""
-    control, begin, time = leg.state.control, leg.state.time, "(step*dt)"
     if column < 0:
         return "0.0"
-    inside = (control.knots > begin) & (control.knots < begin + leg.steps * leg.dt)
-    edges = np.array([begin, *control.knots[inside], begin + leg.steps * leg.dt])
-    values = np.interp(edges, control.knots, control.course[:, column])
+    time, begin, (edges, values) = "(step*dt)", leg.state.time, leg_course(leg, column, leg.steps * leg.dt)
     slopes = np.diff(values) / np.diff(edges)
     parts = [f"{digits(values[0])}+{digits(slopes[0])}*{time}"]
     for when, before, after in zip(edges[1:-1] - begin, slopes[:-1], slopes[1:], strict=True):

@@ -14,7 +14,7 @@ from ...kit import (
     lammps_laws,
     restitution_of,
 )
-from .cell import inertia_factor, is_held, members_of, needs_forces, tilts_of
+from .cell import inertia_factor, is_held, leg_course, members_of, needs_forces, tilts_of
 
 MAX_KNOTS = 64  # of the course of a velocity within one leg
 STAY = 'or use engine = "stickslip"'
@@ -52,11 +52,8 @@ def check_law(law: Law, state: State) -> None:
 
 def name_with_radius(law: Law) -> str:
     """Name of a law, with √R_eff if that is what it lacks."""
-    return (
-        BUILTIN_LAWS[law.kind].name.replace("hertz_mindlin", "hertz_mindlin_reff")
-        if lacks_radius(law)
-        else BUILTIN_LAWS[law.kind].name
-    )
+    name = BUILTIN_LAWS[law.kind].name
+    return name.replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else name
 
 
 def _check_memory(law: Law) -> None:
@@ -73,16 +70,12 @@ def _check_memory(law: Law) -> None:
         )
     granular = law.properties or BUILTIN_LAWS[law.kind].parameters
     if granular and not law.properties & builtin.LEVER:
+        names = {builtin.KEEPS_FORCE: "a memory of forces", builtin.ROLLING: "rolling moments"}
+        name = next((name for part, name in names.items() if law.properties & part), BUILTIN_LAWS[law.kind].name)
         raise ScenarioError(
-            f"LAMMPS was given {describe_properties(law)} with lever arms R, and has it with R - δ/2: use "
-            f'lever = "overlap", or laws.with_lever, {STAY}'
+            f'LAMMPS was given {name} with lever arms R, and has it with R - δ/2: use lever = "overlap", or '
+            f"laws.with_lever, {STAY}"
         )
-
-
-def describe_properties(law: Law) -> str:
-    """Name of a law that only `pair_style granular` has."""
-    names = {builtin.KEEPS_FORCE: "a memory of forces", builtin.ROLLING: "rolling moments"}
-    return next((name for part, name in names.items() if law.properties & part), BUILTIN_LAWS[law.kind].name)
 
 
 def _check_moments(law: Law, q: np.ndarray) -> None:
@@ -96,17 +89,12 @@ def _check_moments(law: Law, q: np.ndarray) -> None:
 
 def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
     """Raise ScenarioError if LAMMPS has no such dashpots, from the parameters of contacts between grains."""
-    model, rest, own = (
-        builtin.damping_model(law) & ~builtin.NO_TENSION,
-        (builtin.TSUJI, builtin.RESTITUTION),
-        BUILTIN_LAWS[law.kind],
-    )
+    model, own = builtin.damping_model(law) & ~builtin.NO_TENSION, BUILTIN_LAWS[law.kind]
+    rest, general = (builtin.TSUJI, builtin.RESTITUTION), (builtin.VELOCITY, builtin.MASS, builtin.VISCOELASTIC)
     usual = builtin.MASS if is_linear(law) else builtin.VISCOELASTIC
-    allowed = (
-        (builtin.VELOCITY, builtin.MASS, builtin.VISCOELASTIC, *rest) if law.properties & builtin.LEVER else (usual,)
-    )
+    allowed = (*general, *rest) if law.properties & builtin.LEVER else (usual,)
     if own.parameters:
-        allowed = builtin.VELOCITY, builtin.MASS, builtin.VISCOELASTIC
+        allowed = general
     if (q[builtin.DAMPING_N] > 0 or q[builtin.DAMPING_T] > 0) and model not in allowed:
         raise ScenarioError(
             f"LAMMPS was given dashpots that it does not have for {own.name}: use hertz_mindlin_reff with viscoelastic "
@@ -243,10 +231,9 @@ def _check_course(leg: Leg, column: int) -> None:
     """Raise ScenarioError if the course of a velocity has too many knots for a formula."""
     if column < 0 or column in leg.waves:
         return
-    begin, end = leg.state.time, leg.state.time + leg.steps * leg.dt
-    inside = (leg.state.control.knots > begin) & (leg.state.control.knots < end)
-    if inside.sum() > MAX_KNOTS:
+    inside = len(leg_course(leg, column, leg.steps * leg.dt)[0]) - 2
+    if inside > MAX_KNOTS:
         raise ScenarioError(
-            f"LAMMPS was given a velocity with {inside.sum()} knots in one leg, and evaluates it as a formula: use at "
-            f"most {MAX_KNOTS}, {STAY}"
+            f"LAMMPS was given a velocity with {inside} knots in one leg, and evaluates it as a formula: use at most "
+            f"{MAX_KNOTS}, {STAY}"
         )

@@ -94,7 +94,9 @@ def measure_frame(
         return _note(row, "no grain is supported by others, so there is no spectrum")
     large = method == "auto" and len(free) > DENSE_UP_TO
     if method == "none" or (large and not row.residual <= BALANCED_BELOW):
-        row = _without_spectrum(row)
+        balanced = bool(row.residual is not None and row.residual <= BALANCED_BELOW)
+        words = "in equilibrium; the spectrum was not computed" if balanced else no_equilibrium_message(row.residual)
+        row = row._replace(balanced=balanced, verdict=words)
         return _note(row, f"no spectrum of {len(free)} coordinates out of equilibrium") if large else row
     result = stability(state, law, method="fastest" if large else method, report=report)
     matrix = here.with_modes(modes_under(state, law, here.line)).dynamical_matrix(free)
@@ -114,12 +116,6 @@ def _add_stress(row: Row, state: State, law: Law) -> Row:
     parts = {f"stress_{name}": float(value) for name, value in zip(TENSOR, tensor.ravel(), strict=True)}
     shear = float(principal[-1] - principal[0]) / 2
     return row._replace(pressure=float(np.trace(tensor)) / dim, shear_stress=shear, **parts)
-
-
-def _without_spectrum(row: Row) -> Row:
-    balanced = bool(row.residual is not None and row.residual <= BALANCED_BELOW)
-    told = "in equilibrium; the spectrum was not computed" if balanced else no_equilibrium_message(row.residual)
-    return row._replace(balanced=balanced, verdict=told)
 
 
 def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
@@ -193,7 +189,8 @@ def watch(
         if not (once and seen):
             before, seen = seen, follow.look(source, seen)
             last = time.monotonic() if before is None or before.sizes != seen.sizes else last
-        left = _frames_to_compute(seen, rows)
+        # frames that are not in the table, or have changed since
+        left = [p for p in seen.ready if key_of(p) != getattr(rows.get(p.grains.step), "digest", None)]
         notes = (*said, *seen.notes)
         if left:
             pair = left[0 if once else -1]
@@ -218,11 +215,6 @@ def watch(
     if not any(row.computed for row in rows.values()):
         raise PackingError(f"{source.folder} has no complete frame: {'; '.join(notes[-3:])}")
     yield Progress(rows, notes, 0, live=False)
-
-
-def _frames_to_compute(seen: follow.Look, rows: dict[int, Row]) -> list[follow.Pair]:
-    """Frames to compute: those that are not in the table, or have changed since."""
-    return [pair for pair in seen.ready if key_of(pair) != getattr(rows.get(pair.grains.step), "digest", None)]
 
 
 def key_of(pair: follow.Pair) -> str:

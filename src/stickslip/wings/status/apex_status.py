@@ -83,10 +83,7 @@ def reduce_to_contacts(
     without : coordinates that are held fixed
     alone : (M,) bool, contacts of disks whose contacts are all at the apex
 
-    Raises
-    ------
-    LinAlgError
-        if k is singular while all contacts stick.
+    LinAlgError is raised if k is singular while all contacts stick.
     """
     size, held = len(matrix.free), pinned_coordinates(matrix)
     kept = np.setdiff1d(np.arange(size), held if without is None else np.union1d(held, without))
@@ -156,9 +153,10 @@ def decide_statuses(
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
     if matrix.width == 3 and not len(lone) and (choice := _open_all(search)) is not None:
         return choice
-    choices, complete = _try_groups(search, lone)
+    try_groups = _try_all_groups if len(lone) <= COMBINED else _release_most
+    choices, complete = try_groups(search, lone)
     if not choices and len(lone) and not wedged:
-        choices, complete = _try_groups(search._replace(any_motion=True), lone)
+        choices, complete = try_groups(search._replace(any_motion=True), lone)
     if wedged:  # there was no room to open: combinations in which bodies carry load come first
         choices.reverse()
     choices.sort(key=lambda choice: not choice[2])
@@ -195,13 +193,6 @@ def _open_all(search: _Search) -> ApexStatuses | None:
     return ApexStatuses(apex, status, velocity, choice.stable is not False, (), False, motion)
 
 
-def _try_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
-    """Combinations with some of the lone bodies released, and whether the list is complete."""
-    if len(lone) <= COMBINED:
-        return _try_all_groups(search, lone)
-    return _release_most(search, lone), False
-
-
 def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
     """Statuses for all sets of released bodies, largest sets first, and whether the list is complete."""
     choices, complete = [], True
@@ -212,12 +203,12 @@ def _try_all_groups(search: _Search, lone: np.ndarray) -> tuple[list, bool]:
     return choices, complete
 
 
-def _release_most(search: _Search, released: np.ndarray) -> list:
-    """Combinations that release all bodies except those that others would drag along."""
+def _release_most(search: _Search, released: np.ndarray) -> tuple[list, bool]:
+    """Combinations that release all bodies except those that others would drag along; there may be more."""
     while True:
         good, caught, _ = _choices_with_released(search, released)
         if good or not len(released):
-            return good
+            return good, False
         released = np.setdiff1d(released, caught)
 
 
@@ -408,11 +399,6 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
     state : State in equilibrium, in a fully periodic cell
     stresses : (M, dim, dim) symmetric, compression positive, for example those of `protocols.response_envelope`
     unique : as in `contact_status`, but by default every status comes with its certificate
-
-    Raises
-    ------
-    ValueError
-        with a one-sentence message, for stresses of another shape, and as `linear_system`.
 
     Source
     ------

@@ -302,16 +302,11 @@ def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
 
-    Combinations with the same velocities, which lie on a boundary of their cells, count once.
+    Combinations with the same velocities, which lie on a boundary of their cells, count once. At most 4096 are allowed.
 
     Returns
     -------
     (K, E) statuses, bool
-
-    Raises
-    ------
-    ValueError
-        if there are more than 4096 combinations.
     """
     every = enumerate_statuses(apex)
     return every.status, every.coherent

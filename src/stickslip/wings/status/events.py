@@ -68,7 +68,12 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
         return state, nothing
     tiny, drawn = NUDGE * float(state.grains.radius.min()), np.zeros_like(whole)
     for _ in range(ROUNDS):
-        contacts, (rows, normal, gap) = state.contacts, _nearby_pairs(state, whole)
+        # pairs that involve rattlers and overlap, or may do so when rattlers are moved
+        contacts, count = state.contacts, int(state.contacts.count[0])
+        rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
+        normal, gap = gaps(state, rows)
+        near = gap < NEAR * max(-gap.min(initial=0.0), 0.0)
+        rows, normal, gap = rows[near], normal[near], gap[near]
         if not len(rows) or gap.min() >= 0:
             return release_rattlers(state, loose), nothing
         i, j = contacts.i[rows], contacts.j[rows]
@@ -91,15 +96,6 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
             with_neighbor_list(state._replace(grains=state.grains._replace(position=position))), loose
         )
     return state, rows[gap < 0]
-
-
-def _nearby_pairs(state: State, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, normals and gaps of pairs that involve rattlers and overlap, or may do so when rattlers are moved."""
-    contacts, count = state.contacts, int(state.contacts.count[0])
-    rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
-    normal, gap = gaps(state, rows)
-    near = gap < NEAR * max(-gap.min(initial=0.0), 0.0)
-    return rows[near], normal[near], gap[near]
 
 
 def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -249,11 +245,9 @@ def next_event(
     known : (M,) bool, contacts that were on the cone with a consistent status; those that stick leave the cone
     left : remaining fraction of the increment
     """
-    first = NextEvent(left, np.zeros(0, int), INCREMENT)
     reached = _shares_to_cone(increment, force, rate, known, choice)
-    first = _first_on_cone(increment, force, reached, first)
-    first = _first_on_apex(increment, force, rate, first, left)
-    return _first_closing(increment, choice, first)
+    first = _first_on_cone(increment, force, reached, NextEvent(left, np.zeros(0, int), INCREMENT))
+    return _first_closing(increment, choice, _first_on_apex(increment, force, rate, first, left))
 
 
 def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:

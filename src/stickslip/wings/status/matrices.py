@@ -328,21 +328,16 @@ def append_wall_rotations(state: State, matrix, arm: float):
     kept = (row >= 0) & (column >= 0)
     more = sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(size, size))
     still = sparse.csr_array((count, count))
+    # the rotation of each wall about z; the arm serves as its radius of gyration
+    component, held_at = 6 * (n + np.arange(count)) + 5, free.place.copy()
+    held_at[component] = len(free) + np.arange(count)
+    mass = np.append(free.mass, state.walls.mass)
     padded, machine = (sparse.block_diag([a, still], format="csr") for a in (matrix.geometric, matrix.machine))
     return matrix._replace(
         c=sparse.csr_array(sparse.vstack([c, c_more])), geometric=sparse.csr_array(padded + more),
-        machine=sparse.csr_array(machine), free=_append_angles(state, free),
+        machine=sparse.csr_array(machine),
+        free=Freedom(np.append(free.component, component), mass, free.dim, held_at, free.length),
     )  # fmt: skip
-
-
-def _append_angles(state: State, free: Freedom) -> Freedom:
-    """Freedom with the rotation of each wall about z appended; the arm serves as its radius of gyration."""
-    n, count = len(state.grains.radius), len(state.walls.mass)
-    component = 6 * (n + np.arange(count)) + 5
-    place = free.place.copy()
-    place[component] = len(free) + np.arange(count)
-    mass = np.append(free.mass, state.walls.mass)
-    return Freedom(np.append(free.component, component), mass, free.dim, place, free.length)
 
 
 def _check_walls(state: State) -> None:

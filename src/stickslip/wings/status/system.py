@@ -69,10 +69,7 @@ class StatusSolver:
     def rates(self, slides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocities (n,) for a status, and Ṽ of the critical contacts.
 
-        Raises
-        ------
-        LinAlgError
-            if k(S) v does not balance the load because k(S) is singular to round-off.
+        LinAlgError is raised if k(S) v does not balance the load because k(S) is singular to round-off.
         """
         v = self._woodbury(slides)
         if v is None:
@@ -86,10 +83,7 @@ class StatusSolver:
     def rates_for_slip(self, slides: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocities (n,) and Ṽ for a status with given slip rates; k(S) may be singular.
 
-        Raises
-        ------
-        LinAlgError
-            if k(S) v does not balance the load.
+        LinAlgError is raised if k(S) v does not balance the load.
         """
         stuck = np.zeros(len(slides), bool)
         if self.factored is None or not np.array_equal(self.factored, stuck):

@@ -5,8 +5,6 @@ run here with the linear law, K_t = K_n/2 and μ = 1/2 at P/K_n = 1e-4. Units: K
 density of 4/π.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.stats import binomtest
 
@@ -16,6 +14,7 @@ from ....kit import (
     CAN,
     Claim,
     Report,
+    Reproduction,
     Workers,
     claim,
     median_error,
@@ -508,13 +507,6 @@ def shows() -> dict[str, tuple[str, str]]:
 
 
 QUICK_CASES = 60
-
-
-class Reproduction(NamedTuple):
-    """Result of the scenario and the evaluated claims."""
-
-    main: QuasiResult
-    claims: list[Claim]
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:

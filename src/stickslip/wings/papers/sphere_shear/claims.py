@@ -22,6 +22,7 @@ from ....kit import (
     ZERO_BELOW,
     Claim,
     Report,
+    Reproduction,
     Workers,
     claim,
     median_error,
@@ -584,13 +585,6 @@ def _stress_drop(
 def shows() -> dict[str, tuple[str, str]]:
     """Figures of the paper, each with its content and the identifier of the claim to quote."""
     return SHOWS
-
-
-class Reproduction(NamedTuple):
-    """Result of the scenario and the evaluated claims."""
-
-    main: ShearResult
-    claims: list[Claim]
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
