@@ -44,7 +44,7 @@ States, engines and solvers
     linearised, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
     factorised, one_thread, suitable_threads        linear algebra
     equilibrium, bisect_change, dominant_family, Change, Family, Growth, LeftPathError      load paths
-    no_equilibrium_message, packing_report      words for the state of a packing
+    describe_law, to_dict, verdict, no_equilibrium_message      a law, numbers and words of `stability`
 
 Contact laws
 

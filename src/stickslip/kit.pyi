@@ -191,6 +191,9 @@ from .reports.claims import standard_error as standard_error
 from .reports.claims import statement as statement
 from .reports.output_file import check_output as check_output
 from .reports.output_file import staged_file as staged_file
+from .reports.packing import describe_law as describe_law
+from .reports.packing import to_dict as to_dict
+from .reports.packing import verdict as verdict
 from .reports.terminal import console as console
 from .reports.terminal import new_table as new_table
 from .reports.terminal import progress as progress

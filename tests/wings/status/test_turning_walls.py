@@ -7,8 +7,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.wings.status.apex_status import contact_status
-from stickslip.wings.status.matrices import linear_system, rigid_rotation, stiffness_matrix
-from stickslip.wings.status.rigidity import IDLE, RIGID, mechanisms
+from stickslip.wings.status.matrices import linear_system, stiffness_matrix
+from stickslip.wings.status.rigidity import IDLE, RIGID, mechanisms, rigid_rotation
 from stickslip.wings.status.system import pinned_coordinates
 
 N, ARM = 60, 3.0  # with 30 disks, walls of which few disks hold turn by mechanisms of their own

@@ -17,9 +17,10 @@ from ...kit import (
     linearised,
     modes_under,
     no_equilibrium_message,
-    packing_report,
     silent,
     softest_eigenvalue,
+    to_dict,
+    verdict,
 )
 from ...measure import BALANCED_BELOW, coordination, imbalance, stress
 from ...packings import PackingError
@@ -120,7 +121,7 @@ def _add_stress(row: Row, state: State, law: Law) -> Row:
 
 def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
     """Row with the numbers of a spectrum, as `stickslip stability --json` has them."""
-    known = packing_report.to_dict(result, notes=notes)
+    known = to_dict(result, notes=notes)
     grow = known["pairs"]
     negative = known["negative"] if "negative" in known else known["growing"]
     static = result.undamped or result
@@ -129,7 +130,7 @@ def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
         rattlers=known["rattlers"], softest=least, zero_modes=known["zero_modes"], pairs=len(grow),
         growth_rate=grow[0]["growth_rate"] if grow else None, omega=grow[0]["omega"] if grow else None,
         buckling=len(negative), stable=known["stable"], balanced=known["balanced"],
-        verdict=packing_report.verdict(result, None, notes), scope=known["scope"],
+        verdict=verdict(result, None, notes), scope=known["scope"],
     )  # fmt: skip
 
 

@@ -20,9 +20,9 @@ from ...kit import (
     check_free,
     check_output,
     console,
+    describe_law,
     follow,
     format_table,
-    packing_report,
     parse_number,
     read_table,
     read_text,
@@ -40,7 +40,7 @@ def describe(source: follow.Source, method: str) -> dict:
     """What determines the numbers of a row besides its frame."""
     law = source.law
     return {
-        "law": packing_report.describe_law(law), "parameters": law.table.tolist(), "kind": str(law.kind),
+        "law": describe_law(law), "parameters": law.table.tolist(), "kind": str(law.kind),
         "memory": source.contacts is not None, "columns": source.columns, "boundary": source.boundary,
         "i0": source.i0, "method": method,
     }  # fmt: skip
