@@ -192,15 +192,9 @@ REST = 5.0  # the same, over the time that a write takes
 
 
 def watch_and_record(
-    source: follow.Source,
-    table: Path,
-    *,
-    method: str,
-    once: bool,
-    until_idle: float | None,
-    overwrite: bool,
+    source: follow.Source, table: Path, *, method: str, once: bool, until_idle: float | None, overwrite: bool,
     made_from=(),
-) -> tuple[Progress, str]:
+) -> tuple[Progress, str]:  # fmt: skip
     """Watch until the end; return what is known then, and, after ctrl-C, a sentence that names the table.
 
     Raises

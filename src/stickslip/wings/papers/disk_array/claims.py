@@ -502,14 +502,9 @@ def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario
 
 
 def reproduce(
-    *,
-    quick: bool = False,
-    seed: int = 0,
-    folder=None,
-    workers: Workers = None,
-    device: str | None = None,
+    *, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, device: str | None = None,
     report: Report = silent,
-) -> Reproduction:
+) -> Reproduction:  # fmt: skip
     """Run both scenarios and evaluate every claim of the paper.
 
     Parameters

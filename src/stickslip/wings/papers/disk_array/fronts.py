@@ -85,19 +85,9 @@ def crossing_times(time: np.ndarray, displacement: np.ndarray, thresholds) -> np
 
 
 def run_transition(
-    state: State,
-    law: Law,
-    seed: int,
-    *,
-    velocity: float,
-    duration: float,
-    dt: float,
-    sample: float,
-    thresholds,
-    drag=0.0,
-    spin_drag=None,
-    engine: Engine | None = None,
-) -> Transition:
+    state: State, law: Law, seed: int, *, velocity: float, duration: float, dt: float, sample: float, thresholds,
+    drag=0.0, spin_drag=None, engine: Engine | None = None,
+) -> Transition:  # fmt: skip
     """Run the dynamics freely from an equilibrium perturbed by random velocities."""
     start, every = perturbed(state, seed, velocity), max(1, round(sample / dt))
     leg = Leg(start, law, dt, round(duration / dt), every=every, detailed=True, drag=drag, spin_drag=spin_drag)
@@ -250,16 +240,11 @@ def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: 
     free = away @ away / (resampled @ away)
     slope = np.polyfit(distance, mean, 1)[0]
     return Front(
-        distance,
-        mean,
-        error,
-        float(distance @ distance / (distance @ mean)),
-        float(np.std(distance @ distance / (resampled @ distance))),
-        float(1 / slope) if slope else np.inf,
-        float(0.5 * np.subtract(*np.quantile(free, [0.84, 0.16]))),
-        int(np.isfinite(delay).all(axis=1).sum()),
+        distance, mean, error, float(distance @ distance / (distance @ mean)),
+        float(np.std(distance @ distance / (resampled @ distance))), float(1 / slope) if slope else np.inf,
+        float(0.5 * np.subtract(*np.quantile(free, [0.84, 0.16]))), int(np.isfinite(delay).all(axis=1).sum()),
         len(delay),
-    )
+    )  # fmt: skip
 
 
 SLIDING_THRESHOLD = 0.1  # the array slides once every disk has moved by this many mean diameters
@@ -343,20 +328,10 @@ def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeR
     limits = record.events[record.events["kind"] == "limit"][:1]
     first = np.array([[e["time"], e["i"], e["j"]] for e in limits], float).reshape(-1, 3)
     return FreeRun(
-        point.load,
-        record.time,
-        record.msd,
-        record.center[:, :2],
-        record.kinetic_energy,
-        record.touching,
-        breach_times(record.events, start),
-        first[0] if len(first) else np.full(3, np.nan),
-        rate,
-        frequency,
-        growth,
-        float(record.msd[late].mean()),
-        bool((moved > SLIDING_THRESHOLD * diameter(start)).all()),
-    )
+        point.load, record.time, record.msd, record.center[:, :2], record.kinetic_energy, record.touching,
+        breach_times(record.events, start), first[0] if len(first) else np.full(3, np.nan), rate, frequency, growth,
+        float(record.msd[late].mean()), bool((moved > SLIDING_THRESHOLD * diameter(start)).all()),
+    )  # fmt: skip
 
 
 def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenario, known: FreeRun) -> Trajectory | None:
@@ -373,11 +348,6 @@ def resample_transition(point: Equilibrium, law: Law, scenario: DiskArrayScenari
     along = record.position[:, :, 0] - point.state.grains.position[:, 0]
     slide = crossing_times(record.time, along, [SLIDING_THRESHOLD * diameter(point.state)])[0]
     return Trajectory(
-        point.load,
-        record.time,
-        record.position[:, :, :2],
-        record.angle[:, :, 2],
-        float(known.first_limit[0]),
-        known.breach,
-        slide,
-    )
+        point.load, record.time, record.position[:, :, :2], record.angle[:, :, 2], float(known.first_limit[0]),
+        known.breach, slide,
+    )  # fmt: skip

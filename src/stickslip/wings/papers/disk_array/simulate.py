@@ -133,15 +133,9 @@ def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
 
 
 def run_sliding(
-    points: list[Equilibrium],
-    law: Law,
-    scenario: DiskArrayScenario,
-    workers: Workers,
-    report: Report = silent,
-    *,
-    kept: Checkpoint | None = None,
-    device: Device | None = None,
-) -> dict[float, Ensemble]:
+    points: list[Equilibrium], law: Law, scenario: DiskArrayScenario, workers: Workers, report: Report = silent, *,
+    kept: Checkpoint | None = None, device: Device | None = None,
+) -> dict[float, Ensemble]:  # fmt: skip
     """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {"velocity": dynamics.seed_velocity, "duration": how.duration, "thresholds": how.thresholds}
@@ -184,14 +178,9 @@ def _transition_task(state, law, load, seed, options, report, engine=None):
 
 @checked
 def simulate_disk_array(
-    scenario: DiskArrayScenario,
-    *,
-    folder: Path | None = None,
-    workers: Workers = None,
-    device: str | None = None,
-    sensitivity: bool = False,
-    report: Report = silent,
-) -> DiskArrayResult:
+    scenario: DiskArrayScenario, *, folder: Path | None = None, workers: Workers = None, device: str | None = None,
+    sensitivity: bool = False, report: Report = silent,
+) -> DiskArrayResult:  # fmt: skip
     """Run a scenario from beginning to end.
 
     Parameters

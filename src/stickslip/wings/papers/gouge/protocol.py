@@ -359,20 +359,12 @@ def measure_series(record: Record, gouge: Gouge) -> Series:
     velocity, force = record.group_velocity[:, TOP], record.group_force[:, TOP]
     flux = record.momentum_flux[:, 1, 1] + record.momentum_flux[:, 2, 2] - moved * velocity[:, 1] ** 2
     return Series(
-        record.time,
-        load_point,
-        record.group_position[:, TOP, 0] - gouge.state.control.anchor[top, 0].mean(),
-        velocity[:, 0],
-        record.group_pull[:, TOP, 0] / whole,
-        -force[:, 0] / whole,
-        force[:, 1] / whole,
+        record.time, load_point, record.group_position[:, TOP, 0] - gouge.state.control.anchor[top, 0].mean(),
+        velocity[:, 0], record.group_pull[:, TOP, 0] / whole, -force[:, 0] / whole, force[:, 1] / whole,
         record.group_position[:, TOP, 1] - record.group_position[:, BOTTOM, 1],
-        record.kinetic_energy - 0.5 * moved * (velocity**2).sum(axis=1),
-        flux / (2 * loose),
-        record.held_coordination,
-        record.sliding_fraction,
-        record.fabric,
-    )
+        record.kinetic_energy - 0.5 * moved * (velocity**2).sum(axis=1), flux / (2 * loose), record.held_coordination,
+        record.sliding_fraction, record.fabric,
+    )  # fmt: skip
 
 
 def _mean_overlap(state: State) -> float:

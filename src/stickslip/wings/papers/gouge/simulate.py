@@ -293,14 +293,9 @@ class GougeResult(NamedTuple):
 
 @checked
 def simulate_gouge(
-    scenario: GougeScenario,
-    *,
-    folder: Path | None = None,
-    workers: Workers = None,
-    device: str | None = None,
-    samples: Path | None = None,
-    report: Report = silent,
-) -> GougeResult:
+    scenario: GougeScenario, *, folder: Path | None = None, workers: Workers = None, device: str | None = None,
+    samples: Path | None = None, report: Report = silent,
+) -> GougeResult:  # fmt: skip
     """Run all realizations of a scenario.
 
     Parameters

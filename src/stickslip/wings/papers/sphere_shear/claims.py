@@ -591,13 +591,10 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
     """Return the scenario: N = 100 spheres, radii 0.5 and 0.7, strain steps of 2e-5, then of 1e-4 up to 0.02."""
     if quick:
         return validate_scenario(
-            ShearScenario,
-            seed=seed,
-            packings=4,
-            packing={"grains": 40},
+            ShearScenario, seed=seed, packings=4, packing={"grains": 40},
             shear={"strain": (0.0, 1e-3, 0.02), "step": (2e-5, 1e-3)},
             release={"e_folds": 25.0, "least": 2e4, "duration": 3e5, "snapshots": 12},
-        )
+        )  # fmt: skip
     return validate_scenario(ShearScenario, seed=seed)
 
 
