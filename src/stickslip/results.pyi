@@ -38,13 +38,13 @@ from .wings.faults.friction.model_comparison import LawComparison as LawComparis
 from .wings.faults.friction.ratestate import SlipHistory as SlipHistory
 from .wings.faults.friction.sampling import Posterior as Posterior
 from .wings.faults.friction.stability import Sliding as Sliding
+from .wings.status.complementarity import Complementarity as Complementarity
+from .wings.status.complementarity import StatusMap as StatusMap
 from .wings.status.cone_apex import Apex as Apex
 from .wings.status.cone_apex import StatusSolution as StatusSolution
-from .wings.status.enumeration import StatusMap as StatusMap
-from .wings.status.lcp import Complementarity as Complementarity
 from .wings.status.matrices import LinearSystem as LinearSystem
-from .wings.status.null_modes import Mechanism as Mechanism
 from .wings.status.path import LoadPath as LoadPath
+from .wings.status.rigidity import Mechanism as Mechanism
 from .wings.status.status import ContactStatus as ContactStatus
 from .wings.status.status import Verdict as Verdict
 from .wings.status.uniqueness import Uniqueness as Uniqueness

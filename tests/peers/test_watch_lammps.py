@@ -10,7 +10,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data.exchange.follow import open_source
-from stickslip.wings.lammps.watch.loop import watch
+from stickslip.wings.lammps.watch import watch
 from tests.wings.lammps.dumps import LAW
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "shear.lammps"

@@ -77,7 +77,7 @@ def test_a_bad_file_gives_a_one_sentence_error(tmp_path, text, message):
 
 
 def test_the_example_is_the_paper_and_survives_a_round_trip(tmp_path):
-    from stickslip.wings.papers.disk_array.paper import paper_scenario
+    from stickslip.wings.papers.disk_array.claims import paper_scenario
 
     example, paper = read_scenario(EXAMPLES / "disk_array.toml"), paper_scenario()
     assert example.array == paper.array

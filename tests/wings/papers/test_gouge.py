@@ -18,24 +18,22 @@ from stickslip.data.archive import ArchiveError
 from stickslip.data.checkpoint import Checkpoint
 from stickslip.extras import MissingExtraError
 from stickslip.wings.papers.gouge import measures, statistics
-from stickslip.wings.papers.gouge.dimensionless import (
-    Range,
-    inertial_numbers,
-    make_range,
-    normalised_hold,
-    normalised_stiffness,
-    stiffness,
-)
 from stickslip.wings.papers.gouge.protocol import Realization, Series, Test, _LegRunner, _log_binned, _mean_overlap
 from stickslip.wings.papers.gouge.report import numbers
 from stickslip.wings.papers.gouge.sample import (
     BOTTOM,
     TOP,
     Gouge,
+    Range,
     _shrink_apart,
     attach_spring,
     gouge_law,
+    inertial_numbers,
+    make_range,
+    normalised_hold,
+    normalised_stiffness,
     prepare_sample,
+    stiffness,
 )
 from stickslip.wings.papers.gouge.scenario import GougeScenario
 from stickslip.wings.papers.gouge.simulate import MEMBERS, GougeResult, simulate_gouge

@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from stickslip.wings.status.absence import farkas
-from stickslip.wings.status.enumeration import enumerate_rates, enumerate_solutions, status_map
-from stickslip.wings.status.lcp import Complementarity, inconsistent, lemke, principal_pivoting, scale_problem
-from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate
+from stickslip.wings.status.complementarity import (
+    Complementarity,
+    enumerate_rates,
+    enumerate_solutions,
+    inconsistent,
+    lemke,
+    principal_pivoting,
+    scale_problem,
+    status_map,
+)
+from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate, farkas
 from tests.wings.status import brute_force as brute
 
 KINDS = ("P", "any", "Z", "singular", "twins", "integers", "skew", "hidden Z")

@@ -11,9 +11,9 @@ from stickslip.core.control import between
 from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, sheared_box, with_load
 from stickslip.loading.slow import slow_dynamics
 from stickslip.wings.status import increment as piece
+from stickslip.wings.status.apex_status import decide_statuses
 from stickslip.wings.status.events import Event
 from stickslip.wings.status.increment import CROWD, OUT_OF_BALANCE, Increment, PathState
-from stickslip.wings.status.opening import decide_statuses
 from stickslip.wings.status.path import AGAIN, RETURNS, LoadPath, load_path
 from stickslip.wings.status.status import Alternative, Verdict, status_of_critical
 from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate

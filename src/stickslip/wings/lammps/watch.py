@@ -1,19 +1,30 @@
-"""What is measured in each frame: one row of the table."""
+"""A running LAMMPS simulation, watched: measures of each frame, the newest first, so that it never falls behind."""
 
+import time
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from .... import SLIDE, Law, State, stability
-from ....core.measure import least_supports
-from ....kit import Report, silent
-from ....measure import BALANCED_BELOW, coordination, stress
-from ....reports.packing import to_dict, verdict
-from ....results import Stability
-from ....solve.balance import force_imbalance, modes_under, no_equilibrium_message
-from ....solve.linearised import linearised
-from ....solve.spectrum import softest_eigenvalue
-from ....solve.stability import DENSE_UP_TO
+from ... import SLIDE, Law, State, stability
+from ...kit import (
+    DENSE_UP_TO,
+    Account,
+    MemoryNote,
+    Report,
+    follow,
+    least_supports,
+    linearised,
+    modes_under,
+    no_equilibrium_message,
+    silent,
+    softest_eigenvalue,
+    to_dict,
+    verdict,
+)
+from ...measure import BALANCED_BELOW, coordination, imbalance, stress
+from ...packings import PackingError
+from ...results import Stability
 
 METHODS = ("auto", "none", "fastest", "all", "dense", "pairs")
 TENSOR = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
@@ -76,7 +87,7 @@ def measure_frame(
     row = Row(
         step, digest, len(state.grains.radius), len(here.rows),
         coordination=coordination(state, least_supports(law, state.cell.dim)),
-        sliding=int((mode == SLIDE).sum()) if memory else None, residual=force_imbalance(here),
+        sliding=int((mode == SLIDE).sum()) if memory else None, residual=imbalance(state, law),
     )  # fmt: skip
     row = _add_stress(row, state, law)
     free = here.backbone
@@ -84,7 +95,9 @@ def measure_frame(
         return _note(row, "no grain is supported by others, so there is no spectrum")
     large = method == "auto" and len(free) > DENSE_UP_TO
     if method == "none" or (large and not row.residual <= BALANCED_BELOW):
-        row = _without_spectrum(row)
+        balanced = bool(row.residual is not None and row.residual <= BALANCED_BELOW)
+        words = "in equilibrium; the spectrum was not computed" if balanced else no_equilibrium_message(row.residual)
+        row = row._replace(balanced=balanced, verdict=words)
         return _note(row, f"no spectrum of {len(free)} coordinates out of equilibrium") if large else row
     result = stability(state, law, method="fastest" if large else method, report=report)
     matrix = here.with_modes(modes_under(state, law, here.line)).dynamical_matrix(free)
@@ -104,12 +117,6 @@ def _add_stress(row: Row, state: State, law: Law) -> Row:
     parts = {f"stress_{name}": float(value) for name, value in zip(TENSOR, tensor.ravel(), strict=True)}
     shear = float(principal[-1] - principal[0]) / 2
     return row._replace(pressure=float(np.trace(tensor)) / dim, shear_stress=shear, **parts)
-
-
-def _without_spectrum(row: Row) -> Row:
-    balanced = bool(row.residual is not None and row.residual <= BALANCED_BELOW)
-    told = "in equilibrium; the spectrum was not computed" if balanced else no_equilibrium_message(row.residual)
-    return row._replace(balanced=balanced, verdict=told)
 
 
 def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
@@ -134,3 +141,95 @@ def verdict_word(row: Row) -> str:
     if row.stable is not None:
         return "stable" if row.stable else "unstable"
     return "undecided" if row.balanced and row.pairs is not None else "balanced" if row.balanced else "unbalanced"
+
+
+NO_MEMORY = (
+    "without a dump of contacts, the slip of contacts is unknown and set to zero: stress is that of the normal forces, "
+    "sliding contacts are unknown, and forces that friction balances appear unbalanced, which leaves no verdict"
+)
+
+
+class Progress(NamedTuple):
+    """State of a watch: the table so far, and how much is left to compute."""
+
+    rows: dict[int, Row]
+    notes: tuple[str, ...]
+    left: int  # complete frames not computed yet
+    fresh: Row | None = None  # row that was computed last, if it is new
+    at: int | None = None  # step that is computed next
+    live: bool = True  # whether the simulation may still be running
+
+    @property
+    def any_computed(self) -> bool:
+        """True if at least one frame could be used."""
+        return any(row.computed for row in self.rows.values())
+
+
+def watch(
+    source: follow.Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
+    until_idle: float | None = None, interval: float = follow.INTERVAL, report: Report = silent,
+) -> Iterator[Progress]:  # fmt: skip
+    """Compute every frame that is not `known`, and yield what is known before and after each.
+
+    While a simulation writes, its newest frame is computed first. The others follow while it does not write.
+
+    Parameters
+    ----------
+    once : end after the frames that are there at the beginning, in the order of their steps
+    until_idle : end when all frames are computed and nothing has been written for this time [s]; None: never
+
+    Raises
+    ------
+    PackingError
+        if no frame can be used; the message is that of the last one tried.
+    """
+    rows, seen, last = dict(known), None, time.monotonic()
+    said: dict[str, None] = {} if source.contacts else {NO_MEMORY: None}
+    problem: PackingError | None = None
+    while True:
+        if not (once and seen):
+            before, seen = seen, follow.look(source, seen)
+            last = time.monotonic() if before is None or before.sizes != seen.sizes else last
+        # frames that are not in the table, or have changed since
+        left = [p for p in seen.ready if key_of(p) != getattr(rows.get(p.grains.step), "digest", None)]
+        notes = (*said, *seen.notes)
+        if left:
+            pair = left[0 if once else -1]
+            yield Progress(rows, notes, len(left), at=pair.grains.step)
+            try:
+                row, remarks = _compute(source, pair, method, report)
+                said |= dict.fromkeys(remarks)
+            except PackingError as trouble:
+                problem = trouble
+                row = Row(pair.grains.step, key_of(pair), note=str(trouble))
+                said[f"step {row.step} cannot be used: {trouble}"] = None
+            rows[row.step] = row
+            yield Progress(rows, (*said, *seen.notes), len(left) - 1, fresh=row)
+            continue
+        if problem and not any(row.computed for row in rows.values()):
+            raise problem
+        if once or (until_idle is not None and time.monotonic() - last >= until_idle):
+            break
+        yield Progress(rows, notes, 0)
+        time.sleep(interval)
+    notes = (*said, *seen.notes, *follow.missing_frames(seen))
+    if not any(row.computed for row in rows.values()):
+        raise PackingError(f"{source.folder} has no complete frame: {'; '.join(notes[-3:])}")
+    yield Progress(rows, notes, 0, live=False)
+
+
+def key_of(pair: follow.Pair) -> str:
+    """Digest of a frame with its contacts."""
+    return pair.grains.digest + (pair.contacts.digest if pair.contacts else "")
+
+
+def _compute(source: follow.Source, pair: follow.Pair, method: str, report) -> tuple[Row, list[str]]:
+    state, notes = follow.read_pair(source, pair)
+    memory = pair.contacts is not None
+    try:
+        row = measure_frame(
+            pair.grains.step, key_of(pair), state, source.law, memory=memory, method=method, notes=notes, report=report
+        )
+    except ArithmeticError as problem:
+        raise PackingError(f"its spectrum could not be computed ({problem})") from None
+    return row, [line for line in notes if not isinstance(line, MemoryNote | Account)]
