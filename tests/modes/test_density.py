@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.solve import density as room
+from stickslip.solve import spectrum as room
 from tests.modes.conftest import LAW
 
 CHAIN = ss.laws.linear(1.0, 0.0, 0.5)

@@ -16,8 +16,7 @@ from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
-from .outlines import APART, ASIDE, body_limits, cell_edges, unit_mode, view_basis, wall_edges
-from .quantities import Mode, quantities
+from .outlines import APART, ASIDE, Mode, body_limits, cell_edges, quantities, unit_mode, view_basis, wall_edges
 from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, styled, subplots
 
 GREY, PALE = "#b4bac0", "#e4e9ee"

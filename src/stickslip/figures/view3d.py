@@ -19,8 +19,7 @@ from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..core.units import with_unit
 from ..data.exchange.frame import Frame
-from .outlines import cell_edges, unit_mode, view_basis, wall_edges
-from .quantities import DISPLACEMENT, Mode, quantities
+from .outlines import DISPLACEMENT, Mode, cell_edges, quantities, unit_mode, view_basis, wall_edges
 from .style import BLUE, COLORS, RED
 
 SMOOTH = 3000  # largest number of grains with antialiasing, which takes most of the time without a graphics card

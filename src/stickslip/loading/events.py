@@ -10,7 +10,7 @@ from ..core.progress import Report, silent
 from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
-from .event_class import Break, describe, jump_size, loss_ahead
+from .event_class import Break, Event, Events, StrainStep, describe, jump_size, loss_ahead
 from .event_path import (
     BALANCED,
     Judge,
@@ -24,8 +24,7 @@ from .event_path import (
     is_jump,
     settle,
 )
-from .event_types import Event, Events, StrainStep
-from .shear import reduced_cell
+from .packing import reduced_cell
 
 SMALLEST = 0.02  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured

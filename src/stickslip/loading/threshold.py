@@ -29,10 +29,9 @@ from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
-from ..solve.balance import BALANCED_BELOW, force_imbalance, motion_imbalance
-from ..solve.linearised import linearised
+from ..solve.balance import BALANCED_BELOW, force_imbalance, linearised, motion_imbalance
+from .packing import reduced_cell, wrapped
 from .protocols import Equilibrium, Protocol, perturbed
-from .shear import reduced_cell, wrapped
 
 LEGS = 40  # into which a run is divided, to see whether the sample has slid
 WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance

@@ -18,7 +18,7 @@ from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import OPEN, STICK, State
-from .balance import ROUND_OFF, balanced, modes_under
+from .balance import ROUND_OFF, LinearisedState, balanced, linearised, modes_under
 from .freedom import (
     PAIR_ABOVE,
     ZERO_BELOW,
@@ -34,7 +34,6 @@ from .freedom import (
     translations,
 )
 from .linear import suitable_threads
-from .linearised import LinearisedState, linearised
 from .moduli import adjoint_motion, elastic_moduli, solve_resisted
 from .stability import combine_stability, stability
 

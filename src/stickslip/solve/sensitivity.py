@@ -14,7 +14,7 @@ from ..core.measure import touching
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
-from .balance import BALANCED_BELOW, force_imbalance, no_equilibrium_message
+from .balance import BALANCED_BELOW, LinearisedState, force_imbalance, linearised, no_equilibrium_message
 from .freedom import (
     PAIR_ABOVE,
     ZERO_BELOW,
@@ -26,7 +26,6 @@ from .freedom import (
     stiffness_of,
 )
 from .linear import suitable_threads
-from .linearised import LinearisedState, linearised
 from .stability import LEFT_OUT, join_scopes
 
 AT_MOST = 2_500  # coordinates; all modes are computed within minutes

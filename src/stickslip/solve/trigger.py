@@ -13,7 +13,7 @@ from ..core.readable import pluralize, readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .birth import PHASES, first_changes
-from .frontal import FrontalFactor, dissect
+from .linear import FrontalFactor, dissect
 from .response import ForcedMotion, as_patterns, forced_motion, solve_at
 
 SOFT = 1e-9  # stiffness of the springs that exert forces, over that of contacts

@@ -10,8 +10,7 @@ from ....kit import Report, silent
 from ....measure import BALANCED_BELOW, coordination, stress
 from ....reports.packing import to_dict, verdict
 from ....results import Stability
-from ....solve.balance import force_imbalance, modes_under, no_equilibrium_message
-from ....solve.linearised import linearised
+from ....solve.balance import force_imbalance, linearised, modes_under, no_equilibrium_message
 from ....solve.spectrum import softest_eigenvalue
 from ....solve.stability import DENSE_UP_TO
 
