@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import eigvals
 
 import stickslip as ss
+from stickslip.core.contacts.jacobian import linearise
 from stickslip.core.progress import silent
 from stickslip.loading.packing import jammed, sheared
 from stickslip.solve import pairs as module
@@ -222,8 +223,12 @@ def test_stability_takes_the_cheapest_way_and_names_it(packing, asked, way):
 def test_stability_beyond_lapack_agrees_with_it(packing, monkeypatch, asked, way):
     state, full = packing
     monkeypatch.setattr("stickslip.solve.stability.DENSE_UP_TO", 10)
+    calls = []
+    for room in ("balance", "freedom"):
+        monkeypatch.setattr(f"stickslip.solve.{room}.linearise", lambda *a, **o: calls.append(a) or linearise(*a, **o))
     result = ss.stability(state, LAW, method=asked)
     assert result.method == way and result.scope
+    assert len(calls) == 1  # the pairs are those of the matrix on which the verdict rests
     np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=1e-9)
 
 

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
-from ..core.arguments import Bodies, Numbers, checked, require_positive
+from ..core.arguments import Bodies, Numbers, Positive, checked
 from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
@@ -51,7 +51,7 @@ class Layout(NamedTuple):
 @styled
 def packing(
     state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
-    width: float = WIDTH,
+    width: Positive = WIDTH,
 ):  # fmt: skip
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
 
@@ -84,7 +84,6 @@ def packing(
     >>> ss.figures.packing(pair, law).axes[0].get_title()
     ''
     """
-    require_positive(width=width)
     if width > WIDEST:
         raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
     frame = frame_of(state, law) if law is not None else bare_frame(state)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from ..core.arguments import Numbers, Seed, Values, checked, require_index, require_not_negative, require_positive
+from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, checked, require_index
 from ..core.contacts.forces import forces
 from ..core.contacts.neighbors import body_positions
 from ..core.control import force_controlled, spring_loaded, stress_controlled
@@ -52,14 +52,14 @@ class Scales(NamedTuple):
 def compressed(
     n: int,
     *,
-    pressure: float,
-    mu: float | None = None,
+    pressure: Positive,
+    mu: NotNegative | None = None,
     dim: int = 3,
     radius: Values = (0.5, 0.7),
     mass: Values = 1.0,
     law: Law | None = None,
     seed: Seed = 0,
-    tolerance: float | None = None,
+    tolerance: Positive | None = None,
     report: Report = silent,
 ):
     """Frictional packing in a periodic box, compressed slowly from a loose state until it carries a pressure.
@@ -106,8 +106,6 @@ def compressed(
     """
     if (mu is None) == (law is None):
         raise ValueError("give either mu or a law")
-    require_positive(pressure=pressure)
-    require_not_negative(mu=mu)
     law = hertz_mindlin(mu=mu) if law is None else law
     start = random_grains(n, LOOSE.get(dim, 1.0), dim, radius=radius, mass=mass, i0=None, seed=seed)
     if _width(start) < NARROWEST * 2 * start.grains.radius.max():
@@ -116,7 +114,6 @@ def compressed(
             f"it could collapse; use more grains"
         )
     tolerance = BALANCED * natural_scales(start, law).force if tolerance is None else tolerance
-    require_positive(tolerance=tolerance)
     scales = compression_scales(start, law, pressure, tolerance)
     loose = quench(start, frictionless(law), 0.5 * tolerance)
     end = _compress(loose, law, pressure, scales, tolerance, report)
@@ -237,11 +234,11 @@ def biaxial_box(
     n: int = 200,
     *,
     pressure: float = 1e-4,
-    kn: float = 1.0,
+    kn: Positive = 1.0,
     kt: float = 0.5,
     mu: float = 0.5,
     radius: Values = (0.4, 0.6),
-    density: float = 4 / np.pi,
+    density: Positive = 4 / np.pi,
     seed: Seed = 0,
     tolerance: float = 1e-9,
 ) -> tuple[State, Law]:
@@ -299,8 +296,8 @@ def biaxial_box(
 
 @checked
 def sheared_box(
-    n: int = 100, *, pressure: float = 1e-4, kn: float = 1.0, kt: float = 0.5, mu: float = 0.5,
-    radius: Values = (0.4, 0.6), density: float = 4 / np.pi, seed: Seed = 0, tolerance: float = 1e-9,
+    n: int = 100, *, pressure: float = 1e-4, kn: Positive = 1.0, kt: float = 0.5, mu: float = 0.5,
+    radius: Values = (0.4, 0.6), density: Positive = 4 / np.pi, seed: Seed = 0, tolerance: float = 1e-9,
 ) -> tuple[State, Law]:  # fmt: skip
     """Frictional disks at rest under a prescribed pressure in a periodic cell with free strains xx, yy and xy.
 
@@ -326,7 +323,6 @@ class _Scales(NamedTuple):
 
 def _sizes(n: int, radius, density: float, kn: float) -> tuple[np.ndarray, _Scales]:
     """Radii of n disks, and the units of their packing."""
-    require_positive(density=density, kn=kn)
     sizes = check_radii(radius, n)
     length = float(sizes.min() + sizes.max())
     mass = density * np.pi * (0.5 * length) ** 2
@@ -365,7 +361,6 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
 
 
 def _contact_law(kn: float, kt: float, mu: float, pressure: float, scales: _Scales) -> Law:
-    require_positive(kn=kn)
     if not kn / LARGEST < pressure <= SOFT * kn:
         raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
     rate = 0.2 / scales.time
@@ -384,7 +379,7 @@ def with_load(control: Control, wall: int, factor: float) -> Control:
 
 
 @checked
-def with_machine(state: State, wall: int, stiffness: float) -> State:
+def with_machine(state: State, wall: int, stiffness: Positive) -> State:
     """State in which a spring exerts the present force on a wall: a testing machine of finite stiffness.
 
     A leg that moves the load point (`with_travel`) drives the displacement of the wall if the machine is much stiffer
@@ -404,7 +399,6 @@ def with_machine(state: State, wall: int, stiffness: float) -> State:
     >>> float(held.control.spring[lid, 1]), float(held.control.force[lid, 1])
     (100.0, 0.0)
     """
-    require_positive(stiffness=stiffness)
     require_index(state.n_bodies, wall=wall)
     pull, control, place = state.control.force[wall], state.control, body_positions(state)[wall]
     if not pull.any():

@@ -1,11 +1,11 @@
 """Response of a packing to small probes in all directions of a plane, second-order work, and localisation."""
 
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import Numbers, checked, require_positive
+from ..core.arguments import POSITIVE, Numbers, Positive, checked
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import stress_controlled
 from ..core.dynamics.cell_motion import strained
@@ -72,10 +72,10 @@ def response_envelope(
     state: Committed,
     law: Law,
     *,
-    directions: int = 64,
-    control: str = "strain",
+    directions: Annotated[int, POSITIVE] = 64,
+    control: Literal["strain", "stress"] = "strain",
     plane: Numbers | None = None,
-    size: float = SIZE,
+    size: Positive = SIZE,
 ) -> Envelope:
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
@@ -113,12 +113,9 @@ def response_envelope(
     >>> envelope.cones, bool((envelope.work > 0).all())
     ([], True)
     """
-    require_positive(size=size, directions=directions)
     require_sizes([Size("these are", directions, "directions", "use fewer")])
     if not (least := _least_size(state)) <= size <= 1:
         raise ValueError(f"size = {size:g} was given: probes of this packing have sizes from {least:.1g} to 1")
-    if control not in ("strain", "stress"):
-        raise ValueError(f"control={control!r} was given: 'strain' and 'stress' are allowed")
     span = _orthonormal(_default_plane(state.cell.dim) if plane is None else np.asarray(plane, float), state.cell.dim)
     angle = 2 * np.pi * np.arange(directions) / directions
     probes = np.cos(angle)[:, None, None] * span[0] + np.sin(angle)[:, None, None] * span[1]

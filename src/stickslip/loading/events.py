@@ -1,8 +1,10 @@
 """Events of quasi-static shear: discontinuities of the path of equilibria, bracketed, classified and measured."""
 
+from typing import Annotated
+
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import POSITIVE, Positive, checked
 from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.outcome import NotInEquilibriumError
@@ -37,8 +39,9 @@ SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
 
 @checked
 def find_events(
-    state: State, law: Law, *, to: float, drag: float, step: float = 4e-4, resolution: float = 1e-6,
-    most: int | None = None, smallest: float = SMALLEST, prune: float = PRUNE,
+    state: State, law: Law, *, to: Positive, drag: Positive, step: Positive = 4e-4,
+    resolution: Positive = 1e-6, most: Annotated[int, POSITIVE] | None = None, smallest: Positive = SMALLEST,
+    prune: Positive = PRUNE,
     report: Report = silent,
 ) -> Events:  # fmt: skip
     """Shear a packing quasi-statically and find the discontinuities of its path.
@@ -67,7 +70,7 @@ def find_events(
     Raises
     ------
     ValueError
-        if an argument is not allowed, with a one-sentence message.
+        if anything but strain acts, or more than shear is asked for.
     NotInEquilibriumError
         if the first state cannot be brought to rest.
 
@@ -79,8 +82,7 @@ def find_events(
     >>> len(found.events), found.end
     (0, 'the last strain was reached')
     """
-    require_positive(to=to, drag=drag, step=step, resolution=resolution, prune=prune, smallest=smallest)
-    _check(state, law, to, step, resolution, most)
+    _check(state, law, to, step, resolution)
     search = Search(_first_point(state, law, drag, prune), step, resolution, smallest)
     end = "the last strain was reached"
     for k in range(int(np.ceil(round(to / step, 9)))):
@@ -96,7 +98,7 @@ def find_events(
     return Events(tuple(search.events), steps, search.point.state, drag, step, resolution, end)
 
 
-def _check(state: State, law: Law, to: float, step: float, resolution: float, most: int | None) -> None:
+def _check(state: State, law: Law, to: float, step: float, resolution: float) -> None:
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
         raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
@@ -117,8 +119,6 @@ def _check(state: State, law: Law, to: float, step: float, resolution: float, mo
         raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
     if resolution > step:
         raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
-    if most is not None and most < 1:
-        raise ValueError(f"most = {most} was given: at least 1 event is needed")
 
 
 def _first_point(state: State, law: Law, drag: float, prune: float) -> Point:

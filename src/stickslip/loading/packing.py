@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import Seed, Values, checked, require_index, require_positive
+from ..core.arguments import Positive, Seed, Values, checked, require_index
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import body_numbers
@@ -117,8 +117,8 @@ class PackingInfo(NamedTuple):
 def jammed(
     n: int,
     *,
-    packing_fraction: float | None = None,
-    pressure: float | None = None,
+    packing_fraction: Positive | None = None,
+    pressure: Positive | None = None,
     dim: int = 3,
     radius: Values = (0.5, 0.7),
     mass: Values = 1.0,
@@ -165,7 +165,6 @@ def jammed(
         raise ValueError("give either packing_fraction or pressure")
     if packing_fraction is not None and packing_fraction > DENSEST:
         raise ValueError(f"packing_fraction = {packing_fraction} was given: at most {DENSEST} is allowed")
-    require_positive(**({"pressure": pressure} if packing_fraction is None else {"packing_fraction": packing_fraction}))
     given = hertz_mindlin() if law is None else law
     law = frictionless(given)
     start = packing_fraction or 1.03 * JAMMED.get(dim, 1.0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..core.arguments import Seed, Series, Several, checked, require_not_negative, require_positive
+from ..core.arguments import NotNegative, Positive, Seed, Series, Several, checked
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
@@ -66,7 +66,7 @@ class Family(NamedTuple):
 
 
 @checked
-def load_path(turning_points: Series, step: float, through: Several = ()) -> np.ndarray:
+def load_path(turning_points: Series, step: Positive, through: Several = ()) -> np.ndarray:
     """Loads from one turning point to the next in increments of at most `step`, including the loads in `through`.
 
     They are numbers for `ramp`: whether they are absolute or measured from its first state is said there.
@@ -76,7 +76,6 @@ def load_path(turning_points: Series, step: float, through: Several = ()) -> np.
     >>> load_path([0.0, 0.02, 0.01], 0.01, through=[0.015])
     array([0.   , 0.01 , 0.015, 0.02 , 0.01 ])
     """
-    require_positive(step=step)
     steps = float(np.abs(np.diff(turning_points)).sum()) / step
     require_sizes([Size(f"step = {step:g} makes", steps, "load steps", "use a larger step")])
     loads, waiting = [turning_points[0]], list(dict.fromkeys(np.atleast_1d(through)))
@@ -281,9 +280,8 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
 
 
 @checked
-def perturbed(state: State, seed: Seed, velocity: float) -> State:
+def perturbed(state: State, seed: Seed, velocity: NotNegative) -> State:
     """State with normally distributed velocities of standard deviation `velocity` [length/time] in free coordinates."""
-    require_not_negative(velocity=velocity)
     rng = np.random.default_rng(seed)
     grains, n = state.grains, len(state.grains.radius)
     kick = rng.normal(0.0, velocity, (n, 6)) * state.control.free[:n]
@@ -355,14 +353,13 @@ def free_run(
     state: State,
     law: Law,
     *,
-    duration: float,
-    dt: float,
-    sample: float,
+    duration: Positive,
+    dt: Positive,
+    sample: Positive,
     drag: float = 0.0,
     spin_drag: float | None = None,
 ):
     """Run Newtonian dynamics, recording contact events, and all grains at intervals of `sample` [time]."""
-    require_positive(duration=duration, dt=dt, sample=sample)
     probes = np.arange(len(state.grains.radius))
     return run(
         state,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.arguments import NotNegative, Positive, checked
 from ..core.control import between, strained_at
 from ..core.dynamics.cell_motion import strained
 from ..core.dynamics.ledger import Account
@@ -165,7 +165,7 @@ class SlowRun(NamedTuple):
 
 @checked
 def slow_dynamics(
-    state: State, law: Law, *legs: Control, time: float, until: float, drag: float, report: Report = silent
+    state: State, law: Law, *legs: Control, time: Positive, until: Positive, drag: NotNegative, report: Report = silent
 ) -> SlowRun:
     """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 
@@ -184,8 +184,6 @@ def slow_dynamics(
     RuntimeError
         if a position is not a number.
     """
-    require_positive(time=time, until=until)
-    require_not_negative(drag=drag)
     if not 0 < until <= len(legs):
         raise ValueError(f"until = {until} was given for {len(legs)} legs: it must be above 0 and at most {len(legs)}")
     dt = SHARE * stable_time_step(state, law)

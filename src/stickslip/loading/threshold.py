@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.arguments import NotNegative, Positive, checked
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.run import run
@@ -134,8 +134,8 @@ class _Dynamics(NamedTuple):
 
 @checked
 def kinetic_threshold(
-    path: list[Equilibrium], protocol: Protocol, *, kicks=None, realizations: int = 10, duration: float,
-    dt: float, loads=None, distance: float = SLID, ramps: int = 3, drag: float = 0.0,
+    path: list[Equilibrium], protocol: Protocol, *, kicks=None, realizations: int = 10, duration: Positive,
+    dt: Positive, loads=None, distance: Positive = SLID, ramps: int = 3, drag: NotNegative = 0.0,
     seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Report = silent,
 ) -> KineticThreshold:  # fmt: skip
     """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
@@ -187,8 +187,6 @@ def kinetic_threshold(
     >>> found.slid.tolist()
     [[0], [0], [0]]
     """
-    require_positive(duration=duration, dt=dt, distance=distance)
-    require_not_negative(drag=drag)
     _require_count(1, realizations=realizations)
     require_sizes([Size(f"realizations = {realizations} makes", realizations, "runs", "use fewer")])
     _require_count(0, seed=seed, ramps=ramps)

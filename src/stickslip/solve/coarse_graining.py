@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Positive, checked
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, contact_forces, touching
 from ..core.state import State, grain_volumes
@@ -25,7 +25,7 @@ _FIELDS = {  # names, numbers of entries and units
 
 
 @checked
-def coarse_grained(state: State, law: Law, *, width: float, spacing: float | None = None) -> "xr.Dataset":
+def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive | None = None) -> "xr.Dataset":
     """Density, packing fraction, velocity and stress as fields on a grid.
 
     With the Gaussian φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w, density is Σ m φ(x − x_i), the packing fraction
@@ -65,7 +65,6 @@ def coarse_grained(state: State, law: Law, *, width: float, spacing: float | Non
     0.68
     """
     spacing = width if spacing is None else spacing
-    require_positive(width=width, spacing=spacing)
     origin, vectors, shape = _grid_of(state, spacing)
     axes = [(np.arange(n) + 0.5) / n for n in shape]
     share = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -8,11 +8,12 @@ al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The long
 """
 
 import warnings
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
-from ..core.arguments import checked
+from ..core.arguments import Positive, checked
 from ..core.contacts.forces import accept, bodies, forces
 from ..core.contacts.geometry import shifts
 from ..core.contacts.neighbors import with_neighbor_list
@@ -63,9 +64,9 @@ def equilibrate(
     state: State,
     law: Law,
     *,
-    tolerance: float | None = None,
+    tolerance: Positive | None = None,
     keep: Factorisation | None = None,
-    check: str = "buckling",
+    check: Literal["buckling", "spectrum", "nothing"] = "buckling",
     steps: int = 30_000,
 ):
     """Bring a packing back to equilibrium after a step in load or strain.
@@ -106,8 +107,6 @@ def equilibrate(
     >>> outcome.ok
     True
     """
-    if check not in ("buckling", "spectrum", "nothing"):
-        raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     keep = keep or Factorisation()
     end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)

@@ -10,7 +10,7 @@ The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stabl
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import scipy  # scipy.ndimage is imported on first use: that takes a tenth of a second
@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 from scipy.sparse.linalg import eigsh
 
-from ..core.arguments import Seed, checked, require_positive
+from ..core.arguments import POSITIVE, Positive, Seed, checked
 from ..core.laws.builtin import Law
 from ..core.library import core
 from ..core.progress import Report, silent
@@ -286,6 +286,19 @@ class Bottom(NamedTuple):
         return self.found == self.expected
 
 
+class Effort(NamedTuple):
+    """How thoroughly the fastest pair is sought; see `fastest_pair`."""
+
+    amplification: float = 3.0  # exponent up to which modes are sought
+    rate: float = 1e-4  # slowest growth rate sought above the bottom [1/time]
+    probes: int = 16  # random initial vectors
+    seed: int = 0
+    dense_below: int = DENSE_BELOW
+
+
+EFFORT = Effort()
+
+
 @readable
 class FastestPair(NamedTuple):
     """Fastest growing eigenvalue that was found, and what the search guarantees; `str` describes both."""
@@ -345,9 +358,9 @@ def fastest_pair(
     state: State,
     law: Law,
     *,
-    amplification: float = 3.0,
-    rate: float = 1e-4,
-    probes: int = 16,
+    amplification: Positive = 3.0,
+    rate: Positive = 1e-4,
+    probes: Annotated[int, POSITIVE] = 16,
     seed: Seed = 0,
     report: Report = silent,
     dense_below: int = DENSE_BELOW,
@@ -380,28 +393,31 @@ def fastest_pair(
     ------
     doi:10.1103/PhysRevE.101.052902, for the complex pairs.
     """
-    require_positive(rate=rate, probes=probes, amplification=amplification)
-    free = freedom(state)
-    matrix = dynamical_matrix(state, law, free)
+    free, effort = freedom(state), Effort(amplification, rate, probes, seed, dense_below)
+    return find_fastest(state, free, dynamical_matrix(state, law, free), report, effort)
+
+
+def find_fastest(state: State, free: Freedom, matrix, report: Report, effort: Effort = EFFORT) -> FastestPair:
+    """Fastest growing eigenvalue of a given A in the coordinates `free`; see `fastest_pair`."""
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros
     if not len(touched):
         raise ValueError(
             "no contact resists a free coordinate: growth rates need a packing with contacts and free coordinates"
         )
     matrix = sparse.csr_array(matrix[touched][:, touched])
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(effort.seed)
     start = rng.standard_normal(len(touched))
     symmetric = sparse.csr_array((matrix + matrix.T) / 2)
     norm = float(eigsh(symmetric, k=1, which="LA", tol=1e-3, v0=start, return_eigenvectors=False)[0])
     report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
     order = dissect(state, free, touched, matrix)
     windows = ShiftWindows(matrix, norm, order, rng)
-    if len(touched) < dense_below:
+    if len(touched) < effort.dense_below:
         values = windows.search(0.0, 0.0, np.inf, (len(touched),))
         bottom, time, used, unverified = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 0, 0
     else:
         bottom = _search_bottom(windows, symmetric, order)
-        time, used, unverified = _search_above(windows, amplification, rate, probes, rng, report)
+        time, used, unverified = _search_above(windows, effort, rng, report)
     mode = None
     if windows.value is not None:
         mode = np.zeros(len(free), complex)
@@ -409,7 +425,7 @@ def fastest_pair(
         mode /= np.sqrt(free.mass)
     frequency = 0.0 if windows.value is None else float(abs(np.sqrt(windows.value).real))
     pair = (windows.value, mode, windows.growth, frequency, windows.residual)
-    return FastestPair(*pair, bottom, amplification, time, used, windows.done, unverified, free)
+    return FastestPair(*pair, bottom, effort.amplification, time, used, windows.done, unverified, free)
 
 
 def _search_bottom(windows: ShiftWindows, symmetric, order) -> Bottom:
@@ -441,28 +457,28 @@ def _widest_gaps(values: np.ndarray, top: float) -> np.ndarray:
     return (ends[:-1] + np.diff(ends) / 2)[np.argsort(-np.diff(ends), kind="stable")]
 
 
-def _search_above(windows: ShiftWindows, amplification: float, rate: float, probes: int, rng, report):
+def _search_above(windows: ShiftWindows, effort: Effort, rng, report):
     """Run probes until slower modes than `rate`, or than the fastest verified one, would stand out.
 
     Returns
     -------
     duration [time], number of probes, and number of peaks that were not verified
     """
-    steps = needed = _steps_needed(windows, amplification, rate)
+    steps = needed = _steps_needed(windows, effort)
     while steps >= LONGER * SHORTEST:  # short runs first: they are cheap and may suffice
         steps /= LONGER
     while True:
-        run = ProbeRun(windows.matrix, windows.norm, int(np.ceil(steps / SPANS)), probes, rng)
-        unverified = _run_stage(run, windows, amplification, needed, report)
-        if steps >= needed or windows.growth * run.time >= amplification:
+        run = ProbeRun(windows.matrix, windows.norm, int(np.ceil(steps / SPANS)), effort.probes, rng)
+        unverified = _run_stage(run, windows, effort.amplification, needed, report)
+        if steps >= needed or windows.growth * run.time >= effort.amplification:
             break
-        needed = _steps_needed(windows, amplification, rate)  # fewer, if a faster mode was verified
+        needed = _steps_needed(windows, effort)  # fewer, if a faster mode was verified
         steps = min(LONGER * steps, needed)
     return run.time, run.probes, unverified
 
 
-def _steps_needed(windows: ShiftWindows, amplification: float, rate: float) -> float:
-    return max(amplification / max(rate, windows.growth) / time_step(windows.norm), SHORTEST)
+def _steps_needed(windows: ShiftWindows, effort: Effort) -> float:
+    return max(effort.amplification / max(effort.rate, windows.growth) / time_step(windows.norm), SHORTEST)
 
 
 def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longest: float, report) -> int:

@@ -1,13 +1,13 @@
 """Derivatives of eigenvalues and moduli by the adjoint, and what errors of positions make of a verdict."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import eig
 from scipy.special import betaincinv
 
-from ..core.arguments import Numbers, Seed, checked, require_positive, require_shape
+from ..core.arguments import POSITIVE, Numbers, Positive, Seed, checked, require_shape
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.contacts.neighbors import with_neighbor_list
@@ -134,8 +134,11 @@ def eigenvalue_gradient(state: State, law: Law) -> Gradient:
     >>> sorted(slope.by_parameter), slope.by_force.shape
     (['kn', 'kt', 'mu'], (20, 6))
     """
-    here = _balanced(state, law)
-    damped = damping_model(law) != 0
+    return _eigenvalue_gradient(_balanced(state, law))
+
+
+def _eigenvalue_gradient(here: LinearisedState) -> Gradient:
+    damped = damping_model(here.law) != 0
     return _gradient(here, (_deciding_exponent if damped else _deciding_mode)(here))._replace(damped=damped)
 
 
@@ -465,7 +468,13 @@ class VerdictProbability(NamedTuple):
 
 @checked
 def verdict_probability(
-    state: State, law: Law, *, position_error: float, samples: int = 100, seed: Seed = 0, report: Report = silent
+    state: State,
+    law: Law,
+    *,
+    position_error: Positive,
+    samples: Annotated[int, POSITIVE] = 100,
+    seed: Seed = 0,
+    report: Report = silent,
 ) -> VerdictProbability:
     """Probability that a packing is stable if its positions have errors of measurement, and the contact that decides.
 
@@ -485,14 +494,13 @@ def verdict_probability(
     ValueError
         where `eigenvalue_gradient` raises it.
     """
-    require_positive(position_error=position_error, samples=samples)
     require_sizes([Size("these are", samples, "members", "use fewer samples")])
     if position_error > 1:
         raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
     if damping_model(law):
         raise ValueError("a law with dashpots was given: the probability of a verdict is that without them")
-    slope, error = eigenvalue_gradient(state, law), position_error * state.grains.radius.mean()
-    here = _balanced(state, law)
+    here, error = _balanced(state, law), position_error * state.grains.radius.mean()
+    slope = _eigenvalue_gradient(here)
     by_position, by_contact = (
         part.imag if slope.value.imag else part.real for part in (slope.by_position, slope.by_contact)
     )

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import jv, spherical_jn, spherical_yn, stdtrit, yv
 
-from ..core.arguments import Bodies, checked, require_not_negative
+from ..core.arguments import Bodies, NotNegative, checked, require_not_negative
 from ..core.contacts.forces import forces
 from ..core.contacts.jacobian import blocks_of, linearise
 from ..core.contacts.memory import FREE, HELD
@@ -309,7 +309,7 @@ class Inflation(NamedTuple):
 
 @checked
 def inflate(
-    state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-6, within: float = 0.0
+    state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-6, within: NotNegative = 0.0
 ) -> Inflation:
     """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, each contact held in its mode.
 
@@ -370,7 +370,6 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
         raise ValueError(
             f"growth = {growth:g} was given: it must be above −1, at most 1, and not below {LEAST:g} in size"
         )
-    require_not_negative(within=within)
     if state.control.cell_free.any():
         raise ValueError("a cell that follows a stress was given: hold it while a grain is inflated")
     if not moves.any():

@@ -1,12 +1,12 @@
 """Equilibrium by Newton's method with incremental memory."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.arguments import NOT_NEGATIVE, Positive, checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.memory import FREE
 from ..core.contacts.neighbors import with_neighbor_list
@@ -100,9 +100,9 @@ def newton(
     state: State,
     law: Law,
     *,
-    tolerance: float | None = None,
-    iterations: int = 30,
-    patience: int | None = None,
+    tolerance: Positive | None = None,
+    iterations: Annotated[int, NOT_NEGATIVE] = 30,
+    patience: Annotated[int, NOT_NEGATIVE] | None = None,
     keep: Factorisation | None = None,
 ):
     """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
@@ -125,7 +125,6 @@ def newton(
         the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
-    require_positive(tolerance=tolerance)
     point, outcome = approach(
         state, law, tolerance=tolerance, iterations=iterations, patience=patience, keep=keep or Factorisation()
     )
@@ -142,7 +141,6 @@ def approach(
 ) -> tuple[TrialPoint, Outcome]:
     """Last trial point of Newton's method, with the smallest residual found, and its outcome; see `newton`."""
     patience = iterations if patience is None else patience
-    require_not_negative(iterations=iterations, patience=patience)
     state = resting(state)  # the dashpots of one in motion would push
     free, loose = freedom(state), _unloaded_grains(state)
     least = least_supports(law, state.cell.dim)

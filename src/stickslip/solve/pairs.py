@@ -5,6 +5,8 @@ certified by Gershgorin discs after similarity passes, in floating point.
 """
 
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -349,7 +351,13 @@ def complex_pairs(
     >>> len(found.eigenvalues), found.eigenvalues[0]  # doctest: +SKIP
     (146, 0.0360062+4.69e-05j)
     """
-    free = freedom(state)
+    return find_pairs(freedom(state), partial(dynamical_matrix, state, law), certificate, report, dense_below)
+
+
+def find_pairs(
+    free: Freedom, matrix_of: Callable, certificate: bool, report: Report, dense_below: int = DENSE_BELOW
+) -> ComplexPairs:
+    """All complex pairs of the matrix A that a function gives for the coordinates `free`; see `complex_pairs`."""
     n = len(free)
     if not n:
         raise ValueError("nothing is free to move: pairs need at least one free coordinate")
@@ -360,7 +368,7 @@ def complex_pairs(
         )
     if certificate:
         report(STAGE, 0.0, f"certificate of {n} coordinates, estimated time {format_seconds(certificate_seconds(n))}")
-    matrix = dynamical_matrix(state, law, free)
+    matrix = matrix_of(free)
     # a row of zeros gives a zero eigenvalue, and its coordinate does not move in any other mode
     held = np.flatnonzero(abs(matrix).sum(axis=1))
     matrix = matrix[held][:, held]

@@ -11,15 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 
-from ..core.arguments import (
-    Numbers,
-    Values,
-    checked,
-    require_filled,
-    require_index,
-    require_not_negative,
-    require_shape,
-)
+from ..core.arguments import NotNegative, Numbers, Values, checked, require_filled, require_index, require_shape
 from ..core.contacts.jacobian import blocks_of, cross_matrix, linearise
 from ..core.fields import LARGEST
 from ..core.laws.builtin import Law
@@ -134,7 +126,6 @@ def _gather(whole: Freedom, weights: np.ndarray) -> np.ndarray:
 
 def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) -> ForcedMotion:
     """Linearised motion of a balanced packing with drag and dashpots."""
-    require_not_negative(drag=drag, spin_drag=spin_drag)
     here = balanced(state, law)
     state, free = here.state, here.backbone
     if not len(free):
@@ -160,8 +151,8 @@ def drag_rates(axis: np.ndarray, drag: float, spin_drag: float | None) -> np.nda
 
 @checked
 def frequency_response(
-    state: State, law: Law, drive: Numbers, frequency: Values, *, observe: Numbers | None = None, drag: float = 0.0,
-    spin_drag: float | None = None, report: Report = silent,
+    state: State, law: Law, drive: Numbers, frequency: Values, *, observe: Numbers | None = None,
+    drag: NotNegative = 0.0, spin_drag: NotNegative | None = None, report: Report = silent,
 ) -> FrequencyResponse:  # fmt: skip
     """Transfer function C (A + iωD − ω²)⁻¹ B of the motion M q̈ = J q + C q̇ − M ν q̇ around an equilibrium.
 
@@ -393,8 +384,6 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     contact : row of the contact list, see `measure.touching`
     """
     require_index(int(state.contacts.count[0]), contact=contact)
-    contact = int(contact)
-    contact = int(contact)
     normal = branch_vectors(state)[contact]
     normal = normal / np.linalg.norm(normal)
     if state.cell.dim == 2:
@@ -464,7 +453,7 @@ def _isotropic(tensor: np.ndarray) -> np.ndarray:
 
 @checked
 def complex_moduli(
-    state: State, law: Law, frequency: Values, *, drag: float = 0.0, spin_drag: float | None = None,
+    state: State, law: Law, frequency: Values, *, drag: NotNegative = 0.0, spin_drag: NotNegative | None = None,
     report: Report = silent,
 ) -> ComplexModuli:  # fmt: skip
     """Storage and loss moduli C* = −(ℓ²/V) (K_cc + K_cg u), (−ω²M + iωMν − K_gg) u = K_gc, K = J + iωC.
@@ -500,7 +489,6 @@ def complex_moduli(
     >>> answer.tensor.shape, bool((answer.shear.imag > 0).all())
     ((2, 3, 3, 3, 3), True)
     """
-    require_not_negative(drag=drag, spin_drag=spin_drag)
     frequency = as_frequencies(frequency)
     check_cell(state, "complex moduli")
     state, stiff, free, grain, cell = with_free_cell(balanced(state, law).state, law)

@@ -1,12 +1,12 @@
 """Sensitivity of stability to single contacts: their stiffness, sliding and opening."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
-from ..core.arguments import checked
+from ..core.arguments import NOT_NEGATIVE, checked
 from ..core.contacts.jacobian import Linearisation, blocks_of, contact_blocks, linearise
 from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
@@ -92,7 +92,7 @@ class _ModeData(NamedTuple):
 
 @checked
 def contact_sensitivity(
-    state: State, law: Law, *, pair: int = 0, most: int | None = None, report: Report = silent
+    state: State, law: Law, *, pair: int = 0, most: Annotated[int, NOT_NEGATIVE] | None = None, report: Report = silent
 ) -> ContactSensitivity:
     """Sensitivity of a complex pair, and of the stability verdict, to single contacts.
 
@@ -145,8 +145,6 @@ def contact_sensitivity(
         raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
         raise ValueError(f"{len(free)} coordinates were given: sensitivities need all modes and take at most {AT_MOST}")
-    if most is not None and most < 0:
-        raise ValueError(f"most = {most} was given: it must be a number of changes, at least 0")
     if (residual := force_imbalance(here)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with suitable_threads(len(free)):

@@ -1,6 +1,6 @@
 """Spectrum of −M⁻¹J: stability, complex pairs, growth rates, mode shapes, tracking along a load, density of states."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.linalg import eig, eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
-from ..core.arguments import Seed, checked, require_not_negative
+from ..core.arguments import NotNegative, Seed, checked
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
@@ -211,7 +211,9 @@ def symmetric_part_is_positive(matrix, rigid: np.ndarray) -> bool:
 
 
 @checked
-def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float | None = None) -> np.ndarray:
+def damped_growth(
+    state: State, law: Law, *, drag: NotNegative = 0.0, spin_drag: NotNegative | None = None
+) -> np.ndarray:
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
     All free coordinates take part, those of rattlers and common translations too: without drag each adds s = 0 twice.
@@ -225,7 +227,6 @@ def damped_growth(state: State, law: Law, *, drag: float = 0.0, spin_drag: float
     (2n,) complex [1/time]; unstable if any real part is positive. Without drag and dashpots, s² = −λ.
     """
     free = freedom(state)
-    require_not_negative(drag=drag, spin_drag=spin_drag)
     _, dashpots = contact_blocks(state, law)
     rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
     upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
@@ -359,7 +360,8 @@ class DensityOfStates(NamedTuple):
 
 @checked
 def density_of_states(
-    state: State, law: Law, *, bins: int | np.ndarray = 50, method: str = "auto", probes: int = PROBES, seed: Seed = 0,
+    state: State, law: Law, *, bins: int | np.ndarray = 50,
+    method: Literal["auto", "dense", "polynomials"] = "auto", probes: int = PROBES, seed: Seed = 0,
     report: Report = silent,
 ) -> DensityOfStates:  # fmt: skip
     """Density of states D(ω) = (1/n) Σ_k δ(ω − ω_k), ω_k = |Re √λ_k| of the n eigenvalues of −M⁻¹J.
@@ -391,8 +393,6 @@ def density_of_states(
     ...
     ValueError: the packing has only rattlers: a density of states needs grains ...
     """
-    if method not in ("auto", "dense", "polynomials"):
-        raise ValueError(f"method {method!r} was given: use auto, dense or polynomials")
     if isinstance(bins, int | np.integer):
         require_sizes([Size(f"bins = {bins} makes", bins, "points", "use fewer bins")])
     free = backbone(state, law)

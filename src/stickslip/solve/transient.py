@@ -1,6 +1,6 @@
 """Non-normal dynamics of a stable packing: transient growth of disturbances, and fluctuations under noise."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy  # scipy.optimize is imported on first use
@@ -17,7 +17,7 @@ from scipy.linalg import (
 )
 from scipy.sparse.linalg import LinearOperator, svds
 
-from ..core.arguments import Numbers, checked, require_not_negative, require_positive
+from ..core.arguments import NotNegative, Numbers, Positive, checked
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law, damping_model
 from ..core.progress import Report, silent
@@ -82,7 +82,7 @@ def transient_growth(
     state: State,
     law: Law,
     *,
-    norm: str = "energy",
+    norm: Literal["energy", "displacement"] = "energy",
     duration: float | None = None,
     samples: int = 100,
     report: Report = silent,
@@ -137,8 +137,6 @@ def transient_growth(
     >>> round(found.amplitude, 6), round(found.bound, 6)
     (1.0, 1.0)
     """
-    if norm not in ("energy", "displacement"):
-        raise ValueError(f"norm {norm!r} was given: use energy or displacement")
     require_sizes([Size(f"samples = {samples} makes", samples, "samples", "use fewer")])
     free = backbone(state, law)
     if len(free) > AT_MOST:
@@ -397,8 +395,8 @@ class Fluctuations(NamedTuple):
 
 @checked
 def stationary_fluctuations(
-    state: State, law: Law, *, temperature: float = 1.0, noise: Numbers | None = None, drag: float = 0.0,
-    spin_drag: float | None = None,
+    state: State, law: Law, *, temperature: Positive = 1.0, noise: Numbers | None = None,
+    drag: NotNegative = 0.0, spin_drag: NotNegative | None = None,
 ) -> Fluctuations:  # fmt: skip
     """Stationary covariance L Σ + Σ Lᵀ + Q = 0 of M q̈ = J q + C q̇ − M ν q̇ + ξ, and its distance from instability.
 
@@ -441,8 +439,6 @@ def stationary_fluctuations(
     >>> bool(noisy.distance <= noisy.decay)
     True
     """
-    require_positive(temperature=temperature)
-    require_not_negative(drag=drag, spin_drag=spin_drag)
     motion = forced_motion(state, law, drag, spin_drag)
     free = motion.free
     if len(free) > COVARIANCES_UP_TO:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import Numbers, Series, checked, require_positive
+from ..core.arguments import NotNegative, Numbers, Positive, Series, checked
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
 from ..core.laws.builtin import SHARP, Law
@@ -36,8 +36,9 @@ class Trigger(NamedTuple):
 
 @checked
 def trigger_amplitude(
-    state: State, law: Law, drive: Numbers, *, frequency: float | None = None, times: Series | None = None,
-    factors: Series | None = None, duration: float | None = None, drag: float = 0.0, spin_drag: float | None = None,
+    state: State, law: Law, drive: Numbers, *, frequency: Positive | None = None, times: Series | None = None,
+    factors: Series | None = None, duration: Positive | None = None, drag: NotNegative = 0.0,
+    spin_drag: NotNegative | None = None,
     dynamics: bool = True,
 ) -> Trigger:  # fmt: skip
     """Smallest amplitude of a drive at which a contact first reaches the Coulomb limit: how strong must a wave be?
@@ -100,7 +101,6 @@ def trigger_amplitude(
     else:
         times, factors = np.asarray(times, float), np.asarray(factors, float)
         duration = 2 * times[-1] if duration is None else duration
-        require_positive(duration=duration)
         ways = _pulse_ways(motion, drive, times, factors, duration, _time_step(motion, motion.here.state))
     amplitude, contact = _first_limit(motion, ways)
     if not dynamics or not np.isfinite(amplitude):
@@ -119,10 +119,9 @@ def _check_drive(drive, frequency, times, factors) -> None:
         raise ValueError(f"{len(drive)} drives were given where one is needed: combine them first")
     if (frequency is None) == (times is None) or (times is None) != (factors is None):
         raise ValueError("give either a frequency, or the times and factors of a pulse")
-    if frequency is not None:
-        require_positive(frequency=frequency)
-        return
-    if np.shape(times) != np.shape(factors) or len(times) < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
+    if frequency is None and (
+        np.shape(times) != np.shape(factors) or len(times) < 2 or times[0] != 0 or not (np.diff(times) > 0).all()
+    ):
         raise ValueError("a pulse needs as many factors as times, and times that increase from zero")
 
 
