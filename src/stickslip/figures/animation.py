@@ -71,7 +71,10 @@ def movie(
     with common_style(**settings):
         figure = OwnFigure(figsize=(inches, height), dpi=100)
         axes = figure.add_axes([0.01, below / height, 0.98, 1 - (below + above) / height])
-        writer = _make_writer(path, fps)
+        writer: GifWriter | FFMpegWriter = GifWriter(fps=fps)
+        if path.suffix.lower() == ".mp4":
+            extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
+            writer = FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
@@ -106,13 +109,6 @@ def _explain_ffmpeg_failure():
         raise RuntimeError(
             f"ffmpeg ended before the movie was complete ({how}): free some space if the disk is full, or write a .gif"
         ) from None
-
-
-def _make_writer(path: Path, fps: int):
-    if path.suffix.lower() == ".gif":
-        return GifWriter(fps=fps)
-    extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
-    return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 
 
 class GifWriter(PillowWriter):

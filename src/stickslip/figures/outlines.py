@@ -117,11 +117,12 @@ def quantities(
     """
     grains, dim = frame.state.grains, frame.state.cell.dim
     length, speed = unit_name("length"), unit_name("length/time")
+    slides = (frame.contacts["mode"] == SLIDE).astype(float)
     out = {
         "radius": (grains.radius, length),
         "material": (grains.material, ""),
         "coordination": (frame.grains["coordination"], ""),
-        "sliding contacts": (_count_sliding(frame), ""),
+        "sliding contacts": (_by_grain(frame, slides, slides).astype(int), ""),
     }
     if "force_n" in frame.contacts:
         plain = "force/length" if dim == 2 else "force/length²"
@@ -143,11 +144,6 @@ def _by_grain(frame: Frame, i: np.ndarray, j: np.ndarray) -> np.ndarray:
     c, n = frame.contacts, len(frame.state.grains.radius)
     ends, values = np.concatenate([c["i"], c["j"]]), np.concatenate([i, j])
     return np.bincount(ends[ends < n], values[ends < n], minlength=n)
-
-
-def _count_sliding(frame: Frame) -> np.ndarray:
-    slides = (frame.contacts["mode"] == SLIDE).astype(float)
-    return _by_grain(frame, slides, slides).astype(int)
 
 
 def _pressure(frame: Frame) -> np.ndarray:

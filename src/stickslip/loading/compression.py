@@ -15,7 +15,7 @@ from ..core.fields import LARGEST
 from ..core.laws.builtin import Law, hertz_mindlin, linear
 from ..core.measure import coordination, packing_fraction, volume
 from ..core.measure import pressure as pressure_of
-from ..core.outcome import NotInEquilibriumError, Outcome
+from ..core.outcome import NotInEquilibriumError
 from ..core.progress import Report, silent
 from ..core.scales import natural_scales
 from ..core.state import Control, State, as_rows, assembly, box, disks, flat_walls, loads, resting, spheres
@@ -88,7 +88,7 @@ def compressed(
     Raises
     ------
     ValueError
-        if an argument is invalid, or grains under this law cannot carry the pressure.
+        if grains under this law cannot carry the pressure.
     NotInEquilibriumError
         if the pressure was not reached; the message says how far the compression got.
 
@@ -188,15 +188,22 @@ def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance
     level = next(levels)
     for _ in range(STEPS // block):
         state, _, outcome = run(state, law, block, scales.dt, drag=CRITICAL / scales.time, tolerance=level)
-        report("compression", *_progress(state, law, pressure, outcome))
-        if outcome.broken or packing_fraction(state) > DENSEST or _width(state) < state.grains.radius.max():
+        reached, fraction = pressure_of(state, law), packing_fraction(state)
+        text = (
+            f"pressure {reached:.3g}, unbalanced force {outcome.residual:.1e}, contact number {coordination(state):.3f}"
+        )
+        report("compression", float(np.clip(reached / p, 0.0, 1.0)), f"{text}, packing fraction {fraction:.4f}")
+        if outcome.broken or fraction > DENSEST or _width(state) < state.grains.radius.max():
             break
         if outcome.ok:
             end, outcome = newton(stopped(state), law, tolerance=tolerance)
             if outcome.ok:
                 return end
             level = next(levels, level)
-    raise _pressure_error(state, law, pressure, outcome)
+    message = f"no packing at rest under a pressure of {p:g} was found"
+    if not outcome.broken:
+        message += f", the compression ended at {reached:.3g} with a packing fraction of {fraction:.4g}"
+    raise NotInEquilibriumError(message, outcome)
 
 
 def critical_mass(state: State, pressure: float, scales: Scales) -> float:
@@ -213,20 +220,6 @@ def _width(state: State) -> float:
 def stopped(state: State) -> State:
     """State that does not move, at time zero."""
     return resting(state)._replace(instant=None, time=0.0)
-
-
-def _progress(state: State, law: Law, wanted: float, outcome: Outcome) -> tuple[float, str]:
-    reached, number = pressure_of(state, law), coordination(state)
-    progress = f"pressure {reached:.3g}, unbalanced force {outcome.residual:.1e}, contact number {number:.3f}"
-    return float(np.clip(reached / wanted, 0.0, 1.0)), f"{progress}, packing fraction {packing_fraction(state):.4f}"
-
-
-def _pressure_error(state: State, law: Law, wanted: float, outcome: Outcome) -> NotInEquilibriumError:
-    message = f"no packing at rest under a pressure of {wanted:g} was found"
-    if not outcome.broken:
-        reached, fraction = pressure_of(state, law), packing_fraction(state)
-        message += f", the compression ended at {reached:.3g} with a packing fraction of {fraction:.4g}"
-    return NotInEquilibriumError(message, outcome)
 
 
 @checked

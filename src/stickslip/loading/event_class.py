@@ -129,16 +129,27 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     elif kind is EventKind.UNRESOLVED and event.beyond is not None and event.beyond.oscillates:
         kind = EventKind.PAIR
     contacts = event.last.state.contacts
+    # of the unstable equilibrium, else of the switched state, else of the motion
+    if event.beyond is not None:
+        growth = float(event.beyond.exponents.max())
+    elif values is not None:
+        growth = float(judge.exponents(values).max())
+    else:
+        growth = motion_growth(before, event.upper, judge)
     moved = displacement(before.state, after.state, after.strain - before.strain)
     jump, participation = jump_size(moved, before.response.support.grains)
     (shear, pressure), end = before.stress, after.stress[0]
-    opened, closed = _changes(before, after)
+    # contacts that bear nothing neither open nor close
+    (held, touched), (holds, touches) = (
+        (set(p.state.contacts.key[np.flatnonzero(p.response.support.contacts)].tolist()),
+         set(p.state.contacts.key[touching(p.state)].tolist())) for p in (before, after)
+    )  # fmt: skip
     return Event(
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
         profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
         float(event.last.response.mobilisation[row]) if trigger else np.nan,
-        margin(values, judge.drag) if trigger else np.nan, _growth_rate(event, values), (shear - end) / pressure,
-        jump / judge.diameter, participation, opened, closed, np.nan,
+        margin(values, judge.drag) if trigger else np.nan, growth, (shear - end) / pressure,
+        jump / judge.diameter, participation, len(held - touches), len(holds - touched), np.nan,
     )  # fmt: skip
 
 
@@ -322,15 +333,6 @@ def _coordinates(response, strain: float) -> np.ndarray:
     return strain * flat[response.free.component]
 
 
-def _growth_rate(event: Break, values: np.ndarray | None) -> float:
-    """Initial growth rate: of the unstable equilibrium, else of the switched state, else of the motion [1/time]."""
-    if event.beyond is not None:
-        return float(event.beyond.exponents.max())
-    if values is not None:
-        return float(event.before.judge.exponents(values).max())
-    return motion_growth(event.before, event.upper, event.before.judge)
-
-
 def motion_growth(point: Point, strain: float, judge: Judge) -> float:
     """Growth rate of the motion that follows a strain step, from its kinetic energy K(t) ~ exp(2 g t) [1/time].
 
@@ -358,12 +360,3 @@ def jump_size(moved: np.ndarray, grains: np.ndarray) -> tuple[float, float]:
     if not square.any():
         return 0.0, 1.0
     return float(np.sqrt(square.mean())), float(square.sum() ** 2 / (len(square) * (square**2).sum()))
-
-
-def _changes(before: Point, after: Point) -> tuple[int, int]:
-    """Number of contacts that opened and closed; contacts that bear nothing do not count."""
-    (held, touched), (holds, touches) = (
-        (set(p.state.contacts.key[np.flatnonzero(p.response.support.contacts)].tolist()),
-         set(p.state.contacts.key[touching(p.state)].tolist())) for p in (before, after)
-    )  # fmt: skip
-    return len(held - touches), len(holds - touched)

@@ -153,7 +153,7 @@ def jammed(
     Raises
     ------
     ValueError
-        if an argument is invalid, or the packing does not jam at this packing fraction.
+        if the packing does not jam at this packing fraction, or does not reach the pressure.
 
     Examples
     --------

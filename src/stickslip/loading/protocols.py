@@ -503,9 +503,11 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    chunks = _chunk_sizes(
-        min(e_folds / rate, duration) / dt / every, min(least, duration) / dt / every, max(20, snapshots)
-    )
+    # samples per chunk: chunks for the growth, and as many afterwards if the run must be longer
+    count = max(20, snapshots)
+    chunks = [max(1, int(min(e_folds / rate, duration) / dt / every / count))] * count
+    rest = int(min(least, duration) / dt / every) - sum(chunks)
+    chunks += [max(1, rest // count)] * (count if rest > 0 else 0)
     here, series, taken, turns = with_random_velocity(state, modes, seed, velocity), [], [], []
     close = (np.zeros(0), np.zeros(0))
     for k, chunk in enumerate(chunks):
@@ -541,13 +543,6 @@ def release(
         constant, np.array([t for t, _ in turns]), np.array([x for _, x in turns]).reshape(-1, TURN, len(held), 3),
         *close,
     )  # fmt: skip
-
-
-def _chunk_sizes(growing: float, least: float, count: int) -> list[int]:
-    """Samples per chunk: `count` chunks for the growth, and as many afterwards if the run must be longer."""
-    first = [max(1, int(growing / count))] * count
-    rest = int(least) - sum(first)
-    return first + [max(1, rest // count)] * (count if rest > 0 else 0)
 
 
 def _envelope_rows(values: np.ndarray, most: int) -> np.ndarray:

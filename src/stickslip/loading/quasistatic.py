@@ -81,9 +81,7 @@ def aqs(
         return sheared(state, strain - shear_strain(state), slip=slip)
 
     def settle(state, strain):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path contains the spectrum
-            end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
+        end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
         if not outcome.ok:
             raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)
         return end, outcome
@@ -103,8 +101,9 @@ class Watch:
         """Equilibrium at the end of a step, with a warning if it is unstable or on another branch."""
         off = self._distance(start, point)
         unstable, left = instability(point.spectrum, point.state, self.law, self.drag), off != 0
+        away = f", {off:.2g} mean diameters away" if np.isfinite(off) else ""
         notes = [str(unstable)] if unstable else []
-        notes += [f"the step left its branch: smaller steps do not lead to this state{_diameters(off)}"] if left else []
+        notes += [f"the step left its branch: smaller steps do not lead to this state{away}"] if left else []
         if not notes:
             return point
         if self.choice == "stop":
@@ -154,10 +153,6 @@ class Watch:
         self.rate = None
         modes = spectrum(end.state, self.law, modes=self.modes)
         return point._replace(state=end.state, spectrum=modes), True
-
-
-def _diameters(off: float) -> str:
-    return f", {off:.2g} mean diameters away" if np.isfinite(off) else ""
 
 
 class Instability(NamedTuple):
@@ -299,9 +294,7 @@ def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> P
 def _settle(state: State, load: float, law: Law, tolerance: float) -> tuple[State, Outcome]:
     """Equilibrium at a load, by `equilibrate`."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path contains the spectrum
-            end, outcome = equilibrate(state, law, tolerance=tolerance, check="nothing")
+        end, outcome = equilibrate(state, law, tolerance=tolerance, check="nothing")
     except TooFarApartError:
         end, outcome = state, Outcome(Status.STEPS_SPENT, np.inf, 0)  # the sample flowed without end
     if not outcome.ok:

@@ -17,9 +17,7 @@ from ..core.outcome import NotInEquilibriumError, Outcome
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import Control, State
-from ..solve.equilibrate import PATIENCE
-from ..solve.freedom import freedom
-from ..solve.linear import DENSE_BELOW
+from ..solve.equilibrate import patience_for
 from ..solve.newton import Factorisation, approach, at_rest, newton
 from .compression import Scales, critical_mass, stopped
 
@@ -56,8 +54,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
     NotInEquilibriumError
         if the sample does not come to rest.
     """
-    patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
-    point, first = approach(state, law, tolerance=tolerance, patience=patience, keep=keep)
+    point, first = approach(state, law, tolerance=tolerance, patience=patience_for(state), keep=keep)
     if first.ok:
         return at_rest(point), first
     keep.solve = None
@@ -81,8 +78,8 @@ def strain_step(
     tolerance, keep : see `settle`
     account : ledger of the path so far
     """
-    patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
-    point, first = approach(strained(state, gradient), law, tolerance=tolerance, patience=patience, keep=keep)
+    there, patience = strained(state, gradient), patience_for(state)
+    point, first = approach(there, law, tolerance=tolerance, patience=patience, keep=keep)
     if first.ok and account.balances(end := at_rest(point)):
         account.post(end)
         return end, first
@@ -100,14 +97,14 @@ def _come_to_rest(
     state: State, law: Law, scales: Scales, tolerance: float, account: Account | None = None
 ) -> tuple[State, Outcome]:
     """Equilibrium that damped dynamics leads to."""
-    patience, here, spent = PATIENCE[len(freedom(state)) >= DENSE_BELOW], state, 0
+    here, spent = state, 0
     for share in LEVELS:
         here, outcome, steps = _damp(here, law, scales, share * scales.force, LONGEST - spent, account)
         spent += steps
         if not outcome.ok:
             raise NotInEquilibriumError("the sample does not come to rest", outcome)
         rest = stopped(here)._replace(time=state.time)
-        end, solved = newton(rest, law, tolerance=tolerance, patience=patience)
+        end, solved = newton(rest, law, tolerance=tolerance, patience=patience_for(state))
         if solved.ok:
             if account:
                 account.stop(rest)

@@ -406,13 +406,15 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
     back = wrapped(reduced_cell(end))
     change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
     shift = back.grains.position - end.grains.position
-    return tuple(_shift(old, change, shift) for old in earlier), back
-
-
-def _shift(state: State, change: np.ndarray, shift: np.ndarray) -> State:
-    """Positions and cell of a state, of which `travel` needs no more, in another cell of the lattice and shifted."""
-    cell = state.cell._replace(vectors=change @ state.cell.vectors)
-    return state._replace(cell=cell, grains=state.grains._replace(position=state.grains.position + shift))
+    # of earlier states, `travel` needs positions and cell alone
+    moved = [
+        old._replace(
+            cell=old.cell._replace(vectors=change @ old.cell.vectors),
+            grains=old.grains._replace(position=old.grains.position + shift),
+        )
+        for old in earlier
+    ]
+    return tuple(moved), back
 
 
 def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynamics, report) -> np.ndarray:

@@ -13,7 +13,7 @@ from ..core.contacts.memory import AT_LIMIT, ROUND_OFF
 from ..core.contacts.neighbors import body_radii
 from ..core.laws.builtin import LEVER, ROLLING, SHARP, TWISTING, Law
 from ..core.measure import Committed, contact_velocity, overlaps, touching, volume
-from ..core.state import SLIDE, STICK, Contacts, State
+from ..core.state import SLIDE, STICK, State
 from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_grains
 
 # Share of the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, moving grains at random changes
@@ -347,13 +347,16 @@ def modes_under(state: State, law: Law, line: Linearisation) -> State:
     slides = (pull > line.limit + slack) | ((mode == STICK) & (line.limit == 0) & (overlaps(state) > 0))
     if not (sticks | slides).any():
         return state
-    return state._replace(contacts=_set_modes(contacts, sticks, slides, forces(state, law)[1].slip))
-
-
-def _set_modes(contacts: Contacts, sticks: np.ndarray, slides: np.ndarray, cut: np.ndarray) -> Contacts:
-    count, mode, slip, reached = len(sticks), contacts.mode.copy(), contacts.slip.copy(), contacts.reached.copy()
+    mode, slip, reached = contacts.mode.copy(), contacts.slip.copy(), contacts.reached.copy()
     mode[:count][sticks], mode[:count][slides] = STICK, SLIDE
-    slip[:count][slides] = cut[:count][slides]
+    slip[:count][slides] = forces(state, law)[1].slip[:count][slides]
     reached[:count][slides] = slip[:count][slides].any(axis=1)
     reached[:count][sticks] = False
-    return contacts._replace(mode=mode, slip=slip, reached=reached)
+    return state._replace(contacts=contacts._replace(mode=mode, slip=slip, reached=reached))
+
+
+def with_mode(state: State, rows: np.ndarray, mode: int) -> State:
+    """State with the contacts of some rows in another mode."""
+    modes = state.contacts.mode.copy()
+    modes[rows] = mode
+    return state._replace(contacts=state.contacts._replace(mode=modes))

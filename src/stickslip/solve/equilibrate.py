@@ -38,7 +38,7 @@ BALANCED = 5e-14  # default tolerance, in natural units of force
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 SHARES = (3e-1, 1e-2, 3e-4)  # likewise, over the residual at which Newton's method stalled
 FEW = 3000  # steps of damped dynamics in a stage before it starts again from the beginning of the step
-PATIENCE = (8, 1)  # slow steps of Newton's method after which damped dynamics is faster, in small and in large systems
+PATIENCE = (8, 1)  # in small and in large systems, see `patience_for`
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
 # further drags, tried one after the other: the softest modes of a nearly unjammed packing come to rest sooner, and a
@@ -130,14 +130,13 @@ def equilibrate(
 
 def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factorisation, steps: int):
     """Newton's method; if it stalls, damped dynamics from where it stalled, and at last from the start of the step."""
-    patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
-    point, first = approach(state, law, tolerance=tolerance, patience=patience, keep=keep)
+    point, first = approach(state, law, tolerance=tolerance, patience=patience_for(state), keep=keep)
     if first.ok:
         return at_rest(point), first
     keep.solve, keep.found_stable = None, -1
     if point.vector.any() and np.isfinite(point.worst):
         stages = [share * point.worst for share in SHARES]
-        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, patience, min(steps, FEW), first)
+        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, min(steps, FEW), first)
         if outcome.ok:
             return end, outcome
     here = with_neighbor_list(state, law)
@@ -145,15 +144,18 @@ def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factoris
     force = mean_normal_force(held, law) or residual(state, law)[0]
     stages = [share * force for share in STAGES]
     for drag in (DRAG, *WEAK_DRAGS):
-        end, outcome = _damped_dynamics(state, law, tolerance, stages, patience, steps, first, drag)
+        end, outcome = _damped_dynamics(state, law, tolerance, stages, steps, first, drag)
         if outcome.ok:
             break
     return end, outcome
 
 
-def _damped_dynamics(
-    state: State, law: Law, tolerance: float, stages, patience: int, steps: int, first: Outcome, drag: float = DRAG
-):
+def patience_for(state: State) -> int:
+    """Slow steps of Newton's method after which damped dynamics is faster."""
+    return PATIENCE[len(freedom(state)) >= DENSE_BELOW]
+
+
+def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: int, first: Outcome, drag: float = DRAG):
     """Run damped dynamics, with Newton's method after each stage; `stages` are residuals [force]."""
     here, spent = with_neighbor_list(state, law), 0
     held = accept(here, forces(here, law)[1])
@@ -163,7 +165,7 @@ def _damped_dynamics(
         spent += moved.iterations
         if moved.broken:
             return state, moved
-        patient = None if stage == stages[-1] else patience
+        patient = None if stage == stages[-1] else patience_for(state)
         end, outcome = newton(here, law, tolerance=tolerance, patience=patient, keep=Factorisation())
         if outcome.ok:
             how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
@@ -175,37 +177,36 @@ def _damped_dynamics(
 
 def _describe_instability(here: LinearisedState, check: str) -> str:
     """Describe the instability of an equilibrium; empty if none was found."""
-    free = freedom(here.state)
+    free, pairs, rate = freedom(here.state), 0, 0.0
     matrix = here.dynamical_matrix(free)
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         # without rattlers, whose zeros would crowd out the other eigenvalues
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)
         if symmetric_part_is_positive(matrix[held][:, held], translations(matrix, free)[held]):
             return ""
-        return _instability_message(len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
-    with suitable_threads(matrix.shape[0]):
-        return _check_dense(matrix.toarray(), check)
-
-
-def _check_dense(full: np.ndarray, check: str) -> str:
-    scale = np.abs(full).max(initial=0.0)
-    if check == "buckling":
-        try:
-            # if the symmetric part is positive definite, every eigenvalue has a positive real part
-            cholesky(0.5 * (full + full.T) + 1e-8 * scale * np.eye(len(full)), overwrite_a=True, check_finite=False)
-            return ""
-        except LinAlgError:
-            pass
-    values = eigvals(full, check_finite=False)
-    buckling = int((values.real < -1e-8 * scale).sum())
-    pairs = int((values.imag > 1e-9 * scale).sum()) if check == "spectrum" else 0
-    return _instability_message(buckling, pairs, float(np.abs(np.sqrt(values).imag).max()) if pairs else 0.0)
-
-
-def _instability_message(buckling: int, pairs: int, rate: float) -> str:
+        buckling = len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0])
+    else:
+        full = matrix.toarray()
+        scale = np.abs(full).max(initial=0.0)
+        with suitable_threads(len(full)):
+            if check == "buckling" and _is_definite(full + full.T, scale):
+                return ""
+            values = eigvals(full, check_finite=False)
+        buckling = int((values.real < -1e-8 * scale).sum())
+        if check == "spectrum":
+            pairs, rate = int((values.imag > 1e-9 * scale).sum()), float(np.abs(np.sqrt(values).imag).max(initial=0.0))
     motions = [f"{pluralize(buckling, 'direction')} of negative stiffness"] if buckling else []
     motions += [f"{pluralize(pairs, 'complex pair')}, growing as exp({rate:.2e} t)"] if pairs else []
     return f"the equilibrium is unstable: {' and '.join(motions)}" if motions else ""
+
+
+def _is_definite(twice: np.ndarray, scale: float) -> bool:
+    """Return True if half a symmetric matrix is positive definite: every eigenvalue then has a positive real part."""
+    try:
+        cholesky(0.5 * twice + 1e-8 * scale * np.eye(len(twice)), overwrite_a=True, check_finite=False)
+    except LinAlgError:
+        return False
+    return True
 
 
 @checked
@@ -265,7 +266,8 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
     steps : int, largest number of steps; if they do not suffice, the last positions are returned
     """
     check_kind(law.kind)
-    order = _order_in_space(state)
+    # neighbours in space are close in memory
+    order = np.lexsort(np.floor(state.grains.position / (2 * state.grains.radius.max())).T)
     contacts = empty_contacts(state.n_bodies, 0, SKIN * state.grains.radius.min())._replace(gap=state.contacts.gap)
     here = state._replace(grains=Grains(*(part[order] for part in state.grains)), contacts=contacts)
     velocity, force = np.zeros((2, state.n_bodies, 3))
@@ -285,9 +287,3 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
     position = np.empty_like(state.grains.position)
     position[order] = here.grains.position
     return state._replace(grains=state.grains._replace(position=position), contacts=state.contacts._replace(stale=True))
-
-
-def _order_in_space(state: State) -> np.ndarray:
-    """Order of grains in which neighbours in space are close in memory, (N,)."""
-    edge = 2 * state.grains.radius.max()
-    return np.lexsort(np.floor(state.grains.position / edge).T)

@@ -46,20 +46,6 @@ FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mea
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 
 
-def leapfrog(indptr, indices, blocks, bucket, signs, q, v, record):
-    """Advance q and v in place by len(record) steps, and record signed sums of q.
-
-    Parameters
-    ----------
-    indptr, indices, blocks : (n/3 + 1,) int64, (m,) uint32, (m, 9) float32; the matrix in blocks of three rows
-    bucket, signs : (n,) int64 and float32; the sum to which each row contributes, and its sign
-    q, v : (n, LANES) float32, in rows
-    record : (steps, buckets, LANES) float32, filled with zeros
-    """
-    steps, buckets, _ = record.shape
-    core.leapfrog(len(indptr) - 1, indptr, indices, blocks, bucket, signs, q, v, steps, buckets, record)
-
-
 def time_step(norm: float) -> float:
     """Time step [time]. The limit is 2/√λmax; the Lanczos estimate of λmax is low by less than the margin."""
     return 1.9 / np.sqrt(norm)
@@ -106,7 +92,8 @@ class ProbeRun:
     def _advance_probes(self, q, v) -> tuple[np.ndarray, float]:
         """Advance a few probes in place; return their power spectrum and largest component."""
         record = np.zeros((self.span, BUCKETS, LANES), np.float32)
-        leapfrog(*self.product, *self.sums, q, v, record)
+        rows = len(self.product[0]) - 1  # in blocks
+        core.leapfrog(rows, *self.product, *self.sums, q, v, self.span, BUCKETS, record)
         taper = np.hanning(self.span + 1)[:-1].astype(np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # `advance` checks the size
             power = np.zeros(self.span // 2 + 1)
@@ -124,18 +111,15 @@ class ProbeRun:
         top = (excess == scipy.ndimage.maximum_filter1d(excess, 5)) & (excess > 2 * unit) & (excess > 5 * noise * first)
         index = np.flatnonzero(top)
         gamma = np.log(excess[index] / unit) / (2 * self.span * (len(self.spectra) - 0.5))
-        theta = 2 * np.pi / self.span * (index + self._offset(excess, index))
-        value = 4 / self.dt**2 * np.sin((theta + 1j * gamma) / 2) ** 2
-        growth = np.sqrt(value).imag
-        return [(complex(value[k]), float(growth[k])) for k in np.argsort(-growth)]
-
-    @staticmethod
-    def _offset(excess: np.ndarray, index: np.ndarray) -> np.ndarray:
-        """Offset of each peak from its bin centre, by parabolic interpolation of the logarithms; 0 at the ends."""
+        # offsets from the bin centres, by parabolic interpolation of the logarithms; 0 at the ends
         inside = np.clip(index, 1, len(excess) - 2)
         left, mid, right = (np.log(np.maximum(excess[inside + k], 1e-3 * excess[index])) for k in (-1, 0, 1))
         curve = np.minimum(left + right - 2 * mid, -1e-3)
-        return np.where(inside == index, np.clip((left - right) / (2 * curve), -0.5, 0.5), 0.0)
+        offset = np.where(inside == index, np.clip((left - right) / (2 * curve), -0.5, 0.5), 0.0)
+        theta = 2 * np.pi / self.span * (index + offset)
+        value = 4 / self.dt**2 * np.sin((theta + 1j * gamma) / 2) ** 2
+        growth = np.sqrt(value).imag
+        return [(complex(value[k]), float(growth[k])) for k in np.argsort(-growth)]
 
     def resolution(self, value: complex) -> float:
         """Largest distance in λ of a mode from its peak: half a frequency bin."""

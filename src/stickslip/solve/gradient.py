@@ -232,7 +232,9 @@ def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
     by_end = np.zeros((6, 2, len(here.line.closed)), complex)  # by axis, first or second body, contact
     for axis in np.unique(whole.axis):
         by_end[axis] = task.by_end(
-            lambda h, axis=axis: task.contributions(_with_trial_slips(_moved(state, whole, axis, h), law))
+            lambda h, axis=axis: task.contributions(
+                accept(moved := _moved(state, whole, axis, h), forces(moved, law)[1])
+            )
         )
     given = _by_given_position(task)
     follow = np.stack([task.by_body(side) for side in by_end], axis=1)
@@ -338,10 +340,6 @@ def _by_parameter(task: _Task, pushed: np.ndarray) -> dict[str, complex]:
             ]
             out[name] = complex(sum(terms) / step)
     return out
-
-
-def _with_trial_slips(state: State, law: Law) -> State:
-    return accept(state, forces(state, law)[1])
 
 
 def _balanced(state: State, law: Law) -> LinearisedState:
@@ -509,7 +507,11 @@ def verdict_probability(
     rng, dim, stable = np.random.default_rng(seed), state.cell.dim, 0
     for k in range(samples):
         report("position error", k / samples, f"{stable} of {k} stable")
-        stable += _is_stable_with(here.state, law, error * rng.normal(size=(len(state.grains.radius), dim)))
+        grains, position = here.state.grains, here.state.grains.position.copy()
+        position[:, :dim] += error * rng.normal(size=(len(position), dim))
+        moved = with_neighbor_list(here.state._replace(grains=grains._replace(position=position)), law)
+        result = stability(with_given_slips(moved), law, method="all")
+        stable += bool(combine_stability(result.grows, result.if_stuck))
     tail = (1 - CONFIDENCE) / 2
     low = betaincinv(stable, samples - stable + 1, tail) if stable else 0.0
     high = betaincinv(stable + 1, samples - stable, 1 - tail) if stable < samples else 1.0
@@ -517,11 +519,3 @@ def verdict_probability(
     contact = int(state.contacts.i[worst]), int(state.contacts.j[worst])
     share = float(parts[worst] / max(parts.sum(), 1e-300))
     return VerdictProbability(stable, samples, float(low), float(high), slope.value, float(deviation), contact, share)
-
-
-def _is_stable_with(state: State, law: Law, move: np.ndarray) -> bool:
-    position = state.grains.position.copy()
-    position[:, : move.shape[1]] += move
-    moved = with_neighbor_list(state._replace(grains=state.grains._replace(position=position)), law)
-    result = stability(with_given_slips(moved), law, method="all")
-    return bool(combine_stability(result.grows, result.if_stuck))

@@ -173,7 +173,9 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     tensor = affine + unit * (matrix[cell][:, grain] @ motion)
     shape = (dim,) * 4
     moved = free.length * motion.reshape(len(grain), dim, dim)
-    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, _grain_freedom(free))
+    return ElasticModuli(
+        tensor.reshape(shape), affine.reshape(shape), moved, free.only(free.axis < 6)._replace(length=0.0)
+    )
 
 
 def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:
@@ -208,20 +210,16 @@ def check_cell(state: State, what: str) -> None:
         )
 
 
-def _grain_freedom(free: Freedom) -> Freedom:
-    """Freedom of the grains without the cell."""
-    kept = free.axis < 6
-    place = np.where(free.place < kept.sum(), free.place, -1)
-    return Freedom(free.component[kept], free.mass[kept], free.dim, place, 0.0)
-
-
 def solve_resisted(matrix, pull: np.ndarray, free: Freedom, cause: str = "a strain") -> np.ndarray:
     """Solve J x = −pull, with the cause of the pull; translations and coordinates that nothing resists do not move."""
-    size = np.abs(matrix).sum(axis=1)
-    held = size > HELD_ABOVE * size.max(initial=0.0)
+    size, axis, largest = np.abs(matrix).sum(axis=1), free.axis[: matrix.shape[0]], np.abs(matrix.data).max(initial=0.0)
     scale = size.max(initial=0.0)
+    held = size > HELD_ABOVE * scale
     solved = held.copy()
-    solved[_pinned_coordinates(matrix, held, free)] = False
+    for k in range(free.dim):  # one coordinate is held where nothing resists a common translation
+        along = held & (axis == k)
+        if along.any() and np.abs(matrix @ along.astype(float)).max() <= 1e-10 * largest:
+            solved[np.flatnonzero(along)[0]] = False
     rows = np.flatnonzero(solved)
     inner, out = matrix[rows][:, rows], np.zeros_like(pull)
     try:
@@ -240,17 +238,6 @@ def solve_resisted(matrix, pull: np.ndarray, free: Freedom, cause: str = "a stra
 
 def _is_balanced(matrix, out, pull, scale) -> bool:
     return bool(np.isfinite(out).all()) and np.abs(matrix @ out + pull).max(initial=0.0) <= SOLVED * scale
-
-
-def _pinned_coordinates(matrix, held: np.ndarray, free: Freedom) -> np.ndarray:
-    """One coordinate for each axis along which nothing resists a common translation."""
-    axis, scale = free.axis[: len(held)], np.abs(matrix.data).max(initial=0.0)
-    pins = []
-    for k in range(free.dim):
-        along = held & (axis == k)
-        if along.any() and np.abs(matrix @ along.astype(float)).max() <= 1e-10 * scale:
-            pins.append(np.flatnonzero(along)[0])
-    return np.array(pins, int)
 
 
 def symmetrised(tensor: np.ndarray) -> np.ndarray:

@@ -376,10 +376,14 @@ def find_pairs(
     if len(held) >= dense_below:
         basis = symmetric_basis(matrix, np.float64 if certificate else np.float32, report)
         clusters = find_candidates(basis, report)
-    dense = clusters is None  # small, or K too strong
-    values, vectors, scale = (
-        _pairs_dense(matrix, report) if dense else _refine_clusters(matrix, basis, clusters, report)
-    )
+    if clusters is None:  # small, or K too strong
+        report(STAGE, 0.7, "dense eigenvalues")
+        with suitable_threads(len(held)):
+            values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
+        scale, upper = float(np.abs(values).max(initial=0.0)), values.imag > 0
+        values, vectors = values[upper], vectors[:, upper]
+    else:
+        values, vectors, scale = _refine_clusters(matrix, basis, clusters, report)
     order = np.argsort(-np.abs(np.sqrt(values).imag))
     order = order[values.imag[order] > REAL_BELOW * scale]
     values, vectors = values[order], vectors[:, order]
@@ -389,15 +393,6 @@ def find_pairs(
     modes[held] = vectors / np.sqrt(free.mass[held])[:, None]
     report(STAGE, 1.0, f"{len(values)} complex pairs")
     return ComplexPairs(values, modes, residual, free, certified)
-
-
-def _pairs_dense(matrix, report: Report):
-    """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, from LAPACK."""
-    report(STAGE, 0.7, "dense eigenvalues")
-    with suitable_threads(matrix.shape[0]):
-        values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
-    upper = values.imag > 0
-    return values[upper], vectors[:, upper], float(np.abs(values).max(initial=0.0))
 
 
 def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], report: Report, sweeps: int = 20):

@@ -306,19 +306,14 @@ def _project(motion: ForcedMotion, frequency, force, report: Report) -> np.ndarr
             basis[step + 1] = z / h[step + 1, step]
         if ends or (step + 1) % STEPS == 0 or step + 1 == most:
             report("frequency response", (step + 1) / most, f"{step + 1} vectors")
-            y = _solve_projected(h[: step + 1, : step + 1], shifts)
+            with one_thread():  # (s − H) y = e₁
+                values, vectors = eig(h[: step + 1, : step + 1])
+                first = np.linalg.solve(vectors, np.eye(step + 1)[:, 0].astype(complex))
+            distance = shifts - values[:, None]
+            y = vectors @ (first[:, None] / np.where(distance == 0, 1e-300, distance))
             if ends or np.abs(h[step + 1, step] * y[-1]).max() <= 0.1 * SOLVED:
                 break
     return (size / unit**2) * (basis[: len(y), :n].T @ y)
-
-
-def _solve_projected(h: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """(k, F) solutions of (s − H) y = e₁."""
-    with one_thread():
-        values, vectors = eig(h)
-        first = np.linalg.solve(vectors, np.eye(len(h))[:, 0].astype(complex))
-    distance = shifts - values[:, None]
-    return vectors @ (first[:, None] / np.where(distance == 0, 1e-300, distance))
 
 
 def in_plane(state: State, **named) -> np.ndarray:

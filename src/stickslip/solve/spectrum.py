@@ -461,8 +461,9 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
     moments *= (n - rigid.shape[1]) / moments[0]
     angle = np.arccos(np.clip((edges**2 - centre) / half, -1.0, 1.0))
     angle[0] = np.pi if edges[0] == 0 else angle[0]  # the part smeared below zero belongs to the first bin
-    k = np.arange(1, order)
-    weights = 2 * _jackson_factors(order)[1:, None] * np.sin(k[:, None] * angle) / k[:, None]
+    k, turn = np.arange(1, order), np.pi / (order + 1)  # the factors of Jackson keep the density positive
+    jackson = ((order - k + 1) * np.cos(k * turn) + np.sin(k * turn) / np.tan(turn)) / (order + 1)
+    weights = 2 * jackson[:, None] * np.sin(k[:, None] * angle) / k[:, None]
     above = (angle[:, None] * moments[0] + weights.T @ moments[1:]) / np.pi  # number of λ above each edge
     share = -np.diff(above, axis=0) / (n * np.diff(edges)[:, None])
     error = share.std(axis=1, ddof=1) / np.sqrt(probes)
@@ -482,9 +483,3 @@ def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
     high = top(symmetric)
     low = min(high - top(high * eye - symmetric), 0.0)  # the smallest may be zero, where a relative tolerance fails
     return low - MARGIN * (high - low), high + MARGIN * (high - low)
-
-
-def _jackson_factors(order: int) -> np.ndarray:
-    """(K,) factors of the Jackson kernel, which keep the density positive."""
-    k, step = np.arange(order), np.pi / (order + 1)
-    return ((order - k + 1) * np.cos(k * step) + np.sin(k * step) / np.tan(step)) / (order + 1)

@@ -24,6 +24,7 @@ from .balance import (
     modes_under,
     motion_imbalance,
     no_equilibrium_message,
+    with_mode,
 )
 from .fastest import find_fastest
 from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, assembled, freedom, mass_weighted, stiffness_of, translations
@@ -229,8 +230,12 @@ def stability(
     rows = here.at_limit
     if not len(rows) or slid.method == "none":
         return slid
-    stuck = _analyse(here.with_modes(with_sticking(here.state, rows)), method, has_dashpots and dashpots, report)
-    slid, undamped = (_with_stuck(*both, len(rows)) for both in ((slid, stuck), (slid.undamped, stuck.undamped)))
+    stuck = _analyse(here.with_modes(with_mode(here.state, rows, STICK)), method, has_dashpots and dashpots, report)
+    both = (slid, stuck), (slid.undamped, stuck.undamped)
+    slid, undamped = (
+        one and one._replace(at_limit=len(rows), if_stuck=other, scope=join_scopes(one.scope, MIXED))
+        for one, other in both
+    )
     return slid._replace(undamped=undamped)
 
 
@@ -239,29 +244,17 @@ def join_scopes(*scope: str) -> str:
     return "; ".join(filter(None, scope))
 
 
-def _with_stuck(sliding: Stability | None, stuck: Stability | None, count: int) -> Stability | None:
-    """Stability with contacts at the Coulomb limit sliding, and with them sticking."""
-    return sliding and sliding._replace(at_limit=count, if_stuck=stuck, scope=join_scopes(sliding.scope, MIXED))
-
-
-def unloading_scope(law: Law) -> str:
-    """Scope note for laws whose forces have a kink at the committed memory; empty for other laws."""
-    return UNLOADED if rescales(law) else ""
-
-
-def with_sticking(state: State, rows: np.ndarray) -> State:
-    """State with the given contacts sticking."""
-    mode = state.contacts.mode.copy()
-    mode[rows] = STICK
-    return state._replace(contacts=state.contacts._replace(mode=mode))
-
-
 def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stability:
     """Stability with every contact held in its mode."""
     (state, law, line, rows, loose), free = here, here.backbone
     size = len(free)
     if not size:
-        near = _near_contacts(state)
+        gap, count = -overlaps(state), int(state.contacts.count[0])
+        radius = np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
+        small = np.minimum(radius[state.contacts.i[:count]], radius[state.contacts.j[:count]])
+        close = int(((gap > 0) & (gap < NEAR * small)).sum())
+        told = "as of rigid grains, whose forces must come with them"
+        near = f", and {close} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if close else ""
         raise ValueError(f"the packing has only rattlers{near}: stability needs grains that support each other")
     residual, moves = force_imbalance(here), motion_imbalance(here)
     causes = () if max(residual, moves) <= BALANCED_BELOW else causes_of_imbalance(here)
@@ -282,33 +275,18 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
         negative, zero_modes, soft = soft_modes(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were sought among the {SOFTEST} smallest"
-    scope = join_scopes(scope, unloading_scope(law))
+    unloaded = UNLOADED if rescales(law) else ""
+    scope = join_scopes(scope, unloaded)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     result = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
     if not dashpots:
         return result
     drag = assembled(state, dampers, free)
-    return _with_dashpots(result, law, growing_exponents(matrix, drag, free, result.exponents, asked, report))
-
-
-def _near_contacts(state: State) -> str:
-    """Sentence on grains that nearly touch, as rigid ones do; empty for others."""
-    gap, size = -overlaps(state), np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
-    count = int(state.contacts.count[0])
-    small = np.minimum(size[state.contacts.i[:count]], size[state.contacts.j[:count]])
-    near = int(((gap[:count] > 0) & (gap[:count] < NEAR * small)).sum())
-    told = "as of rigid grains, whose forces must come with them"
-    return f", and {near} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if near else ""
-
-
-def _with_dashpots(undamped: Stability, law: Law, exponents: tuple) -> Stability:
-    """Stability from the exponents with dashpots."""
-    s, modes, slowest, near = exponents
+    s, modes, slowest, near = growing_exponents(matrix, drag, free, result.exponents, asked, report)
     swings = s.imag < 0
-    scope = join_scopes(near, undamped.scope if near else unloading_scope(law))
-    return undamped._replace(
+    return result._replace(
         pairs=-(s[swings] ** 2), negative=-(s[~swings].real ** 2), modes=modes[:, np.argsort(~swings, kind="stable")],
-        scope=scope, undamped=undamped, slowest=slowest,
+        scope=join_scopes(near, result.scope if near else unloaded), undamped=result, slowest=slowest,
     )  # fmt: skip
 
 
@@ -462,11 +440,7 @@ def _solve_dense(pull, drag) -> tuple[np.ndarray, np.ndarray, complex]:
     chosen = np.flatnonzero(_is_growing(values))
     decaying = values[(np.abs(values) ** 2 > ZERO_BELOW) & (values.real <= PAIR_ABOVE)]
     slowest = complex(decaying[np.argmax(decaying.real)]) if len(decaying) else None
-    return values[chosen], _normalise_columns(vectors[:n, chosen]), slowest
-
-
-def _normalise_columns(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=0, keepdims=True)
+    return values[chosen], vectors[:n, chosen] / np.linalg.norm(vectors[:n, chosen], axis=0), slowest
 
 
 def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarray]:
@@ -482,7 +456,7 @@ def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndar
         found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
         new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
         values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])
-    return values, _normalise_columns(vectors)
+    return values, vectors / np.linalg.norm(vectors, axis=0)
 
 
 def _exponents_near(pull, drag, shift: complex, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -163,7 +163,7 @@ def transient_growth(
     lift = (basis / np.sqrt(free.mass)[:, None]).T
     n, end = len(pull), (motion.modes * np.exp(motion.exponents * times[best])) @ (motion.parts @ start)
     begin = (
-        np.concatenate([start, 0 * start]) if root is None else np.append(_from_energy_norm(root, start[:n]), start[n:])
+        np.concatenate([start, 0 * start]) if root is None else np.append(solve_triangular(root, start[:n]), start[n:])
     )
     of_pair = pairs[0][0] if pairs else 1.0
     return TransientGrowth(
@@ -176,10 +176,6 @@ def _amplitude_bound(motion: _ModalMotion) -> float:
     """Bound ‖[Re P, Im P]‖ ‖[Re W; Im W]‖, since exp(st) only rotates and decays."""
     p, w = motion.norms, motion.parts
     return float(np.linalg.norm(np.hstack([p.real, p.imag]), 2) * np.linalg.norm(np.vstack([w.real, w.imag]), 2))
-
-
-def _from_energy_norm(root: np.ndarray, u: np.ndarray) -> np.ndarray:
-    return solve_triangular(root, u)
 
 
 def reduced_matrices(state: State, law: Law, free: Freedom):
@@ -453,7 +449,13 @@ def stationary_fluctuations(
     with suitable_threads(2 * n):
         dynamics, lift = energy_dynamics(pull, drags)
         values, vectors = eig(dynamics)
-        _check_decay(values)
+        rate, scale = float(values.real.max()), float(np.abs(values).max())
+        if rate > REAL_BELOW * scale:
+            raise_unstable(rate)
+        if rate > -REAL_BELOW * scale:
+            raise ValueError(
+                "a mode that nothing damps was found, which noise heats without limit: give drag and spin_drag"
+            )
         inner = np.zeros((2 * n, 2 * n))
         inner[n:, n:] = force
         covariance = solve_continuous_lyapunov(dynamics, -inner)
@@ -462,7 +464,7 @@ def stationary_fluctuations(
     parts = covariance[:n, :n], covariance[n:, n:]
     cov = [side @ part @ side.T for side, part in zip(wide, parts, strict=True)]
     energy = [0.5 * float(np.trace(part)) / n for part in parts]
-    return Fluctuations(*cov, energy[1], energy[0], float(-values.real.max()), distance, condition, free)
+    return Fluctuations(*cov, energy[1], energy[0], -rate, distance, condition, free)
 
 
 def energy_dynamics(pull: np.ndarray, drag: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -477,16 +479,6 @@ def energy_dynamics(pull: np.ndarray, drag: np.ndarray) -> tuple[np.ndarray, np.
         ) from None
     inverse = solve_triangular(root, np.eye(n))
     return np.block([[np.zeros((n, n)), root], [-pull @ inverse, -drag]]), inverse
-
-
-def _check_decay(values: np.ndarray) -> None:
-    rate, scale = float(values.real.max()), float(np.abs(values).max())
-    if rate > REAL_BELOW * scale:
-        raise_unstable(rate)
-    if rate > -REAL_BELOW * scale:
-        raise ValueError(
-            "a mode that nothing damps was found, which noise heats without limit: give drag and spin_drag"
-        )
 
 
 def distance_to_instability(dynamics: np.ndarray) -> float:
