@@ -6,9 +6,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import svdvals
 
 import stickslip as ss
-from stickslip.solve import fluctuations, response, trigger
+from stickslip.solve import response, transient, trigger
+from stickslip.solve.balance import linearised
 from stickslip.solve.freedom import displaced, freedom
-from stickslip.solve.linearised import linearised
 from tests.modes.conftest import sheared, triangular
 
 LAW = ss.laws.hertz_mindlin(mu=0.3)
@@ -167,10 +167,10 @@ def test_noise_of_two_coupled_modes_in_closed_form(skew):
     """z̈ + ν ż + (λ + ik) z = ξ has ⟨|z|²⟩ = (2T/λ)/(1 − k²/(ν²λ)), which diverges where the spectrum turns unstable."""
     stiffness, nu, temperature = 1.3, 0.2, 0.7
     pull, drag = two_modes(stiffness, skew, nu)
-    dynamics, lift = fluctuations.energy_dynamics(pull, drag)
+    dynamics, lift = transient.energy_dynamics(pull, drag)
     noise = np.zeros((4, 4))
     noise[2:, 2:] = 2 * temperature * drag
-    covariance = fluctuations.solve_continuous_lyapunov(dynamics, -noise)
+    covariance = transient.solve_continuous_lyapunov(dynamics, -noise)
     displacement = lift @ covariance[:2, :2] @ lift.T
     truth = 2 * temperature / stiffness / (1 - skew**2 / (nu**2 * stiffness))
     assert np.trace(displacement) == pytest.approx(truth, rel=1e-10)
@@ -178,9 +178,9 @@ def test_noise_of_two_coupled_modes_in_closed_form(skew):
 
 @pytest.mark.parametrize("skew", [0.0, 0.05, 0.15])
 def test_distance_to_instability_is_the_smallest_singular_value(skew):
-    dynamics = fluctuations.energy_dynamics(*two_modes(1.3, skew, 0.2))[0]
+    dynamics = transient.energy_dynamics(*two_modes(1.3, skew, 0.2))[0]
     scan = min(svdvals(dynamics - 1j * w * np.eye(4))[-1] for w in np.linspace(0.9, 1.4, 4001))
-    assert fluctuations.distance_to_instability(dynamics) == pytest.approx(scan, rel=2e-4)
+    assert transient.distance_to_instability(dynamics) == pytest.approx(scan, rel=2e-4)
 
 
 def test_without_slip_every_mode_has_the_same_energy():

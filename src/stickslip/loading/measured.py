@@ -19,8 +19,7 @@ from ..data.exchange.columns import mass_note
 from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
 from ..data.exchange.force_network import MeasuredForces, read_forces
 from ..data.sample import PackingError, from_arrays, law_note, with_one_account
-from ..solve.inversion import overlap_of_force, slip_of_force
-from ..solve.projection import nearest_point
+from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
 STEPS, SETTLED = 100, 1e-8  # linearisations, and largest last change over the errors
 FALLS, SHORTEST = 0.7, 1 / 4  # a step longer than this share of the last one halves all later ones, down to a quarter

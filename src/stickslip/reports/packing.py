@@ -3,7 +3,7 @@
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -22,12 +22,14 @@ from ..data.atomic import replace_atomically
 from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle, account_of
 from ..known import with_keys
 from ..solve.balance import BALANCED_BELOW, imbalance
-from ..solve.birth import BirthForm, birth_form
 from ..solve.freedom import backbone
-from ..solve.gradient import VerdictProbability, verdict_probability
 from ..solve.stability import Stability
-from . import details as stability_more
 from .terminal import console, new_table, show_table
+
+if TYPE_CHECKING:  # what a few options need, and else is not loaded
+    from ..solve.birth import BirthForm
+    from ..solve.gradient import VerdictProbability
+    from .details import Details
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
@@ -56,8 +58,10 @@ class Settling(NamedTuple):
         )
 
 
-def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthForm | str:
+def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthForm | str":
     """Return the normal form of the fastest pair, or the reason why there is none."""
+    from ..solve.birth import birth_form
+
     try:
         return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
     except ValueError as problem:
@@ -66,8 +70,10 @@ def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthFo
 
 def find_probability(
     state: State, law: Law, error: float, *, dashpots: bool = True, report: Report = silent
-) -> VerdictProbability | str:
+) -> "VerdictProbability | str":
     """Return how sure the verdict is with errors of positions, or the reason why that is not known."""
+    from ..solve.gradient import verdict_probability
+
     require_positive(position_error=error)
     law = law if dashpots or not damping_model(law) else with_values(law, damping_n=0.0, damping_t=0.0)
     try:
@@ -76,7 +82,7 @@ def find_probability(
         return str(problem)
 
 
-def probability_dict(sure: VerdictProbability | str) -> dict:
+def probability_dict(sure: "VerdictProbability | str") -> dict:
     """Return the JSON object of a probability."""
     if isinstance(sure, str):
         return {"reason": sure}
@@ -85,7 +91,7 @@ def probability_dict(sure: VerdictProbability | str) -> dict:
     return out | {"re_lambda": value.real, "im_lambda": value.imag}
 
 
-def show_probability(sure: VerdictProbability | str) -> None:
+def show_probability(sure: "VerdictProbability | str") -> None:
     """Print the probability that a packing is stable, and the contact that decides."""
     if isinstance(sure, str):
         console.print(f"what errors of the positions change is not known: {sure}")
@@ -203,8 +209,8 @@ def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[st
 
 
 def to_dict(
-    result: Stability, more: stability_more.Details | None = None,
-    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), notes=(),
+    result: Stability, more: "Details | None" = None,
+    form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), notes=(),
     shape: Geometry | None = None,
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
@@ -237,13 +243,15 @@ def to_dict(
         "scope": result.scope,
     }
     if more:
-        out["more"] = stability_more.to_dict(more)
+        from . import details
+
+        out["more"] = details.to_dict(more)
     if form:
         out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
     return out
 
 
-def _form_dict(form: BirthForm) -> dict:
+def _form_dict(form: "BirthForm") -> dict:
     """Numbers of the normal form; what is infinite is null."""
     out = {"fate": form.fate, "verdict": form.verdict, "limit_contact": list(form.limit_contact)}
     out |= {"opening_contact": list(form.opening_contact), "closing_contact": list(form.closing_contact)}
@@ -261,8 +269,8 @@ def _settling_dict(calm: Settling) -> dict:
 
 
 def show(
-    result: Stability, law: Law, notes: list[str], more: stability_more.Details | None = None,
-    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
+    result: Stability, law: Law, notes: list[str], more: "Details | None" = None,
+    form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), remedy: str = "",
     shape: Geometry | None = None, state: State | None = None,
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
@@ -294,7 +302,9 @@ def show(
         console.print(f"rattlers (excluded): {some}")
     _show_exponents(result) if result.undamped else _show_pairs(result)
     if more:
-        stability_more.show(more, result)
+        from . import details
+
+        details.show(more, result)
     if form:
         _show_form(form)
 
@@ -311,7 +321,7 @@ def _show_notes(notes) -> None:
         console.print(f"  - {note}", style="yellow")
 
 
-def _show_form(form: BirthForm | str) -> None:
+def _show_form(form: "BirthForm | str") -> None:
     if isinstance(form, str):
         console.print(f"what follows the instability is not known: {form}")
         return

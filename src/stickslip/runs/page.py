@@ -26,9 +26,9 @@ from ..data.sample import PackingError
 from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene
-from ..figures.between import frames_between
+from ..figures.animation import frames_between
 from ..figures.grains import bare_frame, packing
-from ..figures.quantities import DISPLACEMENT
+from ..figures.outlines import DISPLACEMENT
 from ..figures.saving import render
 from ..loading.reading import read_packing
 from ..reports import claims as claims_table

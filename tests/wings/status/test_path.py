@@ -8,8 +8,8 @@ import pytest
 import stickslip as ss
 from benchmarks.load_paths import Sample, prepare, samples
 from stickslip.core.control import between
-from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, sheared_box, with_load
-from stickslip.loading.slow import slow_dynamics
+from stickslip.loading.compression import RIGHT, TOP, biaxial_box, sheared_box, with_load
+from stickslip.loading.settling import slow_dynamics
 from stickslip.wings.status import increment as piece
 from stickslip.wings.status.apex_status import decide_statuses
 from stickslip.wings.status.events import Event

@@ -9,8 +9,8 @@ from ...data.checkpoint import MEMBERS
 from ...data.manifest import write_file
 from ...data.run_files import NUMBERS
 from ...experiments.registry import EXPERIMENTS, scenario_class
+from ...figures.analyses import cycles
 from ...figures.saving import PLAIN, Look, render_all
-from ...figures.sweep import cycles
 from .definition import Sweep
 
 FIGURE = "cycles.png"
