@@ -209,7 +209,7 @@ from .solve.freedom import stiffness_of as stiffness_of
 from .solve.linear import factorised as factorised
 from .solve.linear import one_thread as one_thread
 from .solve.linear import suitable_threads as suitable_threads
-from .solve.linearised import linearised as linearised
+from .solve.balance import linearised as linearised
 from .solve.spectrum import near_zero as near_zero
 from .solve.spectrum import softest_eigenvalue as softest_eigenvalue
 from .solve.stability import DENSE_UP_TO as DENSE_UP_TO
