@@ -5,6 +5,7 @@ Wings and their experiments
     Wing, Selfcheck             head of a wing, and a number that `stickslip doctor` compares
     Experiment, Paper           description of an experiment, and of a paper that it reproduces
     lazy_function, result_of    functions that are imported late; decorator of the class of results
+    Quantity, Quantities, Measures, Estimate, estimate, median      tables of quantities, from which outputs follow
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
 

@@ -83,6 +83,12 @@ from .experiments.experiment import Paper as Paper
 from .experiments.experiment import lazy_function as lazy_function
 from .experiments.experiment import result_of as result_of
 from .experiments.jammed_packing import make_packing as make_packing
+from .experiments.quantities import Estimate as Estimate
+from .experiments.quantities import Measures as Measures
+from .experiments.quantities import Quantities as Quantities
+from .experiments.quantities import Quantity as Quantity
+from .experiments.quantities import estimate as estimate
+from .experiments.quantities import median as median
 from .experiments.realizations import Realizations as Realizations
 from .experiments.realizations import Task as Task
 from .experiments.realizations import open_device as open_device
