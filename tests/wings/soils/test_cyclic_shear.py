@@ -246,9 +246,7 @@ def test_numbers_and_sentences_of_a_run(result):
     assert named["G_smallest"][0] == pytest.approx(named["G0"][0], rel=1e-3) and named["G0"][1] == "N/m"
     assert named["gamma_elastic"][0] == 1e-4 and np.isnan(named["in_band"][0])
     row = result.to_dataframe().loc["G0"]
-    assert (row.value, row.unit) == named[
-        "G0"
-    ] and "tangent modulus" in row.meaning
+    assert (row.value, row.unit) == named["G0"] and "tangent modulus" in row.meaning
 
 
 def test_a_modulus_that_the_smallest_amplitude_does_not_have_is_said(result):
