@@ -136,22 +136,26 @@ class Measures(Quantities):
 
     Parameters
     ----------
-    rows : quantities of a result, or of one of its samples
+    rows : quantities of a result, of its `subject`, or of one of its samples
+    subject : function of the result; the quantities are those of its value
     samples : function of the result that returns its samples
     over : function of the values of all samples, such as `estimate`, `median` or `np.mean`; without `samples`, of the
         values that each quantity is
     """
 
-    def __init__(self, rows: Iterable[Quantity], *, samples: Callable | None = None, over: Callable | None = None):
+    def __init__(
+        self, rows: Iterable[Quantity], *, subject: Callable = lambda result: result, samples: Callable | None = None,
+        over: Callable | None = None,
+    ):  # fmt: skip
         super().__init__(rows)
-        self.samples, self.over = samples, over
+        self.subject, self.samples, self.over = subject, samples, over
 
-    def of(self, subject) -> dict[str, float | Estimate]:
+    def of(self, result) -> dict[str, float | Estimate]:
         """Values of a result by name."""
         if self.samples:
-            values = {name: column.tolist() for name, column in Quantities(self).columns(self.samples(subject)).items()}
+            values = {name: column.tolist() for name, column in Quantities(self).columns(self.samples(result)).items()}
         else:
-            values = super().of(subject)
+            values = super().of(self.subject(result))
         return {name: self._reduce(self.row(name), value) for name, value in values.items()}
 
     def _reduce(self, row: Quantity, values):

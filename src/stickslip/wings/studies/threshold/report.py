@@ -5,9 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....figures import static_and_kinetic
-from ....kit import (
-    Fields, Measures, Quantities, Quantity, archive_fields, console, new_table, show_table,
-)  # fmt: skip
+from ....kit import Fields, Measures, Quantities, Quantity, archive_fields, console, new_table, show_table  # fmt: skip
 from ....results import FastestPair
 from .simulate import ThresholdResult
 
@@ -42,8 +40,8 @@ KICKED = Quantities([
     Quantity("runs", "1", "number of runs"),
     Quantity("slid", "1", "runs that slid"),
     Quantity("share", "1", "share that slid", lambda kicked: kicked.slid / kicked.runs),
-    Quantity("lasting", "1", "runs that slid to the end"),
-    Quantity("lasting share", "1", "share that slid to the end", lambda kicked: kicked.lasting / kicked.runs),
+    Quantity("lasting", "1", "runs that slid and went on"),
+    Quantity("lasting share", "1", "share that slid and went on", lambda kicked: kicked.lasting / kicked.runs),
     Quantity("median lifetime", "time", "median time until a run slid", "lifetime"),
 ])  # fmt: skip
 
@@ -109,13 +107,14 @@ MEASURES = Measures([
     _by_kick("threshold_low", "lower end of its interval", lambda f: f.interval[:, 0]),
     _by_kick("threshold_high", "upper end of its interval", lambda f: f.interval[:, 1]),
     _by_kick("largest_share", "largest share of runs that slide", lambda f: f.probability.max(axis=0)),
-    _by_kick("lasting_threshold", "load at which half of the runs slide to the end", lambda f: f.lasting_threshold),
+    _by_kick("lasting_threshold", "load at which half of the runs slide and go on", lambda f: f.lasting_threshold),
     _by_kick("lasting_threshold_low", "lower end of its interval", lambda f: f.lasting_interval[:, 0]),
     _by_kick("lasting_threshold_high", "upper end of its interval", lambda f: f.lasting_interval[:, 1]),
-    _by_kick("largest_lasting_share", "largest share of runs that slide to the end",
+    _by_kick("largest_lasting_share", "largest share of runs that slide and go on",
              lambda f: f.lasting_probability.max(axis=0)),
-    Quantity("arrest_low", "1", "least load at which a sliding sample stopped", lambda r: r.found.arrest_range[0]),
-    Quantity("arrest_high", "1", "largest load at which it stopped", lambda r: r.found.arrest_range[1]),
+    Quantity("arrest_low", "1", "lowest end of the brackets of arrest on ramps down",
+             lambda r: r.found.arrest_range[0]),
+    Quantity("arrest_high", "1", "highest end of these brackets", lambda r: r.found.arrest_range[1]),
     Quantity("strength", "1", "load at which the sample slid by itself"),
     Quantity("first_pair", "1", "least load with a complex pair", "found.first_pair"),
     Quantity("first_limit", "1", "least load with a contact at the Coulomb limit", "found.first_limit"),
