@@ -138,7 +138,7 @@ class LoadedSample:
         self.first, self.last = self.legs[0], self.legs[-1]
         self.top = int(self.first.angle.argmax())  # row of the peak
         self.compressed = self.kind in ("isotropic", "oedometric")
-        self.sheared = not self.compressed and self.kind != "undrained"
+        self.sheared = not self.compressed
 
     def signed(self, values: np.ndarray) -> np.ndarray:
         """Values with the sign of the scenario, without negative zeros."""
