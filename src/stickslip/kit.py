@@ -15,8 +15,9 @@ Scenarios
     Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     kinds of values
     LawTable, PackingLaw, allow_laws, make_law, Packing, make_packing       tables of laws and of packings
     Size, require_sizes         limits of memory, before anything is allocated
-    law_references              references of a law
-    require_lammps_for_ranks    check of the engine
+    law_references, LAW_NAMES   references of a law, names of built-in ones
+    require_lammps_for_ranks, ScenarioError     check of the engine, error of an invalid scenario
+    MOST_GRAINS, STATE_BYTES    largest number of grains, memory of a saved state for each of them
 
 Arguments of functions
 
@@ -27,16 +28,25 @@ Arguments of functions
 Runs
 
     Report, silent, within      progress
-    Checkpoint, checkpoint_in, load_or_compute      parts that are saved and not computed again
-    Workers, Member, Task, Realizations, run_realizations, open_device      realizations in parallel
+    Checkpoint, checkpoint_in, load_or_compute, abandon     parts that are saved and not computed again
+    Workers, Member, Task, Realizations, run_realizations, reach, open_device       realizations in parallel
     archive_fields, ArchiveError        fields of a class in an archive
     check_free, write_atomically, check_output, staged_file     files that are complete or absent
 
+Engines and mechanics
+
+    Engine, Leg, Wave, own_engine       engines of runs in legs
+    Account, least_supports, volume, body_numbers       ledger of quasi-static steps, rattlers, cell, indices
+    evaluate_law, largest_stiffness, with_values        values, stiffness and parameters of a law
+    Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
+    packing_info, solve_point, travel, KICK_LEGS, EVENT_RATIO, clear_round_off      packings, load paths, kicks, events
+
 Numbers and text
 
-    Fields, heading, in_readable_units, in_units, unit_name, units_of, with_unit, SI, YEAR      units
+    Fields, current_units, heading, in_readable_units, in_units, unit_name, units_of, with_unit, SI, YEAR      units
     readable, pluralize, quoted, shortened      representation of results, and words
-    parse_number, parse_integer, read_text, read_table, heading_of, write_table, format_table       text and tables
+    parse_number, parse_integer, read_text      text
+    read_table, heading_of, split_label, write_table, format_table       tables
 
 Terminal and command line
 
@@ -46,9 +56,9 @@ Terminal and command line
 
 Figures
 
-    styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH     axes and style
+    styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH, PAGE       axes and style
     BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY        colours
-    draw_grains_by_speed        grains coloured by speed
+    draw_grains_by_speed, body_limits, APART        grains coloured by speed, and the view of them
     render, render_all, FORMATS, PLAIN      files of figures
 
 Claims of a paper

@@ -36,10 +36,13 @@ def lines() -> dict[str, int]:
     return dict(counts)
 
 
-def internal_names() -> dict[str, set[str]]:
-    """Names of the laboratory that each wing imports from elsewhere than public namespaces and `OPEN`."""
+def internal_names(within: str = "") -> dict[str, set[str]]:
+    """Names of the laboratory that each wing, or a folder of one, imports from elsewhere than public ones and `OPEN`."""
     found: dict[str, set[str]] = defaultdict(set)
-    allowed = {"stickslip", *(f"stickslip.{name}" for name in (*OPEN, *rooms.SPACES, "friction", "quasirigid"))}
+    allowed = {
+        "stickslip",
+        *(f"stickslip.{name}" for name in (*OPEN, *rooms.SPACES, "experiments", "figures", "friction", "quasirigid")),
+    }
     for path in (PACKAGE / "wings").rglob("*.py"):
         package = ["stickslip", *path.relative_to(PACKAGE).parts[:-1]]
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -11,8 +11,8 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.laws.builtin import with_values
-from stickslip.experiments.contact_law import make_law
 from stickslip.experiments.experiment import named_measures
+from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation

@@ -10,8 +10,8 @@ from matplotlib import pyplot as plt
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.experiments.contact_law import make_law
 from stickslip.experiments.experiment import named_measures
+from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.runs.page import folder_content
 from stickslip.wings.soils.element_test import simulate as element

@@ -3,8 +3,8 @@
 from functools import partial
 
 from ....experiments import Experiment
-from ....experiments.sources import CONTACT, STATE
-from ....kit import Paper, attach, lazy_function
+from ....kit import Paper, attach, law_references, lazy_function
+from ...faults.friction.laws import REFERENCES
 from .scenario import GougeScenario
 
 _here = partial(lazy_function, __name__)
@@ -14,8 +14,8 @@ def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
     return {
         "the experiment (from the supplement to the first)": ("Ferdowsi2021", "Ferdowsi2020"),
-        "contact law": CONTACT["hertz_mindlin_reff"],
-        "rate-and-state friction, for comparison": STATE["aging"],
+        "contact law": law_references("hertz_mindlin_reff"),
+        "rate-and-state friction, for comparison": REFERENCES["aging"],
     }
 
 

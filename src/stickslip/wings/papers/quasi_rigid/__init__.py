@@ -3,8 +3,7 @@
 from functools import partial
 
 from ....experiments import Experiment
-from ....experiments.sources import CONTACT
-from ....kit import Paper, attach, lazy_function
+from ....kit import Paper, attach, law_references, lazy_function
 from .scenario import QuasiScenario
 
 _here = partial(lazy_function, __name__)
@@ -12,7 +11,7 @@ _here = partial(lazy_function, __name__)
 
 def references(scenario: QuasiScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
-    return {"the experiment and its method": ("McNamara2006",), "contact law": CONTACT["linear"]}
+    return {"the experiment and its method": ("McNamara2006",), "contact law": law_references("linear")}
 
 
 SMALLEST = {

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ....data.run_files import CYCLES, SERIES
 from ....kit import archive_fields, console, new_table, pluralize, show_table, unit_name
 from ..element_test.report import for_engineers
 from . import figures as figures_of
@@ -15,8 +14,8 @@ SHOWN = ("G", "G_ratio", "damping", "storage", "loss", "sliding", "residual", "r
 
 def files(result: CyclicShearResult):
     """Yield (file name, function that writes it) for the cycles and the loops of all samples."""
-    yield CYCLES, lambda path: CYCLE.write(path, loops_of(result))
-    yield SERIES, lambda path: LOOP.write(path, loops_of(result))
+    yield "cycles.csv", lambda path: CYCLE.write(path, loops_of(result))
+    yield "series.csv", lambda path: LOOP.write(path, loops_of(result))
 
 
 def figures(result: CyclicShearResult):

@@ -7,25 +7,27 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import Law, NotInEquilibriumError, State
-from ....core.dynamics.ledger import Account
-from ....core.measure import least_supports, volume
 from ....kit import (
+    Account,
     Checkpoint,
     Report,
     Task,
     Workers,
     checked,
     checkpoint_in,
+    compression_scales,
+    least_supports,
     load_or_compute,
     make_law,
     readable,
     result_of,
     run_realizations,
+    servo_mass,
     silent,
+    strain_step,
+    volume,
     within,
 )
-from ....loading.compression import compression_scales
-from ....loading.settling import servo_mass, strain_step
 from ....measure import contact_forces, dissipation, pressure, rattlers, stress
 from ....modes import elastic_moduli
 from ....results import Factorisation, PackingInfo

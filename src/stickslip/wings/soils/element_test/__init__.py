@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function
 from .scenario import ElementTestScenario
 
 _here = partial(lazy_function, __name__)

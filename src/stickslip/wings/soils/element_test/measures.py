@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.scales import clear_round_off
-from ....kit import Measures, Quantities, Quantity, estimate
+from ....kit import Measures, Quantities, Quantity, clear_round_off, estimate
 from .probes import SIGNS, ProbedState, first_seen
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries

@@ -6,12 +6,17 @@ import numpy as np
 
 from .... import Law, State, assembly, box, disks, flat_walls, spheres
 from ....control import loads, rigid
-from ....core.laws.builtin import parameter_names
-from ....core.laws.kinds import Kind
-from ....core.laws.validation import largest_stiffness
-from ....core.laws.values import evaluate
-from ....experiments import ScenarioError
-from ....kit import Size, checked, make_law, pluralize, readable, require_sizes
+from ....kit import (
+    ScenarioError,
+    Size,
+    checked,
+    evaluate_law,
+    largest_stiffness,
+    make_law,
+    pluralize,
+    readable,
+    require_sizes,
+)
 from ....laws import for_pair
 from ....measure import heights
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage
@@ -241,13 +246,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     """
     lightest, r_eff = float(mass.min()), float(radius.min()) / 2
     depth = _largest_overlap(scenario, law, r_eff, float(mass[: len(radius)].max()))
-    if isinstance(law.kind, Kind):
-        stiffness = largest_stiffness(law, law.table[0, 0].tolist(), r_eff, depth)
-    else:
-        own = dict(zip(parameter_names(law), law.table[0, 0], strict=True))
-        slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=depth, r_eff=r_eff)
-        stiffness = max(slopes[0], tangential, own.get("k_unload", 0.0))
-    unit = float(np.sqrt(lightest / stiffness))
+    unit = float(np.sqrt(lightest / largest_stiffness(law, r_eff, depth)))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
             f"dt = {scenario.dt:g} was given, but with six contacts on the lightest grain, the largest stable value is "
@@ -275,7 +274,7 @@ def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: f
     low, high = 0.0, 2 * r_eff
     for _ in range(60):  # at most a radius, beyond which no law is meaningful
         middle = 0.5 * (low + high)
-        force, stored = evaluate(law, "force", "energy", overlap=middle, r_eff=r_eff)
+        force, stored = evaluate_law(law, "force", "energy", overlap=middle, r_eff=r_eff)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
     return max(high, 1e-12 * r_eff)
 
