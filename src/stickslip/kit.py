@@ -15,9 +15,9 @@ Scenarios
     Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     kinds of values
     LawTable, PackingLaw, allow_laws, make_law, Packing, make_packing       tables of laws and of packings
     Size, require_sizes         limits of memory, before anything is allocated
-    law_references, LAW_NAMES   references of a law, names of built-in ones
+    law_references, BUILTIN_LAWS        references of a law, table of built-in ones
     require_lammps_for_ranks, ScenarioError     check of the engine, error of an invalid scenario
-    MOST_GRAINS, STATE_BYTES    largest number of grains, memory of a saved state for each of them
+    LIMITS, STATE               largest sizes, memory of a saved state for each grain [bytes]
 
 Arguments of functions
 
@@ -37,7 +37,7 @@ Engines and mechanics
 
     Engine, Leg, Wave, own_engine       engines of runs in legs
     Account, least_supports, volume, body_numbers       ledger of quasi-static steps, rattlers, cell, indices
-    evaluate_law, largest_stiffness, with_values        values, stiffness and parameters of a law
+    evaluate, largest_stiffness, with_values        values, stiffness and parameters of a law
     Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
     packing_info, solve_point, travel, KICK_LEGS, EVENT_RATIO, clear_round_off      packings, load paths, kicks, events
 

@@ -1,3 +1,4 @@
+from .builtin_laws import BUILTIN_LAWS as BUILTIN_LAWS
 from .cli.app import FigureOptions as FigureOptions
 from .cli.app import Out as Out
 from .cli.app import Output as Output
@@ -32,6 +33,7 @@ from .core.dynamics.engine import Wave as Wave
 from .core.dynamics.ledger import Account as Account
 from .core.dynamics.run import own_engine as own_engine
 from .core.laws.builtin import with_values as with_values
+from .core.laws.values import evaluate as evaluate
 from .core.laws.values import largest_stiffness as largest_stiffness
 from .core.measure import least_supports as least_supports
 from .core.measure import volume as volume
@@ -41,6 +43,8 @@ from .core.progress import within as within
 from .core.readable import pluralize as pluralize
 from .core.readable import readable as readable
 from .core.scales import clear_round_off as clear_round_off
+from .core.sizes import LIMITS as LIMITS
+from .core.sizes import STATE as STATE
 from .core.sizes import Size as Size
 from .core.sizes import require_sizes as require_sizes
 from .core.tables import format_table as format_table
@@ -142,11 +146,14 @@ from .loading.compression import Scales as Scales
 from .loading.compression import check_pressure as check_pressure
 from .loading.compression import compression_scales as compression_scales
 from .loading.compression import stopped as stopped
+from .loading.event_class import EVENT_RATIO as EVENT_RATIO
 from .loading.packing import packing_info as packing_info
 from .loading.protocols import solve_point as solve_point
+from .loading.settling import SETTLING_DRAG as SETTLING_DRAG
 from .loading.settling import servo_mass as servo_mass
 from .loading.settling import settle as settle
 from .loading.settling import strain_step as strain_step
+from .loading.threshold import KICK_LEGS as KICK_LEGS
 from .loading.threshold import travel as travel
 from .reports.claims import Claim as Claim
 from .reports.claims import claim as claim

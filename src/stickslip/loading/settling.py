@@ -21,7 +21,7 @@ from .compression import Scales, critical_mass, stopped
 # unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
 REST, MORE = 1e-6, 20_000  # where it fails at all of them: the force at which dynamics ends, and its most steps
-DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
+SETTLING_DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two looks at the forces, and largest number in a step
 POSTED = 20  # steps of dynamics between two entries in a ledger
@@ -131,7 +131,9 @@ def _advance(
 ) -> tuple[State, Outcome]:
     """Damped dynamics of some steps, or until the largest unbalanced force is below a level that is not 0."""
     kept = {"every": POSTED, "ledger": POSTED} if account else {}
-    state, record, outcome = run(state, law, steps, scales.dt, drag=DRAG / scales.time, tolerance=level, **kept)
+    state, record, outcome = run(
+        state, law, steps, scales.dt, drag=SETTLING_DRAG / scales.time, tolerance=level, **kept
+    )
     if account:
         account.post_run(state, record.ledger)
     return state, outcome
@@ -142,5 +144,5 @@ def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0)
 
     Under the drag ν the stress exceeds the wanted one by M ℓ² ν L/V. The mass is at most the critical one.
     """
-    dim, drag, most = state.cell.dim, DRAG / scales.time, critical_mass(state, pressure, scales)
+    dim, drag, most = state.cell.dim, SETTLING_DRAG / scales.time, critical_mass(state, pressure, scales)
     return min(OFFSET * pressure * volume(state) ** (1 - 2 / dim) / (drag * rate), most) if rate else most

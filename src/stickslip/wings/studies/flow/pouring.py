@@ -10,7 +10,7 @@ from ....kit import (
     ScenarioError,
     Size,
     checked,
-    evaluate_law,
+    evaluate,
     largest_stiffness,
     make_law,
     pluralize,
@@ -274,7 +274,7 @@ def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: f
     low, high = 0.0, 2 * r_eff
     for _ in range(60):  # at most a radius, beyond which no law is meaningful
         middle = 0.5 * (low + high)
-        force, stored = evaluate_law(law, "force", "energy", overlap=middle, r_eff=r_eff)
+        force, stored = evaluate(law, "force", "energy", overlap=middle, r_eff=r_eff)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
     return max(high, 1e-12 * r_eff)
 
