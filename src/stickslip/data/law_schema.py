@@ -106,6 +106,11 @@ class LawTable(LawFile):
                 raise ValueError(f"law.{extra[0]} was given with law.{key} = {model!r}, which has none: leave it out")
         return self
 
+    @property
+    def dashpots(self) -> str:
+        """Dashpots of the law: those of `damping`, or else those that its kind has."""
+        return self.damping or BY_NAME[self.kind].damping
+
     @model_validator(mode="after")
     def _check_parameters(self):
         if self.file is not None:

@@ -3,8 +3,9 @@
 import numpy as np
 
 from ..library import core
-from .builtin import NO_TENSION, Law
+from .builtin import KT, NO_TENSION, STEP, Law, parameter_names
 from .compiled import law_struct
+from .kinds import Kind, evaluate_role, find_user_law
 
 _PAIRS = "slopes", "cap_slopes"
 _MEMBERS = {"stiffness": "force"}  # function of a user's law that gives a result, if it has another name
@@ -36,3 +37,28 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
     core.law_values(struct | {"damping": law.damping & ~NO_TENSION}, points | results)
     values = tuple(results[name] for name in wanted)
     return values if len(values) > 1 else values[0]
+
+
+def largest_stiffness(law: Law, r_eff: float, deepest: float) -> float:
+    """Largest stiffness of a law, of its first materials, between the end of its range and an overlap [force/length].
+
+    That of a built-in law grows with the overlap. The rolling stiffness of a user-defined law is converted to k_r m/I,
+    with the I of spheres.
+    """
+    values = law.table[0, 0].tolist()
+    if not isinstance(law.kind, Kind):
+        own = dict(zip(parameter_names(law), values, strict=True))
+        slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=deepest, r_eff=r_eff)
+        return max(slopes[0], tangential, own.get("k_unload", 0.0))
+    functions, most = find_user_law(law.kind).functions, 0.0
+    end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
+    for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):
+        at = {"overlap": complex(x, STEP), "r_eff": r_eff}
+        most = max(most, abs(np.imag(evaluate_role(law.kind, "normal_force", values, **at))) / STEP)
+        if "tangential_stiffness" in functions:
+            most = max(most, np.real(evaluate_role(law.kind, "tangential_stiffness", values, **at)))
+        if "rolling_stiffness" in functions:
+            most = max(
+                most, np.real(evaluate_role(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2)
+            )
+    return max(float(most), float(values[KT]) if "tangential_stiffness" not in functions else 0.0)

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....experiments import ScenarioError
-from ....kit import Report, checked, checkpoint_in, result_of, silent, within
+from ....kit import Report, ScenarioError, checked, checkpoint_in, result_of, silent, within
 from ..friction.fault import Fault, profile
 from ..friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
 from ..friction.fault_record import YEAR, FaultEvents, Recording

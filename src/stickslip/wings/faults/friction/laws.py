@@ -10,6 +10,7 @@ import numpy as np
 from ....core.library import core
 
 EVOLUTIONS = {"aging": 0, "slip": 1}
+REFERENCES = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}  # keys of references.bib
 FORMS = {"logarithmic": 0, "regularized": 1}
 CUT_OFF = 2
 

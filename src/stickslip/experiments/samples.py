@@ -1,16 +1,21 @@
-"""Contact law of a scenario, from its law table."""
+"""Contact law, jammed packing and references of a scenario, from its tables."""
 
 import numpy as np
 
-from ..builtin_laws import BY_NAME
+from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.laws.builtin import KN, MOMENTS, ROLLING, TWISTING, Law, for_pair, with_values
 from ..core.laws.properties import with_lever, with_memory, with_rolling, with_twisting
+from ..core.state import State
 from ..data.law_file import load_law
 from ..data.law_schema import SUBSTRATE, LawTable
+from ..data.packing_schema import Packing
 from ..data.sample import law_by_name
+from ..loading.packing import PackingInfo, jammed
 from ..solve.collision import eq8_damping, with_restitution
 
 RESTITUTION = ("tsuji", "coeff_restitution")
+DEFAULT_FRACTION = {2: 0.86, 3: 0.68}
+SOURCES = {law.name: law.sources for law in BUILTIN_LAWS}
 
 
 def make_law(chosen: LawTable, *, radius: float = np.nan, mass: float = np.nan) -> Law:
@@ -34,7 +39,7 @@ def _law_by_kind(chosen: LawTable) -> Law:
         damping_t = (chosen.damping_ratio or 0.0) * (1.0 if chosen.damping in RESTITUTION else damping_n)
     return law_by_name(
         chosen.kind, chosen.coulomb, chosen.kn, kt, chosen.mu, young=chosen.young, poisson=chosen.poisson,
-        damping=chosen.damping or BY_NAME[chosen.kind].damping, damping_n=damping_n,
+        damping=chosen.dashpots, damping_n=damping_n,
         damping_t=damping_t, tension=chosen.tension,
         **{p.name: getattr(chosen, p.name) for p in BY_NAME[chosen.kind].parameters},
     )  # fmt: skip
@@ -59,3 +64,27 @@ def _with_restitution(law: Law, chosen: LawTable, radius: float, mass: float) ->
         return with_restitution(law, chosen.restitution, **meeting)
     gamma = eq8_damping(chosen.restitution, young=chosen.young, poisson=chosen.poisson, **meeting)
     return with_values(law, damping_n=gamma, damping_t=ratio * gamma)
+
+
+def law_references(law: LawTable | str) -> tuple[str, ...]:
+    """Return the references of a built-in law, given by a table or a name; a law from a file has none."""
+    return SOURCES[law] if isinstance(law, str) else SOURCES[law.kind] if law.file is None else ()
+
+
+def make_packing(chosen: Packing, law: Law, seed: int, tolerance: float | None = None) -> tuple[State, PackingInfo]:
+    """Make the packing of a scenario; return State and PackingInfo, see `jammed`."""
+    fraction = chosen.packing_fraction
+    if fraction is None and chosen.pressure is None:
+        fraction = DEFAULT_FRACTION[chosen.dim]
+    return jammed(
+        chosen.grains,
+        packing_fraction=fraction,
+        pressure=chosen.pressure,
+        dim=chosen.dim,
+        radius=chosen.radius,
+        mass=chosen.mass,
+        i0=chosen.i0,
+        law=law,
+        seed=seed,
+        tolerance=tolerance,
+    )
