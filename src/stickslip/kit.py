@@ -2,7 +2,7 @@
 
 Wings and their experiments
 
-    Wing, Selfcheck             head of a wing, and a number that `stickslip doctor` compares
+    Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
     Experiment, Paper           description of an experiment, and of a paper that it reproduces
     lazy_function, result_of    functions that are imported late; decorator of the class of results
     attach                      public names from a stub, imported on first use

@@ -125,5 +125,6 @@ from .reports.terminal import console as console
 from .reports.terminal import new_table as new_table
 from .reports.terminal import progress as progress
 from .reports.terminal import show_table as show_table
+from .wing import FileFormat as FileFormat
 from .wing import Selfcheck as Selfcheck
 from .wing import Wing as Wing

@@ -23,6 +23,16 @@ class Selfcheck(NamedTuple):
     why: str  # reason of the tolerance
 
 
+class FileFormat(NamedTuple):
+    """A format of packings; its functions are imported when such a file is met. "" stands for what it lacks."""
+
+    name: str
+    start: bytes = b""  # regular expression: how files that are read begin
+    read: str = ""  # "module.function": path -> {name of a frame: arguments of `packings.from_arrays`}
+    suffix: str = ""  # of files that are written, as in ".pdb"
+    write: str = ""  # "module.function": (path, frames) -> notes on what is not stored
+
+
 class Wing(NamedTuple):
     """Head of a wing: names of what it adds. Modules are named relative to its package."""
 
@@ -32,10 +42,12 @@ class Wing(NamedTuple):
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
     fault: str = ""  # "module.function": () -> why an external program that the wing needs does not work, or ""
+    formats: tuple[FileFormat, ...] = ()
+    pages: tuple[str, ...] = ()  # of documentation: NAME.md in its folder, or a page of the laboratory's documentation
 
-    def module(self, name: str):
-        """Import a module of the wing."""
-        return import_module(f"{self.package}.{name}")
+    def module(self, name: str = ""):
+        """Import a module of the wing, or its package."""
+        return import_module(f"{self.package}.{name}".rstrip("."))
 
     def function(self, path: str) -> Callable[..., Any]:
         """Import a function, given as "module.function"."""

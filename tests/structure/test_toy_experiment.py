@@ -3,6 +3,7 @@
 Without a wing, or with a broken one, everything else works.
 """
 
+import gzip
 import json
 import os
 import shutil
@@ -11,6 +12,7 @@ import sys
 import tomllib
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,10 +21,12 @@ import pytest
 import stickslip as ss
 from stickslip import wing
 from stickslip.cli import main
+from stickslip.core.laws.builtin import MU
 from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
-from stickslip.wing import GROUP, Wing
+from stickslip.runs import bundled
+from stickslip.wing import GROUP, FileFormat, Wing
 
 ROOT = Path(__file__).parents[2]
 
@@ -58,7 +62,9 @@ EXPERIMENT = Experiment(
     measures=lambda result: {"share": (result.heads.mean(), "1")},
     show=lambda result: print(f"{result.heads.sum()} heads"),
 )  # fmt: skip
-WING = Wing("coins_wing", "tosses of a coin", experiments={"coins": "coins"})
+WING = Wing("coins_wing", "tosses of a coin", experiments={"coins": "coins"}, formats=(
+    FileFormat("stacks of coins", rb"# coins\r?\n", "stacks.read", suffix=".coins", write="stacks.write"),
+))  # fmt: skip
 COINS = EntryPoint("coins", f"{__name__}:WING", GROUP)
 
 
@@ -112,6 +118,66 @@ def test_in_a_sweep(tmp_path):
     assert json.loads((tmp_path / "sweep.json").read_text())["experiment"] == "coins"
 
 
+def read_stacks(path) -> dict[str, dict]:
+    stacks = path.read_text().split("# coins\n")[1:]
+    arrays = [np.array([line.split() for line in stack.splitlines()], float) for stack in stacks]
+    return {str(k): {"position": a[:, :3], "radius": a[:, 3], "density": 8.9} for k, a in enumerate(arrays)}
+
+
+def write_stacks(path, frames) -> list[str]:
+    grains = [frame.state.grains for frame in frames]
+    rows = [np.column_stack([one.position, one.radius]).tolist() for one in grains]
+    path.write_text("".join("# coins\n" + "".join(f"{x} {y} {z} {r}\n" for x, y, z, r in each) for each in rows))
+    return ["stacks of coins do not store laws"]
+
+
+@pytest.fixture
+def stacks(monkeypatch, install):
+    """Function that makes the module that reads and writes stacks of coins importable."""
+    module = SimpleNamespace(read=read_stacks, write=write_stacks)
+    return lambda: monkeypatch.setitem(sys.modules, "coins_wing.stacks", module)
+
+
+def test_files_of_its_format_are_read_and_written(stacks, tmp_path):
+    law, place = ss.laws.linear(mu=0.3), np.array([[0.0, 0.0, 0.0], [0.99, 0.0, 0.0]])
+    pair = ss.packings.from_arrays(place, [0.5, 0.5], law)
+    ss.io.write_packing(tmp_path / "a.npz", pair, law)
+    assert ss.io.read_packing(tmp_path / "a.npz").law  # its module was not needed
+    stacks()
+    notes = ss.io.write_packing(tmp_path / "b.coins", [ss.io.frame_of(pair, law)] * 2)
+    assert notes == ["stacks of coins do not store laws"]
+    (_, state, chosen, said), _ = ss.io.read_packings(tmp_path / "b.coins", law="linear", mu=0.2)
+    assert (state.grains.position == place).all() and chosen.table[0, 0, MU] == 0.2
+    assert state.grains.mass[0] == pytest.approx(8.9 * np.pi / 6)
+    assert any("has no box" in note for note in said) and not any("has no masses" in note for note in said)
+    assert ss.io.read_packing(tmp_path / "b.coins", frame="1").state.contacts.count == [1]
+    with pytest.raises(ss.packings.PackingError, match="has no frame '7': it has 0, 1"):
+        ss.io.read_packing(tmp_path / "b.coins", frame="7")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"# coins\n0 0 zero 1\n", "cannot be read as stacks of coins .*zero.*: it is damaged, or its wing is"),
+        (gzip.compress(b"# coins\n0 0 0 1\n"), "is compressed: decompress it first"),
+        (b"# coins\n0 0 0 -1\n", "radius"),
+    ],
+)
+def test_damaged_files_of_its_format_end_in_one_sentence(stacks, tmp_path, content, said):
+    stacks()
+    (tmp_path / "a.coins").write_bytes(content)
+    with pytest.raises(ss.packings.PackingError, match=said) as caught:
+        ss.io.read_packing(tmp_path / "a.coins")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_extension_of_a_wing_that_is_missing_is_refused(install, tmp_path):
+    install()
+    pair = ss.packings.from_arrays([[0, 0, 0]], [0.5], ss.laws.linear())
+    with pytest.raises(ss.packings.PackingError, match=r"ends with '\.coins', which cannot be written"):
+        ss.io.write_packing(tmp_path / "b.coins", pair, ss.laws.linear())
+
+
 def test_bad_keys_are_named():
     with pytest.raises(ss.experiments.ScenarioError, match="bias"):
         ss.scenario(experiment="coins", bias=-1)
@@ -145,6 +211,7 @@ def test_the_wing_among_the_examples_runs(install, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(folder)
     entries = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"][GROUP]
     install(*(EntryPoint(name, value, GROUP) for name, value in entries.items()))
+    assert bundled.pages()["bouncing"] == "A bouncing disk" and "rebound" in bundled.page("bouncing")
     (tmp_path / "bouncing.toml").write_text('experiment = "bouncing"\nheight = 2.0\n')
     assert call(monkeypatch, "run", tmp_path / "bouncing.toml", "--out", tmp_path / "out") == 0
     assert (tmp_path / "out" / "fig1_height.png").exists()

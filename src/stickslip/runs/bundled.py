@@ -11,6 +11,7 @@ from ..data.atomic import check_free
 from ..data.schema import ScenarioBase
 from ..experiments.registry import read_scenario
 from ..loading.reading import read_packing
+from ..wing import wings
 
 
 def _bundled_folder(name: str) -> Path:
@@ -120,9 +121,17 @@ def _files(source: Path) -> list[Path]:
 
 def pages() -> dict[str, str]:
     """Return the names of all pages of documentation that are here, each with its title."""
+    texts = {name: file.read_text(encoding="utf-8") for name, file in _pages().items()}
+    return {name: f"\n{text}".partition("\n# ")[2].partition("\n")[0] for name, text in texts.items()}
+
+
+def _pages() -> dict[str, Path]:
+    """Files of the pages of the laboratory, and of those in the folders of wings, by their names."""
     files = [file.relative_to(PAGES) for file in sorted(PAGES.rglob("*.md")) if file.name != "README.md"]
     names = [file.with_suffix("").as_posix() for file in files if not file.parts[0].startswith("_")]
-    return {name: (PAGES / f"{name}.md").read_text(encoding="utf-8").partition("\n")[0].strip("# ") for name in names}
+    own = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
+    own = [(name, folder) for name, folder in own if name not in names and (folder / f"{name}.md").is_file()]
+    return {name: folder / f"{name}.md" for name, folder in [*((name, PAGES) for name in names), *own]}
 
 
 @checked
@@ -134,8 +143,8 @@ def page(name: str) -> str:
     ValueError
         If there is no such page; the message lists pages with similar names.
     """
-    known = pages()
+    known = _pages()
     if name not in known:
         near = [key for key in known if name.rpartition("/")[2] in key] or get_close_matches(name, known, 3) or known
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
-    return (PAGES / f"{name}.md").read_text(encoding="utf-8")
+    return known[name].read_text(encoding="utf-8")

@@ -8,4 +8,8 @@ WING = Wing(
     experiments={
         "disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"
     },
+    pages=(
+        "disk_array", "sphere_shear", "pairs_by_law", "quasi_rigid", "gouge", "tutorials/fault_gouge", "theory/gouge",
+        "theory/gouge_paper_size", "theory/errata",
+    ),
 )  # fmt: skip

@@ -6,4 +6,5 @@ WING = Wing(
     package=__package__,
     words="element tests and cyclic shear of soils",
     experiments={"element-test": "element_test", "cyclic-shear": "cyclic_shear"},
+    pages=("element_tests", "directions_of_failure"),
 )

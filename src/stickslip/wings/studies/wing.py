@@ -6,4 +6,5 @@ WING = Wing(
     package=__package__,
     words="granular flows, thresholds of friction, a catalogue of events",
     experiments={"flow": "flow", "threshold": "threshold", "catalogue": "catalogue"},
+    pages=("catalogue",),
 )
