@@ -4,9 +4,12 @@ A test file belongs to a room if it imports from it, or uses a public name that 
 """
 
 import ast
+import re
 import sys
 from functools import cache
 from pathlib import Path
+
+from stickslip.wing import installed
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "stickslip"
@@ -75,6 +78,27 @@ def files(room: str) -> list[Path]:
         for path in sorted((ROOT / "tests").rglob("test_*.py"))
         if room in used(path) or room in path.relative_to(ROOT / "tests").parts
     ]
+
+
+@cache
+def _words_of_wings() -> re.Pattern:
+    """Words with which a test names a wing: packages, experiments, claims, the first public names of wings."""
+    names = {name for wing in installed().values() for name in wing.experiments} - {"flow", "fault"}
+    names |= {name.replace("-", "_") for name in names}
+    return re.compile(
+        "|".join(
+            [r"wings\.|experiment|ss\.scenario\(|reproduce|tests\.(?:published|peers|wings)", *map(re.escape, names)]
+        )
+    )
+
+
+def of_laboratory() -> list[Path]:
+    """Test files that name no wing, nor an experiment or a public name of one."""
+    wings = {"friction", "quasirigid", "experiments", *(path.parent.name for path in PACKAGE.glob("wings/*/wing.py"))}
+    folders = {"wings", "peers", "published", "device", "structure"}
+    every = sorted((ROOT / "tests").rglob("test_*.py"))
+    every = [path for path in every if not folders & set(path.relative_to(ROOT / "tests").parts)]
+    return [path for path in every if not (used(path) & wings or _words_of_wings().search(path.read_text()))]
 
 
 if __name__ == "__main__":

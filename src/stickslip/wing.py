@@ -42,6 +42,7 @@ class Wing(NamedTuple):
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
     fault: str = ""  # "module.function": () -> why an external program that the wing needs does not work, or ""
+    needs: tuple[str, ...] = ()  # names of the wings that it imports, itself or through others
     formats: tuple[FileFormat, ...] = ()
     pages: tuple[str, ...] = ()  # of documentation: NAME.md in its folder, or a page of the laboratory's documentation
 
@@ -55,8 +56,18 @@ class Wing(NamedTuple):
         return getattr(self.module(module), name)
 
 
-@cache
+class MissingWingError(ImportError, ValueError):
+    """Raised if a wing that is needed is not installed; the message is one sentence (exit code 2)."""
+
+
 def wings() -> dict[str, Wing]:
+    """Heads of the wings that are installed together with those that they need, by name."""
+    found = installed()
+    return {name: wing for name, wing in found.items() if set(wing.needs) <= set(found)}
+
+
+@cache
+def installed() -> dict[str, Wing]:
     """Heads of all wings that are installed, by name; a broken one is left out with a warning."""
     own = {"papers": 0, "studies": 1, "soils": 2, "faults": 3}  # the order of experiments in lists
     found = sorted(entry_points(group=GROUP), key=lambda entry: (own.get(entry.name, len(own)), entry.name))
@@ -71,6 +82,18 @@ def add_commands() -> None:
                 wing.module(wing.commands)
             except Exception as problem:  # code of other people
                 _warn(name, problem)
+
+
+def missing_wing(user: str, name: str) -> MissingWingError:
+    """Error for something that needs a wing that is not installed."""
+    remedy = "install stickslip again, or the package that has this wing"
+    return MissingWingError(f"{user} needs the wing {name}, which is not installed: {remedy}")
+
+
+def without_wing(user: str, problem: ModuleNotFoundError) -> ImportError:
+    """Error for an import that failed: a sentence if a wing of this package is missing, otherwise the error itself."""
+    package, _, name = (problem.name or "").rpartition(".")
+    return missing_wing(user, name) if package == f"{__package__}.wings" else problem
 
 
 def _load(entry: EntryPoint) -> Wing | None:

@@ -75,11 +75,11 @@ def install(monkeypatch):
     def change(*more, without=()):
         kept = [entry for entry in entry_points(group=GROUP) if entry.name not in without]
         monkeypatch.setattr(wing, "entry_points", lambda group: [*kept, *more])
-        wing.wings.cache_clear()
+        wing.installed.cache_clear()
 
     yield change
     monkeypatch.undo()
-    wing.wings.cache_clear()
+    wing.installed.cache_clear()
 
 
 @pytest.fixture(autouse=True)

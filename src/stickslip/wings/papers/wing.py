@@ -5,6 +5,7 @@ from ...wing import Wing
 WING = Wing(
     package=__package__,
     words="four papers, with their claims",
+    needs=("faults", "status", "lammps"),
     experiments={
         "disk-array": "disk_array", "sphere-shear": "sphere_shear", "quasi-rigid": "quasi_rigid", "gouge": "gouge"
     },
