@@ -1,11 +1,14 @@
-"""Tests without a wing: `python -m tests.hidden status tests/unit` hides its folder and its entry point; `all` hides all."""
+"""Tests without a wing: `python -m tests.hidden status tests/unit` hides its folder and its entry point.
+
+`all` hides every wing. Processes that tests start are not affected.
+"""
 
 import importlib.abc
-import importlib.metadata
 import sys
 
 import pytest
 
+from stickslip import wing
 from tests import rooms
 
 NAMES = sorted(path.parent.name for path in rooms.PACKAGE.glob("wings/*/wing.py"))
@@ -25,13 +28,8 @@ class Hidden(importlib.abc.MetaPathFinder):
 def hide(names) -> None:
     """Hide wings in this process, which has not imported them."""
     sys.meta_path.insert(0, Hidden({f"stickslip.wings.{name}" for name in names}))
-    found = importlib.metadata.entry_points
-
-    def rest(**which):
-        entries = found(**which)
-        return [e for e in entries if e.name not in names] if which.get("group") == "stickslip.wings" else entries
-
-    importlib.metadata.entry_points = rest
+    found = wing.entry_points
+    wing.entry_points = lambda group: [entry for entry in found(group=group) if entry.name not in names]
 
 
 def main(name: str, *arguments: str) -> int:

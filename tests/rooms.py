@@ -82,23 +82,22 @@ def files(room: str) -> list[Path]:
 
 @cache
 def _words_of_wings() -> re.Pattern:
-    """Words with which a test names a wing: packages, experiments, claims, the first public names of wings."""
+    """Words with which a test names a wing: its package, its experiments, tests of it."""
     names = {name for wing in installed().values() for name in wing.experiments} - {"flow", "fault"}
-    names |= {name.replace("-", "_") for name in names}
-    return re.compile(
-        "|".join(
-            [r"wings\.|experiment|ss\.scenario\(|reproduce|tests\.(?:published|peers|wings)", *map(re.escape, names)]
-        )
-    )
+    words = [r"wings\.", "experiment", r"ss\.scenario\(", "reproduce", r"tests\.(?:published|peers|wings)"]
+    return re.compile("|".join([*words, *names, *(name.replace("-", "_") for name in names)]))
 
 
 def of_laboratory() -> list[Path]:
-    """Test files that name no wing, nor an experiment or a public name of one."""
+    """Test files that name no wing, nor an experiment or a public name of one, and use none that do."""
     wings = {"friction", "quasirigid", "experiments", *(path.parent.name for path in PACKAGE.glob("wings/*/wing.py"))}
     folders = {"wings", "peers", "published", "device", "structure"}
-    every = sorted((ROOT / "tests").rglob("test_*.py"))
-    every = [path for path in every if not folders & set(path.relative_to(ROOT / "tests").parts)]
-    return [path for path in every if not (used(path) & wings or _words_of_wings().search(path.read_text()))]
+
+    every = [path for path in (ROOT / "tests").rglob("test_*.py") if not folders & {*path.relative_to(ROOT).parts}]
+    texts = {path: path.read_text(encoding="utf-8") for path in every}
+    own = {path: text for path, text in texts.items() if not (used(path) & wings or _words_of_wings().search(text))}
+    foreign = "|".join(re.escape(f"tests.{path.parent.name}.{path.stem} ") for path in texts if path not in own)
+    return sorted(path for path, text in own.items() if not re.search(foreign, text))
 
 
 if __name__ == "__main__":

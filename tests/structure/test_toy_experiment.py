@@ -6,11 +6,12 @@ Without a wing, or with a broken one, everything else works.
 import gzip
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Literal, NamedTuple
@@ -27,6 +28,7 @@ from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
 from stickslip.runs import bundled
 from stickslip.wing import GROUP, FileFormat, Wing
+from tests import hidden, rooms
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,8 +74,10 @@ COINS = EntryPoint("coins", f"{__name__}:WING", GROUP)
 def install(monkeypatch):
     """Function that installs wings, and uninstalls others."""
 
+    found = wing.entry_points
+
     def change(*more, without=()):
-        kept = [entry for entry in entry_points(group=GROUP) if entry.name not in without]
+        kept = [entry for entry in found(group=GROUP) if entry.name not in without]
         monkeypatch.setattr(wing, "entry_points", lambda group: [*kept, *more])
         wing.installed.cache_clear()
 
@@ -233,15 +237,10 @@ def test_the_wing_among_the_examples_is_installed_by_pip(tmp_path):
     assert "rebound: 0.7" in done.stdout, done.stderr
 
 
-ALONE = """
-import importlib.abc, importlib.metadata, sys
-class Hidden(importlib.abc.MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
-        if name.startswith("stickslip.wings"):
-            raise ImportError(f"{name} is hidden")
-sys.meta_path.insert(0, Hidden())
-found = importlib.metadata.entry_points
-importlib.metadata.entry_points = lambda **which: [] if which == {"group": "stickslip.wings"} else found(**which)
+COMMANDS = """
+import sys
+from tests import hidden
+hidden.hide(hidden.NAMES)
 from stickslip.cli import main
 for words in (["stability", "few.npz"], ["convert", "few.npz", "--to", "few.csv"], ["report", "few.npz"], ["doctor"]):
     sys.argv = ["stickslip", *words]
@@ -252,12 +251,74 @@ for words in (["stability", "few.npz"], ["convert", "few.npz", "--to", "few.csv"
 """
 
 
+def run_here(*arguments, cwd=ROOT):
+    """Run Python in a process of its own: nothing may have been imported before a wing is hidden."""
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run([sys.executable, *arguments], cwd=cwd, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
+    return done.stdout
+
+
 def test_the_laboratory_works_without_its_wings(few_spheres, tmp_path):
-    shutil.copy(few_spheres, tmp_path / "few.npz")  # a process of its own, 4 s: nothing may have been imported before
-    done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "oscillatory instability" in done.stdout and "all is well" in done.stdout
+    shutil.copy(few_spheres, tmp_path / "few.npz")
+    said = run_here("-c", COMMANDS, cwd=tmp_path)
+    assert "oscillatory instability" in said and "all is well" in said
     assert (tmp_path / "few.csv").exists() and (tmp_path / "few-report.html").exists()
+
+
+# a wing of somebody else, its sweep and its format; a verdict and files of a packing: 3 s of a processor
+TELLING = (
+    "tests/structure/test_toy_experiment.py::test_from_python",
+    "tests/structure/test_toy_experiment.py::test_in_a_sweep",
+    "tests/structure/test_toy_experiment.py::test_files_of_its_format_are_read_and_written",
+    "tests/exchange/test_convert.py::test_three_commands_make_an_animation",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", hidden.NAMES)
+def test_the_laboratory_passes_its_tests_without_a_wing(name):
+    assert "cannot be loaded" not in run_here("-m", "tests.hidden", name, *TELLING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["all", *hidden.NAMES])
+def test_the_laboratory_passes_all_its_tests_without_a_wing(name):
+    own = [str(path.relative_to(ROOT)) for path in rooms.of_laboratory()]
+    assert len(own) > 60
+    run_here("-m", "tests.hidden", name, "-m", "not slow", *own)
+
+
+def test_heads_name_the_wings_that_they_import():
+    direct = {name: set() for name in hidden.NAMES}
+    for path in (rooms.PACKAGE / "wings").rglob("*.py*"):
+        parts = path.relative_to(rooms.PACKAGE / "wings").parts
+        for dots, other in re.findall(r"^ *from (\.+)(\w+)", path.read_text(encoding="utf-8"), flags=re.M):
+            if len(dots) == len(parts) and other in direct and len(parts) > 1:
+                direct[parts[0]].add(other)
+
+    def needed(name):
+        return direct[name].union(*map(needed, direct[name]))
+
+    assert {name: set(one.needs) for name, one in wing.wings().items() if name != "coins"} == {
+        name: needed(name) for name in hidden.NAMES
+    }
+
+
+@pytest.mark.parametrize(("experiment", "missing"), [("gouge", "faults"), ("threshold", "papers"), ("flow", "lammps")])
+def test_an_experiment_without_a_wing_that_it_needs_names_it(experiment, missing, install):
+    install(without=[missing])
+    said = f"experiment = '{experiment}' needs the wing {missing}, which is not installed: install stickslip again, or"
+    with pytest.raises(ss.experiments.ScenarioError, match=said):
+        ss.scenario(experiment=experiment)
+    assert experiment not in EXPERIMENTS and "fault" in {*EXPERIMENTS, missing.removesuffix("s")}
+
+
+def test_a_public_name_of_a_missing_wing_names_it(monkeypatch):
+    for module in [name for name in sys.modules if name.startswith("stickslip.wings.status")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setattr(sys, "meta_path", [hidden.Hidden({"stickslip.wings.status"}), *sys.meta_path])
+    with pytest.raises(wing.MissingWingError, match=r"stickslip.quasirigid.load_path needs the wing status, which is"):
+        ss.quasirigid.load_path  # noqa: B018
 
 
 def test_without_any_wing_scenarios_name_no_experiment(install):
