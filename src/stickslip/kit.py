@@ -21,6 +21,7 @@ Arguments of functions
 
     checked, check_types, Requirement       validation of arguments by their annotations
     Array, Bodies, Numbers, Result, Series, Values      annotations
+    FILLED, NOT_NEGATIVE, POSITIVE, one_of      requirements beside a type: Annotated[int, POSITIVE]
     require_filled, require_index, require_not_negative, require_options, require_positive, require_shape   checks
 
 Runs

@@ -10,6 +10,9 @@ from .cli.app import number_option as number_option
 from .cli.entry_point import StoppedError as StoppedError
 from .cli.packings import PackingOptions as PackingOptions
 from .cli.packings import in_units_of_packing as in_units_of_packing
+from .core.arguments import FILLED as FILLED
+from .core.arguments import NOT_NEGATIVE as NOT_NEGATIVE
+from .core.arguments import POSITIVE as POSITIVE
 from .core.arguments import Array as Array
 from .core.arguments import Bodies as Bodies
 from .core.arguments import Numbers as Numbers
@@ -19,6 +22,7 @@ from .core.arguments import Series as Series
 from .core.arguments import Values as Values
 from .core.arguments import check_types as check_types
 from .core.arguments import checked as checked
+from .core.arguments import one_of as one_of
 from .core.arguments import require_filled as require_filled
 from .core.arguments import require_index as require_index
 from .core.arguments import require_not_negative as require_not_negative

@@ -1,9 +1,12 @@
 """Wrong arguments of public functions: one sentence that names the argument, from where the user calls."""
 
+from typing import Annotated, Literal
+
 import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.arguments import FILLED, POSITIVE, Array, NotNegative, Numbers, Positive, checked, one_of
 
 H = ss.laws.hertz_mindlin()
 
@@ -104,3 +107,40 @@ def test_errors_inside_do_not_leave_the_door_open(packings):
         ss.forces(packings[0], H, memory=7)
     with pytest.raises(TypeError, match="law must be a Law"):
         ss.forces(packings[0], 1)
+
+
+@checked
+def _measure(
+    size: Positive = 1.0, count: Annotated[int, POSITIVE] | None = None, drag: NotNegative | None = None,
+    kind: Literal["a", "b"] = "a", dim: Annotated[int, one_of(2, 3)] = 2, rate: Annotated[Numbers, FILLED] = (1,),
+    tensor: Annotated[Numbers, Array(shapes=((2, 2), (3, 3)))] | None = None,
+):  # fmt: skip
+    return size, count, drag, kind, dim
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"size": 0}, "size = 0 was given: it must be positive"),
+        ({"size": 1e-200}, "size = 1e-200 was given: it must be positive, from"),
+        ({"size": "1"}, "size must be a number, but a value of type str was given"),
+        ({"count": -2.0}, "count = -2 was given: it must be positive"),
+        ({"count": 0.5}, "count = 0.5 was given, but it must be a whole number"),
+        ({"drag": -1}, "drag = -1 was given: it must be zero or positive"),
+        ({"drag": "x"}, "drag must be a number or None, but a value of type str"),
+        ({"kind": "c"}, "kind = 'c' was given: 'a' and 'b' are allowed"),
+        ({"kind": 1}, "kind must be a word"),
+        ({"dim": 4}, "dim = 4 was given: 2 and 3 are allowed"),
+        ({"rate": []}, "rate is empty: give at least one entry"),
+        ({"tensor": np.eye(4)}, r"tensor has shape \(4, 4\) where \(2, 2\) or \(3, 3\) is needed"),
+        ({"tensor": [[1, np.nan], [0, 1]]}, "tensor holds NaN or infinity"),
+    ],
+)
+def test_annotations_state_ranges_words_and_shapes(wrong, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        _measure(**wrong)
+
+
+def test_values_within_the_ranges_are_taken():
+    assert _measure(2, 3.0, 0, "b", np.int64(3), [0.5], np.eye(3)) == (2, 3, 0, "b", 3)
+    assert _measure() == (1.0, None, None, "a", 2)

@@ -5,8 +5,9 @@ call each other. Parts of a state, laws and other values with a method `check_en
 because compiled code does not look beyond the ends of arrays.
 
 Annotations that are understood: `int`, `float`, `complex`, `bool`, `str`, `None`, classes of this package and of the
-standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]` and `Annotated[…]` with an `Array`,
-a `Requirement` or a `Result`. All others are ignored.
+standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]`, `Literal[…]`, and `Annotated[…]`
+with an `Array`, a `Result`, or a `Requirement` such as `POSITIVE`, `NOT_NEGATIVE`, `FILLED` or `one_of(…)`. All others
+are ignored. Only the body of a function compares arguments with each other.
 """
 
 import inspect
@@ -16,13 +17,13 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
 from numbers import Complex, Integral, Real
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
 from .definitions import shapes_of
 from .fields import LARGEST
-from .text import bounded
+from .text import bounded, quoted
 
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
@@ -37,6 +38,7 @@ class Array(NamedTuple):
     kinds: str = "buif"  # of types
     empty: bool = True  # whether there may be no numbers
     finite: bool = True  # whether all must be finite
+    shapes: tuple[tuple[int, ...], ...] = ()  # allowed ones; none: any
 
 
 class Requirement(NamedTuple):
@@ -59,11 +61,44 @@ def require_filled(name: str, value) -> None:
         raise ValueError(f"{name} is empty: give at least one entry")
 
 
+def require_positive(**values) -> None:
+    """Raise ValueError with a one-sentence message if a value is not positive and within the range of a state."""
+    for name, value in values.items():
+        if not 1 / LARGEST <= value <= LARGEST:
+            range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
+            raise ValueError(f"{name} = {value} was given: it must be positive{range_}")
+
+
+def require_not_negative(**values) -> None:
+    """Raise ValueError with a one-sentence message if a value is negative or not finite; None is ignored."""
+    for name, value in values.items():
+        if value is not None and not 0 <= value <= LARGEST:
+            range_ = f", at most {LARGEST:g}" if value > 0 else ""
+            raise ValueError(f"{name} = {value} was given: it must be zero or positive{range_}")
+
+
+def one_of(*allowed) -> Requirement:
+    """Requirement that a value is one of a table's; those that stand beside the argument are a `Literal` instead."""
+
+    def check(name, value):
+        if not any(isinstance(value, type(one)) and value == one for one in allowed):
+            *others, last = map(repr, allowed)
+            shown = f"{', '.join(others)} and {last} are" if others else f"only {last} is"
+            raise ValueError(f"{name} = {quoted(value)} was given: {shown} allowed")
+
+    return Requirement(check)
+
+
 def _require_seed(name: str, value: int) -> None:
     if value < 0:
         raise ValueError(f"{name} = {value} was given: it must be zero or positive")
 
 
+FILLED = Requirement(require_filled)
+POSITIVE = Requirement(lambda name, value: require_positive(**{name: value}))
+NOT_NEGATIVE = Requirement(lambda name, value: require_not_negative(**{name: value}))
+Positive = Annotated[float, POSITIVE]
+NotNegative = Annotated[float, NOT_NEGATIVE]
 Seed = Annotated[int, Requirement(_require_seed)]
 Numbers = Annotated[Any, Array()]
 Several = Annotated[Any, Array((0, 1))]  # a number, or some in a row
@@ -188,6 +223,8 @@ def _check_of(annotation, given: bool = True) -> Callable[[str, Any], Any] | Non
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _check_of_annotated(*parts)
+    if origin is Literal:
+        return _check_of_annotated(Union[*map(type, parts)], one_of(*parts))
     if origin in (types.UnionType, Union):
         return _check_of_union(parts, given)
     if origin in (list, dict) or (origin is tuple and parts):
@@ -219,18 +256,22 @@ def _is_checkable(kind) -> bool:
     return isinstance(kind, type) and kind not in (object, Any, np.ndarray)
 
 
-def _check_of_annotated(kind, known):
-    if isinstance(known, Requirement):
-        base = _check_of(kind)
+def _check_of_annotated(kind, *known):
+    tests = {Array: _check_array, Result: _check_result, Requirement: _check_requirement}
+    base, known = _check_of(kind), [one for one in known if type(one) in tests]
 
-        def check(name, value):
-            value = base(name, value)
-            known.check(name, value)
-            return value
+    def check(name, value):
+        value = _part(base, name, value)
+        for one in known:
+            value = tests[type(one)](name, value, one)
+        return value
 
-        return check
-    checks = {Array: _check_array, Result: _check_result}
-    return (lambda name, value: checks[type(known)](name, value, known)) if type(known) in checks else None
+    return check if base or known else None
+
+
+def _check_requirement(name: str, value, wanted: Requirement):
+    wanted.check(name, value)
+    return value
 
 
 def _check_of_union(parts, given: bool):
@@ -294,6 +335,8 @@ def _words(annotation) -> str:
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return f"a {parts[1].name}" if isinstance(parts[1], Result) else _words(parts[0])
+    if origin is Literal:
+        return " or ".join(map(repr, parts))
     if origin in (types.UnionType, Union):
         return " or ".join(map(_words, parts))
     if origin in (list, tuple, dict):
@@ -383,6 +426,8 @@ def _check_array(name: str, value, wanted: Array):
     if wanted.ndim is not None and array.ndim not in wanted.ndim:
         allowed = " or ".join(map(str, wanted.ndim))
         raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
+    if wanted.shapes and array.shape not in wanted.shapes:
+        raise ValueError(f"{name} has shape {array.shape} where {' or '.join(map(str, wanted.shapes))} is needed")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
     if array.dtype.kind == "b" and "f" in wanted.kinds and "c" not in wanted.kinds:  # numbers only, no mask: True is 1
@@ -442,19 +487,3 @@ def require_shape(shape: tuple[int, ...], **values) -> None:
     for name, value in values.items():
         if np.shape(value) != shape:
             raise ValueError(f"{name} has shape {np.shape(value)} where {shape} is needed")
-
-
-def require_positive(**values) -> None:
-    """Raise ValueError with a one-sentence message if a value is not positive and within the range of a state."""
-    for name, value in values.items():
-        if not 1 / LARGEST <= value <= LARGEST:
-            range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
-            raise ValueError(f"{name} = {value} was given: it must be positive{range_}")
-
-
-def require_not_negative(**values) -> None:
-    """Raise ValueError with a one-sentence message if a value is negative or not finite; None is ignored."""
-    for name, value in values.items():
-        if value is not None and not 0 <= value <= LARGEST:
-            range_ = f", at most {LARGEST:g}" if value > 0 else ""
-            raise ValueError(f"{name} = {value} was given: it must be zero or positive{range_}")

@@ -17,6 +17,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from ..core import arguments
 from ..core.readable import folded, format_value, table
 from ..core.sizes import Size, require_sizes
 from ..core.text import SentenceError
@@ -33,8 +34,8 @@ def _check_size(value: float) -> float:
 
 SIZES = {"small": f"{SMALLEST:g}", "large": f"{LARGEST:g}"}
 Sized = AfterValidator(_check_size)
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), Sized]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), Sized]
+Positive = Annotated[arguments.Positive, Field(gt=0, allow_inf_nan=False), Sized]
+NotNegative = Annotated[arguments.NotNegative, Field(ge=0, allow_inf_nan=False), Sized]
 Finite = Annotated[float, Field(allow_inf_nan=False), Sized]
 Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False), Sized]
 Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)  # TOML and JSON use lists
