@@ -123,8 +123,8 @@ from .reports.claims import format_value as format_value
 from .reports.claims import median_error as median_error
 from .reports.claims import note_quick_run as note_quick_run
 from .reports.claims import standard_error as standard_error
-from .reports.output_file import check_output as check_output
-from .reports.output_file import staged_file as staged_file
+from .reports.page import check_output as check_output
+from .reports.page import staged_file as staged_file
 from .reports.terminal import console as console
 from .reports.terminal import new_table as new_table
 from .reports.terminal import progress as progress

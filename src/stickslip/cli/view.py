@@ -57,19 +57,18 @@ def report(
 ) -> None:
     """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
     from ..data.run_files import PAGE
-    from ..reports import output_file as look_out
-    from ..reports import terminal
+    from ..reports import page, terminal
     from ..runs import json_output
-    from ..runs import page as look
+    from ..runs.page import load_content
 
-    path = out or look_out.default_path(place, PAGE)
-    look_out.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, view, options))
+    path = out or page.default_path(place, PAGE)
+    page.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, view, options))
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        content = look.load_content(
+        content = load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
             search=verdict, trust=view.trust,
         )  # fmt: skip
-        look.write_page(content, path, colour=view.colour)
+        page.write_page(content, path, colour=view.colour)
     notes = [content.warning] if content.warning else []
 
     def show() -> None:
@@ -124,20 +123,19 @@ def movie(
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
     from ..data.run_files import FILM
     from ..data.sample import UNDECIDED
-    from ..reports import output_file as look_out
-    from ..reports import terminal
+    from ..reports import page, terminal
     from ..runs import json_output
-    from ..runs import page as look
+    from ..runs.page import is_run, load_content
 
-    path = out or look_out.default_path(place, FILM)
-    look_out.check_output(path, look.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
-    look.film.check_movie(path, film.fps)
+    path = out or page.default_path(place, FILM)
+    page.check_output(path, page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
+    page.film.check_movie(path, film.fps)
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
-        content = look.load_content(
+        content = load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
-            search=film.mode is not None or not look.is_run(place), trust=view.trust,
+            search=film.mode is not None or not is_run(place), trust=view.trust,
         )  # fmt: skip
-        look.write_movie(
+        page.write_movie(
             content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
             mode=film.mode, whole=film.whole, report=tell,
         )  # fmt: skip
