@@ -9,7 +9,7 @@ import shutil
 from collections import ChainMap
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 from .. import __version__
 from .._core import build
@@ -198,7 +198,11 @@ def read_pieces(folder: Path) -> tuple[dict[str, Node], dict[str, str]]:
     return dict(sorted(pieces.items())), about
 
 
-def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:
+@overload
+def checkpoint_in(folder: Path, scenario, *nouns: type) -> Checkpoint: ...
+@overload
+def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None: ...
+def checkpoint_in(folder, scenario, *nouns):
     """Location of the pieces of a scenario that is run in a folder; None without a folder."""
     return Checkpoint(folder, scenario.text, nouns, units=scenario.named_units) if folder else None
 
