@@ -84,7 +84,14 @@ def files(room: str) -> list[Path]:
 def _words_of_wings() -> re.Pattern:
     """Words with which a test names a wing: its package, its experiments, tests of it."""
     names = {name for wing in installed().values() for name in wing.experiments} - {"flow", "fault"}
-    words = [r"wings\.", "experiment", r"ss\.scenario\(", "reproduce", r"tests\.(?:published|peers|wings)"]
+    words = [
+        r"\"(?:watch|fit)\"",
+        r"wings\.",
+        "experiment",
+        r"ss\.scenario\(",
+        "reproduce",
+        r"tests\.(?:published|peers|wings)",
+    ]
     return re.compile("|".join([*words, *names, *(name.replace("-", "_") for name in names)]))
 
 

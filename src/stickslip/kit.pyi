@@ -1,13 +1,13 @@
 from .cli.app import FigureOptions as FigureOptions
 from .cli.app import Out as Out
 from .cli.app import Output as Output
+from .cli.app import StoppedError as StoppedError
 from .cli.app import check_choice as check_choice
 from .cli.app import command as command
 from .cli.app import complete_from as complete_from
 from .cli.app import examples as examples
 from .cli.app import finish as finish
 from .cli.app import number_option as number_option
-from .cli.entry_point import StoppedError as StoppedError
 from .cli.packings import PackingOptions as PackingOptions
 from .cli.packings import in_units_of_packing as in_units_of_packing
 from .core.arguments import FILLED as FILLED

@@ -11,19 +11,21 @@ from .app import (
     DEVICES,
     ENGINES,
     EngineOptions,
+    FailedError,
     FigureOptions,
     Out,
     Output,
     Overwrite,
     ProcessOptions,
+    StoppedError,
     Trust,
     check_choice,
     command,
     complete_from,
+    convert_errors,
     examples,
     finish,
 )
-from .entry_point import FailedError, StoppedError, convert_errors
 
 REPRODUCE = examples(
     ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with figures and claims"),
