@@ -1,4 +1,4 @@
-"""Commands that read a packing: stability analysis and conversion to other formats."""
+"""Commands that read a packing: stability, conversion, reports with a three-dimensional view, and movies."""
 
 import sys
 from functools import wraps
