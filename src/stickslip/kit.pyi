@@ -61,10 +61,10 @@ from .data.checkpoint import Checkpoint as Checkpoint
 from .data.checkpoint import checkpoint_in as checkpoint_in
 from .data.checkpoint import load_or_compute as load_or_compute
 from .data.law_schema import LawTable as LawTable
+from .data.law_schema import Packing as Packing
 from .data.law_schema import PackingLaw as PackingLaw
 from .data.law_schema import allow_laws as allow_laws
 from .data.nodes import archive_fields as archive_fields
-from .data.packing_schema import Packing as Packing
 from .data.schema import Duration as Duration
 from .data.schema import Finite as Finite
 from .data.schema import Listed as Listed

@@ -130,7 +130,7 @@ def reproduce(
 def _working_in(folder: Path, output: Output):
     """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
     from ..data.checkpoint import is_worth_resuming
-    from ..data.lock import lock_folder
+    from ..data.manifest import lock_folder
     from ..data.run_files import resume_command
     from ..reports import terminal
 

@@ -23,7 +23,6 @@ from ..core.reading import Reader
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
 from ..core.text import SentenceError
 from ..core.units import Fields, Units, in_units, units_of
-from .older_contacts import restore_contacts
 
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _LENGTH = struct.Struct("<Q")  # of the outline of a tree in bytes
@@ -213,3 +212,19 @@ def archive_fields(record) -> Fields:
         is_text = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
         out[name] = "\n".join(value) if is_text else value
     return Fields(out, type(record))
+
+
+def restore_contacts(fields: dict) -> Contacts:
+    """Contact list from its fields in a file.
+
+    Up to schema 4 of archives, and schema 1 of GSD files, the skin was an array, the gap its second entry, infinite
+    positions meant a stale list, and a law without rolling memory had an array without rows.
+    """
+    fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
+    if "stale" not in fields:
+        skin, known = np.atleast_1d(fields["skin"]), np.isfinite(fields["origin"])
+        fields |= {"skin": float(skin[0]), "gap": float(skin[1:].sum()), "stale": not known.all()}
+        fields["origin"] = np.where(known, fields["origin"], 0.0)
+        if not len(fields.get("rolling", ())):
+            fields["rolling"] = None
+    return Contacts(**fields)

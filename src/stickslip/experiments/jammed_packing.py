@@ -2,7 +2,7 @@
 
 from ..core.laws.builtin import Law
 from ..core.state import State
-from ..data.packing_schema import Packing
+from ..data.law_schema import Packing
 from ..loading.packing import PackingInfo, jammed
 
 DEFAULT_FRACTION = {2: 0.86, 3: 0.68}

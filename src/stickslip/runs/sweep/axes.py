@@ -15,8 +15,17 @@ from pydantic_core import PydanticCustomError
 from ...core.sizes import MOST
 from ...core.tables import read_table, split_label
 from ...core.text import parse_number
-from ...data.dotted_keys import field_at
-from ...data.schema import LARGEST, Finite, Listed, Positive, ScenarioError, ScenarioTable, split_unit, validate_table
+from ...data.schema import (
+    LARGEST,
+    Finite,
+    Listed,
+    Positive,
+    ScenarioError,
+    ScenarioTable,
+    field_at,
+    split_unit,
+    validate_table,
+)
 
 SPACED, DRAWN = ("linspace", "geomspace"), ("uniform", "loguniform", "integers", "normal")
 KINDS = (*SPACED, *DRAWN, "column", "count")

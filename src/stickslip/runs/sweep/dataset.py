@@ -14,10 +14,9 @@ from ...core.arguments import checked
 from ...core.reading import check_regular_file
 from ...data import archive
 from ...data.checkpoint import MEMBERS
-from ...data.dotted_keys import field_at
 from ...data.manifest import write_file
 from ...data.run_files import NUMBERS
-from ...data.schema import split_unit
+from ...data.schema import field_at, split_unit
 from ...experiments.registry import EXPERIMENTS, scenario_class
 from ...figures.saving import PLAIN, Look, render_all
 from ...figures.sweep import cycles
