@@ -27,6 +27,7 @@ from ..solve.freedom import backbone
 from ..solve.gradient import VerdictProbability, verdict_probability
 from ..solve.stability import Stability
 from . import details as stability_more
+from .details import attempt
 from .terminal import console, new_table, show_table
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
@@ -58,10 +59,7 @@ class Settling(NamedTuple):
 
 def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthForm | str:
     """Return the normal form of the fastest pair, or the reason why there is none."""
-    try:
-        return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
-    except ValueError as problem:
-        return str(problem)
+    return attempt(birth_form, state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
 
 
 def find_probability(
@@ -70,10 +68,7 @@ def find_probability(
     """Return how sure the verdict is with errors of positions, or the reason why that is not known."""
     require_positive(position_error=error)
     law = law if dashpots or not damping_model(law) else with_values(law, damping_n=0.0, damping_t=0.0)
-    try:
-        return verdict_probability(state, law, position_error=error, report=report)
-    except ValueError as problem:
-        return str(problem)
+    return attempt(verdict_probability, state, law, position_error=error, report=report)
 
 
 def probability_dict(sure: VerdictProbability | str) -> dict:
@@ -222,7 +217,9 @@ def to_dict(
         "tolerance": BALANCED_BELOW,
         "balanced": result.balanced,
         "causes": list(why),
-        "settled": None if calm is None else _settling_dict(calm),
+        "settled": None
+        if calm is None
+        else calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None},
         "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
         "met": with_keys(account_of(notes)),
@@ -254,10 +251,6 @@ def _form_dict(form: BirthForm) -> dict:
         value = getattr(form, name)
         out[name] = value if np.isfinite(value) else None
     return out
-
-
-def _settling_dict(calm: Settling) -> dict:
-    return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
 
 
 def show(

@@ -170,7 +170,8 @@ def bibtex(*scenarios: ScenarioBase) -> str:
     >>> "Charan2020" in bibtex(scenario())
     True
     """
-    entries = _read_entries()
+    text = (HERE / "references.bib").read_text(encoding="utf-8")
+    entries = {key: entry for entry, key in re.findall(r"(^@\w+\{(\w+),\n.*?^\})$", text, flags=re.M | re.S)}
     parts = ["% the package\n" + package_entry()]
     groups: dict[str, dict] = {}
     for scenario in scenarios:
@@ -201,12 +202,6 @@ def reference_keys(scenario: ScenarioBase) -> dict[str, tuple[str, ...]]:
     groups = experiment_of(scenario).references(scenario)
     groups["libraries"] = LIBRARIES + (("LAMMPS",) if getattr(scenario, "engine", "") == "lammps" else ())
     return {title: keys for title, keys in groups.items() if keys}
-
-
-def _read_entries() -> dict[str, str]:
-    """Return the entries of references.bib by key."""
-    text = (HERE / "references.bib").read_text(encoding="utf-8")
-    return {key: entry for entry, key in re.findall(r"(^@\w+\{(\w+),\n.*?^\})$", text, flags=re.M | re.S)}
 
 
 def package_entry() -> str:

@@ -158,8 +158,10 @@ def install_results(folder: Path) -> None:
     """Move complete results into their folder; if the process is killed midway, the next call finishes the move."""
     staging = folder / WRITING
     new = read_manifest(staging)
-    if not all(is_run_file(name) and _is_complete(folder, name, digests) for name, digests in new.items()):
-        new = {}
+    for name, digests in new.items():  # each is in the staging folder, or has been moved from there
+        there = any((place / name).is_file() and digest(place / name) in digests for place in (staging, folder))
+        if not (there and is_run_file(name)):
+            return
     if NUMBERS not in new or SCENARIO not in new:  # not complete, or not written by a run: it replaces nothing
         return
     if find_foreign(folder, is_run_file):
@@ -174,11 +176,6 @@ def install_results(folder: Path) -> None:
             (staging / name).replace(folder / name)
     write_manifest(folder, new)
     shutil.rmtree(staging, ignore_errors=True)
-
-
-def _is_complete(folder: Path, name: str, digests: list[str]) -> bool:
-    """Return True if a new file is in the staging folder, or has been moved from there."""
-    return any((place / name).is_file() and digest(place / name) in digests for place in (folder / WRITING, folder))
 
 
 def save(staging: Path, scenario, numbers: dict) -> None:

@@ -92,8 +92,10 @@ def folder_content(
             raise ValueError(f"{folder} contains an unfinished run: finish it with {resume_command(folder)}")
         raise ValueError(f"{folder} contains no results: give a folder written by stickslip run or reproduce")
     about = archive.attributes(folder / NUMBERS)
-    experiment = _experiment_name(about["scenario"])
-    _load_law_files(about["scenario"], trust)
+    tables = _parse_tables(about["scenario"])
+    if trust:
+        trust_law_files(tables)
+    check_law_files(tables)  # states can be read only with their law
     states = _read_states(folder / NUMBERS, frame)
     tree, units = archive.read(folder / NUMBERS), archive.units(folder / NUMBERS)
     labels = _labels(states, tree)
@@ -117,7 +119,7 @@ def folder_content(
     sections.append(("Scenario", _scenario_table(about["scenario"])))
     versions = f"stickslip {about['stickslip']}, {about['versions']}"
     without = "" if frames else "This run saved no grain states, so there is no packing to show."
-    title = f"{experiment}: {folder.resolve().name}"
+    title = f"{tables.get('experiment', 'run')}: {folder.resolve().name}"
     sentence = f"unstable ({labels[at]}): {describe_growth(modes[0][2])}" if modes else ""
     return PageContent(
         title, versions, frames, labels, at, modes, sections, without, why, why, sentence,
@@ -129,22 +131,12 @@ def _caption(path: Path) -> str:
     return path.stem.partition("_")[2].replace("_", " ") if path.stem.startswith("fig") else path.stem
 
 
-def _load_law_files(text: str, trust: bool) -> None:
-    """Load the law file that a run used, because states in the archive can be read only with their law."""
+def _parse_tables(text: str) -> dict:
+    """Return the tables of a scenario; none if its text is damaged."""
     try:
-        tables = dict(json.loads(text))
+        return dict(json.loads(text))
     except (ValueError, TypeError, RecursionError):
-        return
-    if trust:
-        trust_law_files(tables)
-    check_law_files(tables)
-
-
-def _experiment_name(text: str) -> str:
-    try:
-        return str(json.loads(text)["experiment"])
-    except (ValueError, KeyError, TypeError):
-        return "run"
+        return {}
 
 
 def _read_states(path: Path, frame: str | None) -> list:
@@ -245,9 +237,7 @@ def _readable(name: str) -> str:
 
 def _scenario_table(text: str) -> str:
     """Collapsible table of a scenario with dotted keys; keys without a value are omitted."""
-    try:
-        tables = json.loads(text)
-    except ValueError:
+    if not (tables := _parse_tables(text)):
         return page.folded("as text", page.listing(text))
     rows = [[key, value] for key, value in _flat(tables) if value not in ("null", "[]", "{}")]
     return page.folded(f"{len(rows)} keys", page.table(["key", "value"], rows))
@@ -288,9 +278,9 @@ def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
     return rows
 
 
-def _limited_table(columns: list[str], rows: list[list[str]]) -> str:
-    text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[1:-1], "number"))
-    return text + (page.paragraph(f"and {len(rows) - ROWS} more in {NUMBERS}", kind="soft") if len(rows) > ROWS else "")
+def _limited_table(columns: list[str], rows: list[list[str]], *, numbers=slice(1, -1), file: str = NUMBERS) -> str:
+    text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[numbers] if numbers else (), "number"))
+    return text + (page.paragraph(f"and {len(rows) - ROWS} more in {file}", kind="soft") if len(rows) > ROWS else "")
 
 
 def _sweep_content(folder: Path) -> PageContent:
@@ -305,9 +295,7 @@ def _sweep_content(folder: Path) -> PageContent:
             kept[name], unit = in_readable_units(kept[name], unit)
         columns.append(str(name) if unit == "1" else f"{name} [{unit}]")
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
-    text = page.table(columns, rows[:ROWS])
-    if len(rows) > ROWS:
-        text += page.paragraph(f"and {len(rows) - ROWS} more in {DATASET}", kind="soft")
+    text = _limited_table(columns, rows, numbers=(), file=DATASET)
     if empty:
         text += page.paragraph(f"No member has {', '.join(map(_readable, empty))}.", kind="soft")
     member = shlex.quote(str(folder / "members" / "NAME"))

@@ -136,7 +136,7 @@ def write_cycles(
     experiment = EXPERIMENTS[scenario_class(chosen.base).model_fields["experiment"].default]
     if experiment.cycles is None:
         return None
-    known = {name: _recurrence(output) for name, output in zip(names, outputs, strict=True)}
+    known = {name: _value(output, "recurrence") for name, output in zip(names, outputs, strict=True)}
     known = {name: time for name, time in known.items() if np.isfinite(time)}
     if len(known) < 3:
         return None
@@ -150,7 +150,3 @@ def write_cycles(
     for name, content in render_all(FIGURE, figure, look).items():
         write_file(folder, name, content)
     return folder / FIGURE
-
-
-def _recurrence(output: dict | None) -> float:
-    return output["measures"].get("recurrence", (np.nan,))[0] if output else np.nan
