@@ -265,25 +265,27 @@ def convert(
     from ..data.sample import account_of
     from ..known import with_keys
     from ..loading.reading import convert
-    from ..reports import terminal
 
     (paths, notes), said = capture_warnings(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
         **options.values(),
     )  # fmt: skip
     notes = [*notes, *said]
+    _finish_with_notes("convert", paths, {"notes": notes, "met": with_keys(account_of(notes))}, output)
+
+
+def _finish_with_notes(command: str, paths: list[Path], fields: dict, output: Output) -> None:
+    """Print the result of a command; its fields have notes and may have a verdict."""
+    from ..reports import terminal
+    from ..runs import json_output
 
     def show() -> None:
-        for line in notes:
+        if sentence := fields.get("verdict"):
+            terminal.console.print(sentence)
+        for line in fields["notes"]:
             terminal.console.print(line, style="yellow")
 
-    def answer() -> dict:
-        from ..runs import json_output
-
-        met = with_keys(account_of(notes))
-        return json_output.common_fields("convert", files=paths) | {"notes": notes, "met": met}
-
-    finish(answer, paths, show, output)
+    finish(lambda: json_output.common_fields(command, files=paths) | fields, paths, show, output)
 
 
 REPORT = examples(
@@ -336,7 +338,6 @@ def report(
     """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
     from ..data.run_files import PAGE
     from ..reports import page, terminal
-    from ..runs import json_output
     from ..runs.page import load_content
 
     path = out or page.default_path(place, PAGE)
@@ -348,17 +349,7 @@ def report(
         )  # fmt: skip
         page.write_page(content, path, colour=view.colour)
     notes = [content.warning] if content.warning else []
-
-    def show() -> None:
-        if content.verdict:
-            terminal.console.print(content.verdict)
-        for line in notes:
-            terminal.console.print(line, style="yellow")
-
-    def as_object() -> dict:
-        return json_output.common_fields("report", files=[path]) | {"verdict": content.verdict or None, "notes": notes}
-
-    finish(as_object, [path], show, output)
+    _finish_with_notes("report", [path], {"verdict": content.verdict or None, "notes": notes}, output)
 
 
 class FilmOptions(NamedTuple):
@@ -402,7 +393,6 @@ def movie(
     from ..data.run_files import FILM
     from ..data.sample import UNDECIDED
     from ..reports import page, terminal
-    from ..runs import json_output
     from ..runs.page import is_run, load_content
 
     path = out or page.default_path(place, FILM)
@@ -419,15 +409,7 @@ def movie(
         )  # fmt: skip
     notes = [content.warning] if content.warning else []
     notes += [content.verdict] if content.verdict.startswith(UNDECIDED) else []
-
-    def show() -> None:
-        for line in notes:
-            terminal.console.print(line, style="yellow")
-
-    def fields() -> dict:
-        return json_output.common_fields("movie", files=[path]) | {"notes": notes}
-
-    finish(fields, [path], show, output)
+    _finish_with_notes("movie", [path], {"notes": notes}, output)
 
 
 def _input_files(place: Path, view: ViewOptions, options: PackingOptions) -> tuple:

@@ -202,7 +202,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
         _remove_empty(made)
         raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another --out") from None
     try:
-        _write_holder(place)
+        by = " ".join(["stickslip", *sys.argv[1:2]])
+        note = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": by}
+        with suppress(OSError):  # a full disk is reported when results are written
+            atomic.write_atomically(place / HOLDER, json.dumps(note).encode())
         yield
     finally:
         for name in (HOLDER, LOCK):  # under the lock: a process that opened the old file sees it is gone, and retries
@@ -210,13 +213,6 @@ def lock_folder(folder: Path) -> Iterator[None]:
                 (place / name).unlink()
         lock.release()
         _remove_empty(made)
-
-
-def _write_holder(place: Path) -> None:
-    owner = " ".join(["stickslip", *sys.argv[1:2]])
-    note = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": owner}
-    with suppress(OSError):  # a full disk is reported when results are written
-        atomic.write_atomically(place / HOLDER, json.dumps(note).encode())
 
 
 def _describe_holder(place: Path) -> str:

@@ -73,7 +73,7 @@ def make_node(value, units: Units | None = None, unit: str | None = None) -> Nod
         known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
         content = {key: make_node(item, units, known.get(key)) for key, item in sorted(named.items())}
         return Node({"keys": type(numbers[0]).__name__} if numbers else {}, content)
-    if isinstance(value, tuple | list) and not _is_homogeneous(value):
+    if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # others are one array
         content = {f"{k:06d}": make_node(item, units, unit) for k, item in enumerate(value)}
         return Node({"sequence": type(value).__name__}, content)
     return _leaf(value, units, unit)
@@ -89,11 +89,6 @@ def _leaf(value, units: Units | None, unit: str | None) -> Node:
     if array.dtype.kind in "fc" and unit:
         attrs["units"] = in_units(unit, units)
     return Node(attrs, array)
-
-
-def _is_homogeneous(value) -> bool:
-    """Return True if a sequence can be stored as one array: all floats, or all integers."""
-    return bool(value) and any(all(type(v) is kind for v in value) for kind in (float, int))
 
 
 def trimmed(contacts: Contacts) -> Contacts:

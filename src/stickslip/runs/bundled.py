@@ -228,9 +228,8 @@ def _read_citation() -> dict:
     about = text.partition("\nreferences:")[0]
     entries = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", about, flags=re.M)}
     people = re.findall(r"^  - (.+?)(?=^  - |^\S|\Z)", about, flags=re.M | re.S)
-    entries["authors"] = [_format_author(dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person))) for person in people]
+    people = [dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person)) for person in people]
+    entries["authors"] = [
+        f"{{{one['name']}}}" if "name" in one else f"{one['family-names']}, {one['given-names']}" for one in people
+    ]
     return entries
-
-
-def _format_author(person: dict) -> str:
-    return f"{{{person['name']}}}" if "name" in person else f"{person['family-names']}, {person['given-names']}"

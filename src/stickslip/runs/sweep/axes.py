@@ -183,7 +183,9 @@ def make_axis(key: str, entry: list | Values, seed, options: Options, draws: dic
     if number is None:
         raise ScenarioError(f"sweep.{key} has no number of values: give it, as in {{{kind} = …, number = 5}}")
     if kind in SPACED:
-        return Axis(key, _spaced_values(kind, *parameters, number), kind)
+        values = getattr(np, kind)(*map(float, parameters), number)
+        whole = all(isinstance(end, int) for end in parameters) and (values == np.round(values)).all()
+        return Axis(key, tuple((values.astype(int) if whole else values).tolist()), kind)
     share = generator(options.draw_seed, key).random(number)
     return Axis(key, quantiles(kind, parameters, np.sort(share) if options.mode == "grid" else share), kind)
 
@@ -194,12 +196,6 @@ def _seeds(key: str, first, count: int) -> tuple:
     if type(first) is not int or first < 0:
         raise ScenarioError(f"seed = {first!r} was given: use a whole number, 0 or more")
     return tuple(range(first, first + count))
-
-
-def _spaced_values(kind: str, first, last, number: int) -> tuple:
-    values = getattr(np, kind)(float(first), float(last), number)
-    whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
-    return tuple((values.astype(int) if whole else values).tolist())
 
 
 FEWEST = 0.01  # share of accepted points below which drawing is given up

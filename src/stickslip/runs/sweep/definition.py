@@ -193,7 +193,9 @@ def member(chosen: Sweep, k: int) -> Member:
         validated = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
         raise ScenarioError(f"member {', '.join(f'{k} = {v}' for k, v in values.items())}: {problem}") from None
-    return Member(_member_name(values, validated), values, validated)
+    label = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
+    name = f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', label)[:80]}-{validated.digest[:10]}"
+    return Member(name, values, validated)
 
 
 def describe_differences(old: dict, new: dict) -> str:
@@ -218,11 +220,6 @@ def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
     table = tables.get("sweep", {})
     base = {"experiment": "disk-array"} | flatten({k: v for k, v in tables.items() if k != "sweep"})
     return base, list(swept_entries(table)), table.get("mode", "grid")
-
-
-def _member_name(values: dict, scenario: ScenarioBase) -> str:
-    label = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
-    return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', label)[:80]}-{scenario.digest[:10]}"
 
 
 def _select_points(chosen: Sweep, options: Options) -> Sweep:
