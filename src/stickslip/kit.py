@@ -2,7 +2,7 @@
 
 Wings and their experiments
 
-    Wing, Selfcheck             head of a wing, and a number that `stickslip doctor` compares
+    Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
     lazy_function, result_of    functions that are imported late; decorator of the class of results

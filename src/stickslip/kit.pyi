@@ -3,13 +3,13 @@ from .builtin_laws import BY_NAME as BY_NAME
 from .cli.app import FigureOptions as FigureOptions
 from .cli.app import Out as Out
 from .cli.app import Output as Output
+from .cli.app import StoppedError as StoppedError
 from .cli.app import check_choice as check_choice
 from .cli.app import command as command
 from .cli.app import complete_from as complete_from
 from .cli.app import examples as examples
 from .cli.app import finish as finish
 from .cli.app import number_option as number_option
-from .cli.entry_point import StoppedError as StoppedError
 from .cli.packings import PackingOptions as PackingOptions
 from .cli.packings import in_units_of_packing as in_units_of_packing
 from .core import sizes as sizes
@@ -114,10 +114,10 @@ from .data.exchange import lammps_restart as lammps_restart
 from .data.exchange.frame import wrapped_into as wrapped_into
 from .data.exchange.lammps_text import read_dump as read_dump
 from .data.law_schema import LawTable as LawTable
+from .data.law_schema import Packing as Packing
 from .data.law_schema import PackingLaw as PackingLaw
 from .data.law_schema import allow_laws as allow_laws
 from .data.nodes import archive_fields as archive_fields
-from .data.packing_schema import Packing as Packing
 from .data.sample import Account as Account
 from .data.sample import MemoryNote as MemoryNote
 from .data.schema import Duration as Duration
@@ -224,11 +224,11 @@ from .reports.claims import median_error as median_error
 from .reports.claims import note_quick_run as note_quick_run
 from .reports.claims import standard_error as standard_error
 from .reports.claims import statement as statement
-from .reports.output_file import check_output as check_output
-from .reports.output_file import staged_file as staged_file
 from .reports.packing import describe_law as describe_law
 from .reports.packing import to_dict as to_dict
 from .reports.packing import verdict as verdict
+from .reports.page import check_output as check_output
+from .reports.page import staged_file as staged_file
 from .reports.terminal import console as console
 from .reports.terminal import new_table as new_table
 from .reports.terminal import progress as progress
@@ -248,5 +248,6 @@ from .solve.linear import suitable_threads as suitable_threads
 from .solve.spectrum import near_zero as near_zero
 from .solve.spectrum import softest_eigenvalue as softest_eigenvalue
 from .solve.stability import DENSE_UP_TO as DENSE_UP_TO
+from .wing import FileFormat as FileFormat
 from .wing import Selfcheck as Selfcheck
 from .wing import Wing as Wing

@@ -12,13 +12,12 @@ from stickslip.data import archive
 from stickslip.data.checkpoint import SWEEP
 from stickslip.data.run_files import OPTIONS as REMEMBERED
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
+from stickslip.runs.folder import find_unfinished
 from stickslip.runs.page import folder_content
-from stickslip.runs.resume import find_unfinished
 from stickslip.runs.sweep import report
-from stickslip.runs.sweep.axes import OPTIONS
+from stickslip.runs.sweep.axes import OPTIONS, quantiles
 from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep, write_sweep
 from stickslip.runs.sweep.definition import members, read_sweep, sweep
-from stickslip.runs.sweep.points import quantiles
 from stickslip.runs.sweep.run import MEASURES, MEMBERS, SweepResult, run_sweep
 from tests.conftest import stickslip_here
 

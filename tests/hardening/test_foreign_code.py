@@ -15,7 +15,7 @@ from stickslip.data.exchange.motion import read_mode
 from stickslip.data.law_file import check_law_files
 from stickslip.ensemble.worker import WorkerProcess
 from stickslip.experiments.registry import ScenarioError, read_tables
-from stickslip.runs.bibliography import bibtex, read_scenarios
+from stickslip.runs.bundled import bibtex, read_scenarios
 from stickslip.wings.studies.catalogue import read_table
 from tests.conftest import stickslip_here
 

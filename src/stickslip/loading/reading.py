@@ -6,7 +6,7 @@ from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.state import State
 from ..data.atomic import check_free
-from ..data.exchange.files import WRITTEN, Reading, output_files, read_states, unknown_suffix, write_packing
+from ..data.exchange.files import Reading, output_files, read_states, unknown_suffix, write_packing, written
 from ..data.exchange.force_network import is_measured
 from ..data.exchange.frame import frame_of
 from ..data.exchange.motion import mode_frames, read_mode
@@ -107,7 +107,7 @@ def convert(
         notes on what was read, and on what the new format does not store
     """
     path, to = Path(path), Path(to)
-    if to.suffix.lower() not in WRITTEN:
+    if to.suffix.lower() not in written():
         raise PackingError(unknown_suffix(to))
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}

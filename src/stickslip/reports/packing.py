@@ -61,11 +61,9 @@ class Settling(NamedTuple):
 def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthForm | str":
     """Return the normal form of the fastest pair, or the reason why there is none."""
     from ..solve.birth import birth_form
+    from .details import attempt
 
-    try:
-        return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
-    except ValueError as problem:
-        return str(problem)
+    return attempt(birth_form, state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
 
 
 def find_probability(
@@ -73,13 +71,11 @@ def find_probability(
 ) -> "VerdictProbability | str":
     """Return how sure the verdict is with errors of positions, or the reason why that is not known."""
     from ..solve.gradient import verdict_probability
+    from .details import attempt
 
     require_positive(position_error=error)
     law = law if dashpots or not damping_model(law) else with_values(law, damping_n=0.0, damping_t=0.0)
-    try:
-        return verdict_probability(state, law, position_error=error, report=report)
-    except ValueError as problem:
-        return str(problem)
+    return attempt(verdict_probability, state, law, position_error=error, report=report)
 
 
 def probability_dict(sure: "VerdictProbability | str") -> dict:
@@ -228,7 +224,9 @@ def to_dict(
         "tolerance": BALANCED_BELOW,
         "balanced": result.balanced,
         "causes": list(why),
-        "settled": None if calm is None else _settling_dict(calm),
+        "settled": None
+        if calm is None
+        else calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None},
         "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
         "met": with_keys(account_of(notes)),
@@ -262,10 +260,6 @@ def _form_dict(form: "BirthForm") -> dict:
         value = getattr(form, name)
         out[name] = value if np.isfinite(value) else None
     return out
-
-
-def _settling_dict(calm: Settling) -> dict:
-    return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
 
 
 def show(

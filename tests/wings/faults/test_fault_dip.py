@@ -10,7 +10,7 @@ from scipy.integrate import quad_vec, solve_ivp
 import stickslip as ss
 from stickslip import friction
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, scenario
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 from stickslip.wings.faults.fault import figures as figures
 from stickslip.wings.faults.fault import simulate as room
 from stickslip.wings.faults.fault.dipping import PUBLISHED, SURFACE, YEARS, evaluate_claims, paper_scenario

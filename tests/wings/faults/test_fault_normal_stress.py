@@ -14,7 +14,7 @@ from scipy.special import erfc
 import stickslip as ss
 from stickslip import friction
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 from stickslip.wings.faults.fault import simulate as room
 from stickslip.wings.faults.fault.injection import PUBLISHED, evaluate_claims, paper_scenario
 from stickslip.wings.faults.friction.fault_record import YEAR

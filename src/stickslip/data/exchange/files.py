@@ -30,7 +30,7 @@ from ..sample import (
 )
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .content import HEAD, Packing
-from .formats import find_format
+from .formats import find_format, writers_of_wings
 from .frame import Frame, frame_of
 from .graph import write_graph
 from .gsd_file import write_gsd
@@ -44,9 +44,13 @@ from .xyz_file import write_xyz
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
 SINGLE = {".npz": write_npz, ".csv": write_csv, ".graphml": write_graph} | dict.fromkeys(LAMMPS_DATA, write_lammps)
-WRITTEN = (*SINGLE, *ARCHIVE, *SERIES)
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
+
+
+def written() -> tuple[str, ...]:
+    """File extensions of the formats that are written."""
+    return (*SINGLE, *ARCHIVE, *SERIES, *writers_of_wings())
 
 
 class Reading(NamedTuple):
@@ -251,7 +255,7 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in WRITTEN:
+    if suffix not in written():
         raise PackingError(unknown_suffix(path))
     if isinstance(states, State):
         if law is None:
@@ -259,8 +263,8 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
         states = [frame_of(states, law)]
     require_filled("states", states)
     frames: list[Frame] = list(states)
-    if suffix in SERIES:
-        return SERIES[suffix](path, frames)
+    if suffix not in (*SINGLE, *ARCHIVE):
+        return (writers_of_wings() | SERIES)[suffix](path, frames)
     if any(frame.moving for frame in frames):
         raise PackingError(f"an animation cannot be written as {suffix}: write {', '.join(SERIES)}")
     if suffix in ARCHIVE:
@@ -286,8 +290,8 @@ def output_files(to: Path, frames: list[Frame]) -> list[Path]:
 
 def unknown_suffix(path: Path) -> str:
     """Return the message on a file extension in which nothing can be written."""
-    near = difflib.get_close_matches(path.suffix.lower(), WRITTEN, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(WRITTEN)} can be written"
+    near = difflib.get_close_matches(path.suffix.lower(), written(), n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(written())} can be written"
     return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be written: {hint}"
 
 
