@@ -246,6 +246,88 @@ def test_grains_without_motion_or_types(cases, tmp_path):
     assert not [note for note in obstacles(tmp_path, law="linear", kn=1e3) if "no types" in note]
 
 
+@pytest.mark.parametrize(
+    ("fix", "velocity", "text"),
+    [
+        ("freeze", "0.5 0 0 0 0 0", "have velocities, with which they move on: `velocity low set 0 0 0` stops them"),
+        ("freeze", "0 0 0 0 0 1", "have spins, with which they turn on: `set group low omega 0 0 0` stops them"),
+        ("setforce NULL NULL 0", "0.5 0 0 0 0 1", ""),
+        ("setforce 0 NULL NULL", "0.5 0 0 0 0 0", "fix z (setforce) was not taken over: its grains have velocities"),
+    ],
+)
+def test_held_grains_that_move_go_on(fix, velocity, text, cases, tmp_path):
+    """LAMMPS makes their forces zero, and the fix that moves them takes their velocities."""
+    folder = in_poured(cases, tmp_path, f"group low id 2\nfix z low {fix}", "poured.data")
+    changed(folder, "poured.data", "\n2 0 0 0 0 0 0\n", f"\n2 {velocity}\n")
+    left_out = obstacles(folder)
+    assert any(text in note for note in left_out) if text else not left_out
+
+
+ONLY = "are in dump.grains, of {} in the run of log.lammps: `{}` leaves others out, which may touch them"
+
+
+@pytest.mark.parametrize(
+    ("before", "modify", "left", "atoms", "text"),
+    [
+        ("", "thresh z < 4.5", 20, 24, "20 grains " + ONLY.format(24, "dump_modify grains thresh z < 4.5")),
+        ("delete_atoms group top", "thresh z < 4.5", 20, 24, ONLY.format(24, "dump_modify grains thresh z < 4.5")),
+        ("delete_atoms group top", "thresh z < 4.5 thresh none", 20, 20, ""),
+        ("delete_atoms group top compress no", "sort id", 20, 20, ""),
+        ("delete_atoms group top", "sort id", 20, 24, "20 grains were read, and the run of log.lammps had 24 then"),
+        ("", "thresh z < 45", 24, 24, ""),
+        ("group low id 1:20", "sort id", 20, 24, ONLY.format(24, "dump grains low")),
+    ],
+)
+def test_a_dump_that_leaves_grains_out(before, modify, left, atoms, text, cases, tmp_path):
+    """Its command is named, also where grains were deleted before, whose ids may be missing then."""
+    head, _, rows = (cases / "poured" / "dump.grains").read_text().partition(" tqz\n")
+    rows = sorted(rows.splitlines(keepends=True), key=lambda row: int(row.split()[0]))
+    rows = rows[4:] if "compress no" in before else rows[:left]
+    (tmp_path / "dump.grains").write_text(f"{head} tqz\n{''.join(rows)}".replace("\n24\n", f"\n{left}\n"))
+    log = (cases / "poured" / "log.lammps").read_text().replace("dump grains all", f"{before}\ndump grains all")
+    log = log.replace("dump grains all", "dump grains low") if "low" in before else log
+    first, mark, last = log.partition("dump_modify grains")
+    log = first + f"dump_modify grains {modify}\n" + mark + last.replace("with 24 atoms", f"with {atoms} atoms")
+    (tmp_path / "log.lammps").write_text(log)
+    read = ss.io.read_packing(tmp_path)
+    left_out = [note for note in read.notes if isinstance(note, Obstacle)]
+    assert any(text in note for note in left_out) if text else not left_out
+    assert not any("dump of a group" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(
+    ("modify", "old", "new"),
+    [
+        ("colname radius RAD", " radius ", " RAD "),
+        ("colname 3 PX", " x y", " PX y"),
+        ("colname mass density", " mass ", " density "),
+        ("colname x y colname y x", " x y ", " y x "),
+        ("colname -1 fx colname fx TZ", " fx fy fz tqx tqy tqz", " TZ fy fz tqx tqy fx"),
+    ],
+)
+def test_columns_that_a_run_renames_keep_their_meaning(modify, old, new, cases, tmp_path):
+    known = ss.io.read_packing(cases / "poured" / "dump.grains", law="linear")
+    for name in ("dump.grains", "log.lammps"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    changed(tmp_path, "dump.grains", old, new)
+    changed(tmp_path, "log.lammps", "dump_modify grains", f"dump_modify grains {modify}\ndump_modify grains")
+    read = ss.io.read_packing(tmp_path)
+    assert not [note for note in read.notes if isinstance(note, Obstacle)]
+    np.testing.assert_array_equal(read.state.grains.position, known.state.grains.position)
+    np.testing.assert_array_equal(read.state.grains.mass, known.state.grains.mass)
+
+
+def test_columns_that_were_renamed_are_told_without_a_log(cases, tmp_path):
+    (tmp_path / "dump.grains").write_bytes((cases / "poured" / "dump.grains").read_bytes())
+    changed(tmp_path, "dump.grains", " fx fy", " PUSH fy")
+    remedy = "or, if `dump_modify colname` renamed it, give its name in LAMMPS"
+    assert any("column PUSH of dump.grains" in note and remedy in note for note in obstacles(tmp_path))
+    for name in ("x", "radius"):
+        changed(tmp_path, "dump.grains", f" {name} ", f" RENAMED_{name} ")
+        with pytest.raises(ss.packings.PackingError, match="`dump_modify colname` may have renamed them"):
+            ss.io.read_packing(tmp_path / "dump.grains")
+
+
 def test_setforce_leaves_rotations_free_and_nve_holds_them(cases, tmp_path):
     line = "group low id 1:3\nfix z low setforce 0 0 0\ngroup high id 24\nfix y high setforce NULL NULL 0"
     free = ss.io.read_packing(in_poured(cases, tmp_path, line)).state.control.free

@@ -123,7 +123,6 @@ def movie(
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
     from ..data.run_files import FILM
-    from ..data.sample import UNDECIDED
     from ..reports import output_file as look_out
     from ..reports import terminal
     from ..runs import json_output
@@ -142,7 +141,7 @@ def movie(
             mode=film.mode, whole=film.whole, report=tell,
         )  # fmt: skip
     notes = [content.warning] if content.warning else []
-    notes += [content.verdict] if content.verdict.startswith(UNDECIDED) else []
+    notes += [content.verdict] if content.verdict and not content.decided else []
 
     def show() -> None:
         for line in notes:

@@ -22,7 +22,7 @@ from ..data.exchange.lammps_folder import is_run_folder
 from ..data.exchange.motion import mode_frames, read_mode
 from ..data.law_file import check_law_files, trust_law_files
 from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, list_files, resume_command
-from ..data.sample import PackingError
+from ..data.sample import Obstacle, PackingError
 from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene
@@ -67,6 +67,7 @@ class PageContent(NamedTuple):
     warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
     verdict: str = ""  # sentence on the stability of a packing, if it was computed and can be judged
+    decided: bool = True  # whether that holds, with everything that acts on the grains
     stages: tuple[str, ...] = ()  # of a run with stages, for each frame
     source: str = "file"  # whose units are those of the frames
 
@@ -412,8 +413,9 @@ def packing_content(
         sections.append(("Figure", page.pictures({caption: render(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
     return PageContent(
-        file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence
-    )
+        file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence,
+        decided=not any(isinstance(note, Obstacle) for note in notes),
+    )  # fmt: skip
 
 
 def _read_modes(path: Path, n: int) -> list:

@@ -16,7 +16,7 @@ import numpy as np
 from ...core.laws.builtin import Law
 from ...core.reading import Budget, read_bytes
 from ...core.state import State
-from ...core.text import decode_text
+from ...core.text import decode_text, has_wide_letters
 from ..sample import Absent, PackingError
 
 HEAD = 2**14  # bytes at the beginning of a file that tell what it is
@@ -119,11 +119,8 @@ def head_text(head: bytes) -> str:
 
 def first_lines(path: Path) -> str:
     """The first lines of a file for a message, or a word on what it is."""
-    try:
-        decode_text(head := read_content(path, HEAD), path, remedy="")
-    except ValueError as problem:
-        if "UTF-16" in str(problem):
-            raise PackingError(str(problem)) from None
+    if has_wide_letters(head := read_content(path, HEAD)):
+        raise PackingError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
     text = head_text(head)
     lines = [line.strip()[:LONGEST_LINE] for line in text.splitlines() if line.strip()][:2]
     return f"it begins with {' | '.join(lines)!r}" if lines else "it is binary" if head.strip() else "it is empty"

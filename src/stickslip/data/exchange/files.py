@@ -16,8 +16,9 @@ from ...core.state import State
 from ...core.units import Units
 from .. import archive
 from ..sample import (
+    COLUMNS,
+    LAW,
     Absent,
-    AssumedColumns,
     Assumption,
     PackingError,
     PackingWarning,
@@ -26,6 +27,7 @@ from ..sample import (
     law_by_name,
     law_note,
     law_text,
+    notes_about,
     with_one_account,
 )
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
@@ -128,7 +130,7 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     its, notes = packing.law, packing.notes
     law = chosen_law(packing, given, own, memory=local.path is not None)
     if own is not None or given:
-        notes = [note for note in notes if not getattr(note, "of_law", False)]
+        notes = [note for note in notes if note not in notes_about(notes, LAW)]
         if isinstance(its, Law) and not laws_equal(its, law):
             replaced = f"the law of the file ({law_text(its)}) is replaced by the one that was given ({law_text(law)})"
             notes = [*notes, replaced]
@@ -142,7 +144,7 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
         try:
             state, said = build_state(packing, pairs, law)
         except PackingError as problem:
-            if told := "; ".join(note for note in notes if isinstance(note, AssumedColumns)):
+            if told := "; ".join(notes_about(notes, COLUMNS)):
                 raise PackingError(f"{problem}; {told}") from None
             raise
         return packing.name, with_inertia(state, i0), law, with_one_account([*notes, *said])

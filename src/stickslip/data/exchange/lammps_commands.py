@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
 INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")  # fixes that change their number
 RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
+COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
 COMBINED = ("union", "subtract", "intersect")  # groups made of others
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
@@ -30,6 +32,40 @@ class Region(NamedTuple):
 
     words: list[str]  # style and arguments
     spacing: list[str] | None = None  # of the lattice at that time, empty if it is not known; None without a lattice
+
+
+class Dump(NamedTuple):
+    """A dump of grains, with what `dump_modify` changed."""
+
+    command: str  # without its file
+    file: str
+    columns: list[str]
+    selection: str  # the command that leaves grains out; empty if there is none
+    names: dict[str, str]  # of columns in LAMMPS, by those that `colname` gives them
+
+    def modified(self, command: str, words: Sequence[str]) -> "Dump":
+        """The dump after words that `command` begins."""
+        selection, names = self.selection, self.names
+        for k, word in enumerate(words):
+            if word == "thresh":
+                limit = " ".join([command, *words[k : k + 4]])
+                selection = _selection(self.command) if words[k + 1 : k + 2] == ["none"] else limit
+            elif word == "colname" and len(words) > k + 2 and (own := self._column(words[k + 1])):
+                names = {new: name for new, name in names.items() if name != own} | {words[k + 2]: own}
+        return self._replace(selection=selection, names=names)
+
+    def _column(self, word: str) -> str:
+        """Name of a column in LAMMPS that a name or its number means; empty if it is not known."""
+        if not re.fullmatch(r"-?[1-9]\d*", word):
+            return word
+        at = int(word) - (int(word) > 0)
+        known = -len(self.columns) <= at < len(self.columns) and not any("*" in name for name in self.columns)
+        return self.columns[at] if known else ""
+
+
+def _selection(command: str) -> str:
+    """A command that writes grains, if its group is not all; else empty."""
+    return "" if command.split()[-1] == "all" else command
 
 
 class Run(NamedTuple):
@@ -47,9 +83,11 @@ class Run(NamedTuple):
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # words that commands began with, by their group
     labels: dict[str, int]  # types of atoms by their labels
+    dumps: dict[str, Dump]  # by their names
     year: int = 0  # of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
+    atoms: int | None = None  # number of grains when they were written; None if it is not known
 
     def numbers(self, words: Sequence[str]) -> list[str]:
         """Words with the numbers of types in the place of their labels."""
@@ -65,13 +103,6 @@ class Run(NamedTuple):
     def has_step(self, step: int) -> bool:
         """Return True if a time step may be one of the run."""
         return step < 0 or self.steps() is None or any(block.start <= step <= block.end for block in self.blocks)
-
-    def atoms_at(self, step: int) -> int | None:
-        """Number of grains at a time step; None if it is not known, or may have changed within a run."""
-        counts = {b.atoms for b in self.blocks if b.start is not None and b.start <= step <= b.end}
-        styles = {style for _, style, *_ in self.fixes.values()}
-        changing = styles & {*INSERTING} or any(words & {*RENUMBERING} for words in self.met.values())
-        return counts.pop() if len(counts) == 1 and not changing else None
 
 
 def recognize_script(text: str) -> bool:
@@ -94,17 +125,20 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
     blocks = tuple(event for event in events if isinstance(event, Block)) if log else ()
     run = _empty(path.name)
     values: dict[str, str] = {}
-    for event in events[: _end(events, until, step)]:
+    end = _end(events, until, step)
+    for event in events[:end]:
         if isinstance(event, Command):
             run = _replay(run, event, values, log=log)
     said = {event.words[0] for event in events if isinstance(event, Command)}
     if blocks and not said & {"run", "minimize", "rerun"}:
         run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
-    return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts))
+    return run._replace(
+        blocks=blocks, sources=tuple(name for name, _ in texts), atoms=_atoms(events, end, until, step, run)
+    )
 
 
 def _empty(source: str, year: int = 0) -> Run:
-    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, {}, year)
+    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, {}, {}, year)
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
@@ -130,14 +164,33 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
     return reached[-1]
 
 
+def _atoms(events: list[Command | Block], end: int, until: str, step: int, run: Run) -> int | None:
+    """Number of grains at a time step; None if it is not known, or may have changed within a run or after it."""
+    begin = max((k for k, event in enumerate(events) if _writes_dump(event, until)), default=0)
+    counts = {
+        event.atoms for event in events[begin:]
+        if isinstance(event, Block) and event.start is not None and event.start <= step <= event.end
+    }  # fmt: skip
+    since = takewhile(lambda event: isinstance(event, Command), reversed(events[:end]))
+    after = end == len(events) or isinstance(events[end], Command)  # of the last run, not within one
+    changing = any(style in INSERTING for _, style, *_ in run.fixes.values())
+    changing = changing or (after and any(command.words[0] in COUNTING for command in since))
+    return counts.pop() if len(counts) == 1 and not changing else None
+
+
+def _writes_dump(event: Command | Block, name: str) -> bool:
+    """Return True for the command `dump` of a file."""
+    words = event.words if isinstance(event, Command) else [""]
+    return words[0] == "dump" and len(words) > 5 and bool(name) and fnmatchcase(name, Path(words[5]).name)
+
+
 def _closing(events: list[Command | Block], until: str) -> int:
     """Place of the command `undump` after which a dump was not written any more; 0 if it was to the end."""
     closed, name = 0, ""
     for k, event in enumerate(events):
-        words = event.words if isinstance(event, Command) else [""]
-        if words[0] == "dump" and len(words) > 5 and until and fnmatchcase(until, Path(words[5]).name):
-            closed, name = 0, words[1]
-        elif words[:2] == ["undump", name]:
+        if _writes_dump(event, until):
+            closed, name = 0, event.words[1]
+        elif isinstance(event, Command) and event.words[:2] == ["undump", name]:
             closed = k
     return closed
 
@@ -228,6 +281,8 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.pair_coeff.append(rest)
     elif key in ("fix", "unfix", "group", "region"):
         _define(run, key, rest, place)
+    elif key in ("dump", "write_dump", "dump_modify"):
+        _define_dump(run, key, rest)
     else:
         _set(run, key, rest)
     return run
@@ -265,6 +320,19 @@ def _define(run: Run, key: str, rest: list[str], place: str) -> None:
         _define_group(run, *rest)
     elif key == "region" and len(rest) > 1:
         run.regions[rest[0]] = Region(rest[1:], run.settings.get(LATTICE))
+
+
+def _define_dump(run: Run, key: str, rest: list[str]) -> None:
+    """Take a command that writes grains, or changes how."""
+    if key == "dump_modify":
+        if rest and rest[0] in run.dumps:
+            run.dumps[rest[0]] = run.dumps[rest[0]].modified(f"dump_modify {rest[0]}", rest[1:])
+        return
+    name, at = (rest[0], 4) if key == "dump" else ("", 2)
+    if len(rest) > at:
+        command = " ".join([key, *rest[: at // 2]])
+        dump = Dump(command, rest[at], rest[at + 1 :], _selection(command), {})
+        run.dumps[name or rest[at]] = dump if name else dump.modified(key, rest[at + 1 :])
 
 
 def _define_group(run: Run, name: str, style: str, *arguments: str) -> None:

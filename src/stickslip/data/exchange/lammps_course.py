@@ -11,7 +11,7 @@ from ...core.measure import touching
 from ...core.readable import pluralize
 from ...core.state import State, empty_contacts, flat_walls, loads
 from ...known import HARMLESS, UNKNOWN, USED, find_row, plain_style
-from ..sample import UNDECIDED, Absent, Assumption, NoTypes, from_arrays
+from ..sample import LAW, Absent, Assumption, from_arrays
 from . import lammps_restart
 from .lammps_commands import numbers_in
 from .lammps_fixes import CENTRED, TAKEN, Course
@@ -131,7 +131,10 @@ def _hold_the_rest(course: Course) -> None:
         course.notes.append(f"{pluralize(int(rest.sum()), 'grain')} that no fix moves are held")
         speed = np.linalg.norm(course.packing.arrays.get("velocity", np.zeros((course.n, 3))), axis=1)
         if speed[rest].max() > speed[course.moved].max():
-            course.obstacle("grains that no fix moves have velocities, on which dashpots of their contacts act")
+            course.obstacle(
+                "grains that no fix moves have velocities, on which dashpots of their contacts act: `velocity GROUP "
+                "set 0 0 0` stops them"
+            )
     if still.any():
         spin = course.packing.arrays.get("spin")
         course.free[still, 3:] = False
@@ -248,8 +251,7 @@ def _take_coefficients(course: Course) -> None:
         lines[first, second] = tuple(arguments)
     if course.types is None and len({*lines.values()}) > 1:
         text = "the grains have no types (a column type), and pair_coeff gives types different laws"
-        course.notes.append(NoTypes(f"{UNDECIDED}{text}"))
-        course.met[UNKNOWN].append(text)
+        course.obstacle(text, LAW)  # which one law for all types does away with
         return
     if course.types is None and lines:
         lines = {("1", "1"): next(iter(lines.values()))}

@@ -14,7 +14,7 @@ Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from ...core.laws.builtin import SHARP, Law, damping_model
 from ...core.measure import branch_vectors, contact_velocity, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
-from ...known import UNKNOWN, group_of
+from ...known import UNKNOWN, USED, group_of
 from ..sample import (
     HUGE,
     NO_CONTACTS,
@@ -75,8 +75,14 @@ def recognize_data(head: bytes) -> bool:
     return bool(re.search(r"(?m)^\s*(\d+\s+atoms|\S+\s+\S+\s+xlo\s+xhi)\b", head_text(head)))
 
 
-def read_grain_dump(path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None):
-    """Read packings from a dump of grains; `frame` is a time step, "all", or None for the last."""
+def read_grain_dump(
+    path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None,
+    names: Mapping[str, str] | None = None,
+):  # fmt: skip
+    """Read packings from a dump of grains; `frame` is a time step, "all", or None for the last.
+
+    `names` are those of columns in LAMMPS, by those that the dump has instead.
+    """
     if atom_style:
         raise PackingError(f"atom_style was given, but {path} is a dump, which names its columns: leave it out")
     tables, steps = read_dump(path, frame)
@@ -87,6 +93,8 @@ def read_grain_dump(path: Path, frame: str | None = None, boundary: str | None =
         )
     many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
     said = many if frame is None and len(steps) > 1 else []
+    own = {new: name for new, name in (names or {}).items() if group_of("column of a dump", name) == USED}
+    tables = [t._replace(columns={own.get(name, name): words for name, words in t.columns.items()}) for t in tables]
     return [packing_from_table(table, path, boundary, said) for table in tables]
 
 

@@ -10,7 +10,7 @@ from ...core.readable import pluralize
 from ...core.sizes import Size, require_sizes
 from ...core.text import parse_number
 from ...known import HARMLESS, UNKNOWN, USED, plain_style
-from ..sample import UNDECIDED, Assumption, Obstacle, PackingError
+from ..sample import Assumption, Obstacle, PackingError
 from .content import Packing
 from .lammps_commands import Region, Run, group_members, numbers_in
 from .lammps_laws import WALL_CLASSIC, Contact, wall_contact
@@ -65,17 +65,21 @@ class Course:
         """Number of a fix among those of walls, in whose order restart files store memory."""
         return [key for key, tokens in self.run.fixes.items() if tokens[1].startswith("wall/gran")].index(name)
 
-    def obstacle(self, text: str) -> None:
+    def obstacle(self, text: str, about: str = "") -> None:
         """Note that something acts, or may act, that was not taken over."""
-        self.notes.append(Obstacle(f"{UNDECIDED}{text}"))
+        self.notes.append(Obstacle(text, about))
         self.met[UNKNOWN].append(text)
 
-    def hold(self, members: np.ndarray, axes: Sequence[int]) -> None:
-        """Hold components of grains; ValueError if they move."""
-        zero = np.zeros((self.n, 3))
-        motion = np.hstack([self.packing.arrays.get(name, zero) for name in ("velocity", "spin")])
-        if motion[np.ix_(members & self.moved, axes)].any():
-            raise ValueError("the grains that it drives move")
+    def hold(self, group: str, axes: Sequence[int]) -> None:
+        """Hold components of the grains of a group; ValueError if they move."""
+        members = self.members(group)
+        for name, first, how in (
+            ("velocity", 0, f"velocities, with which they move on: `velocity {group} set 0 0 0` stops them"),
+            ("spin", 3, f"spins, with which they turn on: `set group {group} omega 0 0 0` stops them"),
+        ):
+            motion = self.packing.arrays.get(name, np.zeros((self.n, 3)))
+            if motion[np.ix_(members & self.moved, [k - first for k in axes if first <= k < first + 3])].any():
+                raise ValueError(f"its grains have {how}")
         self.free[np.ix_(members, axes)] = False
 
     def push(self, members: np.ndarray) -> None:
@@ -201,16 +205,16 @@ def _take_gravity(course: Course, name: str, group: str, arguments: list[str]) -
 
 
 def _take_freeze(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    course.hold(course.members(group), range(6))
+    course.hold(group, range(6))
     course.frozen |= course.members(group)
 
 
 def _take_setforce(course: Course, name: str, group: str, arguments: list[str]) -> None:
     """Forces of zero, which leave torques as they are."""
-    forces, members = arguments[:3], course.members(group)
+    forces = arguments[:3]
     if len(arguments) != 3 or any(parse_number(word) for word in forces if word != "NULL"):
         raise ValueError("only forces of zero, or NULL, in the whole box are read")
-    course.hold(members, [k for k, word in enumerate(forces) if word != "NULL"])
+    course.hold(group, [k for k, word in enumerate(forces) if word != "NULL"])
 
 
 def _take_addforce(course: Course, name: str, group: str, arguments: list[str]) -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...known import HARMLESS, UNKNOWN, USED, group_of
-from ..sample import UNDECIDED, Absent, Account, Assumption, Obstacle, PackingError
+from ..sample import FIXES, GROUP, PAIRS, WALLS, Absent, Account, Assumption, Obstacle, PackingError, notes_about
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
-from .lammps_commands import BEGINNING, FILING, Run, numbers_in, read_commands, read_lines_of, recognize_script
+from .lammps_commands import BEGINNING, FILING, Dump, Run, numbers_in, read_commands, read_lines_of, recognize_script
 from .lammps_course import describe, setting, take_over, with_wall_numbers
 from .lammps_file import (
     Pairs,
@@ -22,7 +22,6 @@ from .lammps_file import (
 )
 from .lammps_fixes import Course
 from .lammps_log import recognize_log
-from .lammps_text import NO_WALLS
 
 LOOKED_AT = 50  # dumps whose last time step is read, the newest
 TAIL = 2**20  # bytes at the end of a dump in which its last time step is sought first
@@ -107,9 +106,10 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     for doubt in _contradictions(path, run, course.stored) if path in files.restarts else ():
         course.obstacle(doubt)
     notes += [f"law, walls and loads from {run.source}: {describe(course)}", *course.notes]
-    known = [NO_WALLS if course.walls or not course.free.all() else "", "pair_style"]
-    kept = [note for note in packing.notes if not note.startswith(f"{UNDECIDED}{lammps_restart.STORED}")]
-    kept = [note for note in kept if not any(part and part in note for part in known)]
+    whole = run.atoms == course.n
+    walls = bool(course.walls) or not course.free.all()
+    known = notes_about(packing.notes, PAIRS, FIXES, *[WALLS] * walls, *[GROUP] * whole)
+    kept = [note for note in packing.notes if note not in known]
     sources = [other for other in (*every.logs, *every.scripts) if other.name in run.sources]
     kept += [_account_of_commands(course), _account_of_files(every, path, contacts, *sources)]
     memory = packing.memory and with_wall_numbers(packing.memory, course)
@@ -209,7 +209,8 @@ def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -
     settings = {} if run is None else run.settings
     boundary = "".join(word[0] for word in settings.get("boundary", [])) or None
     if path in files.grains:
-        return read_grain_dump(path, frame, boundary)[0]
+        dump = _dump_of(path, run)
+        return read_grain_dump(path, frame, boundary, names=dump and dump.names)[0]
     if boundary is None:
         boundary = next((read_boundary(other) for other in [*files.contacts, *files.grains]), None)
     style = " ".join(settings.get("atom_style", ()))
@@ -265,7 +266,7 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
     if not writes and any(_names(files, path, grains.name, BEGINNING) for path in sources):
         notes.append(Absent(f"{grains.name} is where the run began: it left no later state"))
     naming = [path for path in sources if _names(files, path, grains.name)]
-    doubts = [_mismatch(packing, run)] if run else []
+    doubts = [_mismatch(grains, packing, run)] if run else []
     if len(sources) > 1 and not naming:
         several = ", ".join(path.name for path in sources[:3])
         doubts.append(
@@ -279,7 +280,7 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
     if any(law != laws[0] for law in laws):
         several = " and ".join(other.source for other in runs[:3])
         doubts.append(f"{several} name {grains.name} with different laws or fixes: keep one of them")
-    return [*notes, *(Obstacle(f"{UNDECIDED}{doubt}") for doubt in doubts if doubt)]
+    return [*notes, *map(Obstacle, filter(None, doubts))]
 
 
 def _differs(path: Path, files: Files, run: Run) -> bool:
@@ -288,14 +289,24 @@ def _differs(path: Path, files: Files, run: Run) -> bool:
     return path in files.restarts and bool(lammps_restart.compare_pair_style(path, given)[1])
 
 
-def _mismatch(packing: Packing, run: Run) -> str:
+def _dump_of(path: Path, run: Run | None) -> Dump | None:
+    """The last command that wrote a dump; None if it is not known."""
+    found = [dump for dump in run.dumps.values() if _means(dump.file, path.name)] if run else []
+    return found[-1] if found else None
+
+
+def _mismatch(path: Path, packing: Packing, run: Run) -> str:
     """Sentence on a time step or a number of grains that the run of a log did not have; empty if there is none."""
     n = len(packing.arrays["radius"])
     if not run.has_step(packing.step):
         return f"the grains are of time step {packing.step}, {_steps_of(run)}: they are of another run"
-    if packing.ids is not None and packing.ids[-1] > n:  # of a group, which has a note of its own
-        return ""
-    count = run.atoms_at(packing.step)
+    count, dump = run.atoms, _dump_of(path, run)
+    if dump and dump.selection and count != n:
+        of = f", of {count} in the run of {run.source}" if count else ""
+        return (
+            f"{n} grains are in {path.name}{of}: `{dump.selection}` leaves others out, which may touch them; give a "
+            f"dump of all grains"
+        )
     return "" if count in (None, n) else f"{n} grains were read, and the run of {run.source} had {count} then"
 
 

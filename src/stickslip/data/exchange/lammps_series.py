@@ -15,10 +15,10 @@ import numpy as np
 from ...core.laws.builtin import Law
 from ...core.state import State
 from ...core.text import parse_integer
-from ..sample import Obstacle, PackingError, with_one_account
+from ..sample import WALLS, Obstacle, PackingError, notes_about, with_one_account
 from .content import Packing
 from .lammps_file import build_state, packing_from_table, pairs_from_table
-from .lammps_text import NO_WALLS, Table, parse_step
+from .lammps_text import Table, parse_step
 
 GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # what a dump says that it has a number of
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
@@ -251,7 +251,7 @@ def _in_run(packing: Packing, run: Packing) -> Packing:
         raise PackingError(
             "it has other grains than the newest packing of the run, whose walls and loads it would have: give --law"
         )
-    walls = [] if run.setting is None else [NO_WALLS]
-    own = [note for note in packing.notes if not any(part in note for part in walls)]
+    known = [] if run.setting is None else notes_about(packing.notes, WALLS)
+    own = [note for note in packing.notes if note not in known]
     acts = [note for note in run.notes if isinstance(note, Obstacle)]
     return packing._replace(setting=run.setting, notes=[*own, *(note for note in acts if note not in own)])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.text import parse_integer, parse_numbers
 from ...known import HARMLESS
-from ..sample import HUGE, Absent, Assumption, PackingError, account_for
+from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
 from .columns import at_rest, mass_note
 from .content import digits_note, first_lines, read_lines
 
@@ -35,6 +35,7 @@ STYLES = {  # columns of the section Atoms, which three whole numbers may follow
 MOST_IMAGES = 25  # periods of the box by which positions are unwrapped
 WHOLE = ("id", "molecule", "type", "flag")
 NO_WALLS = "the file contains no walls, and none were read; those of `fix wall/gran` are read from the run's folder"
+RENAMED = "`dump_modify colname` may have renamed them"
 SPHERES = "x y z, diameter and density"
 
 
@@ -156,7 +157,7 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
         periodic, cell[2], cell[:2, 2] = periodic & [True, True, False], (0, 0, 1), 0
     if not periodic.all() and arrays.get("dim", 3) == 3:
         axes = " and ".join(np.array(["x", "y", "z"])[~periodic])
-        notes = [*notes, Absent(f"the box is open along {axes}: {NO_WALLS}")]
+        notes = [*notes, Absent(f"the box is open along {axes}: {NO_WALLS}", WALLS)]
     return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), notes
 
 
@@ -169,7 +170,7 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
     if not names:
         raise PackingError(
             f"{path} has columns {' '.join(table.columns)}: radius or diameter is not among them; add one to the dump "
-            f"command, or convert the run's restart file with write_data"
+            f"command ({RENAMED}), or convert the run's restart file with write_data"
         )
     arrays["radius"] = table.numbers(names[0]) / (1 if "radius" in names[0] else 2)
     if table.has("mass"):
@@ -194,7 +195,7 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
         check_ids(path, ids)
         if len(ids) and ids[-1] > len(ids):
             gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
-            notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group"))
+            notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group", GROUP))
     return ids, arrays, notes
 
 
@@ -230,7 +231,7 @@ def _position(table: Table, path: Path) -> np.ndarray:
             place = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
             return place + (whole if mark == "s" else 0.0)
     raise PackingError(
-        f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu"
+        f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu ({RENAMED})"
     )
 
 

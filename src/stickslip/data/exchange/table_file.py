@@ -9,7 +9,7 @@ from ...core.state import SLIDE
 from ...core.tables import write_table
 from ...core.text import parse_numbers
 from ..atomic import replace_atomically
-from ..sample import AssumedColumns, Assumption, PackingError
+from ..sample import COLUMNS, Assumption, PackingError
 from .columns import LENGTHS, NEEDED, TIMES, identify_columns, packing_of_columns, plain_name
 from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines
 from .frame import Frame, exported, list_losses
@@ -67,7 +67,7 @@ def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     names, notes = _names(lines[0]) if lines else None, []
     if names is None:
         names = ["x", "y", "z", "radius"]
-        notes = [AssumedColumns(f"{path.name} does not name its columns: x y z radius is assumed")]
+        notes = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed", COLUMNS)]
     else:
         lines = lines[1:]
     _check_names(path, names)
