@@ -10,6 +10,7 @@ import stickslip as ss
 from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.lammps_course import MOVERS
 from stickslip.data.exchange.lammps_fixes import TAKEN
+from stickslip.data.exchange.lammps_series import GRAINS, find_dumps, frames_of
 from stickslip.data.sample import Obstacle, account_of
 from stickslip.known import HARMLESS, UNKNOWN, USED, group_of, plain_style
 from tests.exchange.test_lammps_runs import HERTZ, HOOKE, answer, in_poured
@@ -196,6 +197,40 @@ def test_the_newest_run_of_a_folder_counts(cases, tmp_path):
     assert not obstacles(tmp_path)
     (tmp_path / "poured.restart").unlink()
     assert any("of another run" in note for note in obstacles(tmp_path))
+
+
+AGAIN = (
+    "reset_timestep 0\nfix h all gravity 2 vector 0 0 -1\nrun 100\nLoop time of 1 on 1 procs for 100 steps "
+    "with 24 atoms"
+)
+
+
+@pytest.mark.parametrize("lines", [f"{AGAIN}\nwrite_restart again.restart", f"restart 100 again.restart\n{AGAIN}"])
+def test_after_reset_timestep_the_newest_file_has_an_earlier_step(lines, cases, tmp_path):
+    log = (in_poured(cases, tmp_path) / "log.lammps").read_text()
+    content = (tmp_path / "poured.restart").read_bytes()
+    (tmp_path / "again.restart").write_bytes(content.replace(np.int64(200000).tobytes(), np.int64(100).tobytes()))
+    own = "write_restart poured.restart"
+    (tmp_path / "log.lammps").write_text(log.replace(own, f"{own}\n{lines}"))
+    read = ss.io.read_packing(tmp_path)
+    assert "grains from again.restart, time step 100" in read.notes and read.state.control.gravity[2] == -3
+    (tmp_path / "again.restart").unlink()
+    assert ss.io.read_packing(tmp_path).state.control.gravity[2] == -1 and not obstacles(tmp_path)
+    (tmp_path / "again.restart").write_bytes(content)
+    (tmp_path / "log.lammps").unlink()
+    script = "".join(line for line in (cases / "poured" / "in.poured").open() if not line.startswith("set"))
+    (tmp_path / "in.poured").write_text(f"{script}\nreset_timestep 0\nrun 100\n")
+    assert any("in.poured sets the time step anew, and only its log" in note for note in obstacles(tmp_path))
+
+
+def test_of_two_frames_with_one_time_step_the_last_counts(cases, tmp_path):
+    text = (cases / "poured" / "dump.grains").read_text()
+    (tmp_path / "twice.dump").write_text(text + text.replace("0.523598775598299", "2"))
+    for frame in (None, "200000"):
+        assert ss.io.read_packing(tmp_path / "twice.dump", frame=frame).state.grains.mass.max() == 2
+    assert len(ss.io.read_packings(tmp_path / "twice.dump")) == 2
+    _, notes = frames_of(find_dumps(tmp_path, {}), GRAINS)
+    assert notes == ["step 200000 is twice in twice.dump, as after `reset_timestep`: the last of both is used"]
 
 
 @pytest.mark.parametrize(

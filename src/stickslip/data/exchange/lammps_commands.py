@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -88,6 +88,7 @@ class Run(NamedTuple):
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
     atoms: int | None = None  # number of grains when they were written; None if it is not known
+    place: int = 0  # in the log or script, at which they were written
 
     def numbers(self, words: Sequence[str]) -> list[str]:
         """Words with the numbers of types in the place of their labels."""
@@ -99,6 +100,11 @@ class Run(NamedTuple):
         if not known or len(known) < len(self.blocks):
             return None
         return min(block.start for block in known), max(block.end for block in known)
+
+    def goes_back(self) -> bool:
+        """Return True if a run had earlier time steps than one before it, as after `reset_timestep`."""
+        known = [block.start for block in self.blocks if block.start is not None]
+        return any(later < start for start, later in pairwise(known))
 
     def has_step(self, step: int) -> bool:
         """Return True if a time step may be one of the run."""
@@ -132,9 +138,8 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
     said = {event.words[0] for event in events if isinstance(event, Command)}
     if blocks and not said & {"run", "minimize", "rerun"}:
         run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
-    return run._replace(
-        blocks=blocks, sources=tuple(name for name, _ in texts), atoms=_atoms(events, end, until, step, run)
-    )
+    atoms = _atoms(events, end, until, step, run)
+    return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts), atoms=atoms, place=end)
 
 
 def _empty(source: str, year: int = 0) -> Run:
@@ -144,12 +149,13 @@ def _empty(source: str, year: int = 0) -> Run:
 def _end(events: list[Command | Block], until: str, step: int) -> int:
     """Number of events up to the state that a file holds: the last command that wrote it, or the run that reached it.
 
-    What was written in the middle of a run saw the commands before that run only.
+    What was written in the middle of a run saw the commands before that run only. Of several runs that had a time step,
+    as after `reset_timestep`, it is the last one in which a command wrote the file.
     """
     writes = [
         k for k, event in enumerate(events)
         if isinstance(event, Command) and until and event.words[0] in WRITING
-        and any(fnmatchcase(until, Path(word).name) for word in event.words[1:] if word != "*")
+        and any(means(word, until) for word in event.words[1:])
         and (step < 0 or event.step in (None, step))
     ]  # fmt: skip
     if writes:
@@ -157,11 +163,38 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
     runs = [k for k, event in enumerate(events) if isinstance(event, Block) and event.start is not None]
     if not runs and (closed := _closing(events, until)):
         return closed
+    open_in = _open_in(events, until)
+    runs = [k for k in runs if k in open_in] or runs
     reached = [k for k in runs if events[k].start < step <= events[k].end or events[k].start == events[k].end == step]
     reached = reached or [k for k in runs if events[k].start <= step <= events[k].end]
-    if step < 0 or not reached or (reached[-1] == runs[-1] and events[reached[-1]].end == step):
+    if step < 0 or not reached:
         return len(events)
-    return reached[-1]
+    later = any(isinstance(event, Block) for event in events[reached[-1] + 1 :])
+    return reached[-1] if later or events[reached[-1]].end != step else len(events)
+
+
+def _open_in(events: list[Command | Block], name: str) -> set[int]:
+    """Places of the runs in which a command `dump` or `restart` wrote a file."""
+    ids, series, places = set(), False, set()
+    for k, event in enumerate(events):
+        if isinstance(event, Block):
+            places |= {k} if series or ids else set()
+        elif _writes_dump(event, name):
+            ids.add(event.words[1])
+        elif event.words[0] == "undump":
+            ids -= {*event.words[1:2]}
+        elif event.words[0] == "restart":
+            series = any(means(word, name, series=True) for word in event.words[2:])
+    return places
+
+
+def means(word: str, name: str, *, series: bool = False) -> bool:
+    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes.
+
+    In a series, a time step follows the word.
+    """
+    word = Path(word.strip("\"'")).name.replace("%", "*")
+    return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
 
 
 def _atoms(events: list[Command | Block], end: int, until: str, step: int, run: Run) -> int | None:

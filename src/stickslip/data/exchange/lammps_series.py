@@ -199,12 +199,14 @@ def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame],
         for frame in dump.frames:
             if frame.kind == kind:
                 other = frames.get(frame.step)
-                if other and other.path != path:
+                if other:
                     twice.setdefault((other.path, path), frame.step)
                 frames[frame.step] = frame
     notes = [
         f"step {step} is in {old.name} and in {new.name}: the latter, which was written last, is used; name the files "
         f"that belong together"
+        if old != new
+        else f"step {step} is twice in {old.name}, as after `reset_timestep`: the last of both is used"
         for (old, new), step in twice.items()
     ]
     return dict(sorted(frames.items())), notes

@@ -75,8 +75,10 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
             raise PackingError(f"{path} has no time step {wanted}: it has {some}")
-        chosen = [k for k, s in enumerate(steps) if wanted == "all" or (wanted is not None and str(s) == wanted)]
-        return [parse_step(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
+        last = [len(pieces) - 1]
+        if wanted is not None:  # the last of several with the same step, as after `reset_timestep`
+            last = [k for k, s in enumerate(steps) if wanted in ("all", str(s))][0 if wanted == "all" else -1 :]
+        return [parse_step(steps[k], pieces[k]) for k in last], steps
     except (ValueError, IndexError, KeyError) as problem:
         if isinstance(problem, PackingError):
             raise
