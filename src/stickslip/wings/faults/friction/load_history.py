@@ -9,7 +9,7 @@ import numpy as np
 
 from ....kit import Series, checked, readable, require_shape
 from .loads import LoadStep, check_times
-from .record_files import LENGTH, TIME
+from .record_files import LENGTH, TIME, unit_of_time
 
 CANDIDATES, SEARCHED = 400, 4000  # times that are tried for a change of velocity, on so many samples at most
 MOST, ROUNDS = 60, 40  # changes, and iterations of their times
@@ -141,6 +141,8 @@ def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray)
                 said = f"--velocity says {leg.velocity:g} m/s from {start:g} to {end:g} s, but the load point"
                 way = leg.velocity * (t[k] - t[0])
                 worst, told = share, f"{said} moved by {x[k]:.4g} m until {t[k]:g} s instead of {way:.4g} m"
+                if way and (unit := unit_of_time(x[k] / way)):
+                    told += f", as if the times were in {unit}"
         start = end
     return told
 
