@@ -539,6 +539,32 @@ def test_columns_of_tables_that_are_not_understood(heads, a, b, text, tmp_path):
     assert read.state.grains.material.max() == 0 and len(account_of(read.notes)[USED]) >= 10
 
 
+@pytest.mark.parametrize(
+    ("heads", "a", "b", "text", "undecided"),
+    [
+        ("mass,density", "1,1.9098593", "1,1.9098593", "", False),  # 1 / (4/3 π 0.5³)
+        ("mass,density", "1,1", "1,1", "mass is 1, and density times volume 0.5236: mass is used", False),
+        ("mass,density", "1,1", "2,1", "mass is 2, and density times volume 0.5236, in row 2 of 2", True),
+        ("diameter,mass", "1,1", "1,1", "", False),
+        ("diameter,mass", "1,1", "1.1,1", "radius is 0.5, and half the diameter 0.55, in row 2 of 2", True),
+    ],
+)
+@pytest.mark.parametrize("form", ["table", "dump"])
+def test_sizes_and_masses_that_contradict_each_other(form, heads, a, b, text, undecided, tmp_path):
+    table = TABLE.format(heads=f",{heads}", a=f",{a}", b=f",{b}")
+    if form == "dump":
+        head, *rows = table.replace(",", " ").splitlines()
+        head = head.replace("wx wy wz", "omegax omegay omegaz")
+        box = "ITEM: BOX BOUNDS ff ff ff\n-2 2\n-2 2\n-2 2\n"
+        rows = "\n".join(f"{k} {row}" for k, row in enumerate(rows, 1))
+        table = f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\n{box}ITEM: ATOMS id {head}\n{rows}\n"
+    (tmp_path / "t.csv").write_text(table)
+    notes = ss.io.read_packing(tmp_path / "t.csv").notes
+    found = [note for note in notes if " is used" in note or "leave one of them out" in note]
+    assert len(found) == bool(text) and all(text in note for note in found)
+    assert [isinstance(note, Obstacle) for note in found] == [undecided] * bool(text)
+
+
 def test_tables_with_several_times_and_without_headings(tmp_path):
     rows = [f"{t},{k},0,{t},0.5" for t in (0, 2) for k in range(3)]
     (tmp_path / "t.csv").write_text("\n".join(["time,x,y,z,radius", *rows, ""]))

@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from ...known import HARMLESS, USED
-from ..sample import Assumption, PackingError, account_for
+from ..sample import Assumption, Obstacle, PackingError, account_for
 from .content import Packing
 
 PLACES = (
@@ -39,6 +39,7 @@ TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
 LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
 LENGTHS |= {*SINGLE["radius"], *SINGLE["diameter"]}
+CLOSE = 1e-3  # relative deviation of numbers with few digits
 NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
 
 
@@ -110,7 +111,11 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     types = None
     if kind := _column_of(KINDS, rest, columns):
         types, rest = _numbered(np.asarray(columns[kind])), [name for name in rest if name != kind]
-    notes += [*at_rest(what, arrays), *_notes_on_columns(what, columns, rest)]
+    notes += [
+        *contradictions(what, known, arrays.get("dim", 3)),
+        *at_rest(what, arrays),
+        *_notes_on_columns(what, columns, rest),
+    ]
     ids = known.get("id")
     if ids is not None and len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all():
         order = np.argsort(ids, kind="stable")
@@ -159,6 +164,31 @@ def at_rest(what: str, arrays: dict) -> list[str]:
 
 
 UNSORTED = ("cell", "periodic")
+
+
+def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> list[str]:
+    """Notes on radii and masses that differ from the diameters and densities of the same grains.
+
+    A factor that is the same for all grains, as of another unit of density, changes no sign of an eigenvalue.
+    """
+    radius = known["radius"] if "radius" in known else known["diameter"] / 2
+    pairs = [("radius", "half the diameter", radius, known["diameter"] / 2)] if "diameter" in known else []
+    if {"mass", "density"} <= set(known):
+        volumes = [4 / 3 * np.pi * radius**3, *([np.pi * radius**2] if dim == 2 else [])]
+        weighed = min((known["density"] * volume for volume in volumes), key=lambda m: np.abs(m - known["mass"]).max())
+        pairs.append(("mass", "density times volume", known["mass"], weighed))
+    notes = []
+    for name, other, ours, theirs in pairs:
+        k = int(np.argmax(np.abs(ours - theirs)))
+        told = f"{what}: {name} is {ours[k]:.4g}, and {other} {theirs[k]:.4g}"
+        same = np.ptp(ours * theirs[k] - theirs * ours[k]) <= CLOSE * abs(ours[k] * theirs[k])
+        if abs(ours[k] - theirs[k]) <= CLOSE * abs(ours[k]):
+            continue
+        if name == "mass" and same:
+            notes.append(Assumption(f"{told}: {name} is used"))
+        else:
+            notes.append(Obstacle(f"{told}, in row {k + 1} of {len(ours)}: leave one of them out"))
+    return notes
 
 
 def mass_note(what: str) -> Assumption:

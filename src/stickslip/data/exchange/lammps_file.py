@@ -254,7 +254,8 @@ def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: 
     """Raise PackingError if the columns of contacts are not what their names say, by the geometry of the grains."""
     tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
     along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
-    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() else ["tx ty tz"]
+    slack = 0.0 if pairs.normal is None else NEGLIGIBLE * np.linalg.norm(pairs.normal[entries], axis=1).sum()
+    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() + slack else ["tx ty tz"]
     if (
         pairs.branch is not None
         and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > OTHER_LAW * length.sum()

@@ -9,7 +9,7 @@ import numpy as np
 from ...core.text import parse_integer, parse_numbers
 from ...known import HARMLESS
 from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
-from .columns import at_rest, mass_note
+from .columns import at_rest, contradictions, mass_note
 from .content import digits_note, first_lines, read_lines
 
 HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # of a section in a data file
@@ -175,13 +175,10 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
             f"command ({RENAMED}), or convert the run's restart file with write_data"
         )
     arrays["radius"] = table.numbers(names[0]) / (1 if "radius" in names[0] else 2)
-    if table.has("mass"):
-        arrays["mass"] = table.numbers("mass")
-    elif table.has("density"):
-        arrays["mass"] = table.numbers("density") * VOLUME * arrays["radius"] ** 3
-    else:
-        notes.append(mass_note(path.name))
-        arrays["mass"] = VOLUME * arrays["radius"] ** 3
+    known = {name: table.numbers(name) for name in ("radius", "diameter", "mass", "density") if table.has(name)}
+    notes += contradictions(path.name, {"radius": arrays["radius"]} | known)
+    notes += [] if {"mass", "density"} & set(known) else [mass_note(path.name)]
+    arrays["mass"] = known["mass"] if "mass" in known else known.get("density", 1.0) * VOLUME * arrays["radius"] ** 3
     for name, columns in (("velocity", VELOCITY), ("spin", SPIN), ("force", FORCE)):
         if table.has(*columns):
             arrays[name] = table.numbers(*columns)

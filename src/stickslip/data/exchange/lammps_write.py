@@ -3,6 +3,7 @@
 LAMMPS reads the data file but cannot import the memory of contacts; `read_lammps` reads it from the second file.
 """
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -104,4 +105,5 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
             f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored without the force carried by "
             f"dashpots"
         )
-    return [*notes, f"LAMMPS cannot import the memory of contacts: it is in {path.name}, for --contacts"]
+    back = f"read it back with --contacts {shlex.quote(str(path))}"
+    return [*notes, f"LAMMPS cannot import the memory of contacts, which is in {path.name}: {back}"]
