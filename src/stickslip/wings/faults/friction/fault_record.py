@@ -7,7 +7,7 @@ import numpy as np
 from ....kit import YEAR, pluralize, readable
 from .fault import Fault
 from .fault_state import frictional_stress
-from .half_space import surface_displacement
+from .stress_transfer import surface_displacement
 
 CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest

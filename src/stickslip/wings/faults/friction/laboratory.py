@@ -12,8 +12,7 @@ from ....core.tables import split_label
 from ....kit import check_types, checked, heading_of, parse_number, readable, require_filled, shortened, write_table
 from ....known import HARMLESS, UNKNOWN, USED, find_row
 from .fitting import Data
-from .load_history import contradiction, find_steps, stated_steps, with_normal
-from .loads import check_times, load_steps
+from .loads import check_times, contradiction, find_steps, load_steps, stated_steps, with_normal
 from .record_files import LENGTH, NUMBER, SPEED, STRESS, TIME, Sheet, read_sheet, unit_of, unit_of_time
 
 COLUMNS = {  # where several columns of a file have names of one quantity, the first of these names is taken

@@ -18,10 +18,8 @@ import numpy as np
 from ....core.arguments import Seed
 from ....kit import Report, Size, checked, readable, require, require_options, require_sizes, silent
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
-from .identifiability import covariance
-from .model import Data
-from .noise import whitened
-from .problem import MAX_SHIFT, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
+from .model import Data, whitened
+from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
 
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
 LONG = 50.0  # autocorrelation times that a chain must have

@@ -27,8 +27,7 @@ from ....known import UNKNOWN, with_keys
 from ..friction.fitting import Fit, Solution, build_fit, solve_fit
 from ..friction.laboratory import LabRecord, read_record, record_columns, record_data
 from ..friction.model import Data
-from ..friction.model_comparison import LawComparison, compare_laws
-from ..friction.remedies import gain_by, stiffness_doubt
+from ..friction.model_comparison import LawComparison, compare_laws, gain_by, stiffness_doubt
 from ..friction.sampling import PERCENTS, Posterior, posterior
 from . import figures as figures
 
