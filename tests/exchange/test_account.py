@@ -8,8 +8,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.data.exchange import lammps_restart
-from stickslip.data.exchange.lammps_course import MOVERS
-from stickslip.data.exchange.lammps_fixes import TAKEN
+from stickslip.data.exchange.lammps_course import MOVERS, TAKEN
 from stickslip.data.exchange.lammps_series import GRAINS, find_dumps, frames_of
 from stickslip.data.sample import Obstacle, account_of
 from stickslip.known import HARMLESS, UNKNOWN, USED, group_of, plain_style

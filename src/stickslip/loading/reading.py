@@ -8,8 +8,7 @@ from ..core.state import State
 from ..data.atomic import check_free
 from ..data.exchange.files import WRITTEN, Reading, output_files, read_states, unknown_suffix, write_packing
 from ..data.exchange.force_network import is_measured
-from ..data.exchange.frame import frame_of
-from ..data.exchange.motion import mode_frames, read_mode
+from ..data.exchange.frame import frame_of, mode_frames, read_mode
 from ..data.run_files import NUMBERS
 from ..data.sample import Assumption, PackingError
 from .measured import read_measured

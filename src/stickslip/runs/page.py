@@ -17,9 +17,8 @@ from ..data import archive
 from ..data.checkpoint import UNFINISHED
 from ..data.exchange.arrays import read_archive
 from ..data.exchange.files import capture_warnings
-from ..data.exchange.frame import Frame, frame_of
+from ..data.exchange.frame import Frame, frame_of, mode_frames, read_mode
 from ..data.exchange.lammps_folder import is_run_folder
-from ..data.exchange.motion import mode_frames, read_mode
 from ..data.law_file import check_law_files, trust_law_files
 from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, list_files, resume_command
 from ..data.sample import Obstacle, PackingError

@@ -6,8 +6,9 @@ import lzma
 import re
 import shlex
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from ..sample import Absent, PackingError
 HEAD = 2**14  # bytes at the beginning of a file that tell what it is
 FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
+MOST_DIGITS = 12  # of a number of grains
 LONGEST_LINE = 60  # characters of a line that a message quotes
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
@@ -140,6 +142,30 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
         some = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
         raise PackingError(f"{path} has no frame {frame!r}: it has {some}")
     return [len(names) - 1 if frame is None else names.index(frame)]
+
+
+def split_frames(
+    path: Path, frame: str | None, widths: Container[int], above: int, what: str, needed: str
+) -> list[tuple[str, list[str]]]:
+    """Number and lines of the frames to read, of a text in which each begins with the number of its grains.
+
+    Parameters
+    ----------
+    widths : numbers of words that the first line of a frame may have
+    above : lines of a frame before those of its grains
+    what, needed : word for a frame, and what its first line must be, for messages
+    """
+    lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
+    while at < len(lines):
+        fields = lines[at].split()
+        if len(fields) not in widths or not fields[0].isdecimal() or len(fields[0]) > MOST_DIGITS:
+            raise PackingError(f"{path} has {lines[at][:60]!r} where {what} {len(starts)} begins: {needed}")
+        starts.append(at)
+        at += above + int(fields[0])
+    if at > len(lines):
+        raise PackingError(f"{path} ends within {what} {len(starts) - 1}: it is truncated, or still being written")
+    chosen = chosen_frames(path, [str(k) for k in range(len(starts))], frame)
+    return [(str(k), lines[start:end]) for k, (start, end) in enumerate(pairwise([*starts, at])) if k in chosen]
 
 
 def digits_note(texts: Sequence[str]) -> list[str]:

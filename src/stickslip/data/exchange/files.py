@@ -2,6 +2,7 @@
 
 import difflib
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,18 +31,54 @@ from ..sample import (
     notes_about,
     with_one_account,
 )
+from . import arrays, gsd_file, lammps_file, lammps_restart, table_file, vtk_file
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
-from .content import HEAD, Packing
-from .formats import find_format
-from .frame import Frame, frame_of
-from .graph import write_graph
+from .content import HEAD, Packing, is_compressed, read_content
+from .frame import Frame, frame_of, write_graph
 from .gsd_file import write_gsd
 from .lammps_file import build_state, complete_law_options, read_boundary, read_pairs
 from .lammps_folder import read_folder
-from .lammps_write import contacts_path, write_lammps
-from .table_file import contact_table_path, write_csv
+from .lammps_text import contacts_path, write_lammps
+from .table_file import contact_table_path, write_csv, write_xyz
 from .vtk_file import vtk_paths, write_vtk
-from .xyz_file import write_xyz
+
+
+class Format(NamedTuple):
+    """A format: whether the first bytes of a file, decompressed, are in it, and how to read the file."""
+
+    name: str
+    recognize: Callable[[bytes], bool]
+    read: Callable[..., list[Packing]]
+    of_lammps: bool = False  # whether it takes the options for LAMMPS's files
+    packs: bool = True  # whether files compressed as a whole are read
+
+
+FORMATS = (
+    Format(".npz and .npy of NumPy", arrays.recognize, arrays.read, packs=False),
+    Format("archives of stickslip (.h5)", arrays.recognize_archive, arrays.read_archive, packs=False),
+    Format("GSD", gsd_file.recognize, gsd_file.read, packs=False),
+    Format("LAMMPS restart", lammps_restart.recognize, lammps_restart.read),
+    Format("LAMMPS dump", lammps_file.recognize_dump, lammps_file.read_grain_dump, of_lammps=True),
+    Format("LAMMPS data", lammps_file.recognize_data, lammps_file.read_data_file, of_lammps=True),
+    Format("VTK", vtk_file.recognize, vtk_file.read),
+    Format("extended XYZ", table_file.recognize_xyz, table_file.read_xyz),
+    Format("MercuryDPM .data", table_file.recognize_mercury, table_file.read_mercury),
+    Format("CSV, YADE and other tables", table_file.recognize, table_file.read),
+)
+
+
+def find_format(path: Path) -> Format:
+    """Format of a file; PackingError with its first lines if it is in none of these."""
+    head = read_content(path, HEAD)
+    form = next((form for form in FORMATS if form.recognize(head)), None)
+    if form is None:
+        raise table_file.refuse(path)
+    if is_compressed(path) and not form.packs:
+        raise PackingError(
+            f"{path} is compressed: decompress it first; text and LAMMPS's restart files are read as they are"
+        )
+    return form
+
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}

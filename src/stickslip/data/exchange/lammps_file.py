@@ -39,13 +39,12 @@ from ..sample import (
     account_for,
     from_arrays,
 )
-from .contact_columns import TOTAL, group_hint, name_contact_columns, pair_branches
+from .columns import TOTAL, group_hint, name_contact_columns, pair_branches
 from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
 from .lammps_restart import restore_memory
-from .lammps_text import FORCE, Table, add_box, grains_from_dump, read_data, read_dump
+from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
-ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
 SKIPPED = "-"  # name of a column that is left out
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits

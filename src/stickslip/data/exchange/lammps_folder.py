@@ -18,9 +18,10 @@ from .lammps_commands import (
     numbers_in,
     read_commands,
     read_lines_of,
+    recognize_log,
     recognize_script,
 )
-from .lammps_course import describe, setting, take_over, with_wall_numbers
+from .lammps_course import Course, describe, setting, take_over, with_wall_numbers
 from .lammps_file import (
     Pairs,
     read_boundary,
@@ -30,8 +31,6 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
-from .lammps_fixes import Course
-from .lammps_log import recognize_log
 
 LOOKED_AT = 50  # dumps whose last time step is read, the newest
 TAIL = 2**20  # bytes at the end of a dump in which its last time step is sought first

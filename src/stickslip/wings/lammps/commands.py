@@ -66,7 +66,7 @@ def watch(
     check_choice("method", method, METHODS)
     if once and until_idle is not None:
         raise ValueError("--once was given with --until-idle: give one of them")
-    from ...data.exchange.follow import open_source
+    from ...data.exchange.lammps_series import open_source
     from ...reports import terminal
     from .watch.record import watch_and_record
 

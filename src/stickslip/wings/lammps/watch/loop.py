@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from ....data.exchange.follow import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
+from ....data.exchange.lammps_series import INTERVAL, Look, Pair, Source, look, missing_frames, read_pair
 from ....data.sample import Account, MemoryNote
 from ....kit import Report, silent
 from ....packings import PackingError

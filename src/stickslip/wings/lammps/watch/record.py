@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from ....data.exchange.follow import Source
+from ....data.exchange.lammps_series import Source
 from ....kit import check_free, check_output
 from .loop import Progress, watch
 from .page import write_page

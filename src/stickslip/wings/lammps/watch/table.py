@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from .... import __version__
-from ....data.exchange.follow import Source
+from ....data.exchange.lammps_series import Source
 from ....kit import format_table, parse_number, read_table, read_text, write_atomically
 from ....reports.packing import describe_law
 from .measures import Row
