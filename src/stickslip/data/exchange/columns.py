@@ -16,26 +16,16 @@ PLACES = (
 MOTIONS = ("v", "vel", "velo", "velocity", "velocities", "linvel", "linvelvec")
 TURNS = ("w", "omega", "spin", "angvel", "angvelvec", "angularvelocity")
 SINGLE = {
-    "radius": ("r", "rad", "radius", "radii", "ballradius", "particleradius"),
-    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter"),
+    "radius": ("r", "rad", "radius", "radii", "ballradius", "particleradius", "cradius"),
+    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter", "cdiameter"),
     "mass": ("m", "mass", "masses", "particlemass"),
     "density": ("rho", "density", "densities"),
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
 }
 KINDS = (
-    "type",
-    "types",
-    "material",
-    "materials",
-    "mat",
-    "matid",
-    "materialid",
-    "species",
-    "kind",
-    "atomtype",
-    "particletype",
-    "particlematerial",
-)
+    "type", "types", "material", "materials", "mat", "matid", "materialid", "species", "kind", "atomtype",
+    "particletype", "particlematerial",
+)  # fmt: skip
 TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
 LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
@@ -94,40 +84,51 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         lacks = "no positions" if "position" not in known else "no radii"
         there = f"columns {some}: {lacks} among them;" if some else "no columns:"
         raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
-    arrays = {n: known[n] for n in ("position", "velocity", "mass") if n in known}
-    arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
-    arrays |= more
     notes = []
-    if arrays["position"].shape[1] == 2 or not np.any(arrays["position"][:, 2:]):
-        arrays["dim"] = 2
+    if known["position"].shape[1] == 2 or not np.any(known["position"][:, 2:]):
+        more = {**more, "dim": 2}
         notes.append(Assumption(f"{what} has no third coordinate: its grains are taken as disks in a plane"))
-    if "spin" in known and known["spin"].shape[1] == 3:
-        arrays["spin"] = known["spin"]
-    elif arrays.get("dim") == 2 and (turn := _column_of(TURNS, rest, columns)):
-        arrays["spin"] = np.outer(columns[turn], [0.0, 0.0, 1.0])
+    if known.get("spin", np.zeros((0, 3))).shape[1] != 3:
+        del known["spin"]
+    if "spin" not in known and more.get("dim") == 2 and (turn := _column_of(TURNS, rest, columns)):
+        known["spin"] = np.outer(columns[turn], [0.0, 0.0, 1.0])
         rest = [name for name in rest if name != turn]
-    if "mass" not in arrays:
-        arrays["density"] = known.get("density", 1.0)
-        notes += [] if "density" in known else [mass_note(what)]
-    types = None
     if kind := _column_of(KINDS, rest, columns):
-        types, rest = _numbered(np.asarray(columns[kind])), [name for name in rest if name != kind]
-    notes += [
-        *contradictions(what, known, arrays.get("dim", 3)),
-        *at_rest(what, arrays),
-        *_notes_on_columns(what, columns, rest),
-    ]
+        known["types"], rest = _numbered(np.asarray(columns[kind])), [name for name in rest if name != kind]
     ids = known.get("id")
-    if ids is not None and len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all():
-        order = np.argsort(ids, kind="stable")
-        ids = ids[order].astype(np.int64)
-        arrays = {
-            n: a[order] if np.ndim(a) and len(a) == len(order) and n not in UNSORTED else a for n, a in arrays.items()
-        }
-        types = None if types is None else types[order]
-    else:
-        ids = None
-    return Packing(name, arrays, notes, ids=ids, types=types)
+    if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):
+        del known["id"]
+    ids, arrays, said = arrange_grains(what, known, more.get("dim", 3))
+    types = arrays.pop("types", None)
+    notes += [*said, *_notes_on_columns(what, columns, rest)]
+    return Packing(name, arrays | more, notes, ids=ids, types=types)
+
+
+def arrange_grains(
+    what: str, known: dict[str, np.ndarray], dim: int = 3, *, volume: float | None = None
+) -> tuple[np.ndarray | None, dict, list[str]]:
+    """Ids and arrays of grains in their order, and notes on what is missing or contradictory.
+
+    Parameters
+    ----------
+    known : columns by the names of `from_arrays`, `radius` or `diameter`, and `id`, `types`, `force`
+    volume : of a grain of radius 1 where the masses of a file with densities are always those of spheres
+    """
+    arrays = {n: known[n] for n in ("position", "velocity", "spin", "mass", "types", "force") if n in known}
+    arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
+    notes = contradictions(what, known, dim)
+    if "mass" not in known:
+        density = known.get("density", 1.0)
+        arrays |= {"density": density} if volume is None else {"mass": density * volume * arrays["radius"] ** 3}
+        notes += [] if "density" in known else [mass_note(what)]
+    if lacking := [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in known]:
+        how = {"velocities": "not to move", "spins": "not to turn"}[lacking[0]] if len(lacking) < 2 else "to be at rest"
+        notes.append(Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken {how}"))
+    if "id" not in known:
+        return None, arrays, notes
+    order = np.argsort(known["id"], kind="stable")
+    ids = known["id"][order].astype(np.int64)
+    return ids, {name: column[order] if np.ndim(column) else column for name, column in arrays.items()}, notes
 
 
 def _column_of(names: tuple[str, ...], rest: list[str], columns: dict[str, np.ndarray]) -> str | None:
@@ -143,28 +144,17 @@ def _numbered(kinds: np.ndarray) -> np.ndarray:
 
 
 def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:
-    """Account of the columns, and notes on those that are not understood; what is zero everywhere acts on nothing."""
-    used = {name: USED for name in columns if name not in rest}
-    zero = {name: HARMLESS for name in rest if np.ndim(columns[name]) and not np.any(columns[name])}
-    own = {name: HARMLESS for name in rest if _differs(plain_name(name), np.asarray(columns[name]))}
-    return account_for("column of a table", columns, what, used | zero | own, plain_name)
+    """Account of the columns, and notes on those that are not understood.
 
-
-def _differs(name: str, column: np.ndarray) -> bool:
-    """Whether a column has accelerations that differ from grain to grain, which are those by contacts as well."""
-    return bool(re.fullmatch(r"accel.*|a.", name)) and column.ndim > 0 and bool(np.ptp(column, axis=0).any())
-
-
-def at_rest(what: str, arrays: dict) -> list[str]:
-    """Note that motion which a file does not have is taken to be zero."""
-    lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in arrays]
-    if not lacking:
-        return []
-    how = {"velocities": "not to move", "spins": "not to turn"}[lacking[0]] if len(lacking) == 1 else "to be at rest"
-    return [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken {how}")]
-
-
-UNSORTED = ("cell", "periodic")
+    What is zero everywhere acts on nothing; accelerations that differ from grain to grain are those by contacts too.
+    """
+    groups = {name: USED for name in columns if name not in rest}
+    for name in rest:
+        column = np.atleast_1d(columns[name])
+        own = re.fullmatch(r"accel.*|a.", plain_name(name)) and np.ptp(column, axis=0).any()
+        if np.ndim(columns[name]) and (own or not np.any(column)):
+            groups[name] = HARMLESS
+    return account_for("column of a table", columns, what, groups, plain_name)
 
 
 def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> list[str]:

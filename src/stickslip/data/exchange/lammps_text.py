@@ -16,10 +16,10 @@ from ...core.measure import contact_velocity, touching
 from ...core.readable import pluralize
 from ...core.state import SLIDE
 from ...core.text import parse_integer, parse_numbers
-from ...known import HARMLESS
+from ...known import HARMLESS, USED, group_of
 from ..atomic import replace_atomically
 from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
-from .columns import at_rest, contradictions, mass_note
+from .columns import arrange_grains, identify_columns
 from .content import digits_note, first_lines, read_lines
 from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
 
@@ -27,7 +27,7 @@ HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # of columns of contacts
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
-VELOCITY, SPIN, FORCE = ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz"), ("fx", "fy", "fz")
+FORCE = ("fx", "fy", "fz")
 STYLES = {  # columns of the section Atoms, which three whole numbers may follow
     "sphere": "id type diameter density x y z",
     "bpm/sphere": "id molecule type diameter density x y z",
@@ -177,41 +177,28 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
 
 def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
     """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
-    arrays = {"position": _position(table, path)}
-    place = next(column for name, column in table.columns.items() if name in ("x", "xu", "xs", "xsu"))
-    notes: list[str] = digits_note(place)
-    names = [name for name in ("radius", "diameter", "c_radius", "c_diameter") if table.has(name)]
-    if not names:
+    used = [name for name in table.columns if group_of("column of a dump", name) == USED and name != "type"]
+    known, _ = identify_columns({name: table.numbers(name) for name in used})
+    known["position"] = _position(table, path)
+    if not {"radius", "diameter"} & set(known):
         raise PackingError(
             f"{path} has columns {' '.join(table.columns)}: radius or diameter is not among them; add one to the dump "
             f"command ({RENAMED}), or convert the run's restart file with write_data"
         )
-    arrays["radius"] = table.numbers(names[0]) / (1 if "radius" in names[0] else 2)
-    known = {name: table.numbers(name) for name in ("radius", "diameter", "mass", "density") if table.has(name)}
-    notes += contradictions(path.name, {"radius": arrays["radius"]} | known)
-    notes += [] if {"mass", "density"} & set(known) else [mass_note(path.name)]
-    arrays["mass"] = known["mass"] if "mass" in known else known.get("density", 1.0) * VOLUME * arrays["radius"] ** 3
-    for name, columns in (("velocity", VELOCITY), ("spin", SPIN), ("force", FORCE)):
-        if table.has(*columns):
-            arrays[name] = table.numbers(*columns)
-    notes += at_rest(path.name, arrays)
-    notes += account_for("column of a dump", table.columns, path.name, _zero_charges(table))
-    notes += account_for("item of a dump", table.items, path.name)
+    known |= {"force": table.numbers(*FORCE)} if table.has(*FORCE) else {}
     if table.has("type") and all(word.isdecimal() for word in table.columns["type"]):
-        arrays["types"] = table.numbers("type").astype(np.int64) - 1
-    ids = table.numbers("id").astype(np.int64) if table.has("id") else None
+        known["types"] = table.numbers("type").astype(np.int64) - 1
+    ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
+    notes = digits_note(next(words for name, words in table.columns.items() if name in ("x", "xu", "xs", "xsu"))) + said
+    charges = {"q": HARMLESS} if table.has("q") and not table.numbers("q").any() else {}
+    notes += account_for("column of a dump", table.columns, path.name, charges)
+    notes += account_for("item of a dump", table.items, path.name)
     if ids is not None:
-        order = np.argsort(ids, kind="stable")
-        ids, arrays = ids[order], {name: column[order] for name, column in arrays.items()}
         check_ids(path, ids)
         if len(ids) and ids[-1] > len(ids):
             gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
             notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group", GROUP))
     return ids, arrays, notes
-
-
-def _zero_charges(table: Table) -> dict[str, str]:
-    return {"q": HARMLESS} if table.has("q") and not table.numbers("q").any() else {}
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
@@ -270,31 +257,25 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         names, notes = _columns_of_atoms(path, style, asked, rows, head)
         step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
     except (ValueError, IndexError, TypeError) as problem:
         if isinstance(problem, PackingError):
             raise
         raise PackingError(f"{path} is truncated or not a LAMMPS data file ({problem})") from None
-    at = {name: k for k, name in enumerate(names)}
-    radius = rows[:, at["diameter"]] / 2
-    arrays = {
-        "position": rows[:, at["x"] : at["x"] + 3],
-        "radius": radius,
-        "mass": rows[:, at["density"]] * VOLUME * radius**3,
-    }
-    arrays["types"] = rows[:, at["type"]].astype(np.int64) - 1
-    arrays["labels"] = {label: int(number) for label, number in labels.items()}
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    known = dict(zip(names, rows.T, strict=False))
+    known |= {"position": np.stack([known[axis] for axis in AXES], axis=1), "types": known["type"].astype(np.int64) - 1}
     if rows.shape[1] == len(names) + 3:
-        arrays["position"] = arrays["position"] + whole_periods(rows[:, -3:], vectors)
+        known["position"] += whole_periods(rows[:, -3:], vectors)
     if motion is not None:
         motion = motion[np.argsort(motion[:, 0], kind="stable")]
-        arrays |= {"velocity": motion[:, 1:4]} | ({"spin": motion[:, 4:7]} if motion.shape[1] >= 7 else {})
-    notes += at_rest(path.name, arrays)
-    notes += account_for("section", sections, path.name)
-    notes += account_for("heading of a data file", _headings(head), path.name)
+        known |= {"velocity": motion[:, 1:4]} | ({"spin": motion[:, 4:7]} if motion.shape[1] >= 7 else {})
     check_ids(path, rows[:, 0])
-    return rows[:, 0].astype(np.int64), arrays, box, notes
+    ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
+    arrays["labels"] = {label: int(number) for label, number in labels.items()}
+    notes += [*said, *account_for("section", sections, path.name)]
+    notes += account_for("heading of a data file", _headings(head), path.name)
+    return ids, arrays, box, notes
 
 
 def _headings(head: str) -> list[str]:
