@@ -1,8 +1,10 @@
 """Build an accepted state from the arrays of a packing; `exchange.files` reads such arrays from files."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -37,6 +39,15 @@ LAWS = {
 
 class PackingError(SentenceError):
     """Raised for a packing that cannot be used; the message is one sentence for the user."""
+
+
+@contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """Name a file in errors of calls that know its arrays only."""
+    try:
+        yield
+    except PackingError as problem:
+        raise PackingError(f"{path}: {problem}") from None
 
 
 class Note(str):

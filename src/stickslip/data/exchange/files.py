@@ -28,6 +28,7 @@ from ..sample import (
     law_by_name,
     law_note,
     law_text,
+    naming,
     notes_about,
     with_one_account,
 )
@@ -126,13 +127,13 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     if path.is_dir():
         if of_lammps:
             raise PackingError(
-                f"{', '.join(of_lammps)} was given with a folder, whose files say it: give the file instead"
+                f"{', '.join(of_lammps)} was given with {path}, a folder whose files say it: give the file instead"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
         if contacts and packing.law is None and not given and own is None:
             unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
             packing, contacts = packing._replace(notes=[*packing.notes, unused]), None
-        return [_build(packing, given, own, i0, _LocalContacts(contacts, None))]
+        return [_build(path, packing, given, own, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
@@ -142,7 +143,7 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:
         of_lammps["boundary"] = read_boundary(local.path)
-    return [_build(packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
+    return [_build(path, packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
 
 
 class _LocalContacts(NamedTuple):
@@ -159,13 +160,14 @@ class _LocalContacts(NamedTuple):
         return None if self.file is None else Path(self.file)
 
 
-def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, local: _LocalContacts):
+def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float | None, local: _LocalContacts):
     """Name, state, law and notes of a packing under the options that were given.
 
     Its memory is unchanged if its law stays the same; otherwise its slip is limited to what the new law allows.
     """
     its, notes = packing.law, packing.notes
-    law = chosen_law(packing, given, own, memory=local.path is not None)
+    with naming(path):
+        law = chosen_law(packing, given, own, memory=local.path is not None)
     if own is not None or given:
         notes = [note for note in notes if note not in notes_about(notes, LAW)]
         if isinstance(its, Law) and not laws_equal(its, law):
@@ -176,8 +178,12 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
         several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
         notes = [*notes, Absent(several)]
-    if packing.state is None:
-        pairs = None if local.path is None else read_pairs(local.path, packing, local.columns)
+    pairs = None if local.path is None or packing.state is not None else read_pairs(local.path, packing, local.columns)
+    with naming(path):
+        if packing.state is not None:
+            same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
+            state = with_neighbor_list(with_inertia(packing.state, i0))
+            return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, notes
         try:
             state, said = build_state(packing, pairs, law)
         except PackingError as problem:
@@ -185,9 +191,6 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
                 raise PackingError(f"{problem}; {told}") from None
             raise
         return packing.name, with_inertia(state, i0), law, with_one_account([*notes, *said])
-    same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
-    state = with_neighbor_list(with_inertia(packing.state, i0))
-    return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, notes
 
 
 def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:

@@ -136,7 +136,7 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
 def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | None = None) -> Pairs:
     """Contacts of a packing from one time step of a `dump local`."""
     if packing.ids is None:
-        raise PackingError("the grains have no ids, but contacts refer to ids: add the column id to their dump")
+        raise PackingError(f"{path} refers to grains by ids, which they do not have: add the column id to their dump")
     table = _rename_columns(table, path, columns, packing)
     ends = _finite_numbers(table, path, "i", "j").astype(np.int64)
     strange = ~np.isin(ends, packing.ids)

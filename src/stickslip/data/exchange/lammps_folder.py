@@ -6,7 +6,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...known import HARMLESS, UNKNOWN, USED, group_of
-from ..sample import FIXES, GROUP, PAIRS, WALLS, Absent, Account, Assumption, Obstacle, PackingError, notes_about
+from ..sample import (
+    FIXES,
+    GROUP,
+    PAIRS,
+    WALLS,
+    Absent,
+    Account,
+    Assumption,
+    Obstacle,
+    PackingError,
+    naming,
+    notes_about,
+)
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
 from .lammps_commands import (
@@ -110,7 +122,8 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
         notes.append(_account_of_files(every, path, contacts))
         return packing._replace(notes=[*notes, *packing.notes]), contacts
     masks = lammps_restart.group_masks(path, packing.memory) if packing.memory is not None else {}
-    course = Course(run, packing, masks)
+    with naming(path):
+        course = Course(run, packing, masks)
     take_over(course)
     for doubt in _contradictions(path, run, course.stored) if path in files.restarts else ():
         course.obstacle(doubt)

@@ -225,7 +225,7 @@ def read_content(frame: DumpFrame) -> Table:
     if hashlib.blake2b(content, digest_size=8).hexdigest() != frame.digest:
         raise PackingError(f"{frame.path.name}, step {frame.step}: the file was replaced while it was read")
     try:
-        return parse_step(frame.step, content.decode("utf-8").partition("ITEM: TIMESTEP")[2])
+        return parse_step(frame.path, frame.step, content.decode("utf-8").partition("ITEM: TIMESTEP")[2])
     except (ValueError, IndexError, KeyError) as problem:
         raise PackingError(f"{frame.path.name}, step {frame.step} is damaged: {problem}") from None
 

@@ -61,13 +61,14 @@ class Table(NamedTuple):
     columns: dict[str, list[str]]  # words, one list per column
     grains: bool = True  # False for a dump of contacts
     items: tuple[str, ...] = ()  # headings other than the time step
+    file: str = ""  # its name, for messages
 
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
         try:
             values = np.stack([parse_numbers(self.columns[name]) for name in names]).T
         except ValueError:
-            raise PackingError(f"column {' or '.join(names)} contains entries that are not numbers") from None
+            raise PackingError(f"{self.file}: column {' or '.join(names)} has entries that are not numbers") from None
         return np.ascontiguousarray(values[:, 0] if len(names) == 1 else values)
 
     def has(self, *names: str) -> bool:
@@ -90,14 +91,14 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         last = [len(pieces) - 1]
         if wanted is not None:  # the last of several with the same step, as after `reset_timestep`
             last = [k for k, s in enumerate(steps) if wanted in ("all", str(s))][0 if wanted == "all" else -1 :]
-        return [parse_step(steps[k], pieces[k]) for k in last], steps
+        return [parse_step(path, steps[k], pieces[k]) for k in last], steps
     except (ValueError, IndexError, KeyError) as problem:
         if isinstance(problem, PackingError):
             raise
         raise PackingError(f"{path} is truncated or not a LAMMPS dump ({problem})") from None
 
 
-def parse_step(step: int, piece: str) -> Table:
+def parse_step(path: Path, step: int, piece: str) -> Table:
     """Parse one time step; ValueError, IndexError or KeyError if it is truncated."""
     items = {}
     for item in piece.split("ITEM: ")[1:]:
@@ -117,7 +118,8 @@ def parse_step(step: int, piece: str) -> Table:
         column = tokens[k :: len(names)]
         if columns.setdefault(name, column) != column:
             raise ValueError(f"step {step} has two columns {name} with different numbers")
-    return Table(step, vectors, corner, periodic, columns, "ATOMS" in items, tuple(item.split()[0] for item in items))
+    named = tuple(item.split()[0] for item in items)
+    return Table(step, vectors, corner, periodic, columns, "ATOMS" in items, named, path.name)
 
 
 def _parse_bounds(head: str, body: str):

@@ -162,7 +162,9 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
-    now, breaks = _moment(fault, state), _breaks(fault)
+    now = _moment(fault, state)
+    # steps end where the normal stress is not smooth; the last one is infinite
+    breaks = np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
     longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
     while time < until or recorder.event is not None:
         w_trial[:] = w
@@ -208,11 +210,6 @@ def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
         return f"the time step became too small at {time / YEAR:g} years: use shorter cells"
     place = f"{fault.depth[normal.argmin()]:g} m"
     return f"slip opens the fault at {place} after {time / YEAR:g} years: use a larger normal stress there"
-
-
-def _breaks(fault: Fault) -> np.ndarray:
-    """Times at which steps end, because the normal stress is not smooth there; the last one is infinite."""
-    return np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
 
 
 def _moment(fault: Fault, state: FaultState) -> Moment:

@@ -402,12 +402,10 @@ def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si
     given = "" if unit is None or (units is NUMBER and unit == ".") else unit.replace(" ", "")
     known = next((u for u in units if u == given), None) or next((u for u in units if u.lower() == given.lower()), None)
     if known is None:
-        raise ValueError(f"{path}: {word} has the unit {shortened(given)!r}: use {', '.join(_common_units(units))}")
+        raise ValueError(
+            f"{path}: {word} has the unit {shortened(given)!r}: use {', '.join(list(filter(None, units))[:SHOWN])}"
+        )
     return units[known]
-
-
-def _common_units(units: dict) -> list[str]:
-    return [unit for unit in units if unit][:8]
 
 
 def _check_columns(path: Path, header: list[str], known: dict, motion: bool) -> None:

@@ -315,16 +315,11 @@ def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, 
 
 def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
     """Sum of squares about the best line with given times of change."""
-    rest = _rest(time, place, changes)
-    return float(rest @ rest)
-
-
-def _rest(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Residuals about the best line with given times of change."""
     basis = _pieces(time, changes)
     basis /= np.abs(basis).max(axis=0)
     square = np.einsum("ni,nj->ij", basis, basis)  # a QR decomposition of so few columns takes many times longer
-    return place - basis @ np.linalg.solve(square, np.einsum("ni,n->i", basis, place))
+    rest = place - basis @ np.linalg.solve(square, np.einsum("ni,n->i", basis, place))
+    return float(rest @ rest)
 
 
 def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
@@ -336,7 +331,9 @@ def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndar
         edges = np.array([time[0], *changes, time[-1]])
         room = 0.45 * np.minimum(np.diff(edges)[:-1], np.diff(edges)[1:])
         piece = np.searchsorted(changes, time)
-        count, t, x, tt, tx = (np.bincount(piece, v, len(edges) - 1) for v in _moments(time - time[0], place))
+        since = time - time[0]
+        sums = np.ones(len(time)), since, place, since**2, since * place
+        count, t, x, tt, tx = (np.bincount(piece, values, len(edges) - 1) for values in sums)
         spread = count * tt - t**2
         slope = np.divide(count * tx - t * x, spread, out=np.zeros_like(t), where=(count > 1) & (spread > 0))
         height = np.divide(x - slope * t, count, out=np.zeros_like(t), where=count > 0)
@@ -347,11 +344,6 @@ def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndar
             break
         changes = moved
     return changes
-
-
-def _moments(time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Summands of the sums that a straight line needs."""
-    return np.ones(len(time)), time, place, time**2, time * place
 
 
 def with_normal(legs: tuple[LoadStep, ...], time: np.ndarray, factor: np.ndarray) -> tuple[LoadStep, ...]:

@@ -200,16 +200,13 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     if again.adequate and np.isfinite(width):
         if abs(np.log(given / shown)) < CLEAR * width:
             return None
-    elif interval[0] <= given <= interval[1] or not _falls(solution, again.residuals[0][case.used]):
-        return None
+    else:
+        before = np.sqrt(np.mean(residual(solution.task, solution.x) ** 2))
+        falls = np.std(again.residuals[0][case.used]) <= (1 - LEAST_FALL) * before
+        if interval[0] <= given <= interval[1] or not falls:
+            return None
     unit, value, needed = _likelier_unit(given, shown, normal)
     return StiffnessDoubt(given, shown, interval, unit, value, float(np.median(np.abs(case.friction))), needed)
-
-
-def _falls(solution: Solution, rest: np.ndarray) -> bool:
-    """Whether residuals are noticeably smaller than those of a fit."""
-    before = residual(solution.task, solution.x)
-    return bool(np.std(rest) <= (1 - LEAST_FALL) * np.sqrt(np.mean(before**2)))
 
 
 def _is_near(value: float, other: float, ratio: float) -> bool:

@@ -334,8 +334,9 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     guesses = initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed})
     for start in (more for guess in guesses for more in extended_guesses(guess, task.cases, free)):
         begin = _start_vector(task, start, free)
-        if _runs_away(task, begin):
-            continue
+        starts = [(case, parameters_of(task, begin, k)) for k, case in enumerate(task.cases)]
+        if any(model_friction(case, values, task.law, task.form) is None for case, values in starts):
+            continue  # the slider runs away
         solved = solve(task, begin, WHITE, most=25, close=1e-6)
         count += solved.nfev
         again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in minima)
@@ -347,14 +348,6 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     x = min(minima, key=lambda minimum: minimum[0])[1]
     solved = solve(task, with_states_in_order(task, x), WHITE)
     return solved.x, count + solved.nfev
-
-
-def _runs_away(task: Task, x) -> bool:
-    parameters = (parameters_of(task, x, k) for k in range(len(task.cases)))
-    return any(
-        model_friction(case, values, task.law, task.form) is None
-        for case, values in zip(task.cases, parameters, strict=True)
-    )
 
 
 def _start_vector(task: Task, start: dict, free) -> np.ndarray:
