@@ -59,7 +59,7 @@ Contact laws
 
 Files of LAMMPS
 
-    follow, Account, MemoryNote         dumps of a running simulation, and notes on their frames
+    lammps_series, Account, MemoryNote  dumps of a running simulation, and notes on their frames
     lammps_laws, lammps_restart, read_dump, wrapped_into        laws, restart files, dumps, positions in a cell
 
 Numbers and text

@@ -108,9 +108,9 @@ from .data.checkpoint import Checkpoint as Checkpoint
 from .data.checkpoint import abandon as abandon
 from .data.checkpoint import checkpoint_in as checkpoint_in
 from .data.checkpoint import load_or_compute as load_or_compute
-from .data.exchange import follow as follow
 from .data.exchange import lammps_laws as lammps_laws
 from .data.exchange import lammps_restart as lammps_restart
+from .data.exchange import lammps_series as lammps_series
 from .data.exchange.frame import wrapped_into as wrapped_into
 from .data.exchange.lammps_text import read_dump as read_dump
 from .data.law_schema import LawTable as LawTable

@@ -29,7 +29,6 @@ from .solve.stability import Stability as Stability
 from .solve.transient import TransientGrowth as TransientGrowth
 from .wings.faults.friction.fault_cycles import FaultHistory as FaultHistory
 from .wings.faults.friction.fault_record import FaultEvents as FaultEvents
-from .wings.faults.friction.fault_theory import Nucleation as Nucleation
 from .wings.faults.friction.fitting import Fit as Fit
 from .wings.faults.friction.measure import Healing as Healing
 from .wings.faults.friction.measure import HoldResponse as HoldResponse
@@ -37,6 +36,7 @@ from .wings.faults.friction.measure import Mean as Mean
 from .wings.faults.friction.model_comparison import LawComparison as LawComparison
 from .wings.faults.friction.ratestate import SlipHistory as SlipHistory
 from .wings.faults.friction.sampling import Posterior as Posterior
+from .wings.faults.friction.stability import Nucleation as Nucleation
 from .wings.faults.friction.stability import Sliding as Sliding
 from .wings.status.complementarity import Complementarity as Complementarity
 from .wings.status.complementarity import StatusMap as StatusMap

@@ -143,6 +143,9 @@ def kinetic_threshold(
     Every run has its own random numbers, which depend on the seed, the load, the velocity in natural units and the
     number of the run only. Results do not depend on `workers`, nor on the units unless the load itself has a unit.
 
+    The 95 % intervals contained the threshold of 400,000 velocities in 196 of 200 repetitions with ten kicks of a block
+    at each of 20 loads, and that of known curves in 118 of 120 (`tests/wings/studies/test_threshold.py`).
+
     Parameters
     ----------
     path : equilibria along a rising load, from `ramp`

@@ -5,10 +5,10 @@ from functools import partial
 import numpy as np
 
 from ....kit import Fields, Measures, Quantity, console, in_readable_units, new_table, show_table
-from ..friction.cycles import repeated_slip
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import YEAR
+from ..friction.measure import repeated_slip
 from . import figures as figures_of
 from . import seas_files
 from .simulate import FaultResult
