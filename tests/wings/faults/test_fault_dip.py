@@ -277,10 +277,7 @@ def test_surface_stations_are_checked():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"line": {"dip": 120.0, "shear": "in-plane"}}, "line.dip"),
-        ({"line": {"dip": 0.0, "shear": "in-plane"}}, "line.dip"),
         ({"line": {"dip": 30.0}}, "dip = 30 and slip = 'thrust' were given with antiplane shear"),
-        ({"line": {"slip": "reverse", "shear": "in-plane"}}, "line.slip"),
         (
             {"line": {"shear": "in-plane", "cell": 160.0, "dip": 30.0}},
             "cell = 160 m was given, but the cohesive length",
