@@ -12,8 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ... import OPEN, Law, State
-from ...core.contacts.geometry import shifts
-from ...core.contacts.neighbors import with_neighbor_list
+from ...core.contacts.neighbors import shifts, with_neighbor_list
 from ...core.laws.builtin import MU
 from ...measure import branch_vectors
 from .matrices import contact_frames

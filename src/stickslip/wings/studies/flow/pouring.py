@@ -7,9 +7,9 @@ import numpy as np
 from .... import Law, State, assembly, box, disks, flat_walls, spheres
 from ....control import loads, rigid
 from ....core.laws.builtin import parameter_names
+from ....core.laws.compiled import evaluate
 from ....core.laws.kinds import Kind
 from ....core.laws.validation import largest_stiffness
-from ....core.laws.values import evaluate
 from ....experiments import ScenarioError
 from ....kit import Size, checked, make_law, pluralize, readable, require_sizes
 from ....laws import for_pair
