@@ -9,8 +9,7 @@ doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The longest t
 import numpy as np
 
 from ..core.contacts.forces import bodies
-from ..core.contacts.geometry import shifts
-from ..core.contacts.neighbors import with_neighbor_list
+from ..core.contacts.neighbors import shifts, with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.laws.compiled import law_struct
 from ..core.laws.kinds import check_kind
