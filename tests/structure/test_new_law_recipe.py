@@ -85,7 +85,7 @@ def test_a_law_needs_one_entry_one_formula_one_constructor_one_form_and_one_line
     formulas.write_text(formulas.read_text().replace(last, last.replace("}", ", function<Stiffening>}")))
     (tmp_path / "tests/laws/forms/stiffening.py").write_text(FORM)
     environment = os.environ | {"PYTHONPATH": str(tmp_path / "src")}
-    tests = ["-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "tests/laws/test_normal_laws.py"]
+    tests = ["-m", "pytest", "-x", "-p", "no:cacheprovider", "tests/laws/test_normal_laws.py"]
     for command in (["src/stickslip/_core/build.py"], [*tests, "-k", "stiffening or guide"]):
         run = subprocess.run([sys.executable, *command], cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert run.returncode == 0, run.stdout + run.stderr
