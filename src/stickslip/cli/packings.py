@@ -60,8 +60,8 @@ class PackingOptions(NamedTuple):
     law: Annotated[
         str | None,
         typer.Option(
-            help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled), jkr, dmt, liquid_bridge, "
-            "walton_braun or your own Python file; takes precedence over the law in FILE.",
+            help=f"{', '.join(law.name for law in BUILTIN_LAWS if not law.rescales)} (hertz_mindlin and "
+            "hertz_mindlin_reff also …_rescaled) or your own Python file; takes precedence over the law in FILE.",
             autocompletion=complete_from(LAWS),
         ),
     ] = None

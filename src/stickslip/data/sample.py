@@ -3,21 +3,20 @@
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from ..builtin_laws import BUILTIN_LAWS, BY_NAME
+from ..builtin_laws import BY_NAME
 from ..core.arguments import checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.memory import AT_LIMIT, FREE, FROZEN, GIVEN, HELD
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
-from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants, hertz_mindlin, hertz_mindlin_reff, linear
+from ..core.laws.builtin import CONSTRUCTORS as LAWS
+from ..core.laws.builtin import COULOMB, DAMPING, Law, elastic_constants
 from ..core.laws.kinds import bridges_gaps
-from ..core.laws.normal import dmt, jkr, liquid_bridge, walton_braun
 from ..core.measure import branch_vectors, overlaps
 from ..core.readable import pluralize
 from ..core.state import OPEN, SLIDE, STICK, State, assembly, box, disks, loads, spheres
@@ -27,14 +26,6 @@ from ..known import HARMLESS, UNKNOWN, USED, find_row
 HUGE = 1e30  # larger numbers make products overflow
 UNDECIDED = "undecided: "  # how sentences on what acts on the grains, but was not taken over, begin
 LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
-_PLAIN = {
-    function.__name__: function
-    for function in (hertz_mindlin, linear, hertz_mindlin_reff, jkr, dmt, walton_braun, liquid_bridge)
-}
-LAWS = {
-    law.name: partial(_PLAIN[law.name.removesuffix("_rescaled")], rescaled=True) if law.rescales else _PLAIN[law.name]
-    for law in BUILTIN_LAWS
-}
 
 
 class PackingError(SentenceError):

@@ -20,9 +20,9 @@ from ...core.contacts.forces import accept, forces
 from ...core.contacts.jacobian import linearise
 from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import KEEPS_FORCE, ROLLING, SCALED, TWISTING, Law, parameter_names, rescales
+from ...core.laws.compiled import evaluate
 from ...core.laws.kinds import Kind, bridges_gaps
 from ...core.laws.properties import resists_rolling
-from ...core.laws.values import evaluate
 from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
 from ...core.reading import Reader
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
