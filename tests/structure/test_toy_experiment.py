@@ -185,8 +185,9 @@ for words in (["stability", "few.npz"], ["convert", "few.npz", "--to", "few.csv"
 """
 
 
+# 4 s: a process of its own, into which nothing may have been imported before
 def test_the_laboratory_works_without_its_wings(few_spheres, tmp_path):
-    shutil.copy(few_spheres, tmp_path / "few.npz")  # a process of its own, 4 s: nothing may have been imported before
+    shutil.copy(few_spheres, tmp_path / "few.npz")
     done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "oscillatory instability" in done.stdout and "all is well" in done.stdout
