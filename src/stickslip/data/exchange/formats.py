@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...wing import FileFormat, Wing, wings
+from ..atomic import replace_atomically
 from ..sample import PackingError
 from . import arrays, gsd_file, lammps_file, lammps_restart, table_file, vtk_file, xyz_file
 from .columns import at_rest, mass_note
@@ -84,4 +85,5 @@ def writers_of_wings() -> dict[str, Callable]:
 
 
 def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]) -> list[str]:
-    return list(wing.function(form.write)(path, frames))
+    with replace_atomically(path) as part:
+        return list(wing.function(form.write)(part, frames))
