@@ -60,8 +60,8 @@ class PackingOptions(NamedTuple):
     law: Annotated[
         str | None,
         typer.Option(
-            help="hertz_mindlin, linear, hertz_mindlin_reff (Hertzian ones also …_rescaled), jkr, dmt, liquid_bridge, "
-            "walton_braun or your own Python file; takes precedence over the law in FILE.",
+            help=f"{', '.join(law.name for law in BUILTIN_LAWS if not law.rescales)} (hertz_mindlin and "
+            "hertz_mindlin_reff also …_rescaled) or your own Python file; takes precedence over the law in FILE.",
             autocompletion=complete_from(LAWS),
         ),
     ] = None
@@ -391,7 +391,6 @@ def movie(
 ) -> None:
     """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
     from ..data.run_files import FILM
-    from ..data.sample import UNDECIDED
     from ..reports import page, terminal
     from ..runs.page import is_run, load_content
 
@@ -408,7 +407,7 @@ def movie(
             mode=film.mode, whole=film.whole, report=tell,
         )  # fmt: skip
     notes = [content.warning] if content.warning else []
-    notes += [content.verdict] if content.verdict.startswith(UNDECIDED) else []
+    notes += [content.verdict] if content.verdict and not content.decided else []
     _finish_with_notes("movie", [path], {"notes": notes}, output)
 
 

@@ -8,9 +8,9 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.state import State
 from ..core.units import unit_name, with_unit
-from ..solve.density import participation_ratio
 from ..solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ..solve.sensitivity import ContactSensitivity, contact_sensitivity
+from ..solve.spectrum import participation_ratio
 from ..solve.stability import Stability
 from ..solve.transient import NoElasticEnergyError, TransientGrowth, transient_growth
 from .terminal import console, new_table, show_table

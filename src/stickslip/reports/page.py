@@ -17,17 +17,17 @@ from ..core.units import unit_name, with_unit
 from ..data import archive
 from ..data.atomic import check_free, replace_atomically
 from ..data.exchange.files import capture_warnings
-from ..data.exchange.frame import Frame, frame_of
-from ..data.exchange.motion import mode_frames, read_mode
+from ..data.exchange.frame import Frame, frame_of, mode_frames, read_mode
 from ..data.manifest import add_to_manifest, digest, find_foreign, read_manifest, write_manifest
 from ..data.run_files import FILM, PAGE
+from ..data.sample import Obstacle
 from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene
-from ..figures.between import frames_between
+from ..figures.animation import frames_between
 from ..figures.grains import packing
+from ..figures.outlines import DISPLACEMENT
 from ..figures.page import MARK
-from ..figures.quantities import DISPLACEMENT
 from ..figures.saving import render
 from ..loading.reading import read_packing
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
@@ -59,6 +59,7 @@ class PageContent(NamedTuple):
     warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
     verdict: str = ""  # sentence on the stability of a packing, if it was computed and can be judged
+    decided: bool = True  # whether that holds, with everything that acts on the grains
     stages: tuple[str, ...] = ()  # of a run with stages, for each frame
     source: str = "file"  # whose units are those of the frames
 
@@ -119,8 +120,9 @@ def packing_content(
         sections.append(("Figure", page.pictures({caption: render(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
     return PageContent(
-        file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence
-    )
+        file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence,
+        decided=not any(isinstance(note, Obstacle) for note in notes),
+    )  # fmt: skip
 
 
 def _read_modes(path: Path, n: int) -> list:

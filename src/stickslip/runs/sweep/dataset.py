@@ -18,8 +18,8 @@ from ...data.manifest import write_file
 from ...data.run_files import NUMBERS
 from ...data.schema import field_at, split_unit
 from ...experiments.registry import EXPERIMENTS, scenario_class
+from ...figures.analyses import cycles
 from ...figures.saving import PLAIN, Look, render_all
-from ...figures.sweep import cycles
 from .axes import Axis
 from .definition import Sweep
 
