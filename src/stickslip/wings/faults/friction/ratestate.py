@@ -116,6 +116,25 @@ def check(rs: RateState) -> None:
         raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
 
 
+def steady_friction(rs: RateState, velocity):
+    """Steady friction, with θ_ss = D_c/V: μ0 + (a − b) ln(V/V0) for the usual law.
+
+    Regularized: a arcsinh[V/(2 V0) exp((μ0 − b ln(V/V0))/a)]. With cut-off velocities: μ0 + (a − b) ln(V/V0) − a ln(1 +
+    V/V1) + b ln(1 + V/V2). A second state adds b2 to b.
+
+    Examples
+    --------
+    >>> print(round(steady_friction(RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02), 0.2) - 0.4, 5))
+    0.01589
+    """
+    check(rs)
+    v = np.asarray(velocity, float)
+    w, b = np.log(v / rs.v0), rs.b + rs.b2
+    if rs.form == "regularized":
+        return rs.a * np.arcsinh(v / (2 * rs.v0) * np.exp((rs.mu0 - b * w) / rs.a))
+    return rs.mu0 + (rs.a - b) * w - rs.a * np.log1p(v / rs.v1) + b * np.log1p(v / rs.v2)
+
+
 @checked
 def spring_slider(
     rs: RateState,

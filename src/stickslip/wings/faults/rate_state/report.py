@@ -7,9 +7,9 @@ import numpy as np
 
 from ....data.run_files import SERIES
 from ....kit import archive_fields, console, new_table, show_table
-from ..friction.closed_forms import steady_friction
 from ..friction.cycles import passing_velocity, recurrence, repeated_slip
 from ..friction.laboratory import LabRecord, write_csv
+from ..friction.ratestate import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
 
