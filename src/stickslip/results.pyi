@@ -29,7 +29,6 @@ from .solve.stability import Stability as Stability
 from .solve.transient import TransientGrowth as TransientGrowth
 from .wings.faults.friction.fault_cycles import FaultHistory as FaultHistory
 from .wings.faults.friction.fault_record import FaultEvents as FaultEvents
-from .wings.faults.friction.fault_theory import Nucleation as Nucleation
 from .wings.faults.friction.fitting import Fit as Fit
 from .wings.faults.friction.measure import Healing as Healing
 from .wings.faults.friction.measure import HoldResponse as HoldResponse
@@ -37,14 +36,15 @@ from .wings.faults.friction.measure import Mean as Mean
 from .wings.faults.friction.model_comparison import LawComparison as LawComparison
 from .wings.faults.friction.ratestate import SlipHistory as SlipHistory
 from .wings.faults.friction.sampling import Posterior as Posterior
+from .wings.faults.friction.stability import Nucleation as Nucleation
 from .wings.faults.friction.stability import Sliding as Sliding
+from .wings.status.complementarity import Complementarity as Complementarity
+from .wings.status.complementarity import StatusMap as StatusMap
 from .wings.status.cone_apex import Apex as Apex
 from .wings.status.cone_apex import StatusSolution as StatusSolution
-from .wings.status.enumeration import StatusMap as StatusMap
-from .wings.status.lcp import Complementarity as Complementarity
 from .wings.status.matrices import LinearSystem as LinearSystem
-from .wings.status.null_modes import Mechanism as Mechanism
 from .wings.status.path import LoadPath as LoadPath
+from .wings.status.rigidity import Mechanism as Mechanism
 from .wings.status.status import ContactStatus as ContactStatus
 from .wings.status.status import Verdict as Verdict
 from .wings.status.uniqueness import Uniqueness as Uniqueness

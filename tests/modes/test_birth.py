@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import stickslip as ss
 from stickslip.cli.app import app
-from stickslip.runs.page import packing_content
+from stickslip.reports.page import packing_content
 from stickslip.solve import birth
 from stickslip.solve.balance import linearised
 from stickslip.solve.freedom import backbone

@@ -1,5 +1,7 @@
 """Response to forcing and noise: closed forms of two modes, equipartition, runs of the engine, and triggering."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -105,6 +107,19 @@ def test_a_driven_run_has_the_gain(packing):
     answer = ss.modes.frequency_response(packing, LAW, drive, omega, observe=drive, drag=drag)
     amplitude = amplitudes_of_run(packing, LAW, drive[0], omega, drag=drag, small=1e-9)[3, 0]
     assert abs(amplitude - answer.matrix[0, 0, 0]) < 2e-3 * answer.gain[0]  # dt and knots: (ωdt)²/24, 2e-4
+
+
+def test_a_drive_pulls_free_coordinates_and_moves_prescribed_ones():
+    """Far from each other: a free disk obeys m x'' = f(t); of one that is held, R times the angle follows the drive."""
+    state, radius = ss.assembly(ss.disks([[0, 0], [9, 0]], [0.5, 0.8], mass=2.0)), 0.8
+    state = state._replace(control=ss.control.fixed(state.control, [1]), time=3.0)
+    drive, grid = push(state, (0, 1), (1, 5)).sum(axis=0), np.linspace(0.0, 4.0, 801)
+    motion = SimpleNamespace(here=SimpleNamespace(state=state, mean_stiffness=1.0))
+    end = ss.run(trigger.with_drive(motion, drive, grid, 1e-2 * np.sin(grid)), LAW, 300, 0.01)[0]
+    t = 3.0
+    assert end.grains.position[0, 1] == pytest.approx(1e-2 / 2.0 * (t - np.sin(t)), rel=1e-3)
+    assert radius * end.grains.angle[1, 2] == pytest.approx(1e-2 * np.sin(t), rel=1e-3)
+    assert not end.grains.angle[0].any() and not end.grains.position[1, 1]
 
 
 def test_a_pinned_grain_that_is_shaken_slowly_carries_the_packing(packing):

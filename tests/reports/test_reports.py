@@ -24,7 +24,7 @@ from stickslip.figures.animation import frames_between
 from stickslip.figures.grains import BALL, PIECES
 from stickslip.figures.outlines import quantities, up_direction, view_basis
 from stickslip.figures.style import BLUE, RED
-from stickslip.runs.writer import write_numbers
+from stickslip.runs.folder import write_numbers
 from tests.conftest import stickslip_here as run
 from tests.exchange.packings import SHARP, disks, spheres, walled
 

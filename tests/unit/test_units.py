@@ -32,7 +32,7 @@ from stickslip.figures.outlines import quantities
 from stickslip.figures.view3d import view_data
 from stickslip.loading.event_class import Events
 from stickslip.runs import page
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 
 PACKAGE = Path(ss.__file__).parent
 BASE = {  # exponents of mass, length and time

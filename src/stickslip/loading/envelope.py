@@ -83,6 +83,10 @@ def response_envelope(
     Contacts may start and cease to slide, so that the response is linear only within sectors of directions. Its
     elastic part is that of the same packing if contacts at the Coulomb limit stick.
 
+    Of 30 disks with sliding contacts, slow dynamics over strains of 2e-7 had the same stress to 0.7 % after 400 units
+    of time, and to 0.07 % after 4000; `quasirigid.probe_statuses`, without a finite step, has the same strains to
+    2e-4 (`tests/unit/test_envelope.py`).
+
     Parameters
     ----------
     state : in equilibrium, in a fully periodic cell, without walls or rigid groups; its control does not matter
@@ -256,6 +260,9 @@ def localisation(state: Committed, law: Law) -> Localisation:
 
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
+
+    None of 20,000 random planes of a packing of spheres had a smaller determinant; the least of them was 2e-5 larger
+    (`tests/unit/test_envelope.py`).
 
     Source
     ------

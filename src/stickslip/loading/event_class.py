@@ -19,7 +19,7 @@ from ..solve.shear_response import margin, softest
 from ..solve.spectrum import REAL_BELOW
 from .event_path import TIME_STEP, Judge, Point, displacement
 
-RATIO = 8.0  # between the distances from an event at which the spectrum is computed
+EVENT_RATIO = 8.0  # between the distances from an event at which the spectrum is computed
 VANISHES, STEEPEST = 0.25, 8.0  # least exponent of a quantity that tends to zero at an event, and greatest sought
 PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
@@ -161,7 +161,7 @@ def _profile(event: Break, step: float) -> Profile:
         point = _point_at(event, critical - away)
         if point is not None and (point.stable or not event.last.stable):  # else Newton's method left the path
             rows.append((away, *_softness(point)))
-        away /= RATIO
+        away /= EVENT_RATIO
     return Profile(*np.array(rows).reshape(-1, 5).T)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..core.arguments import NotNegative, Positive, checked
 from ..core.control import between, strained_at
 from ..core.dynamics.cell_motion import strained
-from ..core.dynamics.ledger import Account
+from ..core.dynamics.ledger import PathLedger
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
 from ..core.laws.builtin import Law
@@ -24,7 +24,7 @@ from .compression import Scales, critical_mass, stopped
 # unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
 REST, MORE = 1e-6, 20_000  # where it fails at all of them: the force at which dynamics ends, and its most steps
-DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
+SETTLING_DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two looks at the forces, and largest number in a step
 POSTED = 20  # steps of dynamics between two entries in a ledger
@@ -63,7 +63,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
 
 def strain_step(
     state: State, law: Law, scales: Scales, gradient: np.ndarray, *, tolerance: float, keep: Factorisation,
-    account: Account,
+    account: PathLedger,
 ) -> tuple[State, Outcome]:  # fmt: skip
     """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
 
@@ -94,7 +94,7 @@ def strain_step(
 
 
 def _come_to_rest(
-    state: State, law: Law, scales: Scales, tolerance: float, account: Account | None = None
+    state: State, law: Law, scales: Scales, tolerance: float, account: PathLedger | None = None
 ) -> tuple[State, Outcome]:
     """Equilibrium that damped dynamics leads to."""
     here, spent = state, 0
@@ -119,7 +119,7 @@ def _come_to_rest(
 
 
 def _damp(
-    state: State, law: Law, scales: Scales, level: float, most: int, account: Account | None
+    state: State, law: Law, scales: Scales, level: float, most: int, account: PathLedger | None
 ) -> tuple[State, Outcome, int]:
     """Damped dynamics until the largest unbalanced force is below a level [force], and its number of steps."""
     spent = 0
@@ -131,11 +131,13 @@ def _damp(
 
 
 def _advance(
-    state: State, law: Law, scales: Scales, steps: int, level: float, account: Account | None
+    state: State, law: Law, scales: Scales, steps: int, level: float, account: PathLedger | None
 ) -> tuple[State, Outcome]:
     """Damped dynamics of some steps, or until the largest unbalanced force is below a level that is not 0."""
     kept = {"every": POSTED, "ledger": POSTED} if account else {}
-    state, record, outcome = run(state, law, steps, scales.dt, drag=DRAG / scales.time, tolerance=level, **kept)
+    state, record, outcome = run(
+        state, law, steps, scales.dt, drag=SETTLING_DRAG / scales.time, tolerance=level, **kept
+    )
     if account:
         account.post_run(state, record.ledger)
     return state, outcome
@@ -146,7 +148,7 @@ def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0)
 
     Under the drag ν the stress exceeds the wanted one by M ℓ² ν L/V. The mass is at most the critical one.
     """
-    dim, drag, most = state.cell.dim, DRAG / scales.time, critical_mass(state, pressure, scales)
+    dim, drag, most = state.cell.dim, SETTLING_DRAG / scales.time, critical_mass(state, pressure, scales)
     return min(OFFSET * pressure * volume(state) ** (1 - 2 / dim) / (drag * rate), most) if rate else most
 
 

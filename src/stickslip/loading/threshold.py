@@ -33,7 +33,7 @@ from ..solve.balance import BALANCED_BELOW, force_imbalance, linearised, motion_
 from .packing import reduced_cell, wrapped
 from .protocols import Equilibrium, Protocol, perturbed
 
-LEGS = 40  # into which a run is divided, to see whether the sample has slid
+KICK_LEGS = 40  # into which a run is divided, to see whether the sample has slid
 WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance
 FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
 SLOWING = 0.95  # travel in the last window over that in the first one, below which a sample still slows down
@@ -143,6 +143,9 @@ def kinetic_threshold(
     Every run has its own random numbers, which depend on the seed, the load, the velocity in natural units and the
     number of the run only. Results do not depend on `workers`, nor on the units unless the load itself has a unit.
 
+    The 95 % intervals contained the threshold of 400,000 velocities in 196 of 200 repetitions with ten kicks of a block
+    at each of 20 loads, and that of known curves in 118 of 120 (`tests/wings/studies/test_threshold.py`).
+
     Parameters
     ----------
     path : equilibria along a rising load, from `ramp`
@@ -190,8 +193,8 @@ def kinetic_threshold(
     _require_count(1, realizations=realizations)
     require_sizes([Size(f"realizations = {realizations} makes", realizations, "runs", "use fewer")])
     _require_count(0, seed=seed, ramps=ramps)
-    if duration < LEGS * dt:
-        raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
+    if duration < KICK_LEGS * dt:
+        raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {KICK_LEGS} steps")
     tried = _points_at(path, loads)
     protocol = protocol.starting(path[0].state, path[0].load)
     scales = natural_scales(tried[0].state, protocol.law)
@@ -205,7 +208,7 @@ def kinetic_threshold(
                 f"kicks = {kicks.max():g} and dt = {dt:g} were given: grains would move by more than a radius in a "
                 f"step; use smaller velocities"
             )
-    how = _Dynamics(protocol.law, max(1, round(duration / dt / LEGS)), dt, distance, drag)
+    how = _Dynamics(protocol.law, max(1, round(duration / dt / KICK_LEGS)), dt, distance, drag)
     starts = [
         (point.state, float(kick), _seed(int(seed), point.load, kick / speed, k))
         for point in tried for kick in kicks for k in range(int(realizations))
@@ -370,7 +373,7 @@ def _kick(state: State, kick: float, seed: int, how: _Dynamics, report: Report) 
 def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
     """State at the end of a run, and the time at which it had slid; NaN if it did not."""
     end = start
-    for count in range(1, LEGS + 1):
+    for count in range(1, KICK_LEGS + 1):
         (start,), end = _run_leg((start,), end, how, how.leg)
         if travel(start, end) > how.distance:
             return end, count * how.leg * how.dt
@@ -382,7 +385,7 @@ def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
     end, ways = start, []
     for _ in range(WINDOWS):
         before = end
-        for _ in range(LEGS // WINDOWS):
+        for _ in range(KICK_LEGS // WINDOWS):
             (start, before), end = _run_leg((start, before), end, how, how.leg)
         ways.append(travel(before, end))
         if ways[-1] < how.distance / WINDOWS:

@@ -36,13 +36,13 @@ def compute_details(state: State, law: Law, result: Stability, *, report: Report
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
     return Details(
         participation,
-        _try(elastic_moduli, state, law),
+        attempt(elastic_moduli, state, law),
         _compute_transient(state, law, result, report),
-        _try(contact_sensitivity, state, law, report=report),
+        attempt(contact_sensitivity, state, law, report=report),
     )
 
 
-def _try(function, *arguments, **options):
+def attempt(function, *arguments, **options):
     """Return the result of a function, or the message of its ValueError."""
     try:
         return function(*arguments, **options)
@@ -56,7 +56,7 @@ def _compute_transient(state: State, law: Law, result, report) -> TransientGrowt
     try:
         return transient_growth(state, law, report=report)
     except NoElasticEnergyError:
-        return _try(transient_growth, state, law, norm="displacement", report=report)
+        return attempt(transient_growth, state, law, norm="displacement", report=report)
     except ValueError as problem:
         return str(problem)
 

@@ -19,7 +19,7 @@ from ..core.readable import pluralize
 from ..core.state import State
 from ..core.units import with_unit
 from ..data.atomic import replace_atomically
-from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle, account_of
+from ..data.sample import UNDECIDED, Absent, Assumption, NoMemory, Obstacle, account_of, assumes_law
 from ..known import with_keys
 from ..solve.balance import BALANCED_BELOW, imbalance
 from ..solve.freedom import backbone
@@ -61,11 +61,9 @@ class Settling(NamedTuple):
 def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthForm | str":
     """Return the normal form of the fastest pair, or the reason why there is none."""
     from ..solve.birth import birth_form
+    from .details import attempt
 
-    try:
-        return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
-    except ValueError as problem:
-        return str(problem)
+    return attempt(birth_form, state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
 
 
 def find_probability(
@@ -73,13 +71,11 @@ def find_probability(
 ) -> "VerdictProbability | str":
     """Return how sure the verdict is with errors of positions, or the reason why that is not known."""
     from ..solve.gradient import verdict_probability
+    from .details import attempt
 
     require_positive(position_error=error)
     law = law if dashpots or not damping_model(law) else with_values(law, damping_n=0.0, damping_t=0.0)
-    try:
-        return verdict_probability(state, law, position_error=error, report=report)
-    except ValueError as problem:
-        return str(problem)
+    return attempt(verdict_probability, state, law, position_error=error, report=report)
 
 
 def probability_dict(sure: "VerdictProbability | str") -> dict:
@@ -134,7 +130,7 @@ def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
     """
     sentence = f"{result.verdict}; {calm}" if calm else result.verdict
-    left_out = "; ".join(note.removeprefix(UNDECIDED) for note in notes if isinstance(note, Obstacle))
+    left_out = "; ".join(note.reason for note in notes if isinstance(note, Obstacle))
     if not result.balanced:
         missing = f"{UNDECIDED}{left_out}" if left_out else missing_parts(notes)
         return f"{missing}; {sentence}" if missing else sentence
@@ -149,7 +145,7 @@ def is_stable(result: Stability, notes) -> bool | None:
 
 def missing_parts(notes) -> str:
     """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
-    if NO_CONTACTS in notes and any(getattr(note, "of_law", False) for note in notes):
+    if assumes_law(notes) and any(isinstance(note, NoMemory) for note in notes):
         return "no verdict: the file has no contact law and no memory of tangential contacts"
     return ""
 
@@ -197,13 +193,13 @@ def geometry(state: State) -> Geometry:
 def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, from the packing, what its file lacks, and options for its law."""
     law = "another law than that of the packing"
-    acts, lacks = ([n.removeprefix(UNDECIDED) for n in notes if isinstance(n, kind)] for kind in (Obstacle, Absent))
+    acts = [note.reason for note in notes if isinstance(note, Obstacle)]
+    lacks = [note for note in notes if isinstance(note, Absent)]
     known = [*acts, *result.causes[:-1], *lacks]  # the last cause says no more than `law`
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
-    assumed = any(getattr(note, "of_law", False) for note in notes)
     if given:
         known.append(f"{law}: {', '.join(given)} came from the command line")
-    elif assumed:
+    elif assumes_law(notes):
         known.append(f"{law}: none was given, so the defaults were used")
     return known or list(result.causes)
 
@@ -228,7 +224,9 @@ def to_dict(
         "tolerance": BALANCED_BELOW,
         "balanced": result.balanced,
         "causes": list(why),
-        "settled": None if calm is None else _settling_dict(calm),
+        "settled": None
+        if calm is None
+        else calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None},
         "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
         "met": with_keys(account_of(notes)),
@@ -262,10 +260,6 @@ def _form_dict(form: "BirthForm") -> dict:
         value = getattr(form, name)
         out[name] = value if np.isfinite(value) else None
     return out
-
-
-def _settling_dict(calm: Settling) -> dict:
-    return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
 
 
 def show(

@@ -22,9 +22,9 @@ from ..core.laws.builtin import (
     elastic_constants,
     hertz_mindlin_reff,
 )
+from ..core.laws.compiled import evaluate
 from ..core.laws.kinds import Kind
 from ..core.laws.restitution import dashpot_coefficients
-from ..core.laws.values import evaluate
 from ..core.readable import readable
 
 ROUND_OFF = 2e-12  # of γ_n, for a stiffness, a mass and a diameter of 1

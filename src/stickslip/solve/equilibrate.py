@@ -15,8 +15,7 @@ from scipy.linalg import LinAlgError, cholesky, eigvals
 
 from ..core.arguments import Positive, checked
 from ..core.contacts.forces import accept, bodies, forces
-from ..core.contacts.geometry import shifts
-from ..core.contacts.neighbors import with_neighbor_list
+from ..core.contacts.neighbors import shifts, with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.laws.compiled import law_struct

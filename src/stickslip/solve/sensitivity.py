@@ -102,6 +102,9 @@ def contact_sensitivity(
     unchanged: the spectrum is that at the moment of the change, before the forces find a new balance. Grains that
     become rattlers through the change are excluded together with their contacts.
 
+    Derivatives are those of differences to 1e-4, and `after` that of the changed packing to 1e-7. First-order shifts,
+    `predicted`, have a correlation of 0.70 with `after` in 30 spheres (`tests/modes/test_sensitivity.py`).
+
     Parameters
     ----------
     pair : index of the complex pair whose derivative is computed, the fastest growing first

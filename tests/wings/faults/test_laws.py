@@ -5,13 +5,13 @@ import pytest
 from scipy.linalg import expm
 
 from stickslip.wings.faults.friction import laws
+from stickslip.wings.faults.friction import ratestate as closed
 from stickslip.wings.faults.friction.fitting import fit
+from stickslip.wings.faults.friction.laws import rates
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.model import Data
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, prescribed, slider_of, spring_slider
-from stickslip.wings.faults.friction.slider import rates
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
-from tests.wings.faults import closed_forms as closed
 
 USUAL = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
 FORMS = {
@@ -247,6 +247,7 @@ def test_alpha_is_fitted_with_two_states():
         (lambda: spring_slider(USUAL._replace(v1=0.0), Spring(1.0), LEGS), "v1 = 0.0 was given"),
         (lambda: spring_slider(USUAL._replace(v1=float("nan")), Spring(1.0), LEGS), "v1 is NaN"),
         (lambda: spring_slider(USUAL._replace(v1=1.0, form="regularized"), Spring(1.0), LEGS), "cut-off velocities"),
+        (lambda: closed.stiff_healing(USUAL._replace(b2=0.1), 1e-6, 1.0), "this closed form is for"),
     ],
 )
 def test_bad_input_gives_a_one_sentence_error(call, message):

@@ -7,11 +7,11 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
+from stickslip.wings.faults.friction import ratestate as closed
+from stickslip.wings.faults.friction.laws import rates
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.ratestate import End, RateState, Spring, prescribed, slider_of, spring_slider
-from stickslip.wings.faults.friction.slider import rates
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
-from tests.wings.faults import closed_forms as closed
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021
 WEAK = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)
@@ -217,6 +217,7 @@ def test_published_parameters_strengthen_with_velocity():
         (lambda: prescribed(PAPER, [0, 1, 2], [0.0, 1.0]), "give theta"),
         (lambda: velocity_steps([1.0, 0.0], distance=1.0), "velocity = 0.0"),
         (lambda: slide_hold_slide([0.0], velocity=1.0, distance=1.0), "hold = 0.0"),
+        (lambda: closed.slip_law_hold(WEAK, 1.0, 1.0, 1.0), "for the slip law"),
         (lambda: steady_sliding(PAPER, Spring(1.0), 0.0), "velocity = 0.0"),
     ],
 )
