@@ -10,7 +10,8 @@ from ..data import archive
 from ..data.atomic import name_file_in_errors
 from ..data.checkpoint import SCENARIO, SWEEP, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
 from ..data.manifest import allow_overwriting, check_hidden, digest, find_foreign, read_manifest, write_manifest
-from ..data.run_files import NUMBERS, foreign_files_message, is_run_file, join_names, list_files, resume_command
+from ..data.run_files import NUMBERS, foreign_files_message, join_names, resume_command
+from ..experiments.registry import is_run_file, list_files
 from ..reports.terminal import console
 
 
@@ -106,7 +107,7 @@ def staged_results(folder: Path, *, failures=()):
         files = {path.name: [digest(path)] for path in staging.iterdir()}
         if unknown := [name for name in files if not is_run_file(name)]:
             raise RuntimeError(
-                f"files named {join_names(unknown)} are no files of runs: list them in data/run_files.py"
+                f"files named {join_names(unknown)} are no files of runs: name them in `writes` of the experiment"
             )
         if others := find_foreign(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(

@@ -21,8 +21,9 @@ from ..data.exchange.frame import Frame, frame_of
 from ..data.exchange.lammps_folder import is_run_folder
 from ..data.exchange.motion import mode_frames, read_mode
 from ..data.law_file import check_law_files, trust_law_files
-from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, list_files, resume_command
+from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, resume_command
 from ..data.sample import PackingError
+from ..experiments.registry import list_files
 from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene

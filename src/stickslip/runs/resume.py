@@ -12,9 +12,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from ..data.atomic import write_atomically
 from ..data.checkpoint import SCENARIO, SWEEP, UNFINISHED, checkpoint_in, unfinished_scenario
 from ..data.manifest import check_hidden, find_foreign
-from ..data.run_files import LOOK, NUMBERS, OPTIONS, REPRODUCTION, is_run_file, join_names
+from ..data.run_files import LOOK, NUMBERS, OPTIONS, REPRODUCTION, join_names
 from ..data.schema import ScenarioBase
-from ..experiments.registry import papers, read_tables
+from ..experiments.registry import is_run_file, papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
 from ..figures.saving import FORMATS, PLAIN, WIDTHS, Look
 from .folder import install_results

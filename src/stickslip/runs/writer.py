@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ..core.units import units_in_use
-from ..data.run_files import list_files
 from ..experiments.experiment import Experiment, named_measures
+from ..experiments.registry import list_files
 from ..figures.saving import PLAIN, Look, render_all
 from ..reports.claims_report import write_claims
 from .folder import save, staged_results

@@ -39,6 +39,7 @@ EXPERIMENT = Experiment(
     show=_here("report.show"),
     figures=_here("report.figures"),
     files=_here("report.files"),
+    writes=(r"(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt", r"(devol|slip|shear_stress|normal_stress)\.dat"),
     cycles=_here("report.cycles"),
     references=references,
     smallest=(SMALLEST,),

@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 
 from .... import Outcome
-from ....data.run_files import MOVIE
 from ....figures import static_and_kinetic
 from ....kit import Fields, archive_fields, console, new_table
 from ....loading.protocols import Family
@@ -39,7 +38,7 @@ def figures(result: DiskArrayResult):
 def files(result: DiskArrayResult):
     """Yield (file name, function that writes it) for the animation of the transition."""
     if result.trajectory:
-        yield MOVIE, partial(figures_of.transition_movie, result)
+        yield "transition.gif", partial(figures_of.transition_movie, result)
 
 
 def failures(result: DiskArrayResult) -> tuple[str, ...]:

@@ -46,6 +46,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"(series|curves|slips|steps_\d+_\d+)\.csv",),
     export=_here("queue.export"),
     announce=_here("report.announce"),
     device=True,

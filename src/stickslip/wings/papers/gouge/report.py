@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.run_files import CURVES, SERIES, SLIPS
 from ....kit import (
     archive_fields,
     console,
@@ -89,17 +88,17 @@ def _slips(result: GougeResult) -> Slips:
 
 def files(result: GougeResult):
     """Yield (file name, function that writes it) for the series, slips, and laboratory records of velocity steps."""
-    yield SERIES, partial(_write_series, result)
+    yield "series.csv", partial(_write_series, result)
     if len((slips := _slips(result)).time):
-        yield SLIPS, partial(_write_slips, slips)
+        yield "slips.csv", partial(_write_slips, slips)
     yield from _step_files(result)
 
 
 def paper_files(reproduction):
     """Yield (file name, function that writes it) for the paper's experiments."""
-    yield SERIES, partial(_write_series, reproduction.main)
+    yield "series.csv", partial(_write_series, reproduction.main)
     yield from _step_files(reproduction.more.get("steps", reproduction.main))
-    yield CURVES, partial(_write_curves, reproduction)
+    yield "curves.csv", partial(_write_curves, reproduction)
 
 
 def paper_failures(reproduction) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.run_files import COLLAPSES, SERIES
 from ....figures import packing
 from ....kit import Fields, archive_fields, console, new_table, show_table, units_of, write_table
 from ...status.collapse import Collapse
@@ -29,9 +28,9 @@ def figures(result: QuasiResult):
 
 def files(result: QuasiResult):
     """Yield (file name, function that writes it) for the curves and collapses as CSV."""
-    yield SERIES, partial(_write_curves, result)
+    yield "series.csv", partial(_write_curves, result)
     if result.scenario.loading.collapses:
-        yield COLLAPSES, partial(_write_collapses, result)
+        yield "collapses.csv", partial(_write_collapses, result)
 
 
 def numbers(result: QuasiResult) -> dict:

@@ -52,6 +52,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"series\.csv",),
     smallest=(SETTLING, SHEARED),
     export=_here("lammps.export"),
     parallel=False,
