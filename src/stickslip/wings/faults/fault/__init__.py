@@ -48,8 +48,8 @@ EXPERIMENT = Experiment(
         name="seas-bp1",
         title="SEAS benchmark problem BP1-QD: earthquake cycles on a strike-slip fault",
         cuts="cells of 50 m instead of 25 m, and 700 years instead of 1200; the coarser runs have cells of 100 m",
-        scenario=_here("paper.paper_scenario"),
-        reproduce=_here("paper.reproduce"),
+        scenario=_here("claims.paper_scenario"),
+        reproduce=_here("claims.reproduce"),
         shows=_here("claims.shows"),
     ),
     more_papers=(

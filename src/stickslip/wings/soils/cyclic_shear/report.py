@@ -5,8 +5,19 @@ import numpy as np
 from ....kit import archive_fields, console, new_table, pluralize, show_table, unit_name
 from ..element_test.report import for_engineers
 from . import figures as figures_of
-from .measures import CYCLE, LOOP, MEASURES, PARTS, STRESS, kind_of, largest_modulus, last_cycles, loops_of, sentences
-from .sands import band
+from .measures import (
+    CYCLE,
+    LOOP,
+    MEASURES,
+    PARTS,
+    STRESS,
+    band,
+    kind_of,
+    largest_modulus,
+    last_cycles,
+    loops_of,
+    sentences,
+)  # fmt: skip
 from .simulate import CyclicRun, CyclicShearResult
 
 SHOWN = ("G", "G_ratio", "damping", "storage", "loss", "sliding", "residual", "returned")

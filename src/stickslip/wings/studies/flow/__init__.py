@@ -54,7 +54,7 @@ EXPERIMENT = Experiment(
     files=_here("report.files"),
     writes=(r"series\.csv",),
     smallest=(SETTLING, SHEARED),
-    export=_here("lammps.export"),
+    export=_here("stages.export"),
     parallel=False,
 )
 
