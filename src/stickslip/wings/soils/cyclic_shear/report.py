@@ -18,7 +18,7 @@ from .measures import (
     loops_of,
     sentences,
 )  # fmt: skip
-from .simulate import CyclicRun, CyclicShearResult
+from .simulate import CyclicShearResult
 
 SHOWN = ("G", "G_ratio", "damping", "storage", "loss", "sliding", "residual", "returned")
 
@@ -51,20 +51,15 @@ def numbers(result: CyclicShearResult) -> dict:
     runs = {f"{run.seed:04d}": run for run in result.runs} | ({"finer": result.checked} if result.checked else {})
     return {
         "law": result.law,
-        "samples": {name: _contents(run) for name, run in runs.items()},
+        "samples": {
+            name: {
+                "packed": archive_fields(run.packed), "modulus": run.modulus, "end": run.end, "ended": run.ended,
+                "responses": {f"{k:03d}": archive_fields(each) for k, each in enumerate(run.responses)},
+            }
+            for name, run in runs.items()
+        },
         "failures": "\n".join(result.failures),
-    }
-
-
-def _contents(run: CyclicRun) -> dict:
-    responses = {f"{k:03d}": archive_fields(response) for k, response in enumerate(run.responses)}
-    return {
-        "packed": archive_fields(run.packed),
-        "modulus": run.modulus,
-        "responses": responses,
-        "end": run.end,
-        "ended": run.ended,
-    }
+    }  # fmt: skip
 
 
 def show(result: CyclicShearResult) -> None:
