@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T, KT
 from stickslip.data import archive
 from stickslip.data.law_schema import LawTable
-from stickslip.experiments import contact_law
+from stickslip.experiments import samples
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
 from stickslip.loading.protocols import Change, perturbed
 from tests.conftest import make_law, make_packing, stirred
@@ -131,7 +131,7 @@ def test_archive_that_fails_leaves_the_old_file(tmp_path):
 @pytest.mark.parametrize(("given", "ratio"), [({}, 0.5), ({"damping_ratio": 0.2}, 0.2)])
 def test_what_a_law_has_where_nothing_is_given(given, ratio):
     chosen = LawTable(kind="linear", kn=7.0, restitution=0.6, speed=0.1, **given)
-    table = contact_law.make_law(chosen, radius=0.5, mass=1.0).table[0, 0]
+    table = samples.make_law(chosen, radius=0.5, mass=1.0).table[0, 0]
     assert table[KT] == pytest.approx(2.0)  # 2/7 of kn
     assert table[DAMPING_T] == pytest.approx(ratio * table[DAMPING_N]) and table[DAMPING_N] > 0
 
