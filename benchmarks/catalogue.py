@@ -22,7 +22,7 @@ from stickslip.experiments import EXPERIMENTS
 from stickslip.figures.saving import save
 from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
 from stickslip.wings.studies.catalogue.predictors import PREDICTORS, Skill, skills
 from stickslip.wings.studies.catalogue.report import class_counts, law_label

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from importlib import import_module
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..core.readable import pluralize, readable, words
 from ..core.units import in_units
@@ -18,11 +18,15 @@ def _failures(result) -> tuple[str, ...]:
     return tuple(getattr(result, "failures", ()))
 
 
-class Paper(NamedTuple):
-    """Reproduction of a published experiment.
+class Reproduction(NamedTuple):
+    """Result of the scenario of a paper, stored in the run folder, and its evaluated claims."""
 
-    `reproduce` returns an object with the attributes `main` (the result stored in the run folder) and `claims`.
-    """
+    main: Any
+    claims: list
+
+
+class Paper(NamedTuple):
+    """Reproduction of a published experiment; `reproduce` returns a `Reproduction`, or more with its attributes."""
 
     title: str  # of the claims table
     cuts: str  # parts that a quick run omits

@@ -9,7 +9,7 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
 from stickslip.wings.studies.catalogue import read_table, report, simulate
 from stickslip.wings.studies.catalogue.report import MEASURES

@@ -12,10 +12,10 @@ import numpy as np
 
 from .... import __version__
 from ....kit import Fields, Measures, Quantity, console, in_readable_units, new_table, show_table
-from ..friction.cycles import repeated_slip
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import YEAR, origin_of_value
+from ..friction.measure import repeated_slip
 from . import figures as figures_of
 from .simulate import FaultResult
 

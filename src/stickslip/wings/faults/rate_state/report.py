@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from ....kit import Measures, Quantity, archive_fields, console, new_table, show_table
-from ..friction.closed_forms import steady_friction
-from ..friction.cycles import passing_velocity, recurrence, repeated_slip
 from ..friction.laboratory import LabRecord, write_csv
+from ..friction.measure import passing_velocity, recurrence, repeated_slip
+from ..friction.ratestate import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
 

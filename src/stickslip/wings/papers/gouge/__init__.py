@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function
 from ...faults.friction.laws import REFERENCES
 from .scenario import GougeScenario
 
@@ -47,7 +46,7 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     writes=(r"(series|curves|slips|steps_\d+_\d+)\.csv",),
-    export=_here("queue.export"),
+    export=_here("simulate.export"),
     announce=_here("report.announce"),
     device=True,
     smallest=(SMALLEST,),

@@ -8,8 +8,8 @@ import numpy as np
 
 from .... import Law, NotInEquilibriumError, State
 from ....kit import (
-    Account,
     Checkpoint,
+    PathLedger,
     Report,
     Task,
     Workers,
@@ -188,7 +188,7 @@ def shear_sample(
 def shear_once(rig: Rig, state: State, amplitude: float, report: Report = silent) -> Cycle:
     """Shear a sample through one cycle, from the strain of the prepared sample."""
     p, area = rig.scenario.sample.pressure, float(2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
-    tolerance, keep, account = BALANCED * p * area, Factorisation(), Account(state, rig.law)
+    tolerance, keep, account = BALANCED * p * area, Factorisation(), PathLedger(state, rig.law)
     scales = compression_scales(rig.sample, rig.law, p, tolerance)
     state = controlled(state, rig.drive, np.full(3, p), servo_mass(rig.sample, p, scales))
     rows, work = [_measure(rig, state, account, False)], SlidingWork()
@@ -204,7 +204,7 @@ def shear_once(rig: Rig, state: State, amplitude: float, report: Report = silent
     return Cycle(**columns, busiest=work.busiest, strong=work.strong, end=state)
 
 
-def _measure(rig: Rig, state: State, account: Account, rearranged: bool) -> dict:
+def _measure(rig: Rig, state: State, account: PathLedger, rearranged: bool) -> dict:
     """Return one row of a cycle."""
     sigma, strain = stress(state, rig.law), strain_of(state.cell.vectors, rig.sample.cell.vectors)
     return {

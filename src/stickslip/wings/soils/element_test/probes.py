@@ -13,7 +13,7 @@ from ....control import stress_controlled
 from ....measure import stress
 from ....protocols import Envelope, Localisation, localisation, response_envelope
 from ....results import Stability
-from ...status.lcp import complementarity
+from ...status.complementarity import complementarity
 from ...status.matrices import linear_system
 from ...status.uniqueness import UniquenessVerdict, certificate
 from .scenario import Loading

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ....kit import (
-    BUILTIN_LAWS,
+    BY_NAME,
     LIMITS,
     STATE,
     Finite,
@@ -120,11 +120,10 @@ class Pour(ScenarioTable):
 
 
 @allow_laws(
-    "linear", *(law.name for law in BUILTIN_LAWS), coulomb="sharp", kn=None, kt=None, young=None, poisson=None,
-    mu=0.5, damping=None, damping_n=None, damping_t=None, damping_ratio=None, restitution=None, speed=None,
-    work=None, k_unload=None, surface_tension=None, volume=None, lever=None, memory=None, rolling=None, k_roll=None,
-    mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None, gamma_twist=None, tension=False,
-    file=None, parameters={}, checksum=None,
+    "linear", *BY_NAME, coulomb="sharp", kn=None, kt=None, young=None, poisson=None, mu=0.5, damping=None,
+    damping_n=None, damping_t=None, damping_ratio=None, restitution=None, speed=None, lever=None, memory=None,
+    rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None,
+    gamma_twist=None, tension=False, file=None, parameters={}, checksum=None,
 )  # fmt: skip
 class FlowLaw(LawTable):
     """Contact law; a restitution is that of two grains of mean size."""

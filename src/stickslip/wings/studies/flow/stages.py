@@ -13,8 +13,7 @@ from ....control import driven, loads, time_dependent
 from ....kit import Engine, Leg, ScenarioError, Wave
 from ....packings import without_walls
 from ....results import Record
-from ...lammps.job import leg_folder, write_job
-from ...lammps.run import lammps_engine, read_leg, walls_at, with_records
+from ...lammps.run import lammps_engine, leg_folder, read_leg, walls_at, with_records, write_job
 from ...lammps.supported import check_leg
 from .pouring import Poured, initial_plate_force, inward_sign, poured, sample_count
 from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
