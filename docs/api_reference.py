@@ -89,7 +89,8 @@ def page(namespace: str) -> str:
 def overview(namespace: str) -> list[tuple[str, list[tuple[list[str], str]]]]:
     """Paragraphs of a namespace's docstring: text (the title of a table, if there are rows) and rows (names, words).
 
-    A namespace whose docstring has one paragraph gets rows from the first lines of its names' docstrings.
+    A namespace whose docstring has one paragraph gets rows from the first lines of its names' docstrings; modules that
+    a docstring does not list, as those of experiments, get theirs in any case.
     """
     module = module_of(namespace)
     out = []
@@ -100,10 +101,11 @@ def overview(namespace: str) -> list[tuple[str, list[tuple[list[str], str]]]]:
         if rows and not text and out and not out[-1][1]:  # figures: a title stands in a paragraph of its own
             text = out.pop()[0] if len(out) > 1 else ""
         out.append((text, rows))
-    if len(out) == 1:
-        modules = [name for name in public_names(module) if inspect.ismodule(getattr(module, name))]
-        firsts = [(n, inspect.getdoc(getattr(module, n)).split("\n")[0]) for n in names(namespace) + modules]
-        out.append(("", [([name], first.rstrip(".")) for name, first in firsts]))
+    listed = {name for _, rows in out for row, _ in rows for name in row}
+    modules = {name for name in public_names(module) if inspect.ismodule(getattr(module, name))} - listed
+    if more := (names(namespace) if len(out) == 1 else []) + sorted(modules):
+        firsts = [(name, inspect.getdoc(getattr(module, name)).split("\n")[0]) for name in more]
+        out.append(("Modules" if listed else "", [([name], first.rstrip(".")) for name, first in firsts]))
     return out
 
 

@@ -14,19 +14,6 @@ from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.axes import DRAWN, KINDS, SPACED, Options, Values
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-TITLES = {
-    "disk-array": "Disk array scenarios",
-    "sphere-shear": "Sheared packing scenarios",
-    "quasi-rigid": "Quasi-rigid scenarios",
-    "flow": "Flow scenarios",
-    "gouge": "Fault gouge scenarios",
-    "rate-state": "Rate-and-state scenarios",
-    "catalogue": "Event catalogue scenarios",
-    "fault": "Earthquake cycle scenarios",
-    "threshold": "Threshold scenarios",
-    "element-test": "Element test scenarios",
-    "cyclic-shear": "Cyclic shear scenarios",
-}
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 MEASURES = """Each run leaves these numbers: in `results.h5`, as columns of sweeps, and in `result.to_dataframe()`. The
 name of a number at an amplitude, a velocity or a load ends in `@` and its value. A mean over samples has a second
@@ -45,11 +32,16 @@ def write(folder: Path) -> None:
             path.write_text(text, encoding="utf-8")
 
 
+def title(name: str) -> str:
+    """Title of the page of an experiment."""
+    return f"{name.replace('-', ' ').capitalize()} scenarios"
+
+
 def start() -> str:
     """Overview page."""
     counts = {kind: f"{most >> 30} GiB" if kind == "bytes" else _count(most) for kind, most in LIMITS.items()}
     limits = "\n".join(f"| {most} | {kind} |" for kind, most in counts.items())
-    rows = "\n".join(f'| `experiment = "{name}"` | [{TITLES[name]}]({name}.md) |' for name in EXPERIMENTS)
+    rows = "\n".join(f'| `experiment = "{name}"` | [{title(name)}]({name}.md) |' for name in EXPERIMENTS)
     return f"""# Scenario reference
 
 A scenario is a TOML file (or nested dictionaries, `ss.scenario(**tables)`) that defines a run; start it with
@@ -85,7 +77,7 @@ Several keys together may ask for more than a machine can hold or compute. Each 
 def page(name: str, kind: type[ScenarioBase]) -> str:
     """Page with all tables of one kind of scenario, and its examples."""
     schema = kind.model_json_schema()
-    parts = [f"# {TITLES[name]}", f'`experiment = "{name}"`. {schema["description"]}', _tables(schema, schema, "", {})]
+    parts = [f"# {title(name)}", f'`experiment = "{name}"`. {schema["description"]}', _tables(schema, schema, "", {})]
     for path in sorted(EXAMPLES.glob("*.toml")):
         text = path.read_text(encoding="utf-8")
         if re.search(rf'^experiment = "{name}"', text, flags=re.M) and "\n[sweep]" not in text:

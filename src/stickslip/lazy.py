@@ -6,7 +6,7 @@ Type checkers and editors read the same stub, so that each name is listed once.
 import ast
 import difflib
 import inspect
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
@@ -62,12 +62,13 @@ WORDS = {
 }  # fmt: skip
 
 
-def attach(package: str, file: str):
+def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict):
     """Return `__getattr__`, `__dir__` and `__all__` of a package or a module, from the imports in its stub.
 
     Parameters
     ----------
     package, file : its `__name__` and `__file__`
+    more : function that returns modules by other public names; `__all__` is then left to `__getattr__`
     """
     above = package if Path(file).stem == "__init__" else package.rpartition(".")[0]
     where: dict[str, tuple[str, str]] = {}
@@ -88,9 +89,13 @@ def attach(package: str, file: str):
                 from .wing import without_wing
 
                 raise without_wing(f"{package}.{name}", problem) from None
+        if name == "__all__":
+            return sorted({*where, *more()})
+        if not name.startswith("_") and name in (others := more()):
+            return import_module(others[name])
         raise AttributeError(missing_attribute(package, name, where))
 
-    return get, lambda: sorted(where), sorted(where)
+    return get, lambda: sorted({*where, *more()}), sorted(where)
 
 
 def missing_attribute(package: str, name: str, known: Iterable[str]) -> str:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, NamedTuple
 
 GROUP = "stickslip.wings"
@@ -72,6 +74,23 @@ def installed() -> dict[str, Wing]:
     own = {"papers": 0, "studies": 1, "soils": 2, "faults": 3}  # the order of experiments in lists
     found = sorted(entry_points(group=GROUP), key=lambda entry: (own.get(entry.name, len(own)), entry.name))
     return {entry.name: wing for entry in found if (wing := _load(entry)) is not None}
+
+
+def experiment_packages() -> dict[str, str]:
+    """Packages of the experiments of all wings, by their own names: `gouge` is `ss.experiments.gouge`."""
+    return {name: f"{wing.package}.{name}" for wing in wings().values() for name in wing.experiments.values()}
+
+
+def figure_modules() -> dict[str, str]:
+    """Modules `figures` in these packages, by the names of the packages: `ss.figures.gouge`."""
+    found = {}
+    for wing in wings().values():
+        spec = find_spec(wing.package)
+        places = [Path(place) for place in spec.submodule_search_locations or ()] if spec else []
+        for name in wing.experiments.values():
+            if any((place / name / "figures.py").exists() for place in places):
+                found[name] = f"{wing.package}.{name}.figures"
+    return found
 
 
 def add_commands() -> None:

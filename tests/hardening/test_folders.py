@@ -12,8 +12,8 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.data import manifest
 from stickslip.data.checkpoint import checkpoint_in, unfinished_scenario
-from stickslip.data.run_files import is_run_file, list_files
 from stickslip.ensemble import pool
+from stickslip.experiments.registry import is_run_file, list_files
 from stickslip.runs import folder as report
 from stickslip.runs.folder import find_unfinished
 from stickslip.runs.sweep import report as sweep_report

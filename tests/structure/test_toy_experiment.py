@@ -7,6 +7,7 @@ import gzip
 import json
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -26,7 +27,10 @@ from stickslip.core.laws.builtin import MU
 from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
+from stickslip.experiments.registry import _written_names
+from stickslip.kit import Measures, Quantities, Quantity, result_of
 from stickslip.runs import bundled
+from stickslip.runs.folder import write_result
 from stickslip.wing import GROUP, FileFormat, Wing
 from tests import hidden, rooms
 
@@ -58,12 +62,17 @@ def simulate(scenario, *, folder=None, workers=None, report=lambda *now: None):
     return Tosses(scenario, np.asarray(heads))
 
 
+TOSS = Quantities([Quantity("heads", "1", "1 for heads", lambda result: result.heads)])
 EXPERIMENT = Experiment(
     Coins, "tosses of a coin", simulate,
     numbers=lambda result: {"heads": result.heads.astype(float)},
-    measures=lambda result: {"share": (result.heads.mean(), "1")},
+    measures=Measures([Quantity("share", "1", "share of heads", lambda result: result.heads.mean())]),
     show=lambda result: print(f"{result.heads.sum()} heads"),
+    files=lambda result: [("tosses.csv", lambda path: TOSS.write(path, [result]))],
+    writes=(r"tosses\.csv",),
 )  # fmt: skip
+result_of(EXPERIMENT)(Tosses)
+# the head of a wing is all that names the experiment
 WING = Wing("coins_wing", "tosses of a coin", experiments={"coins": "coins"}, formats=(
     FileFormat("stacks of coins", rb"# coins\r?\n", "stacks.read", suffix=".coins", write="stacks.write"),
 ))  # fmt: skip
@@ -120,6 +129,29 @@ def test_in_a_sweep(tmp_path):
     assert swept.failures == ["", ""]
     assert list(ss.io.open_sweep(tmp_path).share.values) == [0.0, 1.0]
     assert json.loads((tmp_path / "sweep.json").read_text())["experiment"] == "coins"
+
+
+def test_its_folder_and_the_head_of_its_wing_are_all_that_it_needs(tmp_path, monkeypatch):
+    """Namespaces, files of runs, tables of notebooks and the page of reference follow from its value EXPERIMENT."""
+    assert ss.experiments.coins is sys.modules[__name__] and "coins" in dir(ss.experiments)
+    assert {"coins", "gouge"} <= {*ss.experiments.__all__} and "gouge" in ss.figures.__all__
+    run = ss.simulate(ss.scenario(experiment="coins", bias=1.0))
+    assert run.to_dataframe().loc["share"].tolist() == [1.0, "1", "share of heads"]
+    assert "share of heads" in run._repr_html_()
+    (tmp_path / "coins.toml").write_text('experiment = "coins"\n')
+    assert call(monkeypatch, "run", tmp_path / "coins.toml", "--out", tmp_path / "out") == 0
+    assert len((tmp_path / "out" / "tosses.csv").read_text().splitlines()) == 101
+    assert "tosses.csv" in json.loads((tmp_path / "out" / "manifest.json").read_text())["files"]
+    page = runpy.run_path(str(ROOT / "docs" / "scenario_reference.py"))["page"]("coins", Coins)
+    assert "| `bias` |" in page and "| `share` | – | share of heads |" in page
+
+
+def test_a_file_that_it_does_not_name_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "EXPERIMENT", EXPERIMENT._replace(writes=()))
+    _written_names.cache_clear()
+    with pytest.raises(RuntimeError, match=r"tosses\.csv are no files of runs: name them in `writes`"):
+        write_result(tmp_path / "out", EXPERIMENT, ss.simulate(ss.scenario(experiment="coins")))
+    _written_names.cache_clear()
 
 
 def read_stacks(path) -> dict[str, dict]:

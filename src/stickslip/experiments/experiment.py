@@ -53,6 +53,7 @@ class Experiment(NamedTuple):
     show: Callable  # result -> None; prints a summary
     figures: Callable = _empty  # result -> iterator of (file name, Figure)
     files: Callable = _empty  # result -> iterator of (file name, function that writes it)
+    writes: tuple[str, ...] = ()  # regular expressions of the names of these files, which are no figures
     failures: Callable = _failures  # result -> one sentence for each realization that failed
     announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}

@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 
 from ..core.arguments import checked, require_options
@@ -12,6 +13,7 @@ from ..core.progress import Report, silent
 from ..core.text import read_text, shortened
 from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.law_schema import renamed_keys
+from ..data.run_files import FIGURES, NAMES
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers
 from ..wing import Wing, installed, missing_wing, wings
@@ -51,6 +53,28 @@ def papers() -> dict[str, Experiment]:
     }
 
 
+@cache
+def _written_names(experiments: tuple[str, ...]) -> re.Pattern[str]:
+    """Names of the files that runs of some experiments write."""
+    parts = [FIGURES, *map(re.escape, NAMES)]
+    for name in experiments:
+        try:
+            parts += EXPERIMENTS[name].writes
+        except Exception:  # code of other people, which only their own runs need
+            continue
+    return re.compile("|".join(parts))
+
+
+def is_run_file(name: str) -> bool:
+    """Return True if runs write files with this name."""
+    return _written_names(tuple(EXPERIMENTS)).fullmatch(name) is not None
+
+
+def list_files(folder: Path) -> list[Path]:
+    """Return the sorted paths of the run files in a folder."""
+    return sorted(path for path in folder.iterdir() if is_run_file(path.name) and path.is_file())
+
+
 def experiment_of(scenario: ScenarioBase) -> Experiment:
     """Return the experiment of a scenario."""
     return EXPERIMENTS[scenario.experiment]
@@ -77,8 +101,7 @@ def simulate(
 
     Returns
     -------
-    CatalogueResult, CyclicShearResult, DiskArrayResult, ElementTestResult, FaultResult, FlowResult, GougeResult,
-    QuasiResult, ShearResult, SliderResult or ThresholdResult, with the scenario as `result.scenario`.
+    result of the experiment, such as FlowResult, with the scenario as `result.scenario`
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Figures: each function takes a result and returns a matplotlib Figure.
 
-Those of an experiment are in its own module, as `figures.flow.snapshots`. A notebook shows a figure as a picture;
-pyplot and its backend are left alone. `figure.savefig` or `save` writes it.
+Those of an experiment are in the module `figures` of its package, as `figures.flow.snapshots`. A notebook shows a
+figure as a picture; pyplot and its backend are left alone. `figure.savefig` or `save` writes it.
 
     save                   write a figure as PNG, PDF or SVG, one or two columns wide, with letters of its panels
     Look                   formats, width and letters of the figures of a sweep
@@ -21,24 +21,12 @@ What follows an instability
     bursts                 amplitude of a pair in a free run, with the predicted envelopes
     static_and_kinetic     share of kicked runs that slide and their lifetimes, with static thresholds
 
-Experiments, a module each
-
-    disk_array             complex pairs along a push, M(t), trajectories, fronts (Charan et al. 2020)
-    sphere_shear           complex pairs along a strain, growth, stress through failure (Bonfanti et al. 2020)
-    quasi_rigid            load paths, contact forces in the Coulomb cone, stiffness (McNamara & Herrmann 2006)
-    gouge                  sliding, velocity steps, holds, healing, stick-slip (Ferdowsi & Rubin 2021)
-    rate_state             spring-sliders, and records with their fits
-    fault                  slip, velocity and stations of a fault
-    flow                   snapshots, time series and profiles of flows
-    element_test           stress paths, stress-strain curves, void ratio and contacts of element tests
-    cyclic_shear           loops, modulus and damping against amplitude, work, and return of grains
-    catalogue              events of sheared packings, and what announces them
-
 Claims
 
     claims_chart           measurements of a reproduction against the paper's values
 """
 
 from ..lazy import attach
+from ..wing import figure_modules
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, _ = attach(__name__, __file__, figure_modules)

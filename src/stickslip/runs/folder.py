@@ -26,20 +26,10 @@ from ..data.checkpoint import (
     unfinished_scenario,
 )
 from ..data.manifest import allow_overwriting, check_hidden, digest, find_foreign, read_manifest, write_manifest
-from ..data.run_files import (
-    LOOK,
-    NUMBERS,
-    OPTIONS,
-    REPRODUCTION,
-    foreign_files_message,
-    is_run_file,
-    join_names,
-    list_files,
-    resume_command,
-)
+from ..data.run_files import LOOK, NUMBERS, OPTIONS, REPRODUCTION, foreign_files_message, join_names, resume_command
 from ..data.schema import ScenarioBase
 from ..experiments.experiment import Experiment, named_measures
-from ..experiments.registry import papers, read_tables
+from ..experiments.registry import is_run_file, list_files, papers, read_tables
 from ..experiments.registry import read_scenario as read_scenario
 from ..figures.saving import FORMATS, PLAIN, WIDTHS, Look, render_all
 from ..reports.claims_report import write_claims
@@ -138,7 +128,7 @@ def staged_results(folder: Path, *, failures=()):
         files = {path.name: [digest(path)] for path in staging.iterdir()}
         if unknown := [name for name in files if not is_run_file(name)]:
             raise RuntimeError(
-                f"files named {join_names(unknown)} are no files of runs: list them in data/run_files.py"
+                f"files named {join_names(unknown)} are no files of runs: name them in `writes` of the experiment"
             )
         if others := find_foreign(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(

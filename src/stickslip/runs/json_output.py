@@ -10,9 +10,8 @@ import numpy as np
 
 from .. import __version__
 from ..data.checkpoint import MEMBERS, UNFINISHED
-from ..data.run_files import list_files
 from ..experiments.experiment import named_measures
-from ..experiments.registry import experiment_of
+from ..experiments.registry import experiment_of, list_files
 
 if TYPE_CHECKING:  # these need xarray, SciPy's statistics and Matplotlib
     from .sweep.run import SweepResult

@@ -16,8 +16,9 @@ from ..data.exchange.arrays import read_archive
 from ..data.exchange.frame import frame_of
 from ..data.exchange.lammps_folder import is_run_folder
 from ..data.law_file import check_law_files, trust_law_files
-from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, list_files, resume_command
+from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, resume_command
 from ..data.sample import PackingError
+from ..experiments.registry import list_files
 from ..figures import page
 from ..figures.grains import bare_frame
 from ..reports import claims as claims_table

@@ -14,9 +14,8 @@ from stickslip.reports.page import write_page
 from stickslip.runs.folder import write_result
 from stickslip.runs.page import folder_content
 from stickslip.wings.faults.fault import simulate as room
-from stickslip.wings.faults.fault.claims import evaluate_claims
+from stickslip.wings.faults.fault.claims import evaluate_claims, paper_scenario
 from stickslip.wings.faults.fault.figures import max_slip_velocity
-from stickslip.wings.faults.fault.paper import paper_scenario
 from stickslip.wings.faults.friction.fault_record import YEAR
 from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip

@@ -12,8 +12,7 @@ import stickslip as ss
 from stickslip.experiments.samples import make_law
 from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import simulate as element
-from stickslip.wings.soils.element_test.paths import drive_of
-from stickslip.wings.soils.element_test.sample import make_sample
+from stickslip.wings.soils.element_test.sample import drive_of, make_sample
 
 STORE = Path(__file__).with_suffix(".json")
 SAMPLE = STORE.with_suffix(".npz")

@@ -15,7 +15,7 @@ from stickslip.core.outcome import NotInEquilibriumError
 from stickslip.experiments.experiment import named_measures
 from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
-from stickslip.wings.soils.cyclic_shear import measures, report, sands
+from stickslip.wings.soils.cyclic_shear import measures, report
 from stickslip.wings.soils.cyclic_shear import simulate as cyclic
 from stickslip.wings.soils.element_test.sample import make_sample
 
@@ -209,7 +209,7 @@ def test_the_damping_of_a_hyperbola_is_that_of_masing_s_rule():
     """Branches of the loop are the hyperbola τ = γ/(1 + γ/γ_r), twice as large. c₂ and c₃ vanish at a = 1, c₁ is 1."""
     gamma = np.geomspace(1e-5, 1e-2, 7)
     scale = 0.6329 - 0.00566 * np.log(10)
-    for amplitude, d in zip(gamma, sands.Curve(1e-3, 1.0).damping(gamma), strict=True):
+    for amplitude, d in zip(gamma, measures.Curve(1e-3, 1.0).damping(gamma), strict=True):
         x = np.linspace(0, amplitude, 20_001)
         backbone = x / (1 + x / 1e-3)
         peak = backbone[-1]
@@ -219,10 +219,10 @@ def test_the_damping_of_a_hyperbola_is_that_of_masing_s_rule():
 
 
 def test_curves_of_sands_by_hand():
-    assert sands.darendeli(101.325e3).reference == pytest.approx(0.0352e-2)
-    assert sands.menq(101.325e3, 1.0) == pytest.approx((0.12e-2, 0.86))
-    assert sands.menq(4 * 101.325e3, 1.0).reference == pytest.approx(0.24e-2)
-    low, high = sands.band(101.325e3, np.array([1e-3]))["G_ratio"]
+    assert measures.darendeli(101.325e3).reference == pytest.approx(0.0352e-2)
+    assert measures.menq(101.325e3, 1.0) == pytest.approx((0.12e-2, 0.86))
+    assert measures.menq(4 * 101.325e3, 1.0).reference == pytest.approx(0.24e-2)
+    low, high = measures.band(101.325e3, np.array([1e-3]))["G_ratio"]
     well, uniform = (1 / (1 + (1e-3 / r) ** 0.86) for r in (0.12e-2 * 10**-0.6, 0.12e-2))
     assert low == pytest.approx(min(well, 1 / (1 + (1 / 0.352) ** 0.919))) and high == pytest.approx(uniform)
 

@@ -28,9 +28,8 @@ from stickslip.wings.soils.element_test.measures import (
     legs_of,
     work,
 )
-from stickslip.wings.soils.element_test.paths import drive_of
 from stickslip.wings.soils.element_test.report import columns, figures, sentences
-from stickslip.wings.soils.element_test.sample import check_pressures, make_sample
+from stickslip.wings.soils.element_test.sample import check_pressures, drive_of, make_sample
 from tests.wings.soils import element_test_lammps
 
 DISKS = {"dim": 2, "grains": 40, "pressure": 100.0, "friction": 0.1}

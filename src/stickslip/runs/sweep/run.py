@@ -18,11 +18,11 @@ from ...data.atomic import write_atomically
 from ...data.checkpoint import MEMBERS, SWEEP
 from ...data.checkpoint import remove_checkpoint as drop_pieces
 from ...data.manifest import add_to_manifest, write_file
-from ...data.run_files import NUMBERS, OPTIONS, list_files
+from ...data.run_files import NUMBERS, OPTIONS
 from ...data.schema import ScenarioBase
 from ...ensemble import Workers, run_members, trial
 from ...experiments.experiment import named_measures
-from ...experiments.registry import experiment_of
+from ...experiments.registry import experiment_of, list_files
 from ...figures.saving import PLAIN, Look
 from ...reports.terminal import format_duration
 from ..folder import staged_results, write_numbers, write_result

@@ -9,7 +9,7 @@ import numpy as np
 
 from ....kit import Claim, Report, claim, note_quick_run, silent, validate_scenario, within
 from ..friction.fault_record import YEAR
-from .paper import Reproduction
+from .claims import Reproduction
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
 

@@ -8,7 +8,7 @@ the source, 9.77 m away, and "z = 0.5 km" is 50 cells away, as their pressures s
 import numpy as np
 
 from ....kit import Claim, Report, claim, note_quick_run, silent, validate_scenario, within
-from .paper import Reproduction
+from .claims import Reproduction
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
 

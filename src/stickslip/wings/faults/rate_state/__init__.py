@@ -29,6 +29,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"series\.csv",),
     cycles=_here("report.cycles"),
     smallest=({},),
     parallel=False,

@@ -30,6 +30,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"transition\.gif",),
     failures=_here("report.failures"),
     device=True,
     smallest=(SMALLEST,),

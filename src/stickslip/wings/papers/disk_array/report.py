@@ -6,7 +6,7 @@ import numpy as np
 
 from .... import Outcome
 from .... import figures as common_figures
-from ....kit import Family, Fields, archive_fields, console, new_table, run_files
+from ....kit import Family, Fields, archive_fields, console, new_table
 from ....results import Spectrum
 from . import figures as figures_of
 from .claims import Reproduction
@@ -39,7 +39,7 @@ def figures(result: DiskArrayResult):
 def files(result: DiskArrayResult):
     """Yield (file name, function that writes it) for the animation of the transition."""
     if result.trajectory:
-        yield run_files.MOVIE, partial(figures_of.transition_movie, result)
+        yield "transition.gif", partial(figures_of.transition_movie, result)
 
 
 def failures(result: DiskArrayResult) -> tuple[str, ...]:

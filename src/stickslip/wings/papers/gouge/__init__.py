@@ -45,6 +45,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"(series|curves|slips|steps_\d+_\d+)\.csv",),
     export=_here("simulate.export"),
     announce=_here("report.announce"),
     device=True,

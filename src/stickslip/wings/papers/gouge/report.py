@@ -13,7 +13,6 @@ from ....kit import (
     new_table,
     pluralize,
     power_of_ten,
-    run_files,
     show_table,
     units_of,
     write_table,
@@ -86,18 +85,18 @@ def _slips(result: GougeResult) -> Slips:
 
 def files(result: GougeResult):
     """Yield (file name, function that writes it) for the series, slips, and laboratory records of velocity steps."""
-    yield run_files.SERIES, partial(_write_series, result)
+    yield "series.csv", partial(_write_series, result)
     if len((slips := _slips(result)).time):
         names, rows = _labels(slips._fields, units_of(Slips)), list(zip(*slips, strict=True))
-        yield run_files.SLIPS, partial(write_table, headings=names, rows=rows, digits=7)
+        yield "slips.csv", partial(write_table, headings=names, rows=rows, digits=7)
     yield from _step_files(result)
 
 
 def paper_files(reproduction):
     """Yield (file name, function that writes it) for the paper's experiments."""
-    yield run_files.SERIES, partial(_write_series, reproduction.main)
+    yield "series.csv", partial(_write_series, reproduction.main)
     yield from _step_files(reproduction.more.get("steps", reproduction.main))
-    yield run_files.CURVES, partial(_write_curves, reproduction)
+    yield "curves.csv", partial(_write_curves, reproduction)
 
 
 def paper_failures(reproduction) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"(series|collapses)\.csv",),
     smallest=(SMALLEST, BETWEEN_WALLS),
     paper=Paper(
         title="McNamara & Herrmann 2006: quasi-rigidity",

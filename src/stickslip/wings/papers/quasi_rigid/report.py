@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .... import figures as common_figures
-from ....kit import Fields, archive_fields, console, new_table, run_files, show_table, units_of, write_table
+from ....kit import Fields, archive_fields, console, new_table, show_table, units_of, write_table
 from ...status.collapse import Collapse
 from . import figures as figures_of
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
@@ -28,9 +28,9 @@ def figures(result: QuasiResult):
 
 def files(result: QuasiResult):
     """Yield (file name, function that writes it) for the curves and collapses as CSV."""
-    yield run_files.SERIES, partial(_write_curves, result)
+    yield "series.csv", partial(_write_curves, result)
     if result.scenario.loading.collapses:
-        yield run_files.COLLAPSES, partial(_write_collapses, result)
+        yield "collapses.csv", partial(_write_collapses, result)
 
 
 def numbers(result: QuasiResult) -> dict:

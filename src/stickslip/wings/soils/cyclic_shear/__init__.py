@@ -26,6 +26,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"(cycles|series)\.csv",),
     smallest=SMALLEST,
 )
 

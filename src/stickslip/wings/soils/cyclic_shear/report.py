@@ -5,9 +5,20 @@ import numpy as np
 from ....kit import archive_fields, console, new_table, pluralize, show_table, unit_name
 from ..element_test.report import for_engineers
 from . import figures as figures_of
-from .measures import CYCLE, LOOP, MEASURES, PARTS, STRESS, kind_of, largest_modulus, last_cycles, loops_of, sentences
-from .sands import band
-from .simulate import CyclicRun, CyclicShearResult
+from .measures import (
+    CYCLE,
+    LOOP,
+    MEASURES,
+    PARTS,
+    STRESS,
+    band,
+    kind_of,
+    largest_modulus,
+    last_cycles,
+    loops_of,
+    sentences,
+)  # fmt: skip
+from .simulate import CyclicShearResult
 
 SHOWN = ("G", "G_ratio", "damping", "storage", "loss", "sliding", "residual", "returned")
 
@@ -40,20 +51,15 @@ def numbers(result: CyclicShearResult) -> dict:
     runs = {f"{run.seed:04d}": run for run in result.runs} | ({"finer": result.checked} if result.checked else {})
     return {
         "law": result.law,
-        "samples": {name: _contents(run) for name, run in runs.items()},
+        "samples": {
+            name: {
+                "packed": archive_fields(run.packed), "modulus": run.modulus, "end": run.end, "ended": run.ended,
+                "responses": {f"{k:03d}": archive_fields(each) for k, each in enumerate(run.responses)},
+            }
+            for name, run in runs.items()
+        },
         "failures": "\n".join(result.failures),
-    }
-
-
-def _contents(run: CyclicRun) -> dict:
-    responses = {f"{k:03d}": archive_fields(response) for k, response in enumerate(run.responses)}
-    return {
-        "packed": archive_fields(run.packed),
-        "modulus": run.modulus,
-        "responses": responses,
-        "end": run.end,
-        "ended": run.ended,
-    }
+    }  # fmt: skip
 
 
 def show(result: CyclicShearResult) -> None:

@@ -31,8 +31,7 @@ from ....kit import (
 from ....measure import contact_forces, dissipation, pressure, rattlers, stress
 from ....modes import elastic_moduli
 from ....results import Factorisation, PackingInfo
-from ..element_test.paths import Drive, controlled, strain_of
-from ..element_test.sample import BALANCED, check_pressures, make_sample
+from ..element_test.sample import BALANCED, Drive, check_pressures, controlled, make_sample, strain_of
 from ..element_test.simulate import MODULI_UP_TO
 from . import EXPERIMENT
 from .scenario import CyclicShearScenario

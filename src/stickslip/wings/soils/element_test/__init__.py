@@ -33,6 +33,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"(series|probes|envelopes)\.csv",),
     smallest=SMALLEST,
 )
 

@@ -1,11 +1,15 @@
-"""Samples of element tests: grains of a grading, compressed to an isotropic pressure and a density."""
+"""Samples of element tests, and their paths: which strains of the cell are imposed, and which stresses instead.
+
+The axial direction is the last one, y for disks and z for spheres. Strains and stresses are compression positive.
+"""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from .... import Law, State, accept, forces
-from ....control import loads
+from ....control import loads, stress_controlled
 from ....kit import (
     Checkpoint,
     Report,
@@ -21,8 +25,64 @@ from ....kit import (
 )
 from ....packings import compressed
 from ....results import Factorisation, PackingInfo
-from .paths import Drive, controlled
-from .scenario import ElementSample
+from .scenario import ElementSample, Loading
+
+AXES = "xyz"
+
+
+class Drive(NamedTuple):
+    """Control of the cell along a path."""
+
+    gradient: np.ndarray  # (3, 3) displacement gradient per unit of the driven strain; zero if the load is a pressure
+    free: tuple[int, ...]  # axes along which the normal stress is controlled
+
+
+def drive_of(loading: Loading, dim: int) -> Drive:
+    """Control of the cell along a path in `dim` dimensions."""
+    gradient, axial = np.zeros((3, 3)), dim - 1
+    lateral = tuple(range(axial))
+    if loading.kind == "isotropic":
+        return Drive(gradient, (*lateral, axial))
+    if loading.kind == "simple-shear":
+        gradient[0, 1] = 1.0
+        return Drive(gradient, (1,))
+    gradient[axial, axial] = -1.0
+    if loading.kind == "undrained":
+        gradient[lateral, lateral] = 1 / (dim - 1)
+    free = {"oedometric": (), "undrained": (), "plane-strain": (0,)}
+    return Drive(gradient, free.get(loading.kind, lateral))
+
+
+def wanted_stress(loading: Loading, pressure: float, stress: np.ndarray, dim: int) -> np.ndarray:
+    """Normal stresses along the axes that a path asks for, (3,), while the stress is `stress`."""
+    wanted, axial = np.full(3, pressure), float(stress[dim - 1, dim - 1])
+    if loading.kind == "constant-p":
+        wanted[: dim - 1] = (dim * pressure - axial) / (dim - 1)
+    if loading.kind == "true-triaxial":
+        wanted[1] = pressure + loading.b * (axial - pressure)
+    return wanted
+
+
+def depends_on_stress(loading: Loading) -> bool:
+    """Return True if the stresses that are asked for follow the axial stress."""
+    return loading.kind in ("constant-p", "true-triaxial")
+
+
+def controlled(state: State, drive: Drive, wanted: np.ndarray, mass: float = 0.0) -> State:
+    """State whose cell follows the wanted stresses along the free axes of a path; `mass` as in `stress_controlled`."""
+    stress = {AXES[k] * 2: float(wanted[k]) for k in drive.free}
+    return state._replace(control=stress_controlled(state.control, stress, mass=mass))
+
+
+def strain_of(cell: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Strains (ε_xx, ε_yy, ε_zz, γ) of a cell with given vectors from its vectors at the start.
+
+    Normal strains are logarithmic, compression positive, so that their sum is the volumetric strain. γ is the change of
+    the tangent of the angle by which the second vector leans along x.
+    """
+    lean = cell[1, 0] / cell[1, 1] - start[1, 0] / start[1, 1]
+    return np.append(-np.log(np.diag(cell) / np.diag(start)), lean)
+
 
 AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 

@@ -51,9 +51,18 @@ from ....protocols import Envelope, Localisation
 from ....results import Factorisation, PackingInfo
 from ...lammps.run import lammps_engine
 from . import EXPERIMENT
-from .paths import Drive, controlled, depends_on_stress, drive_of, strain_of, wanted_stress
 from .probes import ProbedState, plane_of, probe, without_answer
-from .sample import BALANCED, check_pressures, make_sample
+from .sample import (
+    BALANCED,
+    Drive,
+    check_pressures,
+    controlled,
+    depends_on_stress,
+    drive_of,
+    make_sample,
+    strain_of,
+    wanted_stress,
+)  # fmt: skip
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
 FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure

@@ -34,6 +34,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"(events|steps)\.csv",),
     smallest=(SMALLEST,),
 )
 

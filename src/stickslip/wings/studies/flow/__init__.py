@@ -52,8 +52,9 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"series\.csv",),
     smallest=(SETTLING, SHEARED),
-    export=_here("lammps.export"),
+    export=_here("stages.export"),
     parallel=False,
 )
 

@@ -27,7 +27,7 @@ from ....packings import without_walls
 from . import EXPERIMENT
 from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
-from .stages import stage_conditions, stage_leg, with_controls
+from .stages import lammps_of, stage_conditions, stage_leg, with_controls
 
 BINS = 24  # of the profile along y
 SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
@@ -200,9 +200,7 @@ def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, thre
     """
     if scenario.engine == "stickslip":
         return own_engine(threads)
-    from .lammps import engine
-
-    return engine(scenario, start, folder)
+    return lammps_of(scenario, start, folder)
 
 
 def _measure(state: State, start: Poured, walls: tuple[str, ...], number: int, edges) -> dict:

@@ -43,6 +43,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
+    writes=(r"threshold\.csv",),
     smallest=SMALLEST,
 )
 
