@@ -14,7 +14,8 @@ Scenarios
     ScenarioBase, ScenarioTable, validate_scenario      classes of scenarios and of their tables
     Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     kinds of values
     LawTable, PackingLaw, allow_laws, make_law, Packing, make_packing       tables of laws and of packings
-    Size, require_sizes, sizes  limits of memory, before anything is allocated
+    Size, require_sizes         limits of memory, before anything is allocated
+    LIMITS, STATE               largest sizes, memory of a saved state for each grain [bytes]
     law_references              references of a law
     require_lammps_for_ranks    check of the engine
 
@@ -54,7 +55,7 @@ Contact laws
 
 Files of LAMMPS
 
-    follow, Account, MemoryNote         dumps of a running simulation, and notes on their frames
+    follow                      dumps of a running simulation
     lammps_laws, lammps_restart, read_dump, wrapped_into        laws, restart files, dumps, positions in a cell
 
 Numbers and text

@@ -12,7 +12,6 @@ from .cli.app import number_option as number_option
 from .cli.entry_point import StoppedError as StoppedError
 from .cli.packings import PackingOptions as PackingOptions
 from .cli.packings import in_units_of_packing as in_units_of_packing
-from .core import sizes as sizes
 from .core.arguments import FILLED as FILLED
 from .core.arguments import NOT_NEGATIVE as NOT_NEGATIVE
 from .core.arguments import POSITIVE as POSITIVE
@@ -64,6 +63,8 @@ from .core.progress import within as within
 from .core.readable import pluralize as pluralize
 from .core.readable import readable as readable
 from .core.scales import natural_scales as natural_scales
+from .core.sizes import LIMITS as LIMITS
+from .core.sizes import STATE as STATE
 from .core.sizes import Size as Size
 from .core.sizes import require_sizes as require_sizes
 from .core.state import reset_reached as reset_reached
@@ -106,8 +107,6 @@ from .data.law_schema import PackingLaw as PackingLaw
 from .data.law_schema import allow_laws as allow_laws
 from .data.nodes import archive_fields as archive_fields
 from .data.packing_schema import Packing as Packing
-from .data.sample import Account as Account
-from .data.sample import MemoryNote as MemoryNote
 from .data.schema import Duration as Duration
 from .data.schema import Finite as Finite
 from .data.schema import Listed as Listed

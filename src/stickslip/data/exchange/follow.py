@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ...core.arguments import checked, require_positive
 from ...core.laws.builtin import Law
 from ...core.state import State
-from ..sample import PackingError
+from ..sample import Account, MemoryNote, PackingError
 from .content import Packing
 from .files import capture_warnings, chosen_law, lammps_law, law_from_file, with_inertia
 from .lammps_folder import read_folder
@@ -193,6 +193,11 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
     how = {"columns": source.columns, "boundary": source.boundary, "run": source.run}
     (state, notes), said = capture_warnings(read_frame, pair.grains, pair.contacts, source.law, **how)
     return with_inertia(state, source.i0), [*notes, *said]
+
+
+def remarks(notes: list[str]) -> list[str]:
+    """Notes that are neither on the memory of contacts nor on what acts on grains, which hold for every frame."""
+    return [note for note in notes if not isinstance(note, MemoryNote | Account)]
 
 
 @checked

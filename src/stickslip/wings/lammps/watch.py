@@ -9,8 +9,6 @@ import numpy as np
 from ... import SLIDE, Law, State, stability
 from ...kit import (
     DENSE_UP_TO,
-    Account,
-    MemoryNote,
     Report,
     follow,
     least_supports,
@@ -232,4 +230,4 @@ def _compute(source: follow.Source, pair: follow.Pair, method: str, report) -> t
         )
     except ArithmeticError as problem:
         raise PackingError(f"its spectrum could not be computed ({problem})") from None
-    return row, [line for line in notes if not isinstance(line, MemoryNote | Account)]
+    return row, follow.remarks(notes)
