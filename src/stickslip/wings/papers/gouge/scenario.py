@@ -32,6 +32,7 @@ from ....kit import (
 Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
+MOST = LIMITS["grains"]
 LEAST = 8  # minimum number of samples of a leg, from which a mean with an error can be computed
 FASTEST = 1e7  # grain-steps per second and process, for the estimate before the start
 
@@ -39,9 +40,7 @@ FASTEST = 1e7  # grain-steps per second and process, for the estimate before the
 class GougeGrains(ScenarioTable):
     """Spheres with diameters distributed uniformly between two sizes."""
 
-    number: Annotated[int, Field(ge=20, le=LIMITS["grains"])] = Field(
-        500, description="approximate number of mobile grains"
-    )
+    number: Annotated[int, Field(ge=20, le=MOST)] = Field(500, description="approximate number of mobile grains")
     diameter: Annotated[tuple[Positive, Positive], Listed] = Field(
         (2e-3, 4e-3), description="smallest and largest diameter [m]"
     )
