@@ -88,33 +88,21 @@ def _numbers(result: DiskArrayResult) -> dict:
     eigenvalues = np.full((len(path), most), np.nan, complex)
     for k, point in enumerate(path):
         eigenvalues[k, : len(point.spectrum.eigenvalues)] = point.spectrum.eigenvalues
+    ramp = {"load": np.array([p.load for p in path]), "eigenvalues": eigenvalues}
+    ramp["residual"] = np.array([p.outcome.residual for p in path])
+    families = {}
+    for k, f in enumerate(result.families):
+        birth, death = (change.load if change else np.nan for change in (f.birth, f.death))
+        pair = {"load": f.loads, "eigenvalues": f.eigenvalues, "birth": birth, "death": death}
+        families[f"{k:02d}"] = Fields(pair, Family)
     kept = sorted({0.0, *result.free_runs, *result.sliding, path[-1].load})
     frames = {f"{load:.6f}": point_at_load(path, load).state for load in kept}
     return {
         "scenario": result.scenario.text,
         "law": result.law,
         "pressed": result.pressed,
-        "ramp": Fields(
-            {
-                "load": np.array([p.load for p in path]),
-                "eigenvalues": eigenvalues,
-                "residual": np.array([p.outcome.residual for p in path]),
-            },
-            Spectrum,
-            Outcome,
-        ),
-        "families": {
-            f"{k:02d}": Fields(
-                {
-                    "load": f.loads,
-                    "eigenvalues": f.eigenvalues,
-                    "birth": f.birth.load if f.birth else np.nan,
-                    "death": f.death.load if f.death else np.nan,
-                },
-                Family,
-            )
-            for k, f in enumerate(result.families)
-        },
+        "ramp": Fields(ramp, Spectrum, Outcome),
+        "families": families,
         "frames": frames,
         "free_runs": {f"{load:.6f}": archive_fields(free) for load, free in result.free_runs.items()},
         "trajectory": archive_fields(result.trajectory) if result.trajectory else {},
