@@ -5,7 +5,7 @@ Wings and their experiments
     Wing, Selfcheck             head of a wing, and a number that `stickslip doctor` compares
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
-    lazy_function, result_of    functions that are imported late; decorator of the class of results
+    lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
 

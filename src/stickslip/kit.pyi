@@ -130,6 +130,7 @@ from .experiments.experiment import Experiment as Experiment
 from .experiments.experiment import Paper as Paper
 from .experiments.experiment import Reproduction as Reproduction
 from .experiments.experiment import lazy_function as lazy_function
+from .experiments.experiment import lazy_functions as lazy_functions
 from .experiments.experiment import result_of as result_of
 from .experiments.jammed_packing import make_packing as make_packing
 from .experiments.realizations import Realizations as Realizations

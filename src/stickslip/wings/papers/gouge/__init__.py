@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function, lazy_functions
 from .scenario import GougeScenario
 
 _here = partial(lazy_function, __name__)
@@ -38,14 +38,9 @@ EXPERIMENT = Experiment(
     scenario=GougeScenario,
     words="Ferdowsi & Rubin 2021: fault gouge",
     simulate=_here("simulate.simulate_gouge"),
-    numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
+    **lazy_functions(__name__, "report", "numbers", "measures", "show", "figures", "files", "announce"),
     references=references,
-    files=_here("report.files"),
     export=_here("simulate.export"),
-    announce=_here("report.announce"),
     device=True,
     smallest=(SMALLEST,),
     paper=Paper(
