@@ -3,8 +3,8 @@
 All code that lists or describes the laws reads this table.
 
 A new law needs one entry here, its scalar functions in `_core/laws.h` or, with parameters of its own, in
-`_core/normal_laws.cpp`, its constructor in `core/laws/builtin.py` or `normal.py`, and its form in Python in
-`tests/laws/forms`, with which tests compare it.
+`_core/normal_laws.cpp`, its constructor of the same name in `core/laws/builtin.py`, its form in Python in
+`tests/laws/forms`, with which tests compare it, and a line in `docs/contact_laws.md`.
 """
 
 from typing import NamedTuple
@@ -16,6 +16,7 @@ class Parameter(NamedTuple):
     name: str
     unit: str
     words: str
+    positive: bool = False  # zero is not allowed
 
 
 class BuiltinLaw(NamedTuple):
@@ -66,7 +67,8 @@ BUILTIN_LAWS = (
     ),
     BuiltinLaw(
         "walton_braun", "plastic contacts of Walton & Braun: k_n δ, and stiffer as the overlap decreases", 1.0,
-        ("Walton1986",), parameters=(Parameter("k_unload", "force/length", "stiffness as the overlap decreases"),),
+        ("Walton1986",),
+        parameters=(Parameter("k_unload", "force/length", "stiffness as the overlap decreases", positive=True),),
         memory=("deepest",),
     ),
     BuiltinLaw(

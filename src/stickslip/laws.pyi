@@ -1,12 +1,12 @@
+from .core.laws.builtin import dmt as dmt
 from .core.laws.builtin import elastic_constants as elastic_constants
 from .core.laws.builtin import for_pair as for_pair
 from .core.laws.builtin import hertz_mindlin as hertz_mindlin
 from .core.laws.builtin import hertz_mindlin_reff as hertz_mindlin_reff
+from .core.laws.builtin import jkr as jkr
 from .core.laws.builtin import linear as linear
-from .core.laws.normal import dmt as dmt
-from .core.laws.normal import jkr as jkr
-from .core.laws.normal import liquid_bridge as liquid_bridge
-from .core.laws.normal import walton_braun as walton_braun
+from .core.laws.builtin import liquid_bridge as liquid_bridge
+from .core.laws.builtin import walton_braun as walton_braun
 from .core.laws.properties import with_lever as with_lever
 from .core.laws.properties import with_memory as with_memory
 from .core.laws.properties import with_rolling as with_rolling

@@ -1,7 +1,7 @@
-from .loading.biaxial import with_load as with_load
-from .loading.biaxial import with_machine as with_machine
-from .loading.biaxial import with_travel as with_travel
-from .loading.slow import slow_dynamics as slow_dynamics
+from .loading.compression import with_load as with_load
+from .loading.compression import with_machine as with_machine
+from .loading.compression import with_travel as with_travel
+from .loading.settling import slow_dynamics as slow_dynamics
 from .wings.status.apex_status import contact_status as contact_status
 from .wings.status.apex_status import probe_statuses as probe_statuses
 from .wings.status.complementarity import complementarity as complementarity

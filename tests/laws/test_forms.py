@@ -9,9 +9,8 @@ import pytest
 import stickslip as ss
 from stickslip.builtin_laws import BUILTIN_LAWS
 from stickslip.core.laws.builtin import STEP
-from stickslip.core.laws.compiled import MEMBERS, block_function
+from stickslip.core.laws.compiled import MEMBERS, block_function, evaluate
 from stickslip.core.laws.kinds import evaluate_role, find_user_law
-from stickslip.core.laws.values import evaluate
 from tests.conftest import make_packing, stirred
 
 FORMS, EXAMPLES = Path(__file__).parent / "forms", Path(__file__).parents[2] / "examples"

@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.memory import FREE
 from stickslip.core.contacts.neighbors import with_neighbor_list
-from stickslip.core.laws.values import evaluate
+from stickslip.core.laws.compiled import evaluate
 from stickslip.data import archive
 from tests.conftest import make_packing, stirred
 from tests.laws.test_mechanics import differences

@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.builtin_laws import BUILTIN_LAWS, NAMES
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws import builtin as laws
-from stickslip.core.laws.values import evaluate
+from stickslip.core.laws.compiled import evaluate
 from stickslip.data.sample import LAWS
 from tests.conftest import make_law, make_packing, stirred
 

@@ -8,7 +8,7 @@ from stickslip.builtin_laws import BY_NAME, NAMES
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.memory import FREE
 from stickslip.core.laws import builtin as laws
-from stickslip.core.laws.values import evaluate
+from stickslip.core.laws.compiled import evaluate
 from stickslip.data.exchange.frame import law_from_dict, law_to_dict
 from stickslip.data.sample import LAWS
 from stickslip.data.schema import ScenarioError

@@ -15,6 +15,7 @@ int32_t fetch_add(int32_t *to, int32_t more) {
 namespace {
 
 struct Team {
+  static constexpr int64_t SIZE = TEAM;
   template <class Work>
   void each(const Work &work) const {
     for (int64_t t = 0; t < TEAM; ++t) work(t);

@@ -13,6 +13,7 @@ __device__ int32_t fetch_add(int32_t *to, int32_t more) { return atomicAdd(to, m
 namespace {
 
 struct Team {
+  static constexpr int64_t SIZE = TEAM;
   template <class Work>
   __device__ void each(const Work &work) const {
     for (int64_t t = threadIdx.x; t < TEAM; t += blockDim.x) work(t);
@@ -143,8 +144,8 @@ __device__ void list() {
 extern "C" {
 __global__ void __launch_bounds__(CREW, 6) step_2() { step<2>(); }
 __global__ void __launch_bounds__(CREW, 6) step_3() { step<3>(); }
-__global__ void sample_2() { sample<2>(); }
-__global__ void sample_3() { sample<3>(); }
+__global__ void __launch_bounds__(TEAM, 2) sample_2() { sample<2>(); }
+__global__ void __launch_bounds__(TEAM, 2) sample_3() { sample<3>(); }
 __global__ void begin_2() { begin<2>(); }
 __global__ void begin_3() { begin<3>(); }
 __global__ void sort() { batch::sort_into_bins(batch::Slot(systems, blockIdx.x), Team()); }

@@ -8,22 +8,18 @@
 // whether the contact has been at its limit. Entries are sorted.
 #pragma once
 #include "course.h"
-#include "mechanics.h"
+#include "keys.h"
+#include "observables.h"
 
 namespace batch {
 
 int32_t fetch_add(int32_t *to, int32_t more);  // atomic where threads run at once
 
-constexpr int64_t MODE = 3, REACHED = 4, FLAGS = ENTRY_FLAGS, IMAGE = ENTRY_IMAGE, PARTNER = ENTRY_PARTNER;
+constexpr int64_t MODE = 3, REACHED = 4, FLAGS = ENTRY_FLAGS, PARTNER = ENTRY_PARTNER;
 constexpr int64_t ROWS = 16;  // of partial sums
-constexpr int64_t IMAGE_HALF = 1 << (IMAGE - 1);
-
-inline int64_t make_key(int64_t partner, int64_t a, int64_t b, int64_t c) {
-  return partner << (PARTNER - FLAGS) | (a + IMAGE_HALF) << 2 * IMAGE | (b + IMAGE_HALF) << IMAGE | (c + IMAGE_HALF);
-}
 
 inline int64_t image_of(int64_t word, int k) {
-  return (word >> (FLAGS + IMAGE * (2 - k)) & (2 * IMAGE_HALF - 1)) - IMAGE_HALF;
+  return (word >> (FLAGS + IMAGE_BITS * (2 - k)) & (2 * IMAGE_OFFSET - 1)) - IMAGE_OFFSET;
 }
 
 struct Slot {
@@ -40,74 +36,81 @@ struct Slot {
   int64_t *entry(int64_t a, int64_t list) const { return batch.entry + batch.most * (half() * list + row(a)); }
   double *slip(int64_t a, int64_t list, int k) const { return batch.slip + batch.most * (half() * (3 * list + k) + row(a)); }
   int32_t &entries(int64_t a, int64_t list) const { return batch.entries[half() * list + row(a)]; }
-  bool is_wall(int64_t a) const { return a >= number[SLOT_GRAINS]; }
-};
+  const double *here(int64_t a) const { return point(a, number[SLOT_NOW]); }
 
-inline Vec<double> at(const double *v) { return {v[0], v[1], v[2]}; }
+  // the view of `observables.h`
+  double time() const { return value[PACE_START] + double(number[SLOT_STEP]) * value[PACE_DT]; }
+  const double *vectors() const { return batch.vectors + 9 * s; }
+  int64_t bodies() const { return number[SLOT_BODIES]; }
+  int64_t grains() const { return number[SLOT_GRAINS]; }
+  double divisor() const { return 1.0; }
+  Vec<double> position(int64_t a) const { return read(here(a)); }
+  Vec<double> velocity(int64_t a) const { return read(motion(a, number[SLOT_NOW])); }
+  Vec<double> spin(int64_t a) const { return read(motion(a, number[SLOT_NOW]) + 3); }
+  Vec<double> reference(int64_t a) const { return read(batch.reference + 3 * row(a)); }
+  double mass(int64_t a) const { return batch.heavy[3 * row(a) + 1]; }
+  double inertia(int64_t a) const { return batch.heavy[3 * row(a) + 2]; }
+  int64_t unit(int64_t a) const { return batch.unit[row(a)]; }
+  int64_t supports(int64_t a) const { return batch.supports[row(a)]; }
+  int64_t least() const { return batch.least; }
+  int32_t &loose(int64_t a) const { return batch.loose[row(a)]; }
+  int32_t &held(int64_t a) const { return batch.touching[row(a)]; }
+  int64_t &changed() const { return number[SLOT_CHANGED]; }
+  void count(int64_t a) const { fetch_add(&held(a), 1); }
+  void add_virial(double *) const {}
 
-template <int DIM>
-inline Vec<double> flat(Vec<double> v) {
-  return {v.x, v.y, DIM == 3 ? v.z : 0.0};
-}
-
-template <int DIM>
-inline Vec<double> rolled(double radius, const double *spin, double other, const double *turn) {
-  Vec<double> sum = radius * at(spin) + other * at(turn);
-  return DIM == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
-}
-
-struct Touch {  // geometry of an entry
-  Vec<double> r, n;
-  double inverse, overlap, radius;  // of the partner
-  int64_t partner;
-  bool wall;
-};
-
-template <int DIM>
-inline Vec<double> find_pair(const Slot &slot, const double *own, const double *other, int64_t word) {
-  Vec<double> r = flat<DIM>(at(own) - at(other));
-  for (int k = 0; k < 3; ++k)
-    if (int64_t image = image_of(word, k)) r = r + double(image) * flat<DIM>(at(slot.batch.vectors + 9 * slot.s + 3 * k));
-  return r;
-}
-
-template <int DIM>
-inline Touch find_touch(const Slot &slot, int64_t a, int64_t word, int64_t now) {
-  Touch out;
-  out.partner = word >> PARTNER;
-  const double *own = slot.point(a, now), *other = slot.point(out.partner, now);
-  out.r = find_pair<DIM>(slot, own, other, word);
-  out.wall = slot.is_wall(out.partner);
-  out.radius = other[3];
-  if (out.wall) {
-    out.n = flat<DIM>(at(slot.batch.normal + 3 * slot.row(out.partner)));
-    out.inverse = 0.0;
-    out.overlap = own[3] - dot(out.r, out.n);
-  } else {
-    const double distance = root(dot(out.r, out.r));
-    out.inverse = 1.0 / distance;
-    out.n = out.inverse * out.r;
-    out.overlap = own[3] + out.radius - distance;
+  template <class Act>
+  void each_end(int64_t t, const Act &act) const {
+    const int64_t list = number[SLOT_LISTED];
+    for (int64_t a = t; a < grains(); a += TEAM)
+      for (int64_t e = 0; e < entries(a, list); ++e) {
+        const int64_t word = entry(a, list)[e], partner = word >> PARTNER;
+        if ((word & MODE) == OPEN) continue;
+        act(a, partner);
+        if (partner >= grains()) act(partner, a);  // a wall has no list
+      }
   }
-  return out;
+};
+
+// the view of `pairs.h`
+inline double radius_of(const Slot &slot, int64_t a) { return slot.here(a)[3]; }
+inline double inverse_mass_of(const Slot &slot, int64_t a) { return slot.batch.heavy[3 * slot.row(a)]; }
+inline bool is_wall(const Slot &slot, int64_t a) { return a >= slot.number[SLOT_GRAINS]; }
+inline Vec<double> normal_of(const Slot &slot, int64_t a) { return read(slot.batch.normal + 3 * slot.row(a)); }
+inline const double *parameters_of(const Law &law, const Slot &slot, int64_t i, int64_t j) {
+  const Batch &b = slot.batch;
+  return b.table + law.len_table * law.len_table * law.width * slot.s +
+         (b.material[slot.row(i)] * law.len_table + b.material[slot.row(j)]) * law.width;
+}
+
+// Pair vector of two bodies from their positions.
+template <int DIM>
+inline Vec<double> pair_vector(const Slot &slot, const double *own, const double *other, int64_t word) {
+  return across<DIM>(flat<DIM>(read(own) - read(other)), [word](int k) { return image_of(word, k); }, slot.vectors());
+}
+
+// Geometry of an entry of body a.
+template <int DIM>
+inline Pair pair_of(const Slot &slot, int64_t a, int64_t word) {
+  Pair pair;
+  const int64_t partner = word >> PARTNER;
+  pair.r = pair_vector<DIM>(slot, slot.here(a), slot.here(partner), word);
+  find_overlap(pair, slot, a, partner);
+  pair.n = flat<DIM>(pair.n);
+  return pair;
 }
 
 // Writes an event of a contact as body a sees it. Apart, so that it does not take registers from the step.
-__attribute__((noinline)) inline void write_event(const Batch &b, int64_t s, int64_t a, int64_t word, int64_t kind) {
+__attribute__((noinline)) inline void store_event(const Batch &b, int64_t s, int64_t a, int64_t word, int64_t kind) {
   const int64_t row = fetch_add(b.happened + s, 1);
   if (row >= b.events) return;
   const Slot slot(b, s);
-  const double time = slot.value[PACE_START] + double(slot.number[SLOT_STEP]) * slot.value[PACE_DT];
-  double *out = b.event + EVENT * (b.events * s + row);
-  out[0] = double(kind), out[1] = time, out[2] = double(a), out[3] = double(word >> PARTNER);
-  for (int k = 0; k < 3; ++k) {
-    out[4 + k] = double(image_of(word, k));
-    out[7 + k] = slot.point(a, slot.number[SLOT_NOW])[k];
-  }
+  write_event(b.event + EVENT * (b.events * s + row), kind, slot.time(), a, word >> PARTNER,
+              [word](int k) { return image_of(word, k); }, slot.here(a));
 }
 
 inline void record_event(const Slot &slot, int64_t a, int64_t word, int64_t kind) {
-  if (slot.batch.events) write_event(slot.batch, slot.s, a, word, kind);
+  if (slot.batch.events) store_event(slot.batch, slot.s, a, word, kind);
 }
 
 inline void open_entry(const Slot &slot, int64_t a, int64_t *entry) {
@@ -119,22 +122,6 @@ inline void open_entry(const Slot &slot, int64_t a, int64_t *entry) {
 // What a system does that may step.
 inline int64_t run_or_wait(const Slot &slot) {  // one step and a new list fill less than half of the rows
   return 2 * int64_t(slot.batch.happened[slot.s]) > slot.batch.events ? WAITING : RUNNING;
-}
-
-struct Material {
-  Parameters q;
-  double r_eff, m_eff;
-};
-
-inline Material find_material(const Law &law, const Slot &slot, int64_t a, const Touch &touch) {
-  const Batch &b = slot.batch;
-  const int64_t i = slot.row(a), j = slot.row(touch.partner), size = law.len_table * law.len_table * law.width;
-  Material out;
-  out.q = {b.table + size * slot.s + (b.material[i] * law.len_table + b.material[j]) * law.width, nullptr};
-  const double radius = b.point[POINT_WIDTH * i + 3], weight = b.heavy[3 * i] + b.heavy[3 * j];
-  out.r_eff = !needs_radius(law) ? 1.0 : touch.wall ? radius : radius * touch.radius / (radius + touch.radius);
-  out.m_eff = !needs_mass(law) ? 1.0 : weight > 0.0 ? 1.0 / weight : 0.0;
-  return out;
 }
 
 struct Sum {  // force and torque
@@ -153,8 +140,8 @@ inline void may_touch(const Slot &slot, int64_t a, int64_t e, int64_t step, int6
     for (int m = 0; m < 4; ++m) other[k][m] = slot.point(word[k] >> PARTNER, now)[m];
   for (int k = 0; k < N; ++k) {
     const double reach = own[3] + other[k][3];
-    const Vec<double> r = find_pair<DIM>(slot, own, other[k], word[k]);
-    const bool apart = !slot.is_wall(word[k] >> PARTNER) && dot(r, r) > (1.0 + 1e-15) * (reach * reach);
+    const Vec<double> r = pair_vector<DIM>(slot, own, other[k], word[k]);
+    const bool apart = !is_wall(slot, word[k] >> PARTNER) && dot(r, r) > (1.0 + 1e-15) * (reach * reach);
     touches[k] = e + step * k < count && !apart;
     if (e + step * k < count && apart) open_entry(slot, a, entry + step * k);
   }
@@ -164,39 +151,41 @@ inline void may_touch(const Slot &slot, int64_t a, int64_t e, int64_t step, int6
 template <int DIM>
 inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t e) {
   const int64_t now = slot.number[SLOT_NOW], list = slot.number[SLOT_LISTED];
-  const double dt = slot.value[PACE_DT], radius = slot.point(a, now)[3], *own = slot.motion(a, now);
+  const double dt = slot.value[PACE_DT], *own = slot.motion(a, now);
   int64_t *entry = slot.entry(a, list) + e;
-  const int64_t word = *entry, before = word & MODE;
-  const Touch touch = find_touch<DIM>(slot, a, word, now);
-  if (touch.overlap <= 0.0) {
+  const int64_t word = *entry, before = word & MODE, partner = word >> PARTNER;
+  Pair pair = pair_of<DIM>(slot, a, word);
+  if (pair.overlap <= 0.0) {
     open_entry(slot, a, entry);
     return {};
   }
   double *slip[3];
   for (int k = 0; k < 3; ++k) slip[k] = slot.slip(a, list, k) + e;
-  const Material material = find_material(law, slot, a, touch);
-  const Parameters q = material.q;
-  const Vec<double> n = touch.n;
-  const double overlap = touch.overlap, inverse = touch.inverse, *other = slot.motion(touch.partner, now);
-  const Vec<double> d = dt * flat<DIM>(at(own) - at(other));
-  const Vec<double> roll = dt * rolled<DIM>(radius, own + 3, touch.radius, other + 3);
+  find_parameters(pair, law, slot, a, partner, nullptr);
+  const Parameters q = pair.q;
+  const Vec<double> n = pair.n;
+  const double overlap = pair.overlap, inverse = pair.inverse, *other = slot.motion(partner, now);
+  const double radius = radius_of(slot, a), radius_other = radius_of(slot, partner);
+  const Vec<double> d = dt * flat<DIM>(read(own) - read(other));
+  const Vec<double> roll = dt * rolled<DIM>(radius, read(own + 3), radius_other, read(other + 3));
   const Ratio<double> fraction = before == OPEN ? touching_fraction(n, inverse, overlap, d) : Ratio<double>{1.0, 1.0};
   Vec<double> s = {0.0, 0.0, 0.0};
   if (before != OPEN) s = {*slip[0], *slip[1], DIM == 3 ? *slip[2] : 0.0};
-  const Elastic<double> spring = built_in(law, q, material.r_eff, overlap);
+  const Elastic<double> spring = built_in(law, q, pair.r_eff, overlap);
   const Transport<double> moved = transport_slip(law, false, n, inverse, overlap, d, roll, s);
   double fn = spring.force, damping = 0.0;
   Vec<double> v = {0.0, 0.0, 0.0};
   if (law.damping) {
-    v = at_contact(n, flat<DIM>(at(own + 6) - at(other + 6)), rolled<DIM>(radius, own + 9, touch.radius, other + 9));
-    const double vn = dot(v, n), factor = damping_factor(law, material.r_eff, material.m_eff, overlap, fn);
+    v = at_contact(n, flat<DIM>(read(own + 6) - read(other + 6)),
+                   rolled<DIM>(radius, read(own + 9), radius_other, read(other + 9)));
+    const double vn = dot(v, n), factor = damping_factor(law, pair.r_eff, pair.m_eff, overlap, fn);
     v = v - vn * n;
     fn = with_dashpot(law, fn, factor * q[DAMPING_N], vn);
     damping = factor * q[DAMPING_T];
   }
   const double limit = coulomb_limit(q, fn, false);
   const Loads<double, bool> out = contact_loads<DIM>(law, false, FREE, false, fn, spring.stiffness, damping, limit,
-                                                     overlap, radius + touch.radius, moved, fraction, before == SLIDE, v);
+                                                     overlap, radius + radius_other, moved, fraction, before == SLIDE, v);
   *slip[0] = out.slip.x, *slip[1] = out.slip.y;
   if (DIM == 3) *slip[2] = out.slip.z;
   const int64_t mode = out.slides ? SLIDE : STICK, reached = out.slides && limit > 0.0 ? REACHED : word & REACHED;
@@ -220,11 +209,9 @@ inline void move(const Slot &slot, int64_t a, const double *f, bool half, bool g
   double rate[6], ahead[6], place[3] = {x[0], x[1], x[2]};
   for (int k = 0; k < 6; ++k) {
     rate[k] = was[k], ahead[k] = was[6 + k];
-    if (free[k]) {
-      if (half) rate[k] = (rate[k] + kick[k / 3] * f[k]) * slow[k / 3];
-      if (go_on) rate[k] = keep[k / 3] * rate[k] + kick[k / 3] * f[k];
-    }
-    if (go_on) ahead[k] = free[k] ? slow[k / 3] * (rate[k] + kick[k / 3] * f[k]) : rate[k];
+    const double push = kick[k / 3] * f[k];
+    if (free[k]) rate[k] = kicked(rate[k], push, keep[k / 3], slow[k / 3], half, go_on);
+    if (go_on) ahead[k] = free[k] ? predicted(rate[k], push, slow[k / 3]) : rate[k];
   }
   if (go_on) {
     double square = 0.0, speed = 0.0;
@@ -261,14 +248,13 @@ inline void end_step(const Slot &slot, int64_t a, const double *loads) {
 }
 
 // Pull of the springs on body a.
-inline double spring_force(const Slot &slot, int64_t a, int k, int64_t now) {
+inline double pull_of(const Slot &slot, int64_t a, int k, int64_t now) {
   const Batch &b = slot.batch;
   const double *spring = b.spring + 6 * slot.row(a);
   if (!(spring[k] > 0.0)) return 0.0;
-  const int64_t c = b.leads[3 * slot.row(a) + k];
-  const double *knot = b.knot + b.knots * slot.s, *course = b.course + b.knots * b.courses * slot.s;
-  const double ahead = c < 0 ? 0.0 : course_at(knot, b.knots, course, b.courses, c, slot.value[PACE_CLOCK]).value;
-  return spring[k] * (spring[3 + k] + ahead - slot.point(a, now)[k]);
+  return spring_force(spring[k], spring[3 + k], slot.point(a, now)[k], b.knot + b.knots * slot.s, b.knots,
+                      b.course + b.knots * b.courses * slot.s, b.courses, b.leads[3 * slot.row(a) + k],
+                      slot.value[PACE_CLOCK]);
 }
 
 // Adds up the first `sums` sums of all threads, in ROWS parts; the sum of these is `reduced`.
@@ -304,7 +290,7 @@ inline void finish_step(const Slot &slot, const Team &team) {
     for (int64_t g = 0; g < b.groups; ++g) {
       double total[3] = {};
       for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM)
-        for (int k = 0; k < 3; ++k) total[k] += b.force[6 * slot.row(a) + k] + spring_force(slot, a, k, now);
+        for (int k = 0; k < 3; ++k) total[k] += b.force[6 * slot.row(a) + k] + pull_of(slot, a, k, now);
       for (int k = 0; k < 3; ++k) partial[3 * g + k] = total[k];
     }
   });
@@ -320,7 +306,7 @@ inline void finish_step(const Slot &slot, const Team &team) {
     }
     for (int64_t a = rest + t; a < bodies; a += TEAM) {
       double *f = b.force + 6 * slot.row(a);
-      for (int k = 0; k < 3; ++k) f[k] += spring_force(slot, a, k, now);
+      for (int k = 0; k < 3; ++k) f[k] += pull_of(slot, a, k, now);
       move<DIM>(slot, a, f, true, go_on, now, 1 - now);
     }
   });
@@ -375,7 +361,7 @@ inline void sort_into_bins(const Slot &slot, const Team &team) {
   team.each([&](int64_t t) {
     for (int64_t a = t; a < grains; a += TEAM) {
       int64_t box, at_bin = 0;
-      for (int k = 0; k < 3; ++k) at_bin = at_bin * bins[k] + bin_along(slot, at(slot.point(a, now)), k, &box);
+      for (int k = 0; k < 3; ++k) at_bin = at_bin * bins[k] + bin_along(slot, slot.position(a), k, &box);
       bin[a] = int32_t(at_bin);
       fetch_add(bound + at_bin + 1, 1);
     }
@@ -417,7 +403,7 @@ inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
   const Batch &b = slot.batch;
   const int64_t now = slot.number[SLOT_NOW], *bins = slot.number + SLOT_BINS, count = bins[0] * bins[1] * bins[2];
   const double *own = slot.point(a, now), *vectors = b.vectors + 9 * slot.s, skin = slot.value[PACE_SKIN];
-  const Vec<double> x = at(own);
+  const Vec<double> x = read(own);
   int64_t many = 0, box[3], home[3], other[3];
   for (int k = 0; k < 3; ++k) home[k] = bin_along(slot, x, k, box + k);
   for (int64_t near = 0; near < 27; ++near) {
@@ -436,25 +422,25 @@ inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
       const int64_t c = b.binned[slot.row(m)];
       const double *there = slot.point(c, now);
       int64_t image[3];
-      Vec<double> r = flat<DIM>(x - at(there));
+      Vec<double> r = flat<DIM>(x - read(there));
       for (int k = 0; k < 3; ++k) {
-        bin_along(slot, at(there), k, other + k);
+        bin_along(slot, read(there), k, other + k);
         image[k] = other[k] - box[k] - cross[k];
-        if (image[k]) r = r + double(image[k]) * flat<DIM>(at(vectors + 3 * k));
+        if (image[k]) r = r + double(image[k]) * flat<DIM>(read(vectors + 3 * k));
       }
       if (c == a && !image[0] && !image[1] && !image[2]) continue;
       const double reach = own[3] + there[3] + skin;
       if (!(dot(r, r) < reach * reach)) continue;
       for (int k = 0; k < 3; ++k)
-        if (image[k] < -IMAGE_HALF || image[k] >= IMAGE_HALF) return -1;
-      if (many < b.most) key[many] = make_key(c, image[0], image[1], image[2]);
+        if (image[k] < -IMAGE_OFFSET || image[k] >= IMAGE_OFFSET) return -1;
+      if (many < b.most) key[many] = pack_key(0, c, image[0], image[1], image[2]);
       ++many;
     }
   }
   for (int64_t w = slot.number[SLOT_GRAINS]; w < slot.number[SLOT_BODIES]; ++w) {
-    const Vec<double> r = flat<DIM>(x - at(slot.point(w, now)));
-    if (!(dot(r, at(b.normal + 3 * slot.row(w))) - own[3] < skin)) continue;
-    if (many < b.most) key[many] = make_key(w, 0, 0, 0);
+    const Vec<double> r = flat<DIM>(x - slot.position(w));
+    if (!(dot(r, normal_of(slot, w)) - own[3] < skin)) continue;
+    if (many < b.most) key[many] = pack_key(0, w, 0, 0, 0);
     ++many;
   }
   return many;
@@ -501,109 +487,33 @@ inline void finish_list(const Slot &slot) {
 
 // ---- samples
 
-// sums over grains for a sample, in the order in which a thread adds them; entries count half if both bodies are grains
-constexpr int64_t MSD = 0, KINETIC = 1, CENTER = 2, TOUCHING = 5, SLIDING = 6, VIRIAL = 7, FABRIC = 16, FLUX = 25;
-constexpr int64_t CONTACTS = 34, LOOSE_GRAINS = 35, HELD = 36, BEARING = 37;
-
-inline void add_square(double *out, double factor, Vec<double> a, Vec<double> b) {  // factor a ⊗ b
-  const double left[3] = {a.x, a.y, a.z}, right[3] = {b.x, b.y, b.z};
-  for (int k = 0; k < 9; ++k) out[k] += factor * left[k / 3] * right[k % 3];
-}
+static_assert(Observables::SUMS <= SUMS, "more sums than there is room for");
 
 template <int DIM>
-inline void add_grain(const Law &law, const Slot &slot, int64_t a, double *sum) {
-  const Batch &b = slot.batch;
-  const int64_t now = slot.number[SLOT_NOW], list = slot.number[SLOT_LISTED], row = slot.row(a);
-  const double *x = slot.point(a, now), *motion = slot.motion(a, now), *heavy = b.heavy + 3 * row;
-  const Vec<double> way = at(x) - at(b.reference + 3 * row), v = at(motion), w = at(motion + 3);
-  sum[MSD] += dot(way, way);
-  sum[KINETIC] += 0.5 * heavy[1] * dot(v, v) + 0.5 * heavy[2] * dot(w, w);
-  for (int k = 0; k < 3; ++k) sum[CENTER + k] += x[k];
-  add_square(sum + FLUX, heavy[1], v, v);
+inline void add_contacts(const Law &law, const Slot &slot, int64_t a, double *sum) {
+  const int64_t list = slot.number[SLOT_LISTED];
   for (int64_t e = 0; e < slot.entries(a, list); ++e) {
     const int64_t word = slot.entry(a, list)[e], mode = word & MODE;
     if (mode == OPEN) continue;
-    const Touch touch = find_touch<DIM>(slot, a, word, now);
-    const double part = touch.wall ? 1.0 : 0.5;
-    sum[TOUCHING] += part;
-    sum[SLIDING] += mode == SLIDE ? part : 0.0;
-    sum[CONTACTS] += 1.0;
-    add_square(sum + FABRIC, part, touch.n, touch.n);
-    if (touch.wall) continue;
-    const Material material = find_material(law, slot, a, touch);
-    const Elastic<double> spring = built_in(law, material.q, material.r_eff, touch.overlap);
-    const Vec<double> s = {slot.slip(a, list, 0)[e], slot.slip(a, list, 1)[e], DIM == 3 ? slot.slip(a, list, 2)[e] : 0.0};
-    const double limit = coulomb_limit(material.q, spring.force, false);
-    const Vec<double> f = spring.force * touch.n + tangential_force(law.smooth, spring.stiffness, limit, s);
-    add_square(sum + VIRIAL, 0.5, f, touch.r);
+    Pair pair = pair_of<DIM>(slot, a, word);
+    const double part = pair.wall ? 1.0 : 0.5;
+    Seen seen = {part, 1.0, mode == SLIDE, pair.wall, pair.r, pair.n, !pair.wall, {}};
+    if (seen.elastic) {
+      find_parameters(pair, law, slot, a, word >> PARTNER, nullptr);
+      const Elastic<double> spring = built_in(law, pair.q, pair.r_eff, pair.overlap);
+      const double *x = slot.slip(a, list, 0), *y = slot.slip(a, list, 1), *z = slot.slip(a, list, 2);
+      const Vec<double> s = {x[e], y[e], DIM == 3 ? z[e] : 0.0};
+      const double limit = coulomb_limit(pair.q, spring.force, false);
+      seen.force = spring.force * pair.n + tangential_force(law.smooth, spring.stiffness, limit, s);
+    }
+    Observables::add_contact(seen, sum);
   }
-}
-
-// Counts the contacts between bodies that are not loose, of each body (`unit` null) or of its rigid group.
-template <class Team>
-inline void count_contacts(const Slot &slot, const Team &team, const int32_t *unit) {
-  const Batch &b = slot.batch;
-  const int64_t list = slot.number[SLOT_LISTED], first = slot.row(0);
-  team.each([&](int64_t t) {
-    for (int64_t a = t; a < slot.number[SLOT_GRAINS]; a += TEAM)
-      for (int64_t e = 0; e < slot.entries(a, list); ++e) {
-        const int64_t word = slot.entry(a, list)[e], p = word >> PARTNER;
-        const int64_t i = unit ? unit[first + a] : a, j = unit ? unit[first + p] : p;
-        if ((word & MODE) == OPEN || i == j || b.loose[first + i] || b.loose[first + j]) continue;
-        fetch_add(b.touching + first + i, 1);
-        if (slot.is_wall(p)) fetch_add(b.touching + first + j, 1);
-      }
-  });
-}
-
-// Marks rattlers: see `measure.rattlers`.
-template <class Team>
-inline void mark_rattlers(const Slot &slot, const Team &team) {
-  const Batch &b = slot.batch;
-  const int64_t bodies = slot.number[SLOT_BODIES], first = slot.row(0);
-  team.each([&](int64_t t) {
-    for (int64_t a = t; a < bodies; a += TEAM) b.loose[first + a] = 0;
-  });
-  for (bool peeled = true; peeled;) {
-    team.each([&](int64_t t) {
-      if (t == 0) slot.number[SLOT_CHANGED] = 0;
-      for (int64_t a = t; a < bodies; a += TEAM) b.touching[first + a] = b.supports[first + a];
-    });
-    count_contacts(slot, team, b.unit);
-    team.each([&](int64_t t) {
-      for (int64_t a = t; a < bodies; a += TEAM)
-        if (b.touching[first + b.unit[first + a]] < b.least && !b.loose[first + a])
-          b.loose[first + a] = 1, slot.number[SLOT_CHANGED] = 1;
-    });
-    peeled = slot.number[SLOT_CHANGED];
-    team.each([](int64_t) {});  // all threads have read it
-  }
-  team.each([&](int64_t t) {
-    if (t == 0) slot.number[SLOT_CHANGED] = 0;
-    for (int64_t a = t; a < bodies; a += TEAM) b.touching[first + a] = 0;
-  });
-  count_contacts(slot, team, nullptr);
 }
 
 inline void write_row(const Slot &slot, double *row) {
-  const Batch &b = slot.batch;
-  const double grains = double(slot.number[SLOT_GRAINS]);
-  double sum[SUMS];
-  for (int64_t k = 0; k < SUMS; ++k) sum[k] = reduced(slot, k);
-  const auto copy = [&](const double *from, int64_t width, double whole) {
-    for (int64_t k = 0; k < width; ++k) *row++ = from[k] / whole;
-  };
-  *row++ = slot.value[PACE_START] + double(slot.number[SLOT_STEP]) * slot.value[PACE_DT];
-  copy(sum + MSD, 2, 1.0);
-  copy(sum + CENTER, 3, grains);
-  copy(sum + TOUCHING, 2, 1.0);
-  copy(sum + VIRIAL, 9, 1.0);
-  copy(sum + FABRIC, 9, sum[TOUCHING] > 0.0 ? sum[TOUCHING] : 1.0);
-  copy(sum + FLUX, 9, 1.0);
-  copy(sum + CONTACTS, 1, grains);
-  copy(sum + HELD, 1, sum[BEARING] > 0.0 ? sum[BEARING] : 1.0);
-  copy(sum + LOOSE_GRAINS, 1, 1.0);
-  copy(b.vectors + 9 * slot.s, 9, 1.0);
+  double sum[Observables::SUMS];
+  for (int64_t k = 0; k < Observables::SUMS; ++k) sum[k] = reduced(slot, k);
+  Observables::write(slot, sum, row);
 }
 
 // Motion and loads of a rigid group, see `write_groups` in `core/dynamics/record.py`.
@@ -616,12 +526,12 @@ inline void write_group(const Slot &slot, const Team &team, int64_t g, double *r
     double *sum = partial + SUMS * t;
     for (int k = 0; k < 10; ++k) sum[k] = 0.0;
     for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM) {
-      const double mass = slot.is_wall(a) ? 1.0 : b.heavy[3 * slot.row(a) + 1];
+      const double mass = is_wall(slot, a) ? 1.0 : slot.mass(a);
       sum[0] += mass;
       for (int k = 0; k < 3; ++k) {
         sum[1 + k] += mass * slot.point(a, now)[k];
         sum[4 + k] += b.external[6 * slot.row(a) + k];
-        sum[7 + k] += spring_force(slot, a, k, now);
+        sum[7 + k] += pull_of(slot, a, k, now);
       }
     }
   });
@@ -651,15 +561,13 @@ inline void write_sample(const Law &law, const Slot &slot, const Team &team) {
     mark_rattlers(slot, team);
     team.each([&](int64_t t) {
       double *sum = partial + SUMS * t;
-      for (int64_t k = 0; k < SUMS; ++k) sum[k] = 0.0;
+      for (int64_t k = 0; k < Observables::SUMS; ++k) sum[k] = 0.0;
       for (int64_t a = t; a < number[SLOT_GRAINS]; a += TEAM) {
-        add_grain<DIM>(law, slot, a, sum);
-        sum[LOOSE_GRAINS] += b.loose[slot.row(a)];
-        sum[HELD] += b.touching[slot.row(a)];
-        sum[BEARING] += b.touching[slot.row(a)] > 0;
+        Observables::add_grain(slot, a, sum);
+        add_contacts<DIM>(law, slot, a, sum);
       }
     });
-    reduce(slot, team, SUMS);
+    reduce(slot, team, Observables::SUMS);
     team.each([&](int64_t t) {
       for (int64_t a = t; a < number[SLOT_GRAINS] && a < b.tracks; a += TEAM) {
         double *row = b.track + 6 * (b.tracks * at_row + a);
@@ -668,7 +576,7 @@ inline void write_sample(const Law &law, const Slot &slot, const Team &team) {
     });
   }
   team.once([&] {
-    if (due) write_row(slot, b.series + COLUMNS * at_row), number[SLOT_ROWS] += 1;
+    if (due) write_row(slot, b.series + Observables::WIDTH * at_row), number[SLOT_ROWS] += 1;
     number[SLOT_NEXT] += number[SLOT_EVERY];
     if (number[SLOT_EVERY] == 0 || number[SLOT_NEXT] > number[SLOT_STOP]) number[SLOT_NEXT] = number[SLOT_STOP];
     number[SLOT_PHASE] = number[SLOT_STEP] == number[SLOT_STOP] ? FINISHED : BEGINNING;

@@ -334,7 +334,7 @@ constexpr int64_t PACE_DT = 0, PACE_KEEP = 1, PACE_SLOW = 2, PACE_KEEP_T = 3, PA
 constexpr int64_t PACE_START = 6, PACE_CLOCK = 7, PACE_LOWEST = 8, PACE_DENSITY = 11, PACE_VALUES = 14;
 // bits of a word in a list: flags, image along each vector, and the first bit of the partner
 constexpr int64_t ENTRY_FLAGS = 3, ENTRY_IMAGE = 7, ENTRY_PARTNER = 24;
-constexpr int64_t COLUMNS = 48, SUMS = 40;  // of all observables; sums over bodies for a sample
+constexpr int64_t SUMS = 40;  // room for sums over bodies for a sample
 
 struct Batch {  // S slots with room for R bodies, in each of which is a system or none
   int64_t slots;
@@ -383,7 +383,7 @@ struct Batch {  // S slots with room for R bodies, in each of which is a system 
   int32_t *binned;   // (S, R) bodies by bin
   int32_t *arrived;  // (S,) blocks that have taken the step
   double *partial;   // (S, TEAM, SUMS)
-  double *series;    // (S, T, COLUMNS)
+  double *series;    // (S, T, columns of all observables)
   double *group;     // (S, T, G, 4, 3) see `RecordBuffers.groups`
   double *track;     // (S, T, P, 6) positions and angles
   double *event;     // (S, E, EVENT) as in `Writing`, of each contact from both sides

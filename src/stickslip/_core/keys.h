@@ -2,7 +2,7 @@
 #pragma once
 #include "core.h"
 
-constexpr int64_t BODY_BITS = 21, IMAGE_BITS = 7, IMAGE_OFFSET = 1 << (IMAGE_BITS - 1);  // see `core.fields`
+constexpr int64_t BODY_BITS = 21, IMAGE_BITS = ENTRY_IMAGE, IMAGE_OFFSET = 1 << (IMAGE_BITS - 1);  // see `core.fields`
 
 inline int64_t pack_key(int64_t i, int64_t j, int64_t a, int64_t b, int64_t c) {
   constexpr int64_t BODIES = 1 << BODY_BITS, IMAGES = 1 << IMAGE_BITS;

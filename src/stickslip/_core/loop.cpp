@@ -6,12 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "evaluate.h"
-#include "events.h"
-#include "mechanics.h"
-#include "memory.h"
-#include "motion.h"
-#include "record.h"
+#include "loop.h"
 #include "threads.h"
 
 namespace {

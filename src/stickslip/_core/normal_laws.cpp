@@ -1,6 +1,6 @@
 // build: -ffp-contract=fast
 // Normal laws with parameters of their own, as functions that the core calls like those of a user's law. Their slopes
-// come from dual numbers. See the constructors in `core/laws/normal.py` for equations and sources.
+// come from dual numbers. See the constructors in `core/laws/builtin.py` for equations and sources.
 #include <math.h>
 
 #include "laws.h"

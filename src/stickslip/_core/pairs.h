@@ -1,6 +1,8 @@
-// Geometry of one contact in the list.
+// Geometry of one contact, in the list of a state or in that of a batch.
+//
+// A view of bodies gives the functions `radius_of`, `inverse_mass_of`, `is_wall`, `normal_of` and `parameters_of`. The
+// one of a state is `Bodies`, that of a system in a batch is `batch::Slot`.
 #pragma once
-#include "blocks.h"
 #include "mechanics.h"
 
 struct Pair {
@@ -17,22 +19,56 @@ inline Vec<double> vector_at(int dim, const double *rows, int64_t a) {
   return {rows[3 * a], rows[3 * a + 1], dim == 3 ? rows[3 * a + 2] : 0.0};
 }
 
+inline Vec<double> read(const double *v) { return {v[0], v[1], v[2]}; }
+
+template <int DIM>
+inline Vec<double> flat(Vec<double> v) {
+  return {v.x, v.y, DIM == 3 ? v.z : 0.0};
+}
+
+// Pair vector r across periodic boundaries; image(k): number of boxes along each of the cell's `vectors`.
+template <int DIM, class Image>
+inline Vec<double> across(Vec<double> r, Image image, const double *vectors) {
+  for (int k = 0; k < 3; ++k)
+    if (const int64_t boxes = image(k)) r = r + double(boxes) * flat<DIM>(read(vectors + 3 * k));
+  return r;
+}
+
+// Rolled length R_i a_i + R_j a_j of angles or spins; the radius of a wall is zero.
+template <int DIM>
+inline Vec<double> rolled(double radius_i, Vec<double> a, double radius_j, Vec<double> b) {
+  const Vec<double> sum = radius_i * a + radius_j * b;
+  return DIM == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
+}
+
 inline void store(double *row, Vec<double> v) { row[0] = v.x, row[1] = v.y, row[2] = v.z; }
 
-inline double effective_radius(const Bodies &bodies, int64_t i, int64_t j, bool wall) {
-  double a = bodies.radius[i], b = bodies.radius[j];
+inline double radius_of(const Bodies &bodies, int64_t a) { return bodies.radius[a]; }
+inline double inverse_mass_of(const Bodies &bodies, int64_t a) { return bodies.inverse_mass[a]; }
+inline bool is_wall(const Bodies &bodies, int64_t a) { return a >= bodies.len_radius - bodies.len_normal; }
+inline Vec<double> normal_of(const Bodies &bodies, int64_t wall) {
+  return read(bodies.normal + 3 * (wall - (bodies.len_radius - bodies.len_normal)));
+}
+inline const double *parameters_of(const Law &law, const Bodies &bodies, int64_t i, int64_t j) {
+  return parameters(law, bodies.material[i], bodies.material[j]);
+}
+
+template <class View>
+inline double effective_radius(const View &view, int64_t i, int64_t j, bool wall) {
+  const double a = radius_of(view, i), b = radius_of(view, j);
   return wall ? a : a * b / (a + b);
 }
 
 inline bool is_zero(Vec<double> a) { return a.x == 0.0 && a.y == 0.0 && a.z == 0.0; }
 
 // Effective mass; bodies that do not move are infinitely heavy.
-inline double effective_mass(const Bodies &bodies, int64_t i, int64_t j) {
-  double inverse = bodies.inverse_mass[i] + bodies.inverse_mass[j];
+template <class View>
+inline double effective_mass(const View &view, int64_t i, int64_t j) {
+  const double inverse = inverse_mass_of(view, i) + inverse_mass_of(view, j);
   return inverse > 0.0 ? 1.0 / inverse : 0.0;
 }
 
-// Rolled length R_i angle_i + R_j angle_j; the radius of a wall is zero.
+// Rolled length of the angles or spins of bodies i and j.
 inline Vec<double> surface_rotation(int dim, const Bodies &bodies, const double *angle, int64_t i, int64_t j) {
   Vec<double> sum = bodies.radius[i] * vector_at(3, angle, i) + bodies.radius[j] * vector_at(3, angle, j);
   return dim == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
@@ -51,27 +87,27 @@ inline Vec<double> turned_together(const double *radius, int64_t i, int64_t j, V
 }
 
 // Normal, overlap and 1/|r| of bodies i and j from their pair vector.
-inline void find_overlap(Pair &pair, const Bodies &bodies, int64_t i, int64_t j) {
-  const int64_t wall = j - (bodies.len_radius - bodies.len_normal);
-  pair.wall = wall >= 0;
+template <class View>
+inline void find_overlap(Pair &pair, const View &view, int64_t i, int64_t j) {
+  pair.wall = is_wall(view, j);
   if (pair.wall) {
-    pair.n = vector_at(3, bodies.normal, wall);
+    pair.n = normal_of(view, j);
     pair.inverse = 0.0;
-    pair.overlap = bodies.radius[i] - dot(pair.r, pair.n);
+    pair.overlap = radius_of(view, i) - dot(pair.r, pair.n);
   } else {
     const double distance = root(dot(pair.r, pair.r));
     pair.inverse = 1.0 / distance;
     pair.n = pair.inverse * pair.r;
-    pair.overlap = bodies.radius[i] + bodies.radius[j] - distance;
+    pair.overlap = radius_of(view, i) + radius_of(view, j) - distance;
   }
 }
 
-// Parameters, effective radius and mass of bodies i and j.
-inline void find_parameters(Pair &pair, const Law &law, const Bodies &bodies, const Contacts &contacts, int64_t c) {
-  const int64_t i = contacts.i[c], j = contacts.j[c];
-  pair.q = {parameters(law, bodies.material[i], bodies.material[j]), memory_at(law, contacts, c)};
-  pair.r_eff = needs_radius(law) ? effective_radius(bodies, i, j, pair.wall) : 1.0;
-  pair.m_eff = needs_mass(law) ? effective_mass(bodies, i, j) : 1.0;
+// Parameters, effective radius and mass of bodies i and j; `memory`: own memory of the contact, or null.
+template <class View>
+inline void find_parameters(Pair &pair, const Law &law, const View &view, int64_t i, int64_t j, const double *memory) {
+  pair.q = {parameters_of(law, view, i, j), memory};
+  pair.r_eff = needs_radius(law) ? effective_radius(view, i, j, pair.wall) : 1.0;
+  pair.m_eff = needs_mass(law) ? effective_mass(view, i, j) : 1.0;
 }
 
 // Contact c of the list; `shift` (C, 3): periodic shifts cellᵀ·image, or null.
@@ -82,7 +118,28 @@ inline Pair pair_at(const Law &law, int dim, const Bodies &bodies, const Contact
   pair.r = vector_at(dim, bodies.position, i) - vector_at(dim, bodies.position, j);
   if (shift) pair.r = pair.r + vector_at(dim, shift, c);
   find_overlap(pair, bodies, i, j);
-  find_parameters(pair, law, bodies, contacts, c);
+  find_parameters(pair, law, bodies, i, j, memory_at(law, contacts, c));
   pair.touches = pair.overlap > -reach(law, pair.q, pair.r_eff, contacts.mode[c] == OPEN);
   return pair;
+}
+
+struct ElasticPair {
+  Vec<double> r, force;  // pair vector, and force on i
+};
+
+// Elastic force of contact c of the list, which touches and whose memory is committed.
+inline ElasticPair elastic_pair(const Law &law, int dim, const Bodies &bodies, const Contacts &contacts,
+                                const double *shift, int64_t c) {
+  Pair pair = pair_at(law, dim, bodies, contacts, shift, c);
+  Elastic<double> spring = elastic(law, pair.q, pair.r_eff, pair.overlap);
+  double limit = cap(law, pair.q, pair.r_eff, pair.overlap, spring.force);
+  Vec<double> slip = vector_at(3, contacts.slip, c);
+  return {pair.r, spring.force * pair.n + tangential_force(law.smooth, spring.stiffness, limit, slip)};
+}
+
+// A row of events: columns as in `core.h`.
+template <class Image>
+inline void write_event(double *row, int64_t kind, double time, int64_t i, int64_t j, Image image, const double *place) {
+  row[0] = double(kind), row[1] = time, row[2] = double(i), row[3] = double(j);
+  for (int k = 0; k < 3; ++k) row[4 + k] = double(image(k)), row[7 + k] = place[k];
 }

@@ -1,7 +1,5 @@
 // build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only -fno-tree-slp-vectorize
-#include "events.h"
-#include "mechanics.h"
-#include "pairs.h"
+#include "loop.h"
 #include "rolling.h"
 
 namespace {
@@ -10,19 +8,6 @@ inline Vec<double> at(Vectors rows, int64_t body) {
   const double *v = rows.data + rows.stride * body;
   return {v[0], v[1], v[2]};
 }
-
-template <int DIM>
-inline Vec<double> flat(Vec<double> v) {
-  return {v.x, v.y, DIM == 3 ? v.z : 0.0};
-}
-
-template <int DIM>
-inline Vec<double> rolled(Vectors rows, const double *radius, int64_t i, int64_t j) {
-  Vec<double> sum = radius[i] * at(rows, i) + radius[j] * at(rows, j);
-  return DIM == 3 ? sum : Vec<double>{0.0, 0.0, sum.z};
-}
-
-inline Vec<double> read(const double *v) { return {v[0], v[1], v[2]}; }
 
 template <int DIM>
 inline void add(double *to, double factor, Vec<double> v) {
@@ -67,8 +52,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   Pair pair;
   if (sweep.stepping) {
     pair.r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j));
-    for (int k = 0; k < 3; ++k)
-      if (image[k]) pair.r = pair.r + double(image[k]) * flat<DIM>(read(sweep.vectors + 3 * k));
+    pair.r = across<DIM>(pair.r, [image](int k) { return image[k]; }, sweep.vectors);
   } else {
     double place[3];
     pair_vector(contacts, c, sweep.position.data, sweep.vectors, place);
@@ -78,7 +62,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   const Vec<double> r = pair.r, n = flat<DIM>(pair.n);
   const double overlap = pair.overlap, inverse = pair.inverse, sum_radii = bodies.radius[i] + bodies.radius[j];
   if (!law.range && overlap <= 0.0) return open_contact(law, sweep, contacts, c);
-  find_parameters(pair, law, bodies, contacts, c);
+  find_parameters(pair, law, bodies, i, j, memory_at(law, contacts, c));
   const Parameters q = pair.q;
   const int8_t before = contacts.mode[c];
   const double r_eff = pair.r_eff, m_eff = pair.m_eff;
@@ -102,7 +86,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     mean = flat<DIM>(at(motion.velocity, i) - at(motion.velocity, j));
     if (motion.gradient) mean = transform(motion.back, mean + transform(motion.gradient, r));
     d = motion.dt * mean;
-    roll = motion.dt * rolled<DIM>(motion.spin, bodies.radius, i, j);
+    roll = motion.dt * rolled<DIM>(bodies.radius[i], at(motion.spin, i), bodies.radius[j], at(motion.spin, j));
     if (before == OPEN && !law.rate) fraction = touching_fraction(n, inverse, overlap - edge, d);
     if (shorter && !law.rate)
       roll = roll - (motion.dt * mid_shortening(n, inverse, overlap, d)) * sum<DIM>(motion.spin, i, j);
@@ -131,7 +115,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   if (law.damping) {
     v = law.rate && sweep.stepping ? mean : flat<DIM>(at(sweep.velocity, i) - at(sweep.velocity, j));
     if (!law.rate && sweep.gradient) v = v + transform(sweep.gradient, r);
-    Vec<double> rolling = rolled<DIM>(sweep.spin, bodies.radius, i, j);
+    Vec<double> rolling = rolled<DIM>(bodies.radius[i], at(sweep.spin, i), bodies.radius[j], at(sweep.spin, j));
     if (shorter && !law.rate) rolling = rolling - 0.5 * overlap * sum<DIM>(sweep.spin, i, j);
     v = at_contact(n, v, rolling);
     const double vn = dot(v, n), factor = damping_factor(law, r_eff, m_eff, overlap, fn);

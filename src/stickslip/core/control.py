@@ -1,8 +1,10 @@
 """Loads and motions imposed on bodies and on the cell. Each function returns an extended control."""
 
+from typing import Annotated, Any
+
 import numpy as np
 
-from .arguments import Bodies, Numbers, Series, checked, require_positive, require_shape
+from .arguments import Array, Bodies, Numbers, Positive, Series, checked, one_of, require_shape
 from .state import Control, as_numbers, as_rows
 
 
@@ -89,7 +91,7 @@ def force_controlled(control: Control, bodies: Bodies, force: Numbers) -> Contro
 
 
 @checked
-def strained_at(control: Control, rate: Numbers) -> Control:
+def strained_at(control: Control, rate: Annotated[Any, Array(shapes=((2, 2), (3, 3)))]) -> Control:
     """Control in which the cell deforms at a velocity gradient L and carries the grains along: ẋ = v + L x.
 
     Components that follow the stress (`stress_controlled`) stay free where `rate` is zero. Shear at constant pressure
@@ -110,10 +112,7 @@ def strained_at(control: Control, rate: Numbers) -> Control:
     >>> float(control.cell_rate[0, 1]), bool(control.cell_free[1, 1])
     (0.0001, True)
     """
-    gradient = np.zeros((3, 3))
-    rate = np.asarray(rate, float)
-    if rate.shape not in ((2, 2), (3, 3)):
-        raise ValueError(f"a velocity gradient of shape {rate.shape} was given: (2, 2) or (3, 3) is needed")
+    gradient, rate = np.zeros((3, 3)), np.asarray(rate, float)
     gradient[: len(rate), : len(rate)] = rate
     return control._replace(cell_rate=gradient, cell_free=control.cell_free & (gradient == 0))
 
@@ -199,9 +198,9 @@ def spring_loaded(
     control: Control,
     bodies: Bodies,
     position: Numbers,
-    stiffness: float,
+    stiffness: Positive,
     *,
-    axis: int = 0,
+    axis: Annotated[int, one_of(0, 1, 2)] = 0,
     times: Series = (0.0,),
     displacement: Series = (0.0,),
 ) -> Control:
@@ -231,9 +230,6 @@ def spring_loaded(
     bodies = body_numbers(control, bodies)
     if not len(bodies):
         raise ValueError("no bodies were given: a spring needs at least one")
-    if axis not in (0, 1, 2):
-        raise ValueError(f"axis = {axis} was given: 0, 1 and 2 are x, y and z")
-    require_positive(stiffness=stiffness)
     column = control.leads[bodies[0], axis]
     others = control.leads == column
     others[bodies, axis] = False

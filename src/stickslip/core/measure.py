@@ -8,12 +8,11 @@ from typing import Annotated
 
 import numpy as np
 
-from .arguments import Requirement, checked, require_positive, require_shape
+from .arguments import Positive, Requirement, checked, require_shape
 from .contacts.forces import bodies, check_materials
-from .contacts.geometry import shifts
 from .contacts.jacobian import linearise
 from .contacts.memory import HELD
-from .contacts.neighbors import body_radii, check_list
+from .contacts.neighbors import body_radii, check_list, shifts
 from .laws.builtin import MU, Law
 from .laws.compiled import law_struct
 from .library import core
@@ -176,7 +175,7 @@ def fabric(state: Committed) -> np.ndarray:
 
 
 @checked
-def inertial_number(shear_rate: float, pressure: float, *, diameter: float, density: float) -> float:
+def inertial_number(shear_rate: float, pressure: Positive, *, diameter: Positive, density: Positive) -> float:
     """Inertial number I = γ̇ d √(ρ/P). Flows with I < 1e-3 count as quasi-static.
 
     In two dimensions the density is mass over area.
@@ -190,7 +189,6 @@ def inertial_number(shear_rate: float, pressure: float, *, diameter: float, dens
     >>> round(inertial_number(0.1, 5e6, diameter=3e-3, density=2500.0), 10)
     6.7082e-06
     """
-    require_positive(pressure=pressure, diameter=diameter, density=density)
     return abs(shear_rate) * diameter * float(np.sqrt(density / pressure))
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .laws.builtin import Law
+from .laws.compiled import evaluate
 from .laws.kinds import Kind
-from .laws.values import evaluate
 from .state import State
 
 ROUND_OFF = 1e-8  # of the terms of a sum that cancel: what is left below this share of them is no result

@@ -139,7 +139,7 @@ class Control(NamedTuple):
 
 @readable(head=lambda value: "forces of the last step of a run")
 class Instant(NamedTuple):
-    """Forces of the last step of a run, from which a continued run starts; see `last_forces`."""
+    """Forces of the last step of a run, from which a continued run starts; see `dynamics.coefficients`."""
 
     force: np.ndarray  # (N + W, 6) forces and torques, external ones included
     pull: np.ndarray  # (3, 3) L̇ of the cell's free components [1/time²]

@@ -22,16 +22,8 @@ from .schema import Finite, ScenarioError, ScenarioTable, validate_scenario
 TRUSTED = "trusted_laws.txt"  # in the user's cache folder: the SHA-256 of every text that may be executed
 
 
-class LawFile(ScenarioTable):
-    """A law in a user's Python file, instead of a kind and its parameters."""
-
-    file: str | None = Field(
-        None,
-        description="Python file with a contact law; the path is relative to the scenario, and a run executes the file "
-        "if `--trust` has allowed it",
-    )
-    parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from those in the file")
-    checksum: str | None = Field(None, description="of the file's text; added automatically")
+class LawOrFile(ScenarioTable):
+    """Law table that may name a file, if it has the keys of `LawFile`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -56,6 +48,18 @@ class LawFile(ScenarioTable):
         if self.file is None:
             return {k: v for k, v in out.items() if k not in LawFile.model_fields}
         return {k: v for k, v in out.items() if k in (*LawFile.model_fields, "wall")}
+
+
+class LawFile(LawOrFile):
+    """A law in a user's Python file, instead of a kind and its parameters."""
+
+    file: str | None = Field(
+        None,
+        description="Python file with a contact law; the path is relative to the scenario, and a run executes the file "
+        "if `--trust` has allowed it",
+    )
+    parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from those in the file")
+    checksum: str | None = Field(None, description="of the file's text; added automatically")
 
 
 def _read(path: Path) -> str:

@@ -1,19 +1,22 @@
-"""The law table of a scenario: one set of keys, of which each experiment takes some, with its own defaults."""
+"""Tables of a scenario for laws and packings: sets of keys, of which each experiment takes some.
+
+Experiments have their own defaults of laws.
+"""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
-from ..builtin_laws import BY_NAME
+from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.laws.builtin import DAMPING, DASHPOTS, MOMENTS, ROLLING, TWISTING
-from ..core.laws.properties import MODELS
+from ..core.laws.properties import ARMS, MEMORIES, MODELS, TWISTINGS
 from ..core.units import in_si
-from .law_file import LawFile
-from .schema import NotNegative, Positive, ScenarioTable, split_unit
+from .law_file import LawFile, LawOrFile
+from .schema import NotNegative, Positive, ScenarioTable, Several, split_unit
 
-OWN_PARAMETERS = {p.name for law in BY_NAME.values() for p in law.parameters}
-_ROLL, _TWIST = ({name: f"{text} [{unit}]" for name, (unit, text) in MOMENTS[k].items()} for k in (ROLLING, TWISTING))
+OWN_PARAMETERS = {p.name: p for law in BUILTIN_LAWS for p in law.parameters}
+_ROLL, _TWIST = MOMENTS[ROLLING], MOMENTS[TWISTING]
 NEEDED = {"rolling": MODELS, "twisting": {"spring": ("k_twist", "mu_twist"), "marshall": ()}}  # coefficients, by model
 TAKEN = {"rolling": {**MODELS, "spring": (*_ROLL,)}, "twisting": {"spring": (*_TWIST,), "marshall": ()}}
 SUBSTRATE = 1  # material of the wall; disks are material 0
@@ -29,67 +32,86 @@ class Parameters(ScenarioTable):
     damping_t: NotNegative | None = Field(None, description="as `law.damping_t`")
 
 
-class LawTable(LawFile):
-    """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution."""
+class Key(NamedTuple):
+    """A key of law tables."""
 
-    kind: str = Field("", description="name of the law")
-    coulomb: Literal["smooth", "sharp"] = Field("sharp", description="how F_t approaches the Coulomb limit μ F_n")
-    kn: Positive | None = Field(None, description="k_n, in a unit that depends on `kind`")
-    kt: NotNegative | None = Field(None, description="k_t, as `kn`; if it has no value, 2/7 of `kn`")
-    young: Positive | None = Field(None, description="E, which determines k_n and k_t, with `poisson` [stress]")
-    poisson: Annotated[float, Field(gt=-1, le=0.5)] | None = Field(None, description="ν")
-    mu: NotNegative = Field(0.5, description="friction coefficient between grains")
-    damping: Literal["velocity", "mass_velocity", "viscoelastic", "tsuji", "coeff_restitution"] | None = Field(
-        None,
-        description="what γ multiplies; if it has no value, viscoelastic for hertz_mindlin_reff, else mass_velocity",
-    )
-    damping_n: NotNegative | None = Field(
-        None,
-        description="γ_n of the normal dashpot, in a unit that depends on `damping`; coefficient of restitution with "
-        "tsuji and coeff_restitution",
-    )
-    damping_t: NotNegative | None = Field(None, description="γ_t of the tangential dashpot, as `damping_n`")
-    damping_ratio: NotNegative | None = Field(
-        None, description="γ_t/γ_n, instead of `damping_t`; if neither has a value, 1/2 with a restitution, otherwise 0"
-    )
-    restitution: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        None, description="coefficient of restitution of two equal grains, instead of damping coefficients"
-    )
-    reading: Literal["eq8", "collision"] | None = Field(
-        None,
-        description="conversion of the restitution to γ_n: eq8, by Eq 8 of Ferdowsi & Rubin 2021 as printed; "
-        "collision, such that a collision under this law has the given restitution",
-    )
-    size: Positive | None = Field(None, description="diameter of the two grains [length]")
-    speed: Positive | None = Field(
-        None, description="speed of their collision; not needed by a linear law [length/time]"
-    )
-    work: NotNegative | None = Field(None, description="work of adhesion of jkr and dmt [energy/length^2]")
-    k_unload: Positive | None = Field(
-        None, description="stiffness of walton_braun as the overlap decreases [force/length]"
-    )
-    surface_tension: NotNegative | None = Field(None, description="of the liquid of liquid_bridge [force/length]")
-    volume: NotNegative | None = Field(None, description="of a bridge of liquid_bridge [length^3]")
-    lever: Literal["radius", "overlap"] | None = Field(
-        None, description="lever arms of tangential forces: radius, R, also if it has no value; overlap, R − δ/2"
-    )
-    memory: Literal["slip", "force"] | None = Field(
-        None, description="memory of contacts: slip, also if it has no value; force, as in LAMMPS mindlin/force"
-    )
-    rolling: Literal["constant", "viscous", "spring"] | None = Field(
-        None, description="model of a moment that resists rolling; without a value, there is none"
-    )
-    k_roll: Positive | None = Field(None, description=_ROLL["k_roll"])
-    mu_roll: NotNegative | None = Field(None, description=_ROLL["mu_roll"])
-    gamma_roll: NotNegative | None = Field(None, description=_ROLL["gamma_roll"])
-    twisting: Literal["spring", "marshall"] | None = Field(
-        None, description="model of a moment that resists twisting; without a value, there is none"
-    )
-    k_twist: Positive | None = Field(None, description=_TWIST["k_twist"])
-    mu_twist: NotNegative | None = Field(None, description=_TWIST["mu_twist"])
-    gamma_twist: NotNegative | None = Field(None, description=_TWIST["gamma_twist"])
-    tension: bool = Field(True, description="whether dashpots may make contact forces attractive")
-    wall: Parameters | None = None
+    kind: Any  # annotation of its values; None is allowed as well where it is the default
+    words: str | None  # its unit in brackets at the end
+    default: Any = None  # of tables without this key
+
+
+def _own_key(name: str) -> Key:
+    laws = ", ".join(law.name for law in BUILTIN_LAWS if name in (p.name for p in law.parameters))
+    one = OWN_PARAMETERS[name]
+    return Key(Positive if one.positive else NotNegative, f"{one.words} ({laws}) [{one.unit}]")
+
+
+def _moment_keys(part: int, stiffness: str) -> dict[str, Key]:
+    parts = MOMENTS[part].items()
+    return {
+        name: Key(Positive if name == stiffness else NotNegative, f"{text} [{unit}]") for name, (unit, text) in parts
+    }
+
+
+KEYS = {name: Key(field.annotation, field.description, field.default) for name, field in LawFile.model_fields.items()}
+KEYS |= {
+    "kind": Key(str, "name of the law", ""),
+    "coulomb": Key(Literal["smooth", "sharp"], "how F_t approaches the Coulomb limit μ F_n", "sharp"),
+    "kn": Key(Positive, "k_n, in a unit that depends on `kind`"),
+    "kt": Key(NotNegative, "k_t, as `kn`; if it has no value, 2/7 of `kn`"),
+    "young": Key(Positive, "E, which determines k_n and k_t, with `poisson` [stress]"),
+    "poisson": Key(Annotated[float, Field(gt=-1, le=0.5)], "ν"),
+    "mu": Key(NotNegative, "friction coefficient between grains", 0.5),
+    "damping": Key(
+        Literal[*DAMPING],
+        "what γ multiplies; if it has no value, viscoelastic for hertz_mindlin_reff, else mass_velocity",
+    ),
+    "damping_n": Key(
+        NotNegative,
+        "γ_n of the normal dashpot, in a unit that depends on `damping`; coefficient of restitution with tsuji and "
+        "coeff_restitution",
+    ),
+    "damping_t": Key(NotNegative, "γ_t of the tangential dashpot, as `damping_n`"),
+    "damping_ratio": Key(
+        NotNegative, "γ_t/γ_n, instead of `damping_t`; if neither has a value, 1/2 with a restitution, otherwise 0"
+    ),
+    "restitution": Key(
+        Annotated[float, Field(gt=0, le=1)],
+        "coefficient of restitution of two equal grains, instead of damping coefficients",
+    ),
+    "reading": Key(
+        Literal["eq8", "collision"],
+        "conversion of the restitution to γ_n: eq8, by Eq 8 of Ferdowsi & Rubin 2021 as printed; collision, such that "
+        "a collision under this law has the given restitution",
+    ),
+    "size": Key(Positive, "diameter of the two grains [length]"),
+    "speed": Key(Positive, "speed of their collision; not needed by a linear law [length/time]"),
+    **{name: _own_key(name) for name in OWN_PARAMETERS},
+    "lever": Key(
+        Literal[*ARMS], "lever arms of tangential forces: radius, R, also if it has no value; overlap, R − δ/2"
+    ),
+    "memory": Key(
+        Literal[*MEMORIES], "memory of contacts: slip, also if it has no value; force, as in LAMMPS mindlin/force"
+    ),
+    "rolling": Key(Literal[*MODELS], "model of a moment that resists rolling; without a value, there is none"),
+    **_moment_keys(ROLLING, "k_roll"),
+    "twisting": Key(Literal[*TWISTINGS], "model of a moment that resists twisting; without a value, there is none"),
+    **_moment_keys(TWISTING, "k_twist"),
+    "tension": Key(bool, "whether dashpots may make contact forces attractive", True),
+    "wall": Key(Parameters, None),
+}
+
+
+class LawTable(LawOrFile):
+    """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution.
+
+    `allow_laws` makes tables with keys. Keys that a table does not have are at the defaults of `KEYS`.
+    """
+
+    def __getattr__(self, name: str):
+        if name in KEYS:
+            return KEYS[name].default
+        raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
     @model_validator(mode="after")
     def _check_moments(self):
@@ -106,13 +128,18 @@ class LawTable(LawFile):
                 raise ValueError(f"law.{extra[0]} was given with law.{key} = {model!r}, which has none: leave it out")
         return self
 
+    @property
+    def dashpots(self) -> str:
+        """Dashpots of the law: those of `damping`, or else those that its kind has."""
+        return self.damping or BY_NAME[self.kind].damping
+
     @model_validator(mode="after")
     def _check_parameters(self):
         if self.file is not None:
             return self
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
         own = [p.name for p in BY_NAME[self.kind].parameters]
-        for name in sorted({*own} ^ {*given} & OWN_PARAMETERS):
+        for name in sorted({*own} ^ {*given} & OWN_PARAMETERS.keys()):
             remedy = (
                 "is missing: give it" if name in own else f"was given: it is no parameter of {self.kind}, leave it out"
             )
@@ -150,31 +177,33 @@ if TYPE_CHECKING:
 
 
 def allow_laws(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
-    """Restrict a law table to some laws, the first of which is the default, and to some keys with their defaults.
+    """Give a law table the keys of some laws, the first of which is the default, and other keys with their defaults.
 
     Descriptions name the laws, and the units of the default law; in SI units with `si`.
     """
+    usual, names = BY_NAME[kinds[0]], tuple(dict.fromkeys(kinds))
+    own = {p.name: None for kind in names for p in BY_NAME[kind].parameters}
+    defaults = own | defaults | {"kind": usual.name}
+    stiffness, dashpot = usual.stiffness_unit, DASHPOTS[DAMPING[defaults.get("damping") or usual.damping]][0]
+    units = {"kn": stiffness, "kt": stiffness, "damping_n": dashpot, "damping_t": dashpot}
 
-    def restrict(table: "Table") -> "Table":
-        fields, usual = table.model_fields, BY_NAME[kinds[0]]
-        for name in fields.keys() - defaults.keys() - {"kind"}:
-            setattr(table, name, fields.pop(name).default)
-        fields["kind"].annotation = Literal[kinds]
-        for name, default in {"kind": kinds[0], **defaults}.items():
-            fields[name].default = default
-            if default is not None and type(None) in get_args(fields[name].annotation):
-                fields[name].annotation = get_args(fields[name].annotation)[0]
-        fields["kind"].description = "; ".join(f"{name}: {BY_NAME[name].words}" for name in dict.fromkeys(kinds))
-        stiffness, dashpot = usual.stiffness_unit, DASHPOTS[DAMPING[defaults.get("damping") or usual.damping]][0]
-        units = {"kn": stiffness, "kt": stiffness, "damping_n": dashpot, "damping_t": dashpot}
-        for name, field in fields.items():
-            text, unit = split_unit(field.description)
-            unit = units.get(name, unit)
-            field.description = f"{text} [{in_si(unit) if si else unit}]" if unit else text
-        table.model_rebuild(force=True)
-        return table
+    def field(name: str) -> tuple[Any, Any]:
+        kind, words, _ = KEYS[name]
+        if name == "kind":
+            kind, words = Literal[names], "; ".join(f"{name}: {BY_NAME[name].words}" for name in names)
+        text, unit = split_unit(words)
+        unit = units.get(name, unit)
+        words = f"{text} [{in_si(unit) if si else unit}]" if unit else text
+        default = defaults[name]
+        return kind | None if default is None else kind, Field(default, description=words)
 
-    return restrict
+    def make(table: "Table") -> "Table":
+        fields = {name: field(name) for name in KEYS if name in defaults}
+        return create_model(
+            table.__name__, __base__=table, __module__=table.__module__, __doc__=table.__doc__, **fields
+        )
+
+    return make
 
 
 @allow_laws(
@@ -192,3 +221,33 @@ def renamed_keys(law: dict) -> dict:
     kind = "hertz_mindlin_reff" + ("_rescaled" if law.get("rescaled") else "")
     old = {"gamma_n", "rescaled"}
     return {"kind": kind, "damping_n": law["gamma_n"]} | {key: law[key] for key in law if key not in old}
+
+
+class Packing(ScenarioTable):
+    """Frictionless jammed packing of disks (dim = 2) or spheres (dim = 3) in a periodic box."""
+
+    grains: Annotated[int, Field(ge=10, le=1600)] = Field(100, description="number of grains")
+    dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
+    radius: Several = Field(
+        (0.5, 0.7), description="one radius, several shared by equal numbers of grains, or one for each grain [length]"
+    )
+    mass: Positive = Field(1.0, description="mass of every grain [mass]")
+    i0: Positive | None = Field(
+        None, description="I0 in the moment of inertia I0 m R²; default: 2/5 for spheres, 1/2 for disks"
+    )
+    packing_fraction: Annotated[float, Field(gt=0, le=1.2, allow_inf_nan=False)] | None = Field(
+        None, description="packing fraction; default without a pressure: 0.68 for spheres, 0.86 for disks"
+    )
+    pressure: Positive | None = Field(
+        None, description="pressure, instead of a packing fraction [force/length^(dim−1)]"
+    )
+
+    @model_validator(mode="after")
+    def _check_packing(self):
+        if self.packing_fraction is not None and self.pressure is not None:
+            raise ValueError("packing.packing_fraction and packing.pressure were both given: give only one of them")
+        if isinstance(self.radius, tuple) and len(self.radius) > self.grains:
+            raise ValueError(
+                f"packing.radius has {len(self.radius)} entries for {self.grains} grains: give at most {self.grains}"
+            )
+        return self

@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import Any, NamedTuple
 
-from ..core.dynamics.batch import Device, Together, check_law
+from ..core.dynamics.batch import Device, check_law
 from ..core.laws.builtin import Law
 from ..core.progress import Report, silent, within
 from ..data.checkpoint import Checkpoint, kind_of_result
 from ..ensemble import Workers, run_members
+from ..ensemble.together import Together
 
 MOST = 256  # realizations side by side on a device
 

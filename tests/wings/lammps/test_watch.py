@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange import follow
-from stickslip.data.exchange.follow import open_source
+from stickslip.data.exchange import lammps_series as follow
+from stickslip.data.exchange.lammps_series import open_source
 from stickslip.data.sample import PackingError
 from stickslip.solve.freedom import ZERO_BELOW, backbone, dynamical_matrix
 from stickslip.solve.spectrum import softest_eigenvalue

@@ -140,7 +140,6 @@ def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
         ({"protocol": [{"kind": "slide", "velocity": 0.3}]}, "ends after a given slip or a given time"),
         ({"protocol": [{"kind": "slide", "velocity": 0.0, "slip": 1.0}]}, "never reaches a slip"),
         ({"protocol": [{"kind": "slide", "velocity": 0.1, "time": 1.0, "steady": True}]}, "needs a maximum slip"),
-        ({"protocol": []}, "at least 1 entry"),
         ({"protocol": [{"kind": "slip"}]}, "protocol \\(entry 1\\) has kind = 'slip': use 'slide', 'velocity-steps'"),
         (
             {"protocol": [*SLIDE, {"kind": "velocity-steps", "slip": 1.0}]},

@@ -8,7 +8,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T
-from stickslip.data.law_schema import LawTable
+from stickslip.data.law_schema import KEYS
 from stickslip.experiments.registry import read_scenario
 from stickslip.solve.collision import eq8_damping
 from stickslip.wings.papers.gouge.sample import damping, gouge_law
@@ -34,8 +34,6 @@ def of(**law):
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.0, **MEETING}, "no solution for poisson = 0"),
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.5, **MEETING}, "no solution for poisson = 0.5"),
         ({"restitution": 0.98, "reading": "eq8", "damping_ratio": 1 / 3, **MEETING}, "restitution = 0.98 with damping"),
-        ({"restitution": 0.0, "reading": "collision", **MEETING}, "greater than 0"),
-        ({"damping_n": -1.0}, "greater than or equal to 0"),
     ],
 )  # fmt: skip
 def test_damping_that_is_not_said_one_way_is_refused(law, words):
@@ -58,7 +56,7 @@ def test_old_keys_are_read_from_finished_runs_only(tmp_path):
 
 def test_a_law_table_has_the_keys_that_its_experiment_takes():
     law = of(damping_n=1e4).law
-    assert set(type(law).model_fields) < set(LawTable.model_fields)
+    assert set(type(law).model_fields) < set(KEYS)
     assert (law.kn, law.wall, law.coulomb, law.damping_ratio) == (None, None, "sharp", 0.5)
     assert pickle.loads(pickle.dumps(law)) == law
     for key in ("kn", "wall", "coulomb", "file"):

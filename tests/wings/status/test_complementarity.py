@@ -140,6 +140,17 @@ def test_signs_of_rates_do_not_depend_on_units(unit):
     assert not inconsistent(np.array([True, False, False]), unit * np.array([-1e-10, 1e-10, -1.0])).any()
 
 
+def test_slips_of_lemke_are_in_the_units_of_the_problem():
+    """A P-matrix with rows and columns in other units: its one solution satisfies the problem as it was given."""
+    rng = np.random.default_rng(0)
+    rows, columns = 2.0 ** rng.integers(-20, 20, (2, 5))
+    a = rows[:, None] * (np.eye(5) + 0.1 * rng.normal(size=(5, 5))) * columns
+    q = -rows * rng.uniform(0.5, 1.0, 5)
+    slip = lemke(Complementarity(a, q))
+    np.testing.assert_allclose(slip, np.linalg.solve(a, -q), rtol=1e-10)
+    assert (slip > 0).all()
+
+
 def test_two_contacts_of_one_disk_are_singular_whatever_round_off_says():
     """A ∝ ((1, 1), (1, 1)) passes a Cholesky factorisation where round-off is on its side."""
     for tiny in (0.0, 1e-16, -1e-16, 3e-15):

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stickslip as ss
-from stickslip.loading.biaxial import TOP
+from stickslip.loading.compression import TOP
 from stickslip.wings.status import status as room
 from stickslip.wings.status import uniqueness
 from stickslip.wings.status.apex_status import contact_status

@@ -15,9 +15,8 @@ from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import pluralize, readable
 from ..state import Contacts, State, groups
-from .geometry import shifts
 from .memory import FREE, FROZEN, GIVEN, HELD
-from .neighbors import body_positions, body_radii, join_bodies, with_neighbor_list
+from .neighbors import body_positions, body_radii, join_bodies, shifts, with_neighbor_list
 
 
 class Bodies(NamedTuple):

@@ -21,13 +21,10 @@ from ..laws.properties import angular_columns, resists_rolling
 from ..library import core
 from ..state import State
 from .forces import bodies, check_materials, check_memory
-from .geometry import shifts
-from .interaction_range import largest_gap, with_own_memory
-from .lever import with_shorter_arms
 from .memory import HELD
-from .neighbors import check_list
+from .neighbors import check_list, largest_gap, shifts, with_own_memory
 from .rolling import with_moments
-from .tangent import column, make_turn, memory_tangent, outer, spring_tangent
+from .tangent import column, make_turn, memory_tangent, outer, spring_tangent, with_shorter_arms
 
 
 class Linearisation(NamedTuple):

@@ -7,9 +7,11 @@ import numpy as np
 from ..arguments import Bodies, checked
 from ..fields import BODY_BITS, IMAGE_BITS
 from ..laws.builtin import Law
+from ..laws.compiled import evaluate
+from ..laws.kinds import bridges_gaps, own_memory
+from ..laws.properties import angular_columns
 from ..library import core
 from ..state import PER_PAIR, Cell, Contacts, State, empty_contacts
-from .interaction_range import with_own_memory, with_range
 
 _IMAGE_OFFSET = 1 << (IMAGE_BITS - 1)
 MAX_BODIES = 1 << BODY_BITS
@@ -144,3 +146,39 @@ def without_walls(state: State, walls: Bodies) -> State:
         control=control,
         instant=None,
     )
+
+
+# ---- what some laws require of the neighbour list: pairs across gaps, and rows for memory
+
+
+def largest_gap(state: State, law: Law) -> float:
+    """Largest gap across which a law acts between bodies of a state [length]."""
+    if not bridges_gaps(law.kind):
+        return 0.0
+    r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
+    a, b = np.indices(law.table.shape[:2])
+    return float(evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff).max())
+
+
+def with_range(state: State, law: Law) -> Contacts:
+    """Contact list of a state, marked for a rebuild with a larger gap if the range of the law requires it."""
+    contacts, gap = state.contacts, largest_gap(state, law)
+    return contacts._replace(gap=gap, stale=True) if gap > contacts.gap else contacts
+
+
+def with_own_memory(contacts: Contacts, law: Law) -> Contacts:
+    """List with a row of memory for each pair, if the law has one for rotations or of its own."""
+    row = np.append(np.zeros(angular_columns(law)), [*own_memory(law.kind).values()])
+    if not len(row) or (contacts.rolling is not None and contacts.rolling.shape[1] == len(row)):
+        return contacts
+    return contacts._replace(rolling=np.tile(row, (len(contacts.i), 1)))
+
+
+# ---- geometry of pairs
+
+
+def shifts(contacts, cell) -> np.ndarray:
+    """Periodic shift cellᵀ·image of every pair, (C, 3) [length]."""
+    out = np.empty((int(contacts.count[0]), 3))
+    core.find_shifts(contacts.image, len(out), np.ascontiguousarray(cell), out)
+    return out

@@ -23,7 +23,7 @@ from ..laws.builtin import Law
 from ..laws.compiled import TANGENTS, law_struct
 from ..laws.properties import resists_rolling
 from ..library import core
-from .geometry import shifts
+from .neighbors import shifts
 from .tangent import Turn, column, memory_tangent, outer, rowwise, spring_tangent
 
 

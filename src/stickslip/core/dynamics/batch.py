@@ -5,10 +5,7 @@ system are in memory order: single grains, in an order in which every few have a
 as many contacts; then grains of rigid groups and on springs; then walls.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from math import prod
-from threading import Condition, Lock
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -24,11 +21,19 @@ from ..library import core
 from ..measure import supports
 from ..state import OPEN, Contacts, Instant, State, empty_contacts
 from .cell_motion import needs_frame
-from .coefficients import Plan, find_members, make_plan, movable, state_after
+from .coefficients import (
+    Plan,
+    bodies_at_start,
+    find_members,
+    make_plan,
+    matching_instant,
+    movable,
+    state_after,
+    state_checksum,
+)
 from .driver import run_steps
-from .engine import Engine, Leg
-from .last_forces import bodies_at_start, matching_instant, state_checksum
-from .record import Record, allocate_buffers, make_record
+from .engine import Leg
+from .record import WIDTH, Record, allocate_buffers, make_record
 from .timestep import check_time_step
 
 SKIN = 0.02  # of the lists, in mean diameters
@@ -103,7 +108,7 @@ class Processor:
         return self.arrays["number"].copy()
 
 
-class _System(NamedTuple):
+class System(NamedTuple):
     """One leg with all that its start needs."""
 
     leg: Leg
@@ -121,10 +126,10 @@ def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | Run
     ValueError
         with a one-sentence message, if a device cannot run a leg, or if a time step is too long.
     """
-    return _run_systems([_prepare(leg) for leg in legs], device)
+    return run_systems([prepare(leg) for leg in legs], device)
 
 
-def _run_systems(systems: list[_System], device: Device) -> list[tuple[State, Record] | RuntimeError]:
+def run_systems(systems: list[System], device: Device) -> list[tuple[State, Record] | RuntimeError]:
     """Run systems side by side; see `run_legs`."""
     most = _entries(systems)
     while True:
@@ -208,7 +213,7 @@ def _skin(state: State) -> float:
     return SKIN * 2 * float(state.grains.radius.mean())
 
 
-def _prepare(leg: Leg) -> _System:
+def prepare(leg: Leg) -> System:
     """Evaluate the forces at the start of a leg, unless the state has them, and choose the order of its bodies."""
     check_leg(leg)
     state, law = leg.state, leg.law
@@ -226,7 +231,7 @@ def _prepare(leg: Leg) -> _System:
     single = single[np.argsort(-state.grains.radius[single], kind="stable")]
     single = np.concatenate([single[k :: len(single) // WARP + 1] for k in range(len(single) // WARP + 1)])
     rest = rest[np.argsort(control.group[rest] % (control.group.max(initial=0) + 2), kind="stable")]  # none comes last
-    return _System(leg, state, np.concatenate([single, rest, np.arange(n, state.n_bodies)]), len(single), events)
+    return System(leg, state, np.concatenate([single, rest, np.arange(n, state.n_bodies)]), len(single), events)
 
 
 def _plan(leg: Leg) -> Plan:
@@ -234,7 +239,7 @@ def _plan(leg: Leg) -> Plan:
     return make_plan(leg.state, leg.drag, leg.drag if leg.spin_drag is None else leg.spin_drag, leg.dt)
 
 
-def _entries(systems: list[_System]) -> int:
+def _entries(systems: list[System]) -> int:
     """Room for the entries of a body: half as many more as the longest list has at the start, if that many may be."""
     listed = touching = 0
     for system in systems:
@@ -251,7 +256,7 @@ def _longest(contacts: Contacts, rows: np.ndarray, grains: int) -> int:
     return int(np.bincount(pairs, minlength=1)[:grains].max(initial=0))
 
 
-def _sizes(systems: list[_System], most: int) -> Sizes:
+def _sizes(systems: list[System], most: int) -> Sizes:
     """Sizes that hold all systems."""
     states, legs = [system.state for system in systems], [system.leg for system in systems]
     law, dim = legs[0].law, states[0].cell.dim
@@ -291,7 +296,7 @@ def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
         "periodic": (s, 3), "table": (s, *sizes.table), "members": (s, g + 1), "knot": (s, sizes.knots),
         "course": (s, sizes.knots, sizes.courses), "entry": (2, s, r, sizes.most), "slip": (2, 3, s, r, sizes.most),
         "entries": (2, s, r), "bound": (s, r + 1), "arrived": (s,),
-        "partial": (s, core.TEAM, core.SUMS), "series": (s, t, core.COLUMNS),
+        "partial": (s, core.TEAM, core.SUMS), "series": (s, t, WIDTH),
         "group": (s, t, g, 4, 3), "track": (s, t, sizes.tracks, 6), "event": (s, sizes.events, core.EVENT),
         "happened": (s,),
     }  # fmt: skip
@@ -300,7 +305,7 @@ def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
     }
 
 
-def _pack(system: _System, slot: int, sizes: Sizes):
+def _pack(system: System, slot: int, sizes: Sizes):
     """Yield name, place and values of every part of a system that is not zero."""
     leg, state, order, single, _ = system
     control, here, n = state.control, bodies_at_start(state, state.instant), len(state.grains.radius)
@@ -370,7 +375,7 @@ def _pack_contacts(state: State, place: np.ndarray, slot: int, sizes: Sizes):
     yield "entries", (0, slot), many
 
 
-def _pack_numbers(system: _System, slot: int, sizes: Sizes):
+def _pack_numbers(system: System, slot: int, sizes: Sizes):
     """Yield the counters of a system and its coefficients of motion."""
     leg, state, order, single, _ = system
     n, skin, grid = len(state.grains.radius), _skin(state), grid_of(state.cell)
@@ -396,7 +401,7 @@ def _pack_numbers(system: _System, slot: int, sizes: Sizes):
 
 
 def _unpack(
-    system: _System, slot: int, device: Device, number: np.ndarray, events: np.ndarray
+    system: System, slot: int, device: Device, number: np.ndarray, events: np.ndarray
 ) -> tuple[State, Record] | RuntimeError:
     """Last state and record of a system, or why it became unstable."""
     leg, state, order, *_ = system
@@ -456,7 +461,7 @@ def _is_first(i: np.ndarray, j: np.ndarray, image: np.ndarray) -> np.ndarray:
     return (i < j) | ((i == j) & forward)
 
 
-def _unpack_contacts(system: _System, slot: int, device: Device, held: int) -> Contacts:
+def _unpack_contacts(system: System, slot: int, device: Device, held: int) -> Contacts:
     """Closed contacts of a system, each once."""
     order, old = system.order, system.state.contacts
     many, entry = device.read("entries", (held, slot)), device.read("entry", (held, slot))
@@ -472,66 +477,3 @@ def _unpack_contacts(system: _System, slot: int, device: Device, held: int) -> C
         slip=np.ascontiguousarray(slip), mode=(word[mine] & 3).astype(np.int8), reached=(word[mine] & 4) > 0,
         gap=old.gap, count=np.array([len(mine)]),
     )  # fmt: skip
-
-
-class Together:
-    """Engine for several callers, each in a thread of its own: waits until all have a leg, and runs these side by side.
-
-    Parameters
-    ----------
-    members : number of callers; each holds `turn` while it works, and calls `leave` when it has no more legs
-    """
-
-    SAMPLES = 500  # of a leg, so that packing takes a small share of the time
-
-    def __init__(self, device: Device, members: int):
-        self.device, self.members = device, members
-        self.waiting: list[_Waiting] = []
-        self.stopped = False  # set it to run no more legs
-        self.change = Condition()
-        self.turn = (
-            Lock()
-        )  # of a caller that does not wait: callers take turns, as not all that they do may run at once
-
-    @property
-    def engine(self) -> Engine:
-        """The engine."""
-        return Engine(self._pieces, samples=self.SAMPLES)
-
-    def leave(self) -> None:
-        """Wait for one caller less."""
-        with self.change:
-            self.members -= 1
-            self._run_when_complete()
-
-    def _pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
-        mine = _Waiting(_prepare(leg))
-        with self.change:
-            self.waiting.append(mine)
-            self._run_when_complete()
-            self.turn.release()
-            self.change.wait_for(lambda: mine.outcome is not None)
-        self.turn.acquire()
-        if isinstance(mine.outcome, Exception):
-            raise mine.outcome
-        yield mine.outcome
-
-    def _run_when_complete(self) -> None:
-        if len(self.waiting) < max(1, self.members):
-            return
-        waiting, self.waiting = self.waiting, []
-        try:
-            if self.stopped:
-                raise RuntimeError("the run was stopped")
-            outcomes = _run_systems([one.system for one in waiting], self.device)
-        except Exception as problem:  # each caller raises it
-            outcomes = [problem] * len(waiting)
-        for one, outcome in zip(waiting, outcomes, strict=True):
-            one.outcome = outcome
-        self.change.notify_all()
-
-
-@dataclass
-class _Waiting:
-    system: _System
-    outcome: tuple[State, Record] | Exception | None = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._core import build
 from ...extras import require
-from ..arguments import checked, require_not_negative
+from ..arguments import NotNegative, checked
 from ..laws.builtin import Law
 from ..library import core
 from ..state import State
@@ -108,7 +108,7 @@ def run_batch(
     steps: int,
     dt: float,
     *,
-    drag: float = 0.0,
+    drag: NotNegative = 0.0,
     every: int = 0,
     device: str = "cuda",
 ) -> list[tuple[State, Record]]:
@@ -156,7 +156,6 @@ def run_batch(
     if not states:
         raise ValueError("no states were given: a batch needs at least one")
     check_steps(steps, dt, every)
-    require_not_negative(drag=drag)
     every = min(every, steps + 1)
     outcomes = run_legs([Leg(state, law, dt, steps, drag=drag, every=every) for state in states], open_device(device))
     for outcome in outcomes:

@@ -12,9 +12,8 @@ import weakref
 import numpy as np
 
 from ..contacts.forces import Bodies, forces
-from ..contacts.interaction_range import with_own_memory
 from ..contacts.memory import FROZEN
-from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_list, select_rows
+from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_list, select_rows, with_own_memory
 from ..fields import pack_keys
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
@@ -22,8 +21,7 @@ from ..laws.properties import angular_columns, needs_rows
 from ..library import core
 from ..state import OPEN, Instant, State, deforms
 from .cell_motion import make_frame, needs_frame, remaining_skin
-from .coefficients import Plan, state_after
-from .last_forces import bodies_at_start
+from .coefficients import Plan, bodies_at_start, state_after
 from .ledger import post_step
 from .moving import balance_threads, gather_springs, make_moving_bodies
 from .record import RecordBuffers, with_lost_contacts, write_groups

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import checked, require_not_negative
+from ..arguments import NotNegative, checked
 from ..contacts.forces import Bodies, check_materials
 from ..contacts.forces import bodies as bodies_of
-from ..contacts.geometry import shifts
+from ..contacts.neighbors import shifts
 from ..control import spring_forces
 from ..fields import Field, check_entry
 from ..laws.builtin import Law
@@ -126,7 +126,7 @@ class Dissipation(NamedTuple):
 
 
 @checked
-def dissipation(before: State, after: State, law: Law, *, dt: float = 0.0) -> Dissipation:
+def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0) -> Dissipation:
     """Energy dissipated by each pair in the list of `after` between two accepted states that are one small step apart.
 
     Sliding dissipates the mean of |F_t| without dashpots at both ends of the step, times the distance slid: the slip
@@ -152,7 +152,6 @@ def dissipation(before: State, after: State, law: Law, *, dt: float = 0.0) -> Di
     >>> dissipation(pair, moved, law).sliding  # the contact sticks
     array([0.])
     """
-    require_not_negative(dt=dt)
     if before.n_bodies != after.n_bodies:
         raise ValueError(f"states of {before.n_bodies} and {after.n_bodies} bodies were given: give two of one sample")
     check_materials(after, law)
@@ -173,7 +172,7 @@ def _post(row: np.ndarray, before: State, after: State, law: Law, *, dt: float =
     return Dissipation(*shares[: int(after.contacts.count[0])].T.copy())
 
 
-class Account:
+class PathLedger:
     """Running ledger along a path of equilibria, in which small steps and runs may alternate."""
 
     def __init__(self, state: State, law: Law):

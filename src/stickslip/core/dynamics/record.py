@@ -14,11 +14,12 @@ from ..state import OPEN, Cell, State, cell_volumes, groups
 from .ledger import Books, Ledger, make_ledger
 
 GROUPS = "position", "velocity", "force", "pull"  # sampled for each rigid group: see `write_groups`
-OBSERVABLES: dict[str, tuple[int, ...]] = {  # by field of `Record`: shape; computed in `record.cpp`, in this order
+OBSERVABLES: dict[str, tuple[int, ...]] = {  # by field of `Record`: shape; computed in `observables.h`, in this order
     "time": (), "msd": (), "kinetic_energy": (), "center": (3,), "touching": (), "sliding": (), "virial": (3, 3),
     "fabric": (3, 3), "momentum_flux": (3, 3), "coordination": (), "held_coordination": (), "rattlers": (),
     "cell": (3, 3),
 }  # fmt: skip
+WIDTH = sum(map(math.prod, OBSERVABLES.values()))  # columns
 PER_SAMPLE = (*OBSERVABLES, *(f"group_{name}" for name in GROUPS), "position", "angle")  # fields with T rows
 _ENDS = np.cumsum([math.prod(shape) for shape in OBSERVABLES.values()]).tolist()
 _COLUMNS = [slice(start, end) for start, end in pairwise([0, *_ENDS])]
@@ -174,7 +175,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
     known = reference, state.grains.mass, state.grains.inertia, *supports(state), probes
     return RecordBuffers(
-        every, *map(np.ascontiguousarray, known), np.zeros((samples, _ENDS[-1])),
+        every, *map(np.ascontiguousarray, known), np.zeros((samples, WIDTH)),
         np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
         np.zeros((room, core.EVENT)), np.zeros(1, np.int64),
     )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from functools import partial
-from math import prod
 
 import numpy as np
 
@@ -14,12 +13,11 @@ from ..library import core
 from ..outcome import Outcome, Status
 from ..sizes import Size, require_sizes
 from ..state import State
-from .coefficients import driven_bodies, make_plan, movable
+from .coefficients import driven_bodies, make_plan, matching_instant, movable, with_mark
 from .driver import run_steps
 from .engine import Engine, Leg
-from .last_forces import matching_instant, with_mark
 from .ledger import open_books
-from .record import OBSERVABLES, PER_SAMPLE, Record, allocate_buffers, make_record
+from .record import PER_SAMPLE, WIDTH, Record, allocate_buffers, make_record
 from .timestep import check_time_step, stable_time_step
 
 MOST_STEPS = 10**15  # of a run
@@ -82,7 +80,7 @@ def run(
     Raises
     ------
     ValueError
-        with a one-sentence message, if dt is longer than `stable_time_step` or an argument is not allowed.
+        if dt is longer than `stable_time_step`.
 
     Source
     ------
@@ -120,7 +118,7 @@ def run(
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
     probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
-    memory = 8 * rows * (sum(map(prod, OBSERVABLES.values())) + 12 * groups + 6 * len(probes))
+    memory = 8 * rows * (WIDTH + 12 * groups + 6 * len(probes))
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")

@@ -4,8 +4,7 @@ import numpy as np
 
 from ..arguments import checked
 from ..contacts.forces import Bodies, bodies, check_materials
-from ..contacts.geometry import shifts
-from ..contacts.neighbors import with_neighbor_list
+from ..contacts.neighbors import shifts, with_neighbor_list
 from ..contacts.rolling import rolling_bound
 from ..laws.builtin import Law
 from ..laws.compiled import law_struct

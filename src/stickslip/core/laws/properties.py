@@ -1,10 +1,11 @@
 """Properties that any contact law can have: lever arms, a memory of forces, resistance to rolling and twisting."""
 
+from typing import Annotated
+
 import numpy as np
 
 from ...builtin_laws import BUILTIN_LAWS
-from ..arguments import checked
-from ..text import quoted
+from ..arguments import checked, one_of
 from .builtin import (
     KEEPS_FORCE,
     KT,
@@ -32,7 +33,7 @@ MODELS = {"constant": ("mu_roll", "gamma_roll"), "viscous": ("gamma_roll",), "sp
 
 
 @checked
-def with_lever(law: Law, arm: str) -> Law:
+def with_lever(law: Law, arm: Annotated[str, one_of(*ARMS)]) -> Law:
     """Law with other lever arms of the tangential force, T_i = −a_i n × F_t.
 
     The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2 the arms of
@@ -55,13 +56,11 @@ def with_lever(law: Law, arm: str) -> Law:
     >>> ss.laws.with_lever(ss.laws.linear(mu=0.5), "overlap")
     Law: linear, sharp Coulomb, kn = 1, kt = 0.285714, mu = 0.5, lever arms R - δ/2
     """
-    if arm not in ARMS:
-        raise ValueError(f"arm={quoted(arm)} was given: 'radius' and 'overlap' are allowed")
     return law._replace(properties=law.properties & ~LEVER | ARMS[arm])
 
 
 @checked
-def with_memory(law: Law, of: str) -> Law:
+def with_memory(law: Law, of: Annotated[str, one_of(*MEMORIES)]) -> Law:
     """Law whose contacts remember their slip s, or the force of the tangential spring.
 
     With a memory of the slip, F_t = −k_t(δ) s changes with the overlap. With one of the force, dF_t = −k_t(δ) ds: a
@@ -84,16 +83,15 @@ def with_memory(law: Law, of: str) -> Law:
     >>> ss.laws.with_memory(ss.laws.hertz_mindlin(1, 1, 1), "force")
     Law: hertz_mindlin, sharp Coulomb, kn = 1, kt = 1, mu = 1, memory of forces
     """
-    if of not in MEMORIES:
-        raise ValueError(f"of={quoted(of)} was given: 'slip' and 'force' are allowed")
     constant = not isinstance(law.kind, Kind) and BUILTIN_LAWS[law.kind].exponent == 1
     return law._replace(properties=law.properties & ~KEEPS_FORCE | (0 if constant else MEMORIES[of]))
 
 
 @checked
 def with_rolling(
-    law: Law, model: str = "spring", *, k_roll: float = 0.0, mu_roll: float = 0.0, gamma_roll: float = 0.0
-) -> Law:
+    law: Law, model: Annotated[str, one_of(*MODELS)] = "spring", *, k_roll: float = 0.0, mu_roll: float = 0.0,
+    gamma_roll: float = 0.0,
+) -> Law:  # fmt: skip
     """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
 
     Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is free. With P
@@ -127,8 +125,6 @@ def with_rolling(
     [0.5, 0.1, 0.0]
     """
     values = {"k_roll": k_roll, "mu_roll": mu_roll, "gamma_roll": gamma_roll}
-    if model not in MODELS:
-        raise ValueError(f"model={quoted(model)} was given: {', '.join(map(repr, MODELS))} are allowed")
     for name, value in values.items():
         needed = name in MODELS[model]
         if (needed and not value > 0) or (value and not needed and (model, name) != ("spring", "gamma_roll")):
@@ -142,8 +138,9 @@ def with_rolling(
 
 @checked
 def with_twisting(
-    law: Law, model: str = "spring", *, k_twist: float = 0.0, mu_twist: float = 0.0, gamma_twist: float = 0.0
-) -> Law:
+    law: Law, model: Annotated[str, one_of(*TWISTINGS)] = "spring", *, k_twist: float = 0.0, mu_twist: float = 0.0,
+    gamma_twist: float = 0.0,
+) -> Law:  # fmt: skip
     """Law with a moment along the normal that resists twisting.
 
     The twist τ is the relative rotation about the normal since the contact closed, ω_n its rate; P as in
@@ -175,8 +172,6 @@ def with_twisting(
     [0.1, 0.02, 0.0]
     """
     values = {"k_twist": k_twist, "mu_twist": mu_twist, "gamma_twist": gamma_twist}
-    if model not in TWISTINGS:
-        raise ValueError(f"model={quoted(model)} was given: {', '.join(map(repr, TWISTINGS))} are allowed")
     if model == "spring":
         if not k_twist > 0:
             raise ValueError(f"k_twist = {k_twist} was given: it must be positive")

@@ -66,10 +66,10 @@ def watch(
     check_choice("method", method, METHODS)
     if once and until_idle is not None:
         raise ValueError("--once was given with --until-idle: give one of them")
-    from ...kit import follow, terminal
+    from ...kit import lammps_series, terminal
     from .watch_record import watch_and_record
 
-    source = follow.open_source(place, memory=not no_contacts, **options.values())
+    source = lammps_series.open_source(place, memory=not no_contacts, **options.values())
     table = out or source.folder / NAME
     with terminal.console_output(*output):
         done, stopped = watch_and_record(

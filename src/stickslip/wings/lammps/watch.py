@@ -9,8 +9,10 @@ import numpy as np
 from ... import SLIDE, Law, State, stability
 from ...kit import (
     DENSE_UP_TO,
+    Account,
+    MemoryNote,
     Report,
-    follow,
+    lammps_series,
     least_supports,
     linearised,
     modes_under,
@@ -164,8 +166,8 @@ class Progress(NamedTuple):
 
 
 def watch(
-    source: follow.Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
-    until_idle: float | None = None, interval: float = follow.INTERVAL, report: Report = silent,
+    source: lammps_series.Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
+    until_idle: float | None = None, interval: float = lammps_series.INTERVAL, report: Report = silent,
 ) -> Iterator[Progress]:  # fmt: skip
     """Compute every frame that is not `known`, and yield what is known before and after each.
 
@@ -186,7 +188,7 @@ def watch(
     problem: PackingError | None = None
     while True:
         if not (once and seen):
-            before, seen = seen, follow.look(source, seen)
+            before, seen = seen, lammps_series.look(source, seen)
             last = time.monotonic() if before is None or before.sizes != seen.sizes else last
         # frames that are not in the table, or have changed since
         left = [p for p in seen.ready if key_of(p) != getattr(rows.get(p.grains.step), "digest", None)]
@@ -210,19 +212,19 @@ def watch(
             break
         yield Progress(rows, notes, 0)
         time.sleep(interval)
-    notes = (*said, *seen.notes, *follow.missing_frames(seen))
+    notes = (*said, *seen.notes, *lammps_series.missing_frames(seen))
     if not any(row.computed for row in rows.values()):
         raise PackingError(f"{source.folder} has no complete frame: {'; '.join(notes[-3:])}")
     yield Progress(rows, notes, 0, live=False)
 
 
-def key_of(pair: follow.Pair) -> str:
+def key_of(pair: lammps_series.Pair) -> str:
     """Digest of a frame with its contacts."""
     return pair.grains.digest + (pair.contacts.digest if pair.contacts else "")
 
 
-def _compute(source: follow.Source, pair: follow.Pair, method: str, report) -> tuple[Row, list[str]]:
-    state, notes = follow.read_pair(source, pair)
+def _compute(source: lammps_series.Source, pair: lammps_series.Pair, method: str, report) -> tuple[Row, list[str]]:
+    state, notes = lammps_series.read_pair(source, pair)
     memory = pair.contacts is not None
     try:
         row = measure_frame(
@@ -230,4 +232,4 @@ def _compute(source: follow.Source, pair: follow.Pair, method: str, report) -> t
         )
     except ArithmeticError as problem:
         raise PackingError(f"its spectrum could not be computed ({problem})") from None
-    return row, follow.remarks(notes)
+    return row, [line for line in notes if not isinstance(line, MemoryNote | Account)]

@@ -21,8 +21,8 @@ from ...kit import (
     check_output,
     console,
     describe_law,
-    follow,
     format_table,
+    lammps_series,
     parse_number,
     read_table,
     read_text,
@@ -36,7 +36,7 @@ MARK = "written by stickslip watch "
 NUMBERS = {name: kind for name, kind in Row.__annotations__.items() if kind is not str}
 
 
-def describe(source: follow.Source, method: str) -> dict:
+def describe(source: lammps_series.Source, method: str) -> dict:
     """What determines the numbers of a row besides its frame."""
     law = source.law
     return {
@@ -192,7 +192,7 @@ REST = 5.0  # the same, over the time that a write takes
 
 
 def watch_and_record(
-    source: follow.Source, table: Path, *, method: str, once: bool, until_idle: float | None, overwrite: bool,
+    source: lammps_series.Source, table: Path, *, method: str, once: bool, until_idle: float | None, overwrite: bool,
     made_from=(),
 ) -> tuple[Progress, str]:  # fmt: skip
     """Watch until the end; return what is known then, and, after ctrl-C, a sentence that names the table.

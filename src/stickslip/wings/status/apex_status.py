@@ -394,6 +394,10 @@ class Probed(NamedTuple):
 def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool | None = True) -> tuple[Probed, ...]:
     """Find the contact status under each of several rates of stress of a periodic cell.
 
+    Small increments of stress, as `protocols.response_envelope` takes them, made the same contacts slide, and strained
+    30 disks and 60 spheres in which contacts slide as stated to 1.5e-4 of the largest strain
+    (`tests/unit/test_envelope.py`).
+
     Parameters
     ----------
     state : State in equilibrium, in a fully periodic cell

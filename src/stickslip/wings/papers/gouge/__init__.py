@@ -3,6 +3,7 @@
 from functools import partial
 
 from ....kit import Experiment, Paper, attach, law_references, lazy_function, lazy_functions
+from ...faults.friction.laws import REFERENCES
 from .scenario import GougeScenario
 
 _here = partial(lazy_function, __name__)
@@ -12,8 +13,8 @@ def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
     return {
         "the experiment (from the supplement to the first)": ("Ferdowsi2021", "Ferdowsi2020"),
-        "contact law": law_references(scenario.law),
-        "rate-and-state friction, for comparison": ("Dieterich1979", "Ruina1983"),
+        "contact law": law_references("hertz_mindlin_reff"),
+        "rate-and-state friction, for comparison": REFERENCES["aging"],
     }
 
 

@@ -6,8 +6,7 @@ from itertools import islice
 from pathlib import Path
 
 from .... import State
-from ....core.dynamics.engine import Engine, Leg
-from ....experiments import ScenarioError
+from ....kit import Engine, Leg, ScenarioError
 from ....packings import without_walls
 from ....results import Record
 from ...lammps.run import lammps_engine, leg_folder, read_leg, walls_at, with_records, write_job
