@@ -26,7 +26,7 @@ def test_data_and_contacts_come_back(make, tmp_path):
     """Slip comes back through the force: to round-off of its division by overlaps."""
     state = make(motion=False)
     notes = ss.io.write_packing(tmp_path / "p.data", state, SHARP)
-    assert any("p.contacts.dump, for --contacts" in word for word in notes)
+    assert any("which is in p.contacts.dump: read it back with --contacts " in word for word in notes)
     again, law, _ = back(tmp_path / "p.data", boundary="ppp")
     for name in ("radius", "velocity", "spin"):
         assert np.array_equal(getattr(again.grains, name), getattr(state.grains, name))

@@ -24,6 +24,7 @@ from ..core.text import SentenceError, printable
 from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 HUGE = 1e30  # larger numbers make products overflow
+NO_LAW = "no contact law was given"
 UNDECIDED = "undecided: "  # how sentences on what acts on the grains, but was not taken over, begin
 LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
 
@@ -130,9 +131,9 @@ def account_of(notes) -> dict[str, list[str]]:
 
 
 def repeated_note(text: str) -> Assumption:
-    """Note that a file repeats from the one that it was made from."""
+    """Note that a file repeats from the one that it was made from: files store the sentence, whose beginning tells."""
     text = printable(text)
-    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text)
+    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text, LAW if text.startswith(NO_LAW) else "")
 
 
 class MemoryNote(Note):
@@ -148,7 +149,7 @@ NO_CONTACTS = NoMemory("no contacts were given: they were found from positions, 
 
 def law_note(law: Law) -> Assumption:
     """Return the note on a law that nobody has given."""
-    return Assumption(f"no contact law was given: the defaults are assumed ({law_text(law)})", LAW)
+    return Assumption(f"{NO_LAW}: the defaults are assumed ({law_text(law)})", LAW)
 
 
 def assumes_law(notes) -> bool:

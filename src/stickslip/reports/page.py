@@ -59,9 +59,9 @@ class PageContent(NamedTuple):
     warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
     unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
     verdict: str = ""  # sentence on the stability of a packing, if it was computed and can be judged
-    decided: bool = True  # whether that holds, with everything that acts on the grains
     stages: tuple[str, ...] = ()  # of a run with stages, for each frame
     source: str = "file"  # whose units are those of the frames
+    decided: bool = True  # whether the verdict holds, with everything that acts on the grains
 
 
 def packing_content(

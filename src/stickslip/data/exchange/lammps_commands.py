@@ -454,7 +454,10 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         kept = run.pair_coeff if run.pair_style[:1] == [style] else []
         return run._replace(pair_style=[style, *rest[1:]], pair_coeff=kept)
     if key in FORCE_STYLES:
-        _take_style(run, key, rest, place)
+        row = find_row("style beside the pair style", plain_style(rest[0]) if rest else "none")
+        run.acts.pop(key, None)  # until another one replaces it
+        if row.group == UNKNOWN:
+            run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"
     elif group_of("command", key) == UNKNOWN:
         why = find_row("command", key).why or "it is not understood"
         run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not taken over: {why}"
@@ -534,14 +537,6 @@ def _change_groups(run: Run, key: str, rest: list[str]) -> None:
     for lines in run.groups.values() if retyped or renumbered else ():
         if any(words[0] == "type" or (renumbered and words[0] == "id") for words in lines):
             lines.append(["changed"])
-
-
-def _take_style(run: Run, key: str, rest: list[str], place: str) -> None:
-    """Note a style that makes forces beside those of the pair style, until another one replaces it."""
-    row = find_row("style beside the pair style", plain_style(rest[0]) if rest else "none")
-    run.acts.pop(key, None)
-    if row.group == UNKNOWN:
-        run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"
 
 
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:

@@ -133,16 +133,12 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     known = notes_about(packing.notes, PAIRS, FIXES, *[WALLS] * walls, *[GROUP] * whole)
     kept = [note for note in packing.notes if note not in known]
     sources = [other for other in (*every.logs, *every.scripts) if other.name in run.sources]
-    kept += [_account_of_commands(course), _account_of_files(every, path, contacts, *sources)]
+    words = {group: [f"command {word}" for word in sorted(names)] for group, names in course.run.met.items()}
+    words[UNKNOWN] = []  # they are among those of the course, with their places
+    kept += [Account.of(words, course.met), _account_of_files(every, path, contacts, *sources)]
     memory = packing.memory and with_wall_numbers(packing.memory, course)
     law = course.law or packing.law
     return packing._replace(notes=[*notes, *kept], law=law, setting=setting(course), memory=memory), contacts
-
-
-def _account_of_commands(course: Course) -> Account:
-    words = {group: [f"command {word}" for word in sorted(names)] for group, names in course.run.met.items()}
-    words[UNKNOWN] = []  # they are among those of the course, with their places
-    return Account.of(words, course.met)
 
 
 def _account_of_files(files: Files, *taken: Path | None) -> Account:
@@ -219,7 +215,8 @@ def _newest_grains(files: Files, frame: str | None) -> Path:
     if files.restarts and frame is None:
         steps = {path: lammps_restart.time_step(path) for path in files.restarts}
         return max(steps, key=lambda path: (place(path, steps[path]), steps[path], path.stat().st_mtime))
-    newest = sorted(files.grains, key=lambda path: (path.stat().st_mtime, _numbers(path)))[-LOOKED_AT:]
+    numbers = {path: [int(digits) for digits in re.findall(r"\d{1,18}", path.name)] for path in files.grains}
+    newest = sorted(files.grains, key=lambda path: (path.stat().st_mtime, numbers[path]))[-LOOKED_AT:]
     frames = [(*_last_frame(path), path) for path in newest]
     dumps = [tuple(key) for radii, *key in frames if radii] or [tuple(key) for _, *key in frames]
     data = [] if dumps and frame is not None else [(_data_step(path), path) for path in files.data]
@@ -249,11 +246,6 @@ def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -
         boundary = next((read_boundary(other) for other in [*files.contacts, *files.grains]), None)
     style = " ".join(settings.get("atom_style", ()))
     return read_data_file(path, frame, boundary, style if style.startswith("hybrid") else None)[0]
-
-
-def _numbers(path: Path) -> list[int]:
-    """Numbers in the name of a file, such as its time step."""
-    return [int(digits) for digits in re.findall(r"\d{1,18}", path.name)]
 
 
 def _last_frame(path: Path) -> tuple[bool, int]:

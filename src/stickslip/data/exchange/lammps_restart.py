@@ -147,7 +147,8 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     """
     content = read_content(path)
     start, blocks = _blocks(content)
-    stores = _stores(content[:start]) if walls is None else [HISTORY, *[REGION] * walls]
+    named = [style for _, style in _fixes(content[:start])[1]]  # in the order of their entries in a record
+    stores = named if walls is None else [HISTORY, *[REGION] * walls]
     parts = [_read_block(block, stores, values) for block in blocks if len(block)]
     if not parts:
         raise ValueError("a restart file without grains")
@@ -348,11 +349,6 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     }, [Note(f"law from the restart file: pair_style {style}", PAIRS)]  # fmt: skip
 
 
-def _stores(head: bytes) -> list[str]:
-    """Styles of the fixes that store something with grains, in the order of their entries in a record."""
-    return [style for _, style in _fixes(head)[1]]
-
-
 def _fixes(head: bytes) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Ids and styles of the fixes whose own state is stored, and of those that store something with grains."""
     end = len(head) - len(HEADER_END)
@@ -428,7 +424,10 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
         values = int((end - entry - 2)[some[0]] // count[some[0]]) - 1 if len(some) else 3
     if values < 3 or not (2 + (values + 1) * count <= end - entry).all():
         raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
-    first = np.repeat(entry + 2, count) + (values + 1) * _counters(count)
+    number = np.arange(count.sum()) - np.repeat(
+        np.cumsum(count) - count, count
+    )  # of a contact among those of its grain
+    first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
     return np.repeat(tag, count), whole[first], block[first[:, None] + 1 + np.arange(3)], more
 
@@ -437,11 +436,6 @@ def _values_after(block: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.n
     """(C, 7) values from each start, zero from its end."""
     at = start[:, None] + np.arange(MOST)
     return np.where(at < end[:, None], block[np.minimum(at, len(block) - 1)], 0.0)
-
-
-def _counters(count: np.ndarray) -> np.ndarray:
-    """Numbers 0 … n − 1 for each n, one after the other."""
-    return np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
 
 
 def restore_memory(state: State, law: Law, saved: Restart) -> State:

@@ -8,6 +8,7 @@ become complete.
 import hashlib
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -66,16 +67,11 @@ def find_dumps(folder: Path, known: dict[Path, Dump], pattern: str = "*") -> dic
         stat, before = path.stat(), known.get(path)
         if before and (before.size, before.modified) == (stat.st_size, stat.st_mtime_ns):
             dumps[path] = before
-        elif (before and stat.st_size >= before.size) or _is_dump(path):
-            kept = before if before and stat.st_size >= before.size else Dump((), 0, 0, 0)
-            dumps[path] = _read_new_frames(path, kept, stat.st_mtime_ns)
+        elif before and stat.st_size >= before.size:
+            dumps[path] = _read_new_frames(path, before, stat.st_mtime_ns)
+        elif ITEM.startswith(head := _head(path)) or head.startswith(ITEM):  # an empty file may become one
+            dumps[path] = _read_new_frames(path, Dump((), 0, 0, 0), stat.st_mtime_ns)
     return dumps
-
-
-def _is_dump(path: Path) -> bool:
-    """Return True for text dumps, and for empty files, which may become one."""
-    head = _head(path)
-    return ITEM.startswith(head) or head.startswith(ITEM)
 
 
 def _head(path: Path) -> bytes:
@@ -106,16 +102,10 @@ def _read_new_frames(path: Path, before: Dump, modified: int) -> Dump:
     """Find the frames that were written after those of an earlier look."""
     with path.open("rb") as file:
         frames = (*before.frames, *_frames_from(file, path, before.read))
-        size = file.seek(0, 2)
-    read = frames[-1].stop if frames else 0
-    return Dump(frames, size if _is_blank(path, read, size) else read, size, modified)
-
-
-def _is_blank(path: Path, start: int, stop: int) -> bool:
-    """Return True if only white space follows the last frame."""
-    with path.open("rb") as file:
-        file.seek(start)
-        return stop - start < HEAD and not file.read(stop - start).strip()
+        size, read = file.seek(0, 2), frames[-1].stop if frames else 0
+        file.seek(read)
+        blank = size - read < HEAD and not file.read(size - read).strip()
+    return Dump(frames, size if blank else read, size, modified)
 
 
 def _frames_from(file: BinaryIO, path: Path, start: int) -> Iterator[DumpFrame]:
@@ -194,7 +184,7 @@ def _damaged_frame(file: BinaryIO, path: Path, start: int, step: int, damage: st
 
 
 def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame], list[str]]:
-    """Complete frames of a kind by their step, and notes on steps that are in more than one file.
+    """Complete frames of a kind by their step, and notes on damaged ones and on steps that are there more than once.
 
     Of several frames with the same step, the one that was written last is used.
     """
@@ -214,7 +204,8 @@ def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame],
         else f"step {step} is twice in {old.name}, as after `reset_timestep`: the last of both is used"
         for (old, new), step in twice.items()
     ]
-    return dict(sorted(frames.items())), notes
+    damage = [frame.problem for dump in dumps.values() for frame in dump.frames if frame.problem]
+    return dict(sorted(frames.items())), [*damage, *notes]
 
 
 def read_content(frame: DumpFrame) -> Table:
@@ -228,40 +219,6 @@ def read_content(frame: DumpFrame) -> Table:
         return parse_step(frame.path, frame.step, content.decode("utf-8").partition("ITEM: TIMESTEP")[2])
     except (ValueError, IndexError, KeyError) as problem:
         raise PackingError(f"{frame.path.name}, step {frame.step} is damaged: {problem}") from None
-
-
-def read_frame(
-    grains: DumpFrame, contacts: DumpFrame | None, law: Law, *, columns: str | None = None,
-    boundary: str | None = None, run: Packing | None = None,
-) -> tuple[State, list[str]]:  # fmt: skip
-    """Accepted state of a frame, with memory if there is one of contacts, and notes; see `read_lammps`.
-
-    With the packing of its run, it is put amid the walls and loads of the run.
-    """
-    table, pairs = read_content(grains), None
-    local = None if contacts is None else read_content(contacts)
-    if local is not None and table.periodic is None:
-        table = table._replace(periodic=local.periodic)
-    packing = packing_from_table(table, grains.path, boundary)
-    if run is not None:
-        packing = _in_run(packing, run)
-    if contacts is not None and local is not None:
-        pairs = pairs_from_table(local, contacts.path, packing, columns)
-    state, notes = build_state(packing, pairs, law)
-    return state, with_one_account([*packing.notes, *notes])
-
-
-def _in_run(packing: Packing, run: Packing) -> Packing:
-    """Packing of a frame with the walls, loads and law of its run, and the notes on these."""
-    alike = run.ids is None or np.array_equal(packing.ids, run.ids)
-    if run.setting is not None and not alike:
-        raise PackingError(
-            "it has other grains than the newest packing of the run, whose walls and loads it would have: give --law"
-        )
-    known = [] if run.setting is None else notes_about(packing.notes, WALLS)
-    own = [note for note in packing.notes if note not in known]
-    acts = [note for note in run.notes if isinstance(note, Obstacle)]
-    return packing._replace(setting=run.setting, notes=[*own, *(note for note in acts if note not in own)])
 
 
 INTERVAL = 1.0  # time between two looks at the folder [s]
@@ -324,7 +281,9 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
         raise PackingError("--frame was given, but all frames are read: leave it out, or use stickslip stability")
     if "atom_style" in given:
         raise PackingError("--atom-style was given, but dumps name their columns: leave it out")
-    folder, grains = _place(Path(place))
+    if not Path(place).exists():
+        raise PackingError(f"{place} does not exist: give the folder into which LAMMPS writes its dumps")
+    folder, grains = (Path(place), "*") if Path(place).is_dir() else (Path(place).parent, Path(place).name)
     contacts, columns, boundary, i0 = (given.pop(name, None) for name in ("contacts", "columns", "boundary", "i0"))
     if not memory and (contacts or columns):
         raise PackingError(f"--no-contacts was given with --{'contacts' if contacts else 'columns'}: leave one out")
@@ -333,7 +292,10 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     where = folder / path if path.parent == Path() else path
     given, own = law_from_file(given)
     memory = memory and (_await_contacts(folder, grains, where) or contacts is not None)
-    run = _run_in(folder) if own is None and "law" not in given and Path(place).is_dir() else None
+    run = None
+    if own is None and "law" not in given and Path(place).is_dir():
+        with suppress(PackingError):  # there may be no run yet
+            run = read_folder(folder)[0]
     if own is None and "law" not in given and (run is None or run.law is None):
         raise PackingError(
             "LAMMPS dumps contain no contact law: give --law and its parameters, --kn, --kt and --mu, as in the "
@@ -343,14 +305,6 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     if memory:
         _require_dumps(where.parent, where.name, CONTACTS)
     return Source(folder, grains, where if memory else None, law, columns, boundary, i0, run)
-
-
-def _run_in(folder: Path) -> Packing | None:
-    """Newest packing of a run of LAMMPS, with the law of its commands; None if there is none yet."""
-    try:
-        return read_folder(folder)[0]
-    except PackingError:
-        return None
 
 
 def _await_contacts(folder: Path, grains: str, where: Path) -> bool:
@@ -364,15 +318,6 @@ def _await_contacts(folder: Path, grains: str, where: Path) -> bool:
             break
         time.sleep(INTERVAL / 4)
     return there
-
-
-def _place(place: Path) -> tuple[Path, str]:
-    """Folder, and pattern of the names of its dumps of grains."""
-    if place.is_file():
-        return place.parent, place.name
-    if not place.is_dir():
-        raise PackingError(f"{place} does not exist: give the folder into which LAMMPS writes its dumps")
-    return place, "*"
 
 
 def _require_dumps(folder: Path, pattern: str, kind: str) -> None:
@@ -393,7 +338,7 @@ def look(source: Source, before: Look | None = None) -> Look:
     dumps = find_dumps(source.folder, before.dumps if before else {}, source.grains)
     grains, notes = frames_of(dumps, GRAINS)
     if source.contacts is None:
-        return Look(dumps, {}, [Pair(frame, None) for frame in grains.values()], (), (), (*_damage(dumps), *notes))
+        return Look(dumps, {}, [Pair(frame, None) for frame in grains.values()], (), (), tuple(notes))
     folder, pattern = source.contacts.parent, source.contacts.name
     same = (folder, pattern) == (source.folder, source.grains)
     local = dumps if same else find_dumps(folder, before.local if before else {}, pattern)
@@ -403,12 +348,8 @@ def look(source: Source, before: Look | None = None) -> Look:
     return Look(
         dumps, local, [Pair(frame, contacts[step]) for step, frame in grains.items() if step in contacts],
         tuple(step for step in alone if step > last), tuple(step for step in alone if step < last),
-        tuple(dict.fromkeys((*_damage(dumps), *_damage(local), *notes, *more))),
+        tuple(dict.fromkeys((*notes, *more))),
     )  # fmt: skip
-
-
-def _damage(dumps: dict[Path, Dump]) -> list[str]:
-    return [frame.problem for dump in dumps.values() for frame in dump.frames if frame.problem]
 
 
 def missing_frames(seen: Look) -> list[str]:
@@ -430,9 +371,27 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
     PackingError
         if the frame cannot be used; the message is one sentence.
     """
-    how = {"columns": source.columns, "boundary": source.boundary, "run": source.run}
-    (state, notes), said = capture_warnings(read_frame, pair.grains, pair.contacts, source.law, **how)
-    return with_inertia(state, source.i0), [*notes, *said]
+    table, contacts = read_content(pair.grains), pair.contacts
+    local = None if contacts is None else read_content(contacts)
+    if local is not None and table.periodic is None:
+        table = table._replace(periodic=local.periodic)
+    packing, run = packing_from_table(table, pair.grains.path, source.boundary), source.run
+    if run is not None:
+        if run.setting is not None and run.ids is not None and not np.array_equal(packing.ids, run.ids):
+            raise PackingError(
+                "it has other grains than the newest packing of the run, whose walls and loads it would have: give "
+                "--law"
+            )
+        known = [] if run.setting is None else notes_about(packing.notes, WALLS)
+        acts = [note for note in run.notes if isinstance(note, Obstacle)]
+        notes = dict.fromkeys([*(note for note in packing.notes if note not in known), *acts])
+        packing = packing._replace(setting=run.setting, notes=[*notes])
+
+    pairs = None
+    if contacts is not None and local is not None:
+        pairs = pairs_from_table(local, contacts.path, packing, source.columns)
+    (state, more), said = capture_warnings(build_state, packing, pairs, source.law)
+    return with_inertia(state, source.i0), [*with_one_account([*packing.notes, *more]), *said]
 
 
 @checked
