@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from stickslip.core.sizes import LIMITS, MOST
-from stickslip.data.schema import ScenarioBase
+from stickslip.data.schema import ScenarioBase, split_unit
 from stickslip.experiments.experiment import table_of
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.axes import DRAWN, KINDS, SPACED, Options, Values
@@ -140,18 +140,12 @@ def _references(entry) -> list[str]:
 
 
 def _row(key: str, entry: dict, whole: dict, below: list[str], required: bool) -> str:
-    words, unit = split(entry.get("description", ""))
+    words, unit = split_unit(entry.get("description", ""))
     default = "**required**" if required else _default(entry.get("default"), bool(below))
     if below and not words:
         words = _plain(whole["$defs"][below[0]]["description"]) if len(below) == 1 else "see below"
     cells = [f"`{key}`", _type(entry), default, _allowed(entry) or "–", unit or "–", words]
     return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
-
-
-def split(description: str) -> tuple[str, str]:
-    """Split a description into text and the unit in brackets at its end."""
-    found = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", description, flags=re.S)
-    return (found[1], found[2]) if found else (description, "")
 
 
 def _plain(text: str) -> str:

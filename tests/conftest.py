@@ -1,8 +1,10 @@
 """Shared assemblies, and a process in which NaN cannot pass unnoticed and no test takes a minute."""
 
 import contextlib
+import gc
 import io
 import os
+import subprocess
 import sys
 import warnings
 from types import SimpleNamespace
@@ -55,16 +57,23 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.timeout(3600))
 
 
+def pytest_collection_finish():
+    """Collect garbage rarely, and none of what modules hold: it takes a tenth of the time of the tests."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+
+
 @pytest.fixture(autouse=True)
 def _loud_floating_point():
     with np.errstate(all="raise", under="ignore"):
         yield
 
 
-# folders and files without tests of figures
+# folders and files without tests of figures; those of flows, faults and sliders are drawn in test_axes_of_figures.py
 PLAIN = {
     "hardening", "restart", "ensemble", "laws", "peers", "exchange", "lammps", "reports", "test_cli", "test_output",
-    "test_lock", "test_help",
+    "test_lock", "test_help", "test_flow", "test_fault_experiment", "test_rate_state_cli", "test_noisy_records",
 }  # fmt: skip
 _savefig = Figure.savefig
 
@@ -136,6 +145,12 @@ def stirred(state, law, rng, size=0.02, times=3):
         state = state._replace(grains=grains._replace(position=grains.position + move, angle=grains.angle + turn))
     _, trial = forces(state, law)
     return accept(state, trial)
+
+
+def stickslip_process(*arguments, cwd=None):
+    """What the command line says and returns, in a process of its own."""
+    call = [sys.executable, "-c", "from stickslip.cli import main; main()", *map(str, arguments)]
+    return subprocess.run(call, capture_output=True, text=True, cwd=cwd)
 
 
 def stickslip_here(*arguments, cwd=None):

@@ -61,13 +61,8 @@ def used(path: Path) -> frozenset[str]:
     needed, names = set(), public()
     for name, room in _imports(path).items():
         needed.add(names.get(name, room) if room in SPACES or room == name else room)
-    for node in ast.walk(_tree(path)):
-        parts = []
-        while isinstance(node, ast.Attribute):
-            parts.insert(0, node.attr)
-            node = node.value
-        if parts and isinstance(node, ast.Name) and node.id == "ss":
-            needed |= {names.get(".".join(parts[:2]), parts[0]), names.get(parts[0], parts[0])}
+    for first, second in re.findall(r"\bss\.(\w+)(?:\.(\w+))?", path.read_text(encoding="utf-8")):
+        needed |= {names.get(f"{first}.{second}" if second else first, first), names.get(first, first)}
     return frozenset(needed)
 
 

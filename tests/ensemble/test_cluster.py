@@ -116,7 +116,7 @@ def test_a_kernel_that_keeps_the_interpreter_does_not_cost_the_worker(cluster):
 
 @pytest.mark.parametrize("says", [b"", b"HTTP/1.0 400 Bad Request\r\n\r\n"], ids=["mute", "http"])
 def test_a_port_at_which_somebody_else_listens_is_given_up(monkeypatch, says):
-    monkeypatch.setattr(cluster_room, "PATIENCE", 1.0)
+    monkeypatch.setattr(cluster_room, "PATIENCE", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer():
@@ -140,6 +140,7 @@ def test_a_protocol_of_no_scheduler_is_refused():
         reach("http://127.0.0.1:8786")
 
 
+# 3 s: Dask is imported for the first time
 def test_a_scheduler_file_that_is_still_being_written_is_waited_for(tmp_path):
     path = tmp_path / "scheduler.json"
     path.write_text('{"address": ', encoding="utf-8")

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from stickslip.runs.sweep.dataset import open_sweep
+from tests.conftest import stickslip_process
 from tests.ensemble.test_ensemble import until
-from tests.published.test_disk_array import stickslip
 
 pytestmark = pytest.mark.slow  # processes of their own, each a second or two to begin
 ROOT = Path(__file__).parents[2]
@@ -44,18 +44,18 @@ def sliders(path, values="[0.3, 0.5]", seeds=2):
 
 @pytest.mark.slow
 def test_a_sweep_says_what_it_is_and_where_everything_is(tmp_path):
-    run = stickslip("run", sliders(tmp_path / "s.toml"), "--out", tmp_path / "out", "--workers", "2")
+    run = stickslip_process("run", sliders(tmp_path / "s.toml"), "--out", tmp_path / "out", "--workers", "2")
     assert run.returncode == 0, run.stderr
     assert "Sweep: 4 members, surface.mu0 (2) × seed (2)." in run.stdout
     assert "Measures of 4 of 4 members" in run.stdout
     assert "sweep.nc" in run.stdout
-    again = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
+    again = stickslip_process("run", tmp_path / "s.toml", "--out", tmp_path / "out")
     assert "4 members were already finished and not run again." in again.stdout
 
 
 def test_a_million_members_are_counted_and_estimated_first_and_not_run_unasked(tmp_path):
     scenario = sliders(tmp_path / "s.toml", "{uniform = [0.3, 0.7], number = 1000}", 1000)
-    run = stickslip("run", scenario, "--out", tmp_path / "out")
+    run = stickslip_process("run", scenario, "--out", tmp_path / "out")
     assert run.returncode == 2
     assert "Sweep: 1000000 members" in run.stdout
     assert ": about " in run.stdout
@@ -90,7 +90,7 @@ def test_many_members_are_confirmed_at_a_terminal(answer, code, tmp_path):
     ],
 )
 def test_where_nothing_can_run(words, sentence, tmp_path):
-    run = stickslip("run", sliders(tmp_path / "s.toml"), "--out", tmp_path / "out", *words)
+    run = stickslip_process("run", sliders(tmp_path / "s.toml"), "--out", tmp_path / "out", *words)
     assert run.returncode == 2
     assert sentence in run.stderr
     assert run.stderr.count("\n") == 1
@@ -99,7 +99,7 @@ def test_where_nothing_can_run(words, sentence, tmp_path):
 
 def test_a_single_run_has_nothing_for_a_cluster(tmp_path):
     scenario = ROOT / "examples" / "rate_state.toml"
-    run = stickslip("run", scenario, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
+    run = stickslip_process("run", scenario, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert run.returncode == 2
     assert "experiment = 'rate-state' is one run: leave it out" in run.stderr
 
@@ -107,18 +107,18 @@ def test_a_single_run_has_nothing_for_a_cluster(tmp_path):
 @pytest.mark.slow
 def test_a_folder_of_another_run_is_not_taken(tmp_path):
     out = tmp_path / "out"
-    assert stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", out).returncode == 0
-    run = stickslip("run", sliders(tmp_path / "s.toml"), "--out", out)
+    assert stickslip_process("run", ROOT / "examples" / "rate_state.toml", "--out", out).returncode == 0
+    run = stickslip_process("run", sliders(tmp_path / "s.toml"), "--out", out)
     assert run.returncode == 2
     assert "contains the results of a run: choose another --out" in run.stderr
-    assert stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "sweep").returncode == 0
-    run = stickslip("run", ROOT / "examples" / "rate_state.toml", "--out", tmp_path / "sweep")
+    assert stickslip_process("run", tmp_path / "s.toml", "--out", tmp_path / "sweep").returncode == 0
+    run = stickslip_process("run", ROOT / "examples" / "rate_state.toml", "--out", tmp_path / "sweep")
     assert run.returncode == 2
     assert "contains the results of a sweep" in run.stderr
 
 
 def test_a_member_that_is_no_scenario_stops_the_sweep_before_it_starts(tmp_path):
-    run = stickslip("run", sliders(tmp_path / "s.toml", '[0.3, "rough"]'), "--out", tmp_path / "out")
+    run = stickslip_process("run", sliders(tmp_path / "s.toml", '[0.3, "rough"]'), "--out", tmp_path / "out")
     assert run.returncode == 2
     assert "member surface.mu0 = rough, seed = 0: surface.mu0 = 'rough' was given" in run.stderr
     assert not (tmp_path / "out").exists()
@@ -126,7 +126,7 @@ def test_a_member_that_is_no_scenario_stops_the_sweep_before_it_starts(tmp_path)
 
 def test_members_that_fail_end_with_1_and_the_others_are_kept(tmp_path):
     (tmp_path / "s.toml").write_text(DISKS.format(mu="0.0, ").replace("60000", "200"))
-    run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out", "--workers", "2")
+    run = stickslip_process("run", tmp_path / "s.toml", "--out", tmp_path / "out", "--workers", "2")
     assert run.returncode == 1
     assert run.stderr == (
         "stickslip: 1 of 5 members failed: the others are saved; repeat the call to rerun the failed ones\n"
@@ -156,7 +156,7 @@ def test_a_sweep_that_is_stopped_goes_on_with_the_next_call(end, tmp_path):
         assert f"{kept} of 4 members are finished and saved" in out
         assert err.count("\n") == 1
         assert open_sweep(tmp_path / "out").finished.values.sum() == kept
-    again = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out", "--workers", "2")
+    again = stickslip_process("run", tmp_path / "s.toml", "--out", tmp_path / "out", "--workers", "2")
     assert again.returncode == 0, again.stderr
     assert f"{kept} members were already finished and not run again." in again.stdout
     assert open_sweep(tmp_path / "out").finished.values.all()

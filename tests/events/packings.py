@@ -21,10 +21,10 @@ _FOUND = {}
 
 
 def found(law, seed, to, **how):
-    """What `search` finds under a law of this file, once for all tests, none of which changes it."""
+    """Search for the first event under a law of this file, made once for all tests, none of which changes it."""
     key = id(law), seed, to, *sorted(how.items())
     if key not in _FOUND:
-        _FOUND[key] = search(law, seed, to, **how)
+        _FOUND[key] = search(law, seed, to, most=1, **how)
     return _FOUND[key]
 
 

@@ -24,9 +24,12 @@ def path(state, law, strains, **options):
         return ss.protocols.ramp(state, strains, ss.protocols.aqs(law, **options))
 
 
-def test_a_step_across_an_event_is_reported(state):
+def test_a_step_across_an_event_is_reported_and_the_first_warning_names_the_strain(state):
     strains = np.arange(0.0, 0.0072, 8e-4)
-    marks = [point.outcome.left for point in path(state, FRICTIONLESS, strains)]
+    with pytest.warns(UnstableEquilibriumWarning, match=r"at strain 0\.0056 the step left its branch") as caught:
+        points = ss.protocols.ramp(state, strains, ss.protocols.aqs(FRICTIONLESS))
+    assert len(caught) == 1
+    marks = [point.outcome.left for point in points]
     across = int(np.searchsorted(strains, EVENT))
     assert marks.index(True) == across
     assert sum(marks) == 1
@@ -35,13 +38,6 @@ def test_a_step_across_an_event_is_reported(state):
 def test_small_steps_away_from_events_are_not_told(state):
     points = path(state, FRICTIONLESS, np.arange(0.0, 0.0048, 2e-4))
     assert not any(point.outcome.warning for point in points)
-
-
-def test_the_first_warning_is_issued_and_names_the_strain(state):
-    protocol = ss.protocols.aqs(FRICTIONLESS)
-    with pytest.warns(UnstableEquilibriumWarning, match=r"at strain 0\.0056 the step left its branch") as caught:
-        ss.protocols.ramp(state, np.arange(0.0, 0.0072, 8e-4), protocol)
-    assert len(caught) == 1
 
 
 def test_a_path_can_stop(state):

@@ -181,17 +181,17 @@ def test_nothing_is_executed(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["p.npz", "p.h5", "p.gsd", "p.data", "m.npz"])
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999])
-def test_truncated_files_end_with_one_sentence(name, share, tmp_path):
+def test_truncated_files_end_with_one_sentence(name, tmp_path):
     ss.io.write_packing(tmp_path / name.replace("m.", "p."), spheres(), SHARP)
     modes = {"exponent": np.ones(1), "translation": np.ones((1, 64, 3)), "rotation": np.ones((1, 64, 3))}
     np.savez_compressed(tmp_path / "m.npz", **modes)
     path = tmp_path / name
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(ValueError, match=name) as problem:
-        ss.io.read_mode(path, 0, 64) if name == "m.npz" else ss.io.read_packing(path, law="linear")
-    assert "\n" not in str(problem.value)
+    for share in (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(ValueError, match=name) as problem:
+            ss.io.read_mode(path, 0, 64) if name == "m.npz" else ss.io.read_packing(path, law="linear")
+        assert "\n" not in str(problem.value)
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):

@@ -261,15 +261,15 @@ def test_broken_files_give_a_one_sentence_error(name, old, new, message, tmp_pat
     assert "\n" not in str(problem.value)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9, 0.99])
 @pytest.mark.parametrize("name", ["p.data", "p.contacts.dump"])
-def test_truncated_files_give_a_one_sentence_error(name, share, tmp_path):
+def test_truncated_files_give_a_one_sentence_error(name, tmp_path):
     ss.io.write_packing(tmp_path / "p.data", spheres(), SHARP)
     whole = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])
-    with pytest.raises(ss.packings.PackingError) as problem:
-        back(tmp_path / "p.data")
-    assert "\n" not in str(problem.value)
+    for share in (0.1, 0.3, 0.5, 0.7, 0.9, 0.99):
+        (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])
+        with pytest.raises(ss.packings.PackingError) as problem:
+            back(tmp_path / "p.data")
+        assert "\n" not in str(problem.value)
 
 
 def test_dashpots_need_velocities(tmp_path):

@@ -50,7 +50,8 @@ def said(folder, *command):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("kind", INPUTS)  # a folder of LAMMPS takes 3 s, since all commands read it
+@pytest.mark.parametrize("kind", INPUTS)
+# 3 s: all commands read a folder of LAMMPS
 def test_all_commands_and_functions_take_every_input(kind, here, tmp_path):
     place, options = INPUTS[kind]
     known = said(here, "stability", place, *options)

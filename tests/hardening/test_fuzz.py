@@ -192,11 +192,11 @@ def check_packings(count, tmp_path, capsys):
 
 
 def test_some_mutated_scenarios(tmp_path, capsys):
-    check_scenarios(120, tmp_path, capsys)
+    check_scenarios(80, tmp_path, capsys)
 
 
 def test_some_mutated_packings(tmp_path, capsys):
-    check_packings(80, tmp_path, capsys)
+    check_packings(50, tmp_path, capsys)
 
 
 def test_damaged_archives_are_closed(tmp_path, capsys):
@@ -246,7 +246,7 @@ def test_some_mutated_restart_files(tmp_path):
     assert (len(right.i), len(right.wall)) == (8, 8)
     taken, first = 0, len(memory.MAGIC + memory.HEADER_END + memory.BLOCK) + 4
     tracemalloc.start()
-    for number in range(600):
+    for number in range(300):
         if number % 3:
             place, value = first + 8 * rng.integers((len(content) - first) // 8 - 2), rng.choice(WORDS)
             changed = content[:place] + value + content[place + 8 :]
@@ -316,7 +316,7 @@ def check_foreign(count, folder):
 
 
 def test_some_damaged_files_of_other_programs(tmp_path):
-    check_foreign(200, tmp_path)
+    check_foreign(120, tmp_path)
 
 
 @pytest.mark.slow

@@ -52,8 +52,12 @@ MAKE = {
 }
 
 
-@pytest.mark.parametrize("kind", MAKE)
-@pytest.mark.parametrize("name", ["thing", "series.csv", "manifest.json", "scenario.json"])
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("thing", "device"), ("thing", "link to nothing"), ("series.csv", "pipe"), ("series.csv", "link to itself"),
+     ("manifest.json", "device"), ("manifest.json", "pipe"), ("scenario.json", "link to nothing"),
+     ("scenario.json", "device")],
+)  # fmt: skip
 @pytest.mark.parametrize("arguments", [["run", "0.toml"], ["run", "0.toml", "--overwrite"]], ids=["run", "overwrite"])
 def test_what_is_no_file_is_never_read(here, kind, name, arguments):
     (here / "out").mkdir()

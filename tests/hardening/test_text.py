@@ -118,9 +118,8 @@ def test_numbers_that_only_python_reads_are_refused_everywhere(tmp_path, number)
 
 
 @pytest.mark.parametrize("entry", ["seed = X", "samples.number = X", "samples.noise = X", "seed = [X]", "x = X"])
-@pytest.mark.parametrize("value", ["0x" + "f" * 5000, "-" + "9" * 4000, "1" + "0" * 400])
-def test_whole_numbers_that_are_read_and_too_long_for_a_sentence(tmp_path, entry, value):
-    if value.startswith("-") or "x =" not in entry:
+def test_whole_numbers_that_are_read_and_too_long_for_a_sentence(tmp_path, entry):
+    for value in ("-" + "9" * 4000, *(["0x" + "f" * 5000, "1" + "0" * 400] if "x =" not in entry else [])):
         (tmp_path / "a.toml").write_text(SLIDER + entry.replace("X", value) + "\n")
         refused("", "cite", "a.toml", cwd=tmp_path)
 
@@ -136,11 +135,11 @@ def test_whole_numbers_that_are_read_and_too_long_for_a_sentence(tmp_path, entry
         '"surface.a" = {loguniform = [1e-300, 1e300], number = 3}', '"seed" = {linspace = [0, X], number = 3}',
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("value", ["0x" + "f" * 5000, "1" + "0" * 400, "1" + "0" * 25])
-def test_huge_numbers_in_sweeps(tmp_path, entry, value):
-    (tmp_path / "a.toml").write_text(f"{SLIDER}[sweep]\n{entry.replace('X', value)}\n")
-    refused("", "run", "a.toml", "--out", "out", cwd=tmp_path)
-    assert not (tmp_path / "out").exists()
+def test_huge_numbers_in_sweeps(tmp_path, entry):
+    for value in ("0x" + "f" * 5000, "1" + "0" * 400, "1" + "0" * 25) if "X" in entry else ("",):
+        (tmp_path / "a.toml").write_text(f"{SLIDER}[sweep]\n{entry.replace('X', value)}\n")
+        refused("", "run", "a.toml", "--out", "out", cwd=tmp_path)
+        assert not (tmp_path / "out").exists()
 
 
 def test_whole_numbers_of_thousands_of_digits_in_tables(tmp_path):

@@ -1,5 +1,7 @@
 """Properties of laws: exact Jacobian, balance of energy, rows and blocks, restart, and what each of them means."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -62,8 +64,9 @@ PLANE = ("rolling", "everything", "smooth arms", "marshall", "forces and rescali
 EVERY = pytest.mark.parametrize(("name", "dim"), [*((name, 3) for name in LAWS), *((name, 2) for name in PLANE)])
 
 
+@cache
 def packed(name, dim, **more):
-    """A packing whose contacts have committed memory, far from kinks; some slide, some stick."""
+    """A packing whose contacts have committed memory, far from kinks; some slide, some stick; found once."""
     law = ss.laws.for_pair(LAWS[name](**{"mu": 0.5, "damping_n": 0.1} | more), 0, 1, mu=0.3, kn=1.3)
     for seed in range(300):
         state = stirred(make_packing(dim, seed=seed), law, np.random.default_rng(seed), size=0.05)

@@ -1,7 +1,6 @@
 """Derivatives of the deciding eigenvalue against differences of equilibria, and the probability of a verdict."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -188,9 +187,9 @@ def test_an_unstable_packing_becomes_uncertain_with_the_error(swinging):
     assert stable[0] == 0 < stable[1]
 
 
-def test_the_command_says_how_sure_it_is(tmp_path, monkeypatch):
+def test_the_command_says_how_sure_it_is(tmp_path, monkeypatch, few_spheres):
     monkeypatch.chdir(tmp_path)
-    file = str(Path(__file__).parents[2] / "examples/sheared_spheres.npz")
+    file = str(few_spheres)
     done = CliRunner().invoke(app, ["stability", file, "--position-error", "1e-7", "--json"])
     sure = json.loads(done.stdout)["position_error"]
     assert (sure["stable"], sure["samples"], len(sure["contact"])) == (0, 100, 2)

@@ -160,13 +160,13 @@ def test_a_field_without_tangential_displacement_is_fitted():
 
 @pytest.mark.parametrize("centers", [1, pytest.param(12, marks=pytest.mark.slow)])
 def test_intervals_contain_the_truth_as_often_as_they_say(centers):
-    rng, truth, draws = np.random.default_rng(1), 0.03 + 0.02j, 60
+    rng, truth, draws = np.random.default_rng(1), 0.03 + 0.02j, 40
     inside = np.zeros((draws, 2), bool)
     for draw in range(draws):
         odd = made(rng, truth, 0.01 * np.sqrt(centers), centers=centers, grains=500).fit().models[2]
         off = odd.screening - truth
         inside[draw] = np.abs([off.real, off.imag]) < odd.errors[-2:]
-    assert (inside.sum(axis=0) >= 50).all()  # of 60: 57 expected, with a standard deviation of 1.7
+    assert (inside.sum(axis=0) >= 33).all()  # of 40: 38 expected, with a standard deviation of 1.4
     assert not inside.all()
 
 

@@ -343,6 +343,7 @@ def test_grains_hide_the_lines_behind_them(side):
 
 
 @pytest.mark.parametrize("ending", [".gif", ".mp4"])
+# 3 s: a GIF of eight seconds has many frames to draw
 def test_a_movie_lasts_eight_seconds_at_any_rate(ending, folder):
     path = folder / f"film{ending}"
     out = run("movie", folder, "--out", path, "--colour", "speed", "--fps", "1")

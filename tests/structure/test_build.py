@@ -3,9 +3,11 @@
 import ctypes
 import os
 import re
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,14 +28,38 @@ SOURCES = {
 ALL = {"levels": build.LEVELS}
 
 
+FIND = cache(lambda *environment, find=build.find_compiler: find())
+
+
 @pytest.fixture
 def trial(tmp_path, monkeypatch):
-    """A folder of sources."""
+    """A folder of sources. A compiler is tried once, whichever test asks."""
     for name in ("CXX", "STICKSLIP_CORE", "STICKSLIP_LEVEL"):
         monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(build, "find_compiler", lambda: FIND(*map(os.environ.get, ("CXX", "PATH"))))
     for name, text in SOURCES.items():
         (tmp_path / name).write_text(text)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder in which `build` was called."""
+    folder = tmp_path_factory.mktemp("made")
+    for name, text in SOURCES.items():
+        (folder / name).write_text(text)
+    with pytest.MonkeyPatch.context() as now:
+        for name in ("CXX", "STICKSLIP_CORE", "STICKSLIP_LEVEL"):
+            now.delenv(name, raising=False)
+        build.build(folder)
+    return folder
+
+
+@pytest.fixture
+def built(trial, made):
+    """A copy of it."""
+    shutil.copytree(made, trial, dirs_exist_ok=True)
+    return trial
 
 
 def loaded(folder, level="base"):
@@ -82,12 +108,11 @@ def test_only_what_changed_is_compiled(trial):
     assert changed(trial, lambda: build.build(trial, **two, force=True)) == expected
 
 
-def test_only_the_level_of_this_machine_is_built_unless_others_are_asked_for(trial, monkeypatch):
-    build.build(trial)
-    best = build.usable_levels(trial)[-1]
-    libraries = sorted(path.name for path in trial.glob("core-*"))
-    assert libraries == sorted(build.library_path(name, trial).name for name in (best, build.PROBE))
-    monkeypatch.setenv("STICKSLIP_CORE", str(trial))
+def test_only_the_level_of_this_machine_is_built_unless_others_are_asked_for(built, monkeypatch):
+    best = build.usable_levels(built)[-1]
+    libraries = sorted(path.name for path in built.glob("core-*"))
+    assert libraries == sorted(build.library_path(name, built).name for name in (best, build.PROBE))
+    monkeypatch.setenv("STICKSLIP_CORE", str(built))
     monkeypatch.setattr(build, "digest", lambda: build.stamp(build.library_path(best))["digest"])
     assert build.best_level() == best
     if best == "base":
@@ -100,8 +125,8 @@ def test_only_the_level_of_this_machine_is_built_unless_others_are_asked_for(tri
     monkeypatch.delenv("STICKSLIP_LEVEL")
     build.library_path(best).unlink()  # of another machine, say, with a lower level
     monkeypatch.undo()
-    build.build(trial, levels=("base",))
-    monkeypatch.setenv("STICKSLIP_CORE", str(trial))
+    build.build(built, levels=("base",))
+    monkeypatch.setenv("STICKSLIP_CORE", str(built))
     monkeypatch.setattr(build, "digest", lambda: build.stamp(build.library_path("base"))["digest"])
     assert build.best_level() == "base"
 
@@ -148,12 +173,11 @@ def test_a_compiler_that_does_not_work_is_passed_over(trial, monkeypatch, capsys
     assert "CXX=no-such-compiler -O2 does not compile: other compilers are tried\n" in capsys.readouterr().err
 
 
-def test_another_compiler_in_cxx_builds_again(trial, monkeypatch):
-    build.build(trial)
+def test_another_compiler_in_cxx_builds_again(built, monkeypatch):
     monkeypatch.setenv("CXX", f"{build.find_compiler().command[0]} -DVERSION_OF_CXX")
-    assert "was built" in build.build(trial)
-    assert "-DVERSION_OF_CXX" in build.stamp(build.library_path(build.PROBE, trial))["command"]
-    assert "up to date" in build.build(trial)
+    assert "was built" in build.build(built)
+    assert "-DVERSION_OF_CXX" in build.stamp(build.library_path(build.PROBE, built))["command"]
+    assert "up to date" in build.build(built)
 
 
 def test_the_level_is_that_of_the_processor_or_a_lower_one(monkeypatch):
@@ -194,22 +218,21 @@ FAILS = {  # compilers that fail for one source, and what is said
 
 @pytest.mark.skipif(sys.platform != "linux", reason="shell and linker of Linux")
 @pytest.mark.parametrize("how", FAILS)
-def test_a_compiler_that_fails_leaves_the_library_and_the_next_call_builds(trial, monkeypatch, how):
+def test_a_compiler_that_fails_leaves_the_library_and_the_next_call_builds(built, monkeypatch, how):
     does, message = FAILS[how]
-    build.build(trial)
-    path = build.library_path(build.usable_levels(trial)[-1], trial)
+    path = build.library_path(build.usable_levels(built)[-1], built)
     before = path.read_bytes()
-    bad = trial / "bad"
-    good = f'[ -e {trial}/good ] && exec c++ "$@"'  # the same compiler, mended
+    bad = built / "bad"
+    good = f'[ -e {built}/good ] && exec c++ "$@"'  # the same compiler, mended
     bad.write_text(f'#!/bin/sh\n{good}\ncase "$*" in *-c*version.cpp*) {does};;\n*) exec c++ "$@";; esac\n')
     bad.chmod(0o755)
     monkeypatch.setenv("CXX", str(bad))
     with pytest.raises(build.BuildError, match=f"^the core was not built: .*{message}") as error:
-        build.build(trial)
+        build.build(built)
     assert "\n" not in str(error.value) and path.read_bytes() == before
-    assert not list(trial.rglob(".[0-9]*"))
-    (trial / "good").touch()
-    assert "was built" in build.build(trial)
+    assert not list(built.rglob(".[0-9]*"))
+    (built / "good").touch()
+    assert "was built" in build.build(built)
 
 
 @pytest.mark.parametrize("asked", ["'", "text"])
@@ -230,17 +253,16 @@ def test_a_folder_that_cannot_be_written_is_named_in_one_sentence(trial):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="files in the format of Linux")
-def test_truncated_libraries_are_built_again_and_never_loaded(trial):
+def test_truncated_libraries_are_built_again_and_never_loaded(built):
     """The system ended the process that loaded one."""
-    build.build(trial)
-    for path in trial.glob("core-*"):
+    for path in built.glob("core-*"):
         whole = path.read_bytes()
         for size in (0, 100, len(whole) // 2, len(whole) - 1):
             path.unlink()  # it may be loaded
             path.write_bytes(whole[:size])
             assert build.stamp(path) == {}
-    assert "was built" in build.build(trial)
-    assert loaded(trial, build.usable_levels(trial)[-1]).version() == 3
+    assert "was built" in build.build(built)
+    assert loaded(built, build.usable_levels(built)[-1]).version() == 3
 
 
 @pytest.mark.skipif(build.fcntl is None, reason="needs locks of files")

@@ -259,6 +259,7 @@ def run_here(*arguments, cwd=ROOT):
     return done.stdout
 
 
+# 4 s: a process of its own, into which nothing may have been imported before
 def test_the_laboratory_works_without_its_wings(few_spheres, tmp_path):
     shutil.copy(few_spheres, tmp_path / "few.npz")
     said = run_here("-c", COMMANDS, cwd=tmp_path)

@@ -10,7 +10,7 @@ from stickslip._core import build
 from stickslip.doctor import machine, report, selfcheck
 from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, compare
 from tests.conftest import stickslip_here as stickslip
-from tests.published.test_disk_array import stickslip as stickslip_process
+from tests.conftest import stickslip_process
 
 STORED = json.loads(selfcheck.STORED.read_text())
 

@@ -53,6 +53,7 @@ def follow(command, root):
     return run.stdout
 
 
+# 5 s: every example of every command runs, except dear ones
 def test_every_command_has_examples_and_fast_ones_work_as_typed(clone):
     typed = {command: examples(command) for command in COMMANDS}
     for command, lines in typed.items():

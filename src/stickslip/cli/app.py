@@ -22,6 +22,7 @@ import typer
 
 from .. import __version__
 from ..extras import MissingExtraError
+from ..wing import MissingWingError
 
 DEVICES = {"cuda": "a graphics processor of NVIDIA, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
@@ -291,8 +292,8 @@ def convert_errors():
 
     try:
         yield
-    except (ScenarioError, ArchiveError, MissingExtraError):
-        raise  # bad input found late: grains that do not fit, checkpoints of another run, missing extras
+    except (ScenarioError, ArchiveError, MissingExtraError, MissingWingError):
+        raise  # bad input found late: grains that do not fit, checkpoints of another run, missing extras and wings
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 

@@ -97,15 +97,14 @@ def simulate(
 def scenario_class(tables: dict) -> type[ScenarioBase]:
     """Return the scenario class named by `experiment`, by default that of the disk array."""
     name = tables.get("experiment", "disk-array")
+    for wing in installed().values():
+        if lacking := [need for need in wing.needs if need not in installed() and str(name) in wing.experiments]:
+            raise ScenarioError(str(missing_wing(f"experiment = {name!r}", lacking[0])))
     if not EXPERIMENTS:
         raise ScenarioError(
             f"experiment = {str(name)[:100]!r} was given, but no wing is installed: install stickslip again"
         )
     if not isinstance(name, str) or name not in EXPERIMENTS:
-        for wing in installed().values():
-            if name in wing.experiments:
-                (lacking, *_) = set(wing.needs) - set(installed())
-                raise ScenarioError(str(missing_wing(f"experiment = {name!r}", lacking)))
         near = get_close_matches(str(name).lower().replace("_", "-"), EXPERIMENTS, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise ScenarioError(

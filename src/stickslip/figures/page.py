@@ -38,14 +38,12 @@ def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] 
 
 def pictures(shown: dict[str, bytes]) -> str:
     """Embedded pictures (PNG or GIF), keyed by caption."""
-    return '<div class="figures">\n' + "\n".join(_picture(*item) for item in shown.items()) + "\n</div>"
-
-
-def _picture(caption: str, content: bytes) -> str:
-    text = escape(caption[:1].upper() + caption[1:])
-    kind = "gif" if content.startswith(b"GIF8") else "png"
-    source = f'src="data:image/{kind};base64,{base64.b64encode(content).decode()}"'
-    return f'<figure><img alt="{text}" {source}><figcaption>{text}</figcaption></figure>'
+    out = []
+    for caption, content in shown.items():
+        text, kind = escape(caption[:1].upper() + caption[1:]), "gif" if content.startswith(b"GIF8") else "png"
+        source = f'src="data:image/{kind};base64,{base64.b64encode(content).decode()}"'
+        out.append(f'<figure><img alt="{text}" {source}><figcaption>{text}</figcaption></figure>')
+    return '<div class="figures">\n' + "\n".join(out) + "\n</div>"
 
 
 def listing(text: str) -> str:

@@ -109,6 +109,7 @@ def view_data(frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: li
     for item, column in zip(out, columns, strict=True):
         item["values"] = {a["name"]: _encode(column[a["name"]][0]) for a in about}
     radius, dim = first.state.grains.radius, first.state.cell.dim
+    red, green, blue = np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(int).T
     # a motion begins with its first frame, a load path is shown at its end
     start = 0 if first.state.time < frames[-1].state.time else len(chosen) - 1
     return {
@@ -116,7 +117,7 @@ def view_data(frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: li
         "quantities": about, "mode_frame": chosen.index(at), "start": start,
         "modes": [_mode_data(m, frames[at]) for m in modes],
         "eye": view_basis(first).tolist(), "box": _bounding_box([frames[k] for k in chosen]), "fov": FOV[dim],
-        "map": _viridis().tolist(),
+        "map": (red << 16 | green << 8 | blue).tolist(),  # 0xrrggbb
         "colours": {"stick": _to_int(BLUE), "slide": _to_int(RED), "kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
@@ -240,9 +241,3 @@ def _decode(text: str, kind=np.float32) -> np.ndarray:
 
 def _to_int(color: str) -> int:
     return int(color[1:], 16)
-
-
-def _viridis() -> np.ndarray:
-    """The 256 colours of viridis as 0xrrggbb."""
-    red, green, blue = np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(int).T
-    return red << 16 | green << 8 | blue

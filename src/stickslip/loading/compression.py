@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
 from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, checked, require_index
 from ..core.contacts.forces import forces
@@ -145,7 +145,7 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
             f"pressure = {pressure:g} was given: its contact forces of {force:.2g} are too small for a tolerance of "
             f"{tolerance:g}; give a pressure of at least {RESOLVED * tolerance / area:.2g}, or a smaller tolerance"
         )
-    overlap = brentq(lambda x: _force_between(start, law, x) - force, 0.0, depth, rtol=1e-6, xtol=1e-300)
+    overlap = scipy.optimize.brentq(lambda x: _force_between(start, law, x) - force, 0.0, depth, rtol=1e-6, xtol=1e-300)
     slope = (_force_between(start, law, 1.01 * overlap) - force) / (0.01 * overlap)
     time, dt = np.sqrt(grains.mass.mean() * diameter / force), SHARE * stable_time_step(_pair(start, overlap), law)
     scales = Scales(force, float(time), slope * diameter / force, dt)

@@ -4,7 +4,7 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.memory import FREE
@@ -234,7 +234,7 @@ def _power(x: np.ndarray, y: np.ndarray) -> float:
     def excess(p: float) -> float:
         return float(np.log(np.expm1(p * near) / -np.expm1(-p * far)) if p else np.log(near / far)) - wanted
 
-    return brentq(excess, -STEEPEST, STEEPEST) if excess(-STEEPEST) < 0 < excess(STEEPEST) else np.nan
+    return scipy.optimize.brentq(excess, -STEEPEST, STEEPEST) if excess(-STEEPEST) < 0 < excess(STEEPEST) else np.nan
 
 
 def _classify(event: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
 from ..core.arguments import Positive, Seed, Values, checked, require_index
 from ..core.contacts.forces import accept, forces
@@ -298,7 +298,7 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
         return elastic_energy(accept(here, trial), law) / scale, -loads.force[:n, :dim].ravel() * length / scale
 
     with one_thread():  # many tiny systems: on a busy machine threads of BLAS would take ten times as long
-        best = minimize(
+        best = scipy.optimize.minimize(
             energy,
             state.grains.position[:, :dim].ravel() / length,
             jac=True,

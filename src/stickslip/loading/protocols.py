@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
 from ..core.arguments import NotNegative, Positive, Seed, Series, Several, checked
 from ..core.contacts.neighbors import with_neighbor_list
@@ -338,7 +338,7 @@ def fit_growth(
     # the misfit has a minimum every π/T in frequency: first evaluate all of them near the guess
     trials = frequency + np.arange(-within * frequency, within * frequency, np.pi / (4 * t[-1]))
     nearest = min(trials, key=lambda f: np.sum(misfit((growth_rate, f)) ** 2))
-    best = least_squares(misfit, [growth_rate, nearest], x_scale=[growth_rate * 1e-2, frequency * 1e-5])
+    best = scipy.optimize.least_squares(misfit, [growth_rate, nearest], x_scale=[growth_rate * 1e-2, frequency * 1e-5])
     return Growth(
         float(best.x[0]),
         float(best.x[1]),

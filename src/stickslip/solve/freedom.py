@@ -89,10 +89,11 @@ class Freedom(NamedTuple):
         """Freedom with the given bodies, (B,) bool, held fixed."""
         return self.only(~np.append(bodies, False)[self.body])
 
-    def only(self, kept: np.ndarray) -> "Freedom":
-        """Freedom of the coordinates of a mask (n,); all others are prescribed."""
+    def only(self, kept: np.ndarray, length: float | None = None) -> "Freedom":
+        """Freedom of the coordinates of a mask (n,), all others are prescribed; without the cell, its length is 0."""
+        length = self.length if length is None else length
         number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-        return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], self.length)
+        return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], length)
 
 
 @checked

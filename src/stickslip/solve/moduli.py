@@ -173,9 +173,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     tensor = affine + unit * (matrix[cell][:, grain] @ motion)
     shape = (dim,) * 4
     moved = free.length * motion.reshape(len(grain), dim, dim)
-    return ElasticModuli(
-        tensor.reshape(shape), affine.reshape(shape), moved, free.only(free.axis < 6)._replace(length=0.0)
-    )
+    return ElasticModuli(tensor.reshape(shape), affine.reshape(shape), moved, free.only(free.axis < 6, 0.0))
 
 
 def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:

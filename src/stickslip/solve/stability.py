@@ -249,12 +249,7 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
     (state, law, line, rows, loose), free = here, here.backbone
     size = len(free)
     if not size:
-        gap, count = -overlaps(state), int(state.contacts.count[0])
-        radius = np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
-        small = np.minimum(radius[state.contacts.i[:count]], radius[state.contacts.j[:count]])
-        close = int(((gap > 0) & (gap < NEAR * small)).sum())
-        told = "as of rigid grains, whose forces must come with them"
-        near = f", and {close} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if close else ""
+        near = _near_contacts(state)
         raise ValueError(f"the packing has only rattlers{near}: stability needs grains that support each other")
     residual, moves = force_imbalance(here), motion_imbalance(here)
     causes = () if max(residual, moves) <= BALANCED_BELOW else causes_of_imbalance(here)
@@ -288,6 +283,16 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
         pairs=-(s[swings] ** 2), negative=-(s[~swings].real ** 2), modes=modes[:, np.argsort(~swings, kind="stable")],
         scope=join_scopes(near, result.scope if near else unloaded), undamped=result, slowest=slowest,
     )  # fmt: skip
+
+
+def _near_contacts(state: State) -> str:
+    """Sentence on grains that nearly touch, as rigid ones do; empty for others."""
+    gap, size = -overlaps(state), np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
+    count = int(state.contacts.count[0])
+    small = np.minimum(size[state.contacts.i[:count]], size[state.contacts.j[:count]])
+    near = int(((gap[:count] > 0) & (gap[:count] < NEAR * small)).sum())
+    told = "as of rigid grains, whose forces must come with them"
+    return f", and {near} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if near else ""
 
 
 def _cheapest_way(method: str, size: int) -> str:

@@ -40,7 +40,9 @@ stations = [0.0, 1500.0]
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("fault")
     (place / "small.toml").write_text(SMALL)
-    run = stickslip("run", place / "small.toml", "--out", place / "out")
+    with pytest.MonkeyPatch.context() as now:
+        now.setattr(Figure, "savefig", save_noise)  # the figures of faults are drawn in test_axes_of_figures.py
+        run = stickslip("run", place / "small.toml", "--out", place / "out")
     assert run.returncode == 0, run.stderr
     assert "earthquakes can nucleate" in " ".join(run.stdout.split())
     return place / "out"
@@ -131,7 +133,6 @@ def test_steps_have_the_tolerance_of_the_scenario(result, monkeypatch):
 
 
 def test_two_states_in_files_and_datasets(tmp_path, monkeypatch):
-    monkeypatch.setattr(Figure, "savefig", save_noise)
     two = 'law = "slip"\nb = 0.012\nb2 = 0.004\ndc2 = 5e-3'
     (tmp_path / "s.toml").write_text(SMALL.replace("[friction]", f"[friction]\n{two}").replace("60.0", "8.0"))
     monkeypatch.setattr(room, "PART", 3.0)
@@ -197,9 +198,7 @@ def test_measures_are_averages_over_settled_events(result):
     [
         ({"friction": {"dc": 1e-3}}, "cell = 50 m was given, but the cohesive length G D_c/(b σ) is 42.72 m"),
         ({"friction": {"a": ((3e3, 0.01), (1e3, 0.02))}}, "the depths of a are not in order at 1000"),
-        ({"friction": {"b": -0.1}}, "friction.b"),
         ({"friction": {"b2": 0.001}}, "b2 was given without dc2"),
-        ({"friction": {"law": "ageing"}}, "friction.law"),
         ({"run": {"stations": (50e3,)}}, "run.stations contains 50000 m"),
         ({"run": {"threshold": 1e-10}}, "it must exceed loading.plate_rate"),
         ({"line": {"boundary": "periodic"}}, "thickness = inf"),
@@ -213,8 +212,7 @@ def test_bad_scenarios_are_refused_with_one_sentence(change, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_fault_that_cannot_nucleate_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(Figure, "savefig", save_noise)
+def test_a_fault_that_cannot_nucleate_says_so(tmp_path):
     (tmp_path / "s.toml").write_text(SMALL.replace("years = 60.0", "years = 5.0").replace("0.010", "0.020"))
     run = stickslip("run", tmp_path / "s.toml", "--out", tmp_path / "out")
     assert run.returncode == 0, run.stderr

@@ -116,9 +116,8 @@ def test_percentiles_hold_the_truth_in_a_few_records():
 
 def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
     data, known = record(7, number=60), {"a": TRUE.a, "mu0": TRUE.mu0}
-    sampled, same, other = (posterior(data, law="slip", fixed=known, seed=seed) for seed in (0, 0, 1))
+    sampled, same = (posterior(data, law="slip", fixed=known) for _ in range(2))
     assert np.array_equal(sampled.draws, same.draws)
-    assert not np.array_equal(sampled.draws[:10], other.draws[:10])
     for k, name in enumerate(sampled.names):
         share = np.mean(sampled.draws[:, k] < sampled.percentiles[name][1])
         assert share == pytest.approx(0.16, abs=0.03)

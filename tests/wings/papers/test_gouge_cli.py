@@ -52,11 +52,9 @@ def ran():
 
 
 @pytest.mark.timeout(300)  # another process compiles
+# 6 s: a sample with all kinds of tests, and figures that are drawn
 def test_a_run_leaves_figures_series_and_numbers(tmp_path, monkeypatch):
-    """And says how long it will take, and what is out of range; a second run takes what is there.
-
-    5 s, for a sample with all kinds of tests and figures that are drawn.
-    """
+    """And says how long it will take, and what is out of range; a second run takes what is there."""
     file, out = tmp_path / "gouge.json", tmp_path / "out"
     file.write_text(small().text)
     done = stickslip("run", file, "--out", out, "--workers", "1")

@@ -11,7 +11,7 @@ from stickslip.wings.status.matrices import linear_system, stiffness_matrix
 from stickslip.wings.status.rigidity import IDLE, RIGID, mechanisms, rigid_rotation
 from stickslip.wings.status.system import pinned_coordinates
 
-N, ARM = 60, 3.0  # with 30 disks, walls of which few disks hold turn by mechanisms of their own
+N, ARM = 45, 3.0  # with 30 disks, walls of which few disks hold turn by mechanisms of their own
 
 
 @cache
@@ -87,6 +87,7 @@ def test_without_turning_nothing_changes():
     assert np.array_equal(pinned_coordinates(more), pinned_coordinates(plain))
 
 
+# 4 s: boxes at two pressures, of which one is for this test alone
 def test_the_rigid_rotation_costs_the_square_of_the_overlap():
     pressures, quotients = np.array([1e-3, 1e-5]), []
     for pressure in pressures:

@@ -19,6 +19,7 @@ from ...core.state import State
 from ...core.units import Units
 from ...wing import FileFormat, Wing, wings
 from .. import archive
+from ..atomic import replace_atomically
 from ..sample import (
     COLUMNS,
     LAW,
@@ -118,7 +119,8 @@ def writers_of_wings() -> dict[str, Callable]:
 
 
 def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]) -> list[str]:
-    return list(wing.function(form.write)(path, frames))
+    with replace_atomically(path) as part:
+        return list(wing.function(form.write)(part, frames))
 
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
