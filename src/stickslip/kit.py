@@ -5,7 +5,7 @@ Wings and their experiments
     Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
-    lazy_function, result_of    functions that are imported late; decorator of the class of results
+    lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
     Quantity, Quantities, Measures, Estimate, estimate, median      tables of quantities, from which outputs follow
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
@@ -15,7 +15,7 @@ Scenarios
     ScenarioBase, ScenarioTable, validate_scenario      classes of scenarios and of their tables
     Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     kinds of values
     LawTable, PackingLaw, allow_laws, make_law, Packing, make_packing       tables of laws and of packings
-    Size, require_sizes, sizes  limits of memory, before anything is allocated
+    Size, require_sizes         limits of memory, before anything is allocated
     LIMITS, STATE               largest sizes, memory of a saved state for each grain [bytes]
     law_references              references of a law
     require_lammps_for_ranks    check of the engine

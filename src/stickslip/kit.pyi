@@ -12,7 +12,6 @@ from .cli.app import finish as finish
 from .cli.app import number_option as number_option
 from .cli.packings import PackingOptions as PackingOptions
 from .cli.packings import in_units_of_packing as in_units_of_packing
-from .core import sizes as sizes
 from .core.arguments import FILLED as FILLED
 from .core.arguments import NOT_NEGATIVE as NOT_NEGATIVE
 from .core.arguments import POSITIVE as POSITIVE
@@ -143,6 +142,7 @@ from .experiments.experiment import Experiment as Experiment
 from .experiments.experiment import Paper as Paper
 from .experiments.experiment import Reproduction as Reproduction
 from .experiments.experiment import lazy_function as lazy_function
+from .experiments.experiment import lazy_functions as lazy_functions
 from .experiments.experiment import result_of as result_of
 from .experiments.quantities import Estimate as Estimate
 from .experiments.quantities import Measures as Measures

@@ -136,3 +136,8 @@ def lazy_function(package: str, path: str) -> Callable:
     call.__name__, call.__qualname__ = name, f"{package}.{path}"
     call.resolve = resolve  # type: ignore[attr-defined]
     return call
+
+
+def lazy_functions(package: str, module: str, *names: str) -> dict[str, Callable]:
+    """Return several functions of one module by name, each as `lazy_function` does."""
+    return {name: lazy_function(package, f"{module}.{name}") for name in names}

@@ -169,13 +169,13 @@ def test_a_front_starts_where_most_realizations_start(first, measured):
 def test_powers_of_the_push_and_the_ratio_of_both_fronts(monkeypatch):
     loads = (0.083, 0.087, 0.09, 0.12)
     main = Made(sliding={load: load for load in loads})
-    monkeypatch.setattr(claims_of_motion, "forward_front", lambda _, load: front(range(3), speed=load**3))
+    forward = {load: front(range(3), speed=load**3) for load in loads}
     monkeypatch.setattr(claims_of_motion, "backward_front", lambda _, t, load: front(range(3), speed=0.08))
-    first, second, ratio = claims_of_motion._dependences(main)
+    first, second, ratio = claims_of_motion._dependences(main, forward)
     assert first.measured is True and "3.00 ±" in first.note
     assert second.measured == pytest.approx(0.0, abs=1e-9) and second.verdict == REPRODUCED and ratio.measured is True
     monkeypatch.setattr(claims_of_motion, "backward_front", lambda _, t, load: front(range(3), speed=2 * load[0] ** 3))
-    _, second, ratio = claims_of_motion._dependences(main)
+    _, second, ratio = claims_of_motion._dependences(main, forward)
     assert second.measured == pytest.approx(3.0) and second.verdict == NOT_REPRODUCED and ratio.measured is False
 
 

@@ -101,18 +101,14 @@ COLUMNS = (
 def write_page(path: Path, place: Path, table: Path, done: Progress, how: dict) -> None:
     """Write the page; it reloads itself only while the simulation may be running."""
     rows = [row for _, row in sorted(done.rows.items())]
+    now = time.strftime("%Y-%m-%d %H:%M:%S")
+    live = f"written at {now}; this page reloads every {RELOAD} s" if done.live else f"ended at {now}"
     text = page.page(
-        f"Watching {place.resolve().name}", _about(done), _sections(rows, table, done, how),
+        f"Watching {place.resolve().name}", f"stickslip {__version__}, {live}", _sections(rows, table, done, how),
         reload=RELOAD if done.live else None,
     )  # fmt: skip
     with staged_file(path) as part:
         part.write_bytes(text.encode())
-
-
-def _about(done: Progress) -> str:
-    now = time.strftime("%Y-%m-%d %H:%M:%S")
-    live = f"written at {now}; this page reloads every {RELOAD} s" if done.live else f"ended at {now}"
-    return f"stickslip {__version__}, {live}"
 
 
 def _sections(rows: list[Row], table: Path, done: Progress, how: dict) -> list[tuple[str, str]]:
@@ -120,7 +116,10 @@ def _sections(rows: list[Row], table: Path, done: Progress, how: dict) -> list[t
     sections = [("Newest frame", _newest(usable[-1], done) if usable else page.paragraph("No frame yet.", kind="soft"))]
     if usable:
         sections.append(("Charts", _charts(usable)))
-        sections.append(("Frames", _frame_table(rows, table)))
+        lines = [[str(row.step), *cells(row), verdict_word(row)] for row in reversed(rows[-ROWS:])]
+        frames = page.table(list(COLUMNS), lines, classes=dict.fromkeys(COLUMNS[:-1], "number"))
+        rest = f"And {len(rows) - ROWS} earlier ones" if len(rows) > ROWS else "All frames with all measures"
+        sections.append(("Frames", frames + page.paragraph(f"{rest} in {table.name}.", kind="soft")))
     facts = [["law", how["law"]], *(["note", line] for line in done.notes)]
     return [*sections, ("Conditions", page.table(["", "value"], facts))]
 
@@ -158,13 +157,6 @@ def _charts(rows: list[Row]) -> str:
 def _series(rows: list[Row], name: str) -> np.ndarray:
     values = [getattr(row, name) for row in rows]
     return np.array([np.nan if value is None else value for value in values], float)
-
-
-def _frame_table(rows: list[Row], table: Path) -> str:
-    lines = [[str(row.step), *cells(row), verdict_word(row)] for row in reversed(rows[-ROWS:])]
-    text = page.table(list(COLUMNS), lines, classes=dict.fromkeys(COLUMNS[:-1], "number"))
-    rest = f"and {len(rows) - ROWS} earlier ones" if len(rows) > ROWS else "all frames with all measures"
-    return text + page.paragraph(f"{rest[:1].upper() + rest[1:]} in {table.name}.", kind="soft")
 
 
 def cells(row: Row) -> list[str]:

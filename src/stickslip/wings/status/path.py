@@ -341,15 +341,11 @@ def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tu
     after = state.contacts
     if after is before:
         return place, wedge
-    marks = [_transfer_marks(mark, before, after) & (after.mode != OPEN) for mark in (place.parted, place.fresh)]
-    return place._replace(state=state, parted=marks[0], fresh=marks[1]), wedge
-
-
-def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
-    """Marks of contacts transferred to another list by their keys."""
-    out = np.zeros(len(after.mode), bool)
-    out[: int(after.count[0])] = np.isin(after.key[: int(after.count[0])], before.key[np.flatnonzero(mark)])
-    return out
+    known, marks = after.key[: int(after.count[0])], np.zeros((2, len(after.mode)), bool)
+    for row, mark in zip(marks, (place.parted, place.fresh), strict=True):
+        row[: len(known)] = np.isin(known, before.key[np.flatnonzero(mark)])
+    parted, fresh = marks & (after.mode != OPEN)
+    return place._replace(state=state, parted=parted, fresh=fresh), wedge
 
 
 def _path_point(place: PathState, law: Law, load: float) -> PathPoint:

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function, lazy_functions
 from .scenario import DiskArrayScenario
 
 _here = partial(lazy_function, __name__)
@@ -24,14 +24,9 @@ EXPERIMENT = Experiment(
     scenario=DiskArrayScenario,
     words="Charan et al. 2020: ten disks pushed along a substrate",
     simulate=_here("simulate.simulate_with_sensitivity"),
-    numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
+    **lazy_functions(__name__, "report", "numbers", "measures", "show", "figures", "files", "failures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"transition\.gif",),
-    failures=_here("report.failures"),
     device=True,
     smallest=(SMALLEST,),
     paper=Paper(

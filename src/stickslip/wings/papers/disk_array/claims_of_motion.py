@@ -71,10 +71,11 @@ MUCH = 10.0  # "much faster": the paper's own numbers differ by a factor of 27 t
 
 def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
     """Evaluate the statements for the main scenario."""
-    forward = {load: forward_front(main, main.sliding[load]) for load in FRONT_LOADS}
+    forward = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
     return [
-        *_front_claims(main), *_ratio_claims(main), *_starts(main), _order(forward), _linear(main),
-        *_dependences(main), _drift(main),
+        *_front_claims(main, forward), *_ratio_claims(main), *_starts(main),
+        _order({load: forward[load] for load in FRONT_LOADS}), _linear(forward), *_dependences(main, forward),
+        _drift(main),
     ]  # fmt: skip
 
 
@@ -100,10 +101,10 @@ def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Fron
     ]  # fmt: skip
 
 
-def _front_claims(main: DiskArrayResult) -> list[Claim]:
+def _front_claims(main: DiskArrayResult, forward: dict[float, Front | None]) -> list[Claim]:
     out = []
     for load, paper in V1.items():
-        front = forward_front(main, main.sliding[load])
+        front = forward[load]
         said = 'Fig 5: "0.0014 ± 0.00013, 0.0022 ± 0.00015 and 0.0028 ± 8e-5"'
         note = _count_realizations(front, main, [load]) if front else ""
         out += _speed_claims(f"forward-front-speed-{load:.3f}", "", said, paper, front, note)
@@ -196,10 +197,9 @@ def halves_ratio(front: Front) -> float:
     return float(d[k] / t[k] * (t[-1] - t[k]) / (d[-1] - d[k]))
 
 
-def _linear(main: DiskArrayResult) -> Claim:
+def _linear(forward: dict[float, Front | None]) -> Claim:
     """Claim that the speed of the forward front is constant along the row."""
-    fronts = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
-    ratios = {load: halves_ratio(front) for load, front in fronts.items() if front}
+    ratios = {load: halves_ratio(front) for load, front in forward.items() if front}
     return claim(
         "forward-front-linear", 'Fig 5: Eq 9, "V_1(F_x) × (τ_i − τ_1) ≈ x_i"', 1.0,
         float(np.mean(list(ratios.values()))) if ratios else None, "1", TOLERANCE["front"],
@@ -210,9 +210,8 @@ def _linear(main: DiskArrayResult) -> Claim:
     )  # fmt: skip
 
 
-def _dependences(main: DiskArrayResult) -> list[Claim]:
+def _dependences(main: DiskArrayResult, forward: dict[float, Front | None]) -> list[Claim]:
     """Claims that V_1 depends on F_x and V_2 does not, by p in V ∝ F_x^p, and that V_2 is much faster."""
-    forward = {load: forward_front(main, ensemble) for load, ensemble in main.sliding.items()}
     backward = {load: backward_front(main, V2_THRESHOLD, [load]) for load in main.sliding}
     (p1, e1), (p2, e2) = (_power_of_push(fronts) for fronts in (forward, backward))
     ratios = {load: backward[load].speed / forward[load].speed for load in FRONT_LOADS

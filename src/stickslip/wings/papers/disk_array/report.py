@@ -14,23 +14,13 @@ from .claims_of_motion import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_TH
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .simulate import DiskArrayResult, point_at_load
 
-FIGURES = (
-    "fig2_complex_pairs.png",
-    "fig3_mean_square_displacement.png",
-    "fig4_trajectory.png",
-    "fig5_fronts.png",
-    "fig6_y_mode.png",
-    "fig7_center_of_mass.png",
-    "fig8_static_and_kinetic.png",
-)
-
 
 def figures(result: DiskArrayResult):
     """Yield (file name, Figure) for each figure of a run."""
     slid = [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
     if result.trajectory:
         slid = [result.trajectory.load]
-    yield FIGURES[0], figures_of.complex_pairs({"": result})
+    yield "fig2_complex_pairs.png", figures_of.complex_pairs({"": result})
     point = point_at_load(result.path, slid[0]) if slid else result.path[-1]
     loads, line = list(result.sliding)[:4], velocity_line(result)
     yield from _figures(result, point, loads, line, center_load=slid[0] if slid else None)
@@ -51,10 +41,10 @@ def paper_figures(reproduction: Reproduction):
     """Yield (file name, Figure) for each figure of the paper's reproduction."""
     main, quarter = reproduction.main, reproduction.quarter
     both = {"printed model, $I_0$ = 1/2": main, "hypothesis: disk–disk stiffness $k_n$/4, $I_0$ = 1": quarter}
-    yield FIGURES[0], figures_of.complex_pairs(both, IM_LAMBDA)
+    yield "fig2_complex_pairs.png", figures_of.complex_pairs(both, IM_LAMBDA)
     point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
-    yield FIGURES[6], common_figures.static_and_kinetic(reproduction.threshold, label="$F_x$")
+    yield "fig8_static_and_kinetic.png", common_figures.static_and_kinetic(reproduction.threshold, label="$F_x$")
 
 
 def paper_numbers(reproduction: Reproduction) -> dict:
@@ -73,18 +63,18 @@ def paper_failures(reproduction: Reproduction) -> tuple[str, ...]:
 
 def _figures(result: DiskArrayResult, point, front_loads, line, *, center_load: float | None, printed=None):
     if result.free_runs:
-        yield FIGURES[1], figures_of.mean_square_displacement(result)
+        yield "fig3_mean_square_displacement.png", figures_of.mean_square_displacement(result)
     if result.trajectory:
-        yield FIGURES[2], figures_of.trajectory(result, min(3, result.scenario.array.disks - 1))
+        yield "fig4_trajectory.png", figures_of.trajectory(result, min(3, result.scenario.array.disks - 1))
     if front_loads:
         thresholds = result.scenario.sliding.thresholds
         threshold = V2_THRESHOLD if V2_THRESHOLD in thresholds else thresholds[0]
         forward = {load: forward_front(result, result.sliding[load]) for load in front_loads}
         backward = backward_front(result, threshold, front_loads)
-        yield FIGURES[3], figures_of.traveling_fronts(forward, backward, threshold)
-    yield FIGURES[4], figures_of.mode_shape(point.spectrum, y_mode(point.spectrum))
+        yield "fig5_fronts.png", figures_of.traveling_fronts(forward, backward, threshold)
+    yield "fig6_y_mode.png", figures_of.mode_shape(point.spectrum, y_mode(point.spectrum))
     if center_load is not None:
-        yield FIGURES[5], figures_of.center_of_mass(result, center_load, line, printed)
+        yield "fig7_center_of_mass.png", figures_of.center_of_mass(result, center_load, line, printed)
 
 
 def numbers(result: DiskArrayResult) -> dict:
@@ -98,33 +88,21 @@ def _numbers(result: DiskArrayResult) -> dict:
     eigenvalues = np.full((len(path), most), np.nan, complex)
     for k, point in enumerate(path):
         eigenvalues[k, : len(point.spectrum.eigenvalues)] = point.spectrum.eigenvalues
+    ramp = {"load": np.array([p.load for p in path]), "eigenvalues": eigenvalues}
+    ramp["residual"] = np.array([p.outcome.residual for p in path])
+    families = {}
+    for k, f in enumerate(result.families):
+        birth, death = (change.load if change else np.nan for change in (f.birth, f.death))
+        pair = {"load": f.loads, "eigenvalues": f.eigenvalues, "birth": birth, "death": death}
+        families[f"{k:02d}"] = Fields(pair, Family)
     kept = sorted({0.0, *result.free_runs, *result.sliding, path[-1].load})
     frames = {f"{load:.6f}": point_at_load(path, load).state for load in kept}
     return {
         "scenario": result.scenario.text,
         "law": result.law,
         "pressed": result.pressed,
-        "ramp": Fields(
-            {
-                "load": np.array([p.load for p in path]),
-                "eigenvalues": eigenvalues,
-                "residual": np.array([p.outcome.residual for p in path]),
-            },
-            Spectrum,
-            Outcome,
-        ),
-        "families": {
-            f"{k:02d}": Fields(
-                {
-                    "load": f.loads,
-                    "eigenvalues": f.eigenvalues,
-                    "birth": f.birth.load if f.birth else np.nan,
-                    "death": f.death.load if f.death else np.nan,
-                },
-                Family,
-            )
-            for k, f in enumerate(result.families)
-        },
+        "ramp": Fields(ramp, Spectrum, Outcome),
+        "families": families,
         "frames": frames,
         "free_runs": {f"{load:.6f}": archive_fields(free) for load, free in result.free_runs.items()},
         "trajectory": archive_fields(result.trajectory) if result.trajectory else {},

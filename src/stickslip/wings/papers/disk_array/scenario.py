@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from ....kit import (
+    STATE,
     Duration,
     Finite,
     Listed,
@@ -19,7 +20,6 @@ from ....kit import (
     Seed,
     Several,
     Size,
-    sizes,
 )
 
 
@@ -146,7 +146,7 @@ class DiskArrayScenario(ScenarioBase):
         load, disks, dt = self.load, self.array.disks, self.dynamics.dt
         steps = sum(abs(b - a) for a, b in pairwise(load.push)) / load.step
         yield Size("load.push takes", steps, "load steps", "use a larger load.step")
-        memory = steps * (16 * (3 * disks) ** 2 + sizes.STATE * disks)
+        memory = steps * (16 * (3 * disks) ** 2 + STATE * disks)
         yield Size("spectra along the path take", memory, "bytes", "use a larger load.step")
         yield Size("relaxation.steps allows", self.relaxation.steps, "time steps", "use fewer")
         for name, table in (("dynamics", self.dynamics), ("sliding", self.sliding)):

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function, lazy_functions
 from ...faults.friction.laws import REFERENCES
 from .scenario import GougeScenario
 
@@ -39,15 +39,10 @@ EXPERIMENT = Experiment(
     scenario=GougeScenario,
     words="Ferdowsi & Rubin 2021: fault gouge",
     simulate=_here("simulate.simulate_gouge"),
-    numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
+    **lazy_functions(__name__, "report", "numbers", "measures", "show", "figures", "files", "announce"),
     references=references,
-    files=_here("report.files"),
     writes=(r"(series|curves|slips|steps_\d+_\d+)\.csv",),
     export=_here("simulate.export"),
-    announce=_here("report.announce"),
     device=True,
     smallest=(SMALLEST,),
     paper=Paper(

@@ -229,7 +229,9 @@ def stick_slip(
         below.plot(x[[0, -1]], [test.velocity] * 2, "--", color=style.BLACK, lw=0.8)
     mine = slips.realization == realization.seed
     x = slips.load_point[mine] / diameter
-    start = np.interp(x, *_joined_slides(realization, diameter))
+    series = [test.series for test in realization.of("slide")]
+    moved, friction = (np.concatenate([getattr(s, name) for s in series]) for name in ("load_point", "friction"))
+    start = np.interp(x, moved / diameter, friction)
     above.vlines(x, start - slips.drop[mine], start, color=style.RED, lw=0.8, label="drop in a slip")
     below.plot(x, slips.velocity[mine], ".", color=style.RED, ms=4, label="largest velocity of a slip")
     below.plot([], [], "--", color=style.BLACK, lw=0.8, label="load point")
@@ -239,9 +241,3 @@ def stick_slip(
     style.legend_above(above)
     style.legend_above(below)
     return figure
-
-
-def _joined_slides(realization, diameter: float):
-    """Displacement of the load point and friction of all slides, one after another."""
-    series = [test.series for test in realization.of("slide")]
-    return np.concatenate([s.load_point for s in series]) / diameter, np.concatenate([s.friction for s in series])

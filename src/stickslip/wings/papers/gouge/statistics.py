@@ -71,8 +71,7 @@ class Curve(NamedTuple):
     @property
     def units(self) -> np.ndarray:
         """Independent curves, shape (U, G): those of samples, or of branches if there are fewer than three samples."""
-        means = self.means
-        return means if len(means) >= LEAST else self.rows
+        return self.means if len(self.means) >= LEAST else self.rows
 
     def at(self, x: float) -> Number:
         """Return the mean at the grid point nearest to x."""
@@ -88,10 +87,8 @@ def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
     """Return function(mean) of branches, given as rows (R, G), with its bootstrap error."""
     groups = [rows[seeds == seed] for seed in np.unique(seeds)]
     means = np.array([group.mean(axis=0) for group in groups])
-    value, alike = (
-        float(function(means.mean(axis=0))),
-        intraclass_correlation([[float(function(row)) for row in g] for g in groups]),
-    )
+    value = float(function(means.mean(axis=0)))
+    alike = intraclass_correlation([[float(function(row)) for row in g] for g in groups])
     units = means if len(means) >= LEAST else rows
     count, wider = len(units), 1.0
     if count == 1:
@@ -134,19 +131,10 @@ def combine(numbers: list[Number], function: Callable) -> Number:
     if min(len(n.draws) for n in numbers) == 0:
         return Number(value, np.nan, first.samples, first.branches, np.zeros(0))
     draws = np.array([function(draw) for draw in np.array([n.draws for n in numbers]).T])
-    wider = max(_widening(n) for n in numbers)
+    # the largest factor by which the error of a number exceeds the scatter of its draws
+    plain = [_with_bootstrap_error(n).error for n in numbers]
+    wider = max(n.error / alone if alone > 0 else 1.0 for n, alone in zip(numbers, plain, strict=True))
     return _with_bootstrap_error(Number(value, np.nan, first.samples, first.branches, draws, first.alike), wider)
-
-
-def _widening(number: Number) -> float:
-    """Factor by which the error of a number exceeds the scatter of its draws."""
-    plain = _with_bootstrap_error(number).error
-    return number.error / plain if plain > 0 else 1.0
-
-
-def average(numbers: list[Number]) -> Number:
-    """Return the mean of numbers of one result."""
-    return combine(numbers, np.mean)
 
 
 def slope(x, numbers: list[Number]) -> Number:

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function, lazy_functions
 from .scenario import QuasiScenario
 
 _here = partial(lazy_function, __name__)
@@ -30,12 +30,8 @@ EXPERIMENT = Experiment(
     scenario=QuasiScenario,
     words="McNamara & Herrmann 2006: disks under biaxial load",
     simulate=_here("simulate.simulate_quasi"),
-    numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
+    **lazy_functions(__name__, "report", "numbers", "measures", "show", "figures", "files"),
     references=references,
-    files=_here("report.files"),
     writes=(r"(series|collapses)\.csv",),
     smallest=(SMALLEST, BETWEEN_WALLS),
     paper=Paper(

@@ -178,13 +178,8 @@ def follow_motion(state: State, law: Law, push: np.ndarray, time: float) -> Grow
         speed.append(float(np.hypot(np.linalg.norm(here.grains.velocity[0]), RADIUS * here.grains.spin[0, 2])))
     t, v = np.array(elapsed), np.array(speed)
     late = v > v[-1] / 10**DECADES
-    return Growth(
-        t, v, _slope(np.log(t), np.log(v)), _slope(t[late], np.log(v[late])), float(np.sqrt(max(-lowest, 0.0)))
-    )  # fmt: skip
-
-
-def _slope(x: np.ndarray, y: np.ndarray) -> float:
-    return float(np.polyfit(x, y, 1)[0])
+    power, rate = (float(np.polyfit(x, y, 1)[0]) for x, y in ((np.log(t), np.log(v)), (t[late], np.log(v[late]))))
+    return Growth(t, v, power, rate, float(np.sqrt(max(-lowest, 0.0))))
 
 
 def through_mechanism() -> Growth:

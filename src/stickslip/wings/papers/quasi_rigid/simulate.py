@@ -173,7 +173,8 @@ def simulate_sample(
             [state, *(p.state for p in down)], [0, *(turn * (2 - p.load) for p in down)], scenario
         )
         back = Curve(*(values[1:] for values in back))
-    smooth = before_collapse(curve, path)
+    first = min((event.load for event in path.collapses if not event.quiet), default=np.inf)
+    smooth = Curve(*(values[curve.load <= first] for values in curve))  # up to the first collapse
     until, runs = min(1.0, (1 + slow.beyond) * path.load[-1]), []
     for k, time in enumerate(slow.times if until > 0 else ()):
         part = within(report, *(0.3 + 0.6 * n / len(slow.times) for n in (k, k + 1)), stage=name)
@@ -181,15 +182,12 @@ def simulate_sample(
         run = load_or_compute(kept, f"slow-{k}", follow)
         followed = stress_strain_curve([state, *run.states], np.append(0.0, run.load), scenario)
         runs.append(SlowDynamics(time, followed, run.kinetic_energy, strain_difference(smooth, followed)))
-    looks = path_stiffness(path, law, state, end)
+    chosen = np.unique(np.linspace(0, len(path.points) - 1, MAX_POINTS).round().astype(int))
+    with suitable_threads(3 * len(state.grains.radius)):
+        rows = [stiffness_at(path.points[k].state, law, state.control, end) for k in chosen]
+    looks = PathStiffness(path.load[chosen], *(np.array(column) for column in zip(*rows, strict=True)))
     lasting, track = force_tracks(path)
     return SampleResult(seed, law, path, curve, back, looks, tuple(runs), collapse_load(runs, smooth), track, lasting)
-
-
-def before_collapse(curve: Curve, path: LoadPath) -> Curve:
-    """Curve of a path up to its first collapse."""
-    first = [event.load for event in path.collapses if not event.quiet][:1]
-    return Curve(*(values[curve.load <= first[0]] for values in curve)) if first else curve
 
 
 def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> Curve:
@@ -236,14 +234,6 @@ def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
         if alone and (not len(left) or np.median(left) > ASTRAY):
             return float(load[k])
     return None
-
-
-def path_stiffness(path: LoadPath, law: Law, start: State, end: Control) -> PathStiffness:
-    """Compute eigenvalues, uniqueness and status maps at some points of a path."""
-    chosen = np.unique(np.linspace(0, len(path.points) - 1, MAX_POINTS).round().astype(int))
-    with suitable_threads(3 * len(start.grains.radius)):
-        rows = [stiffness_at(path.points[k].state, law, start.control, end) for k in chosen]
-    return PathStiffness(path.load[chosen], *(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def stiffness_at(state: State, law: Law, begin: Control, end: Control) -> tuple:

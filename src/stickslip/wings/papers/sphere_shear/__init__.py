@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function, lazy_functions
 from .scenario import ShearScenario
 
 _here = partial(lazy_function, __name__)
@@ -24,10 +24,7 @@ EXPERIMENT = Experiment(
     scenario=ShearScenario,
     words="Bonfanti et al. 2020: sheared packings of spheres",
     simulate=_here("simulate.simulate_shear"),
-    numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
+    **lazy_functions(__name__, "report", "numbers", "measures", "show", "figures"),
     references=references,
     smallest=(SMALLEST,),
     paper=Paper(

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ....kit import (
+    STATE,
     Duration,
     Loads,
     Packing,
@@ -17,7 +18,6 @@ from ....kit import (
     Seed,
     Several,
     Size,
-    sizes,
 )
 
 
@@ -92,7 +92,5 @@ class ShearScenario(ScenarioBase):
         shear, release = self.shear, self.release
         steps = sum(abs(b - a) / d for (a, b), d in zip(pairwise(shear.strain), shear.steps, strict=True))
         yield Size("shear takes", steps, "load steps", "use a larger shear.step")
-        yield Size(
-            "states along a path take", sizes.STATE * self.packing.grains * steps, "bytes", "use a larger shear.step"
-        )
+        yield Size("states along a path take", STATE * self.packing.grains * steps, "bytes", "use a larger shear.step")
         yield Size("release.duration takes", release.duration / release.dt, "time steps", "use a longer release.dt")
