@@ -35,6 +35,7 @@ Runs
     archive, archive_fields, ArchiveError, given_keys       archives, fields of a class in one, keys of a scenario
     run_files, LEGS, UNFINISHED         names of files and folders within a run folder
     check_free, write_atomically, check_output, staged_file     files that are complete or absent
+    find_foreign, foreign_files_message, write_file     folders that have other files, files with checksums
 
 States, engines and solvers
 
@@ -44,6 +45,7 @@ States, engines and solvers
     supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
     linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
     linearised, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
+    core                        compiled functions
     factorised, one_thread, suitable_threads        linear algebra
     Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
     equilibrium, bisect_change, dominant_family, Change, Family, Growth, LeftPathError, solve_point     load paths
@@ -66,8 +68,10 @@ Numbers and text
 
     Fields, current_units, heading, in_readable_units, in_units, unit_name, units_of, with_unit, SI, YEAR      units
     readable, pluralize, quoted, shortened      representation of results, and words
-    parse_number, parse_integer, read_text      text
-    read_table, heading_of, split_label, write_table, format_table       tables
+    parse_number, parse_integer, read_text, decode_text     text
+    read_bytes, Budget, check_matlab    bytes of foreign files, within a bound
+    read_table, heading_of, split_label, split_rows, write_table, format_table      tables
+    known                       names in foreign files: used, without influence, not understood
 
 Terminal and command line
 

@@ -1,3 +1,4 @@
+from . import known as known
 from .builtin_laws import BUILTIN_LAWS as BUILTIN_LAWS
 from .builtin_laws import BY_NAME as BY_NAME
 from .cli.app import FigureOptions as FigureOptions
@@ -58,6 +59,8 @@ from .core.laws.properties import resists_rolling as resists_rolling
 from .core.laws.restitution import critical_coefficient as critical_coefficient
 from .core.laws.restitution import dashpot_coefficients as dashpot_coefficients
 from .core.laws.restitution import restitution_of as restitution_of
+from .core.library import core as core
+from .core.matlab import check_matlab as check_matlab
 from .core.measure import Committed as Committed
 from .core.measure import least_supports as least_supports
 from .core.measure import mean_normal_force as mean_normal_force
@@ -68,6 +71,8 @@ from .core.progress import silent as silent
 from .core.progress import within as within
 from .core.readable import pluralize as pluralize
 from .core.readable import readable as readable
+from .core.reading import Budget as Budget
+from .core.reading import read_bytes as read_bytes
 from .core.scales import clear_round_off as clear_round_off
 from .core.scales import natural_scales as natural_scales
 from .core.sizes import LIMITS as LIMITS
@@ -80,7 +85,9 @@ from .core.tables import format_table as format_table
 from .core.tables import heading_of as heading_of
 from .core.tables import read_table as read_table
 from .core.tables import split_label as split_label
+from .core.tables import split_rows as split_rows
 from .core.tables import write_table as write_table
+from .core.text import decode_text as decode_text
 from .core.text import parse_integer as parse_integer
 from .core.text import parse_number as parse_number
 from .core.text import quoted as quoted
@@ -116,7 +123,10 @@ from .data.law_schema import LawTable as LawTable
 from .data.law_schema import Packing as Packing
 from .data.law_schema import PackingLaw as PackingLaw
 from .data.law_schema import allow_laws as allow_laws
+from .data.manifest import find_foreign as find_foreign
+from .data.manifest import write_file as write_file
 from .data.nodes import archive_fields as archive_fields
+from .data.run_files import foreign_files_message as foreign_files_message
 from .data.sample import Account as Account
 from .data.sample import MemoryNote as MemoryNote
 from .data.schema import Duration as Duration

@@ -45,7 +45,9 @@ Listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) e
 Several = Annotated[Positive | tuple[Positive, ...], Listed]
 Loads = Annotated[tuple[Finite, ...], Listed]
 Ranks = Annotated[int, Field(ge=1, le=100_000)]
-Seed = Annotated[int, Field(ge=0, le=10**18, description="of all random numbers: the same seed gives the same run")]
+Seed = Annotated[
+    arguments.Seed, Field(ge=0, le=10**18, description="of all random numbers: the same seed gives the same run")
+]
 
 
 class ScenarioError(SentenceError):

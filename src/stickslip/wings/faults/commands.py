@@ -80,8 +80,7 @@ def fit(
     """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
     check_choice("law", model.law, LAWS)
     check_choice("form", model.form, FORMS)
-    from ...reports import terminal
-    from ...runs import json_output
+    from ...kit import json_output, terminal
     from .rate_state import fit_report
 
     look = drawing.look()

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import DOP853
 
-from ....core.library import core
-from ....kit import Values, checked, in_readable_units, readable, require_positive, require_shape
+from ....kit import Values, checked, core, in_readable_units, readable, require_positive, require_shape
 from .fault import Fault, check_fault
 from .laws import EVOLUTIONS, friction
 

@@ -8,9 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.tables import split_label
-from ....kit import check_types, checked, heading_of, parse_number, readable, require_filled, shortened, write_table
-from ....known import HARMLESS, UNKNOWN, USED, find_row
+from ....kit import (
+    check_types,
+    checked,
+    heading_of,
+    known,
+    parse_number,
+    readable,
+    require_filled,
+    shortened,
+    split_label,
+    write_table,
+)
 from .fitting import Data
 from .loads import check_times, contradiction, find_steps, load_steps, stated_steps, with_normal
 from .record_files import LENGTH, NUMBER, SPEED, STRESS, TIME, Sheet, read_sheet, unit_of, unit_of_time
@@ -91,7 +100,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     path = Path(path)
     sheet, headings, places = _find_columns(path, columns)
     _check_columns(path, headings, places, motion)
-    strange = [name for name, group, _ in _grouped_columns(sheet, places) if group == UNKNOWN]
+    strange = [name for name, group, _ in _grouped_columns(sheet, places) if group == known.UNKNOWN]
     if strange:
         told = ", ".join(repr(shortened(name)) for name in strange[:SHOWN]) + (" …" if len(strange) > SHOWN else "")
         warnings.warn(
@@ -181,7 +190,7 @@ def record_columns(path: str | Path, *, columns: dict[str, int | str] | None = N
     columns : as in `read_record`
     """
     sheet, _, places = _find_columns(Path(path), columns)
-    groups: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
+    groups: dict[str, list[str]] = {known.USED: [], known.HARMLESS: [], known.UNKNOWN: []}
     for name, group, why in _grouped_columns(sheet, places):
         groups[group].append(f"{name}: {why}" if why else name)
     return groups
@@ -274,11 +283,11 @@ def _grouped_columns(sheet: Sheet, places: dict[str, tuple[int, float]]) -> list
     used, out = {k for k, _ in places.values()}, []
     for k, heading in enumerate(sheet.headings):
         word, unit = unit_of(heading, (), {})
-        row = find_row("column of a record", word)
+        row = known.find_row("column of a record", word)
         stress = (unit or sheet.units[k] or word.rpartition("_")[2]).lower() in STRESS
-        known = k in used or _is_known(heading, None) or not heading
-        group = USED if k in used else HARMLESS if known else row.group
-        why = "" if group != UNKNOWN else row.why or "it may change the effective normal stress" * stress
+        named = k in used or _is_known(heading, None) or not heading
+        group = known.USED if k in used else known.HARMLESS if named else row.group
+        why = "" if group != known.UNKNOWN else row.why or "it may change the effective normal stress" * stress
         out.append((heading or f"column {k}", group, why))
     return out
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.library import core
+from ....kit import core
 
 EVOLUTIONS = {"aging": 0, "slip": 1}
 REFERENCES = {"aging": ("Dieterich1979", "Ruina1983"), "slip": ("Ruina1983",)}  # keys of references.bib

@@ -9,11 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.matlab import check_matlab
-from ....core.reading import Budget, read_bytes
-from ....core.tables import split_label, split_rows
-from ....core.text import decode_text
-from ....kit import YEAR, parse_number
+from ....kit import YEAR, Budget, check_matlab, decode_text, parse_number, read_bytes, split_label, split_rows
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
 REMEDY = "give a table as text, an HDF5 or a MATLAB file"

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.arguments import Seed
-from ....kit import Report, Size, checked, readable, require, require_options, require_sizes, silent
+from ....kit import Report, Seed, Size, checked, readable, require, require_options, require_sizes, silent
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
 from .model import Data, whitened
 from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order

@@ -6,15 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....data.manifest import find_foreign, write_file
-from ....data.run_files import foreign_files_message
 from ....figures import Look
 from ....kit import (
     FORMATS,
     PLAIN,
     console,
+    find_foreign,
+    foreign_files_message,
     format_table,
     heading_of,
+    known,
     new_table,
     parse_integer,
     progress,
@@ -22,8 +23,8 @@ from ....kit import (
     require,
     show_table,
     within,
+    write_file,
 )
-from ....known import UNKNOWN, with_keys
 from ..friction.fitting import Fit, Solution, build_fit, solve_fit
 from ..friction.laboratory import LabRecord, read_record, record_columns, record_data
 from ..friction.model import Data
@@ -92,7 +93,7 @@ def fit_record(
     met = record_columns(file, columns=_parse_columns(columns))
     remedies = (
         *_remedies(raw, record, best),
-        *(f"column {text}" for text in met[UNKNOWN] if text.endswith("normal stress")),
+        *(f"column {text}" for text in met[known.UNKNOWN] if text.endswith("normal stress")),
     )
     result = RecordFits(file, record, fits, comparison, remedies=remedies, met=met)
     return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
@@ -102,10 +103,10 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[
     """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
     found = [stiffness_doubt(record, solution, normal) for solution in solutions]
-    known = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
+    some = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
     for solution, doubt in zip(solutions, found, strict=True):
         if doubt:  # a law that does not describe the record either shows nothing if another one does
-            out += [f"{solution.task.law} law: {doubt}"] if np.isfinite(doubt.interval[0]) or not known else []
+            out += [f"{solution.task.law} law: {doubt}"] if np.isfinite(doubt.interval[0]) or not some else []
             continue
         trend, state = gain_by("trend", solution), gain_by("theta", solution)
         if trend.helps and trend.after <= state.after:
@@ -172,7 +173,7 @@ def as_json(result: RecordFits) -> str:
     if result.posterior is not None:
         out["posterior"] = _posterior_dict(result.posterior)
     out["doubts"] = doubts(result)
-    out["met"] = with_keys(result.met or {})
+    out["met"] = known.with_keys(result.met or {})
     return json.dumps(_replace_nonfinite(out), indent=1, allow_nan=False)
 
 
