@@ -37,8 +37,8 @@ test-%: $(STAMP)  ## run the tests of one subpackage, for example test-solve
 mutants: $(STAMP)  ## put stored faults into copies of the tree, and print the share that tests notice; hours
 	$(BIN)/python -m tests.mutants
 
-slow: $(DOCS)  ## run the slow tests, hours; with SHARD=3/8 the third of eight parts
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m slow $(if $(SHARD),--shard $(SHARD))
+slow: $(DOCS)  ## run the slow tests, hours, and store their durations; with SHARD=3/8 the third of eight parts
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m slow --store-durations $(if $(SHARD),--shard $(SHARD))
 
 lint: $(STAMP)  ## check style, import layers and types
 	$(BIN)/ruff check .

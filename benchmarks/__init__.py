@@ -43,6 +43,9 @@ BENCHMARKS = {
     "first_result": Benchmark("seconds to the first result of each command", 200, (*STATICS, "cli", "experiments")),
     "frictionless_shear": Benchmark("angle of friction of spheres without friction", 900, STATICS),
     "gouge": Benchmark("time steps of fault gouge, beside LAMMPS", 900, GOUGE, ratios=True),
+    "gouge_samples": Benchmark(
+        "verdicts on gouge from the stored samples of the paper's size", 10, ("wings/papers/gouge",)
+    ),
     "gouge_steps": Benchmark(
         "what velocity steps of gouge determine", 10, ("wings/faults/friction", "wings/papers/gouge")
     ),

@@ -18,8 +18,8 @@ import numpy as np
 import stickslip as ss
 from stickslip.core.control import spring_forces
 from stickslip.core.state import Control, State
-from stickslip.loading.biaxial import TOP, biaxial_box, with_load, with_machine, with_travel
-from stickslip.loading.slow import SlowRun, slow_dynamics
+from stickslip.loading.compression import TOP, biaxial_box, with_load, with_machine, with_travel
+from stickslip.loading.settling import SlowRun, slow_dynamics
 from stickslip.wings.status.collapse import Collapse, displacements, without_drift
 from stickslip.wings.status.path import LoadPath, load_path
 from tests.wings.status.five_packings import spheres

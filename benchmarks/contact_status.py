@@ -12,10 +12,10 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import stickslip as ss
+from stickslip.solve.equilibrate import relax
 from stickslip.solve.linear import one_thread
-from stickslip.solve.relax import relax
 from stickslip.wings.status.apex_status import contact_status
-from stickslip.wings.status.lcp import complementarity, lemke, principal_pivoting
+from stickslip.wings.status.complementarity import complementarity, lemke, principal_pivoting
 from stickslip.wings.status.matrices import LinearSystem, linear_system, stiffness_matrix
 from stickslip.wings.status.system import pinned_coordinates
 from stickslip.wings.status.uniqueness import certificate

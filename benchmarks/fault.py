@@ -15,8 +15,7 @@ from scipy.integrate import DOP853, LSODA, RK23, RK45
 
 from stickslip import friction
 from stickslip.wings.faults.friction.fault_record import YEAR
-from stickslip.wings.faults.friction.fault_state import initial_state
-from stickslip.wings.faults.friction.fault_step import NUMBER, Machine
+from stickslip.wings.faults.friction.fault_state import NUMBER, Machine, initial_state
 
 YEARS, THRESHOLD, ROUNDS = 280.0, 1e-3, 3
 SOLVERS = {"RK23": RK23, "RK45": RK45, "DOP853": DOP853, "LSODA": LSODA}

@@ -13,9 +13,9 @@ import numpy as np
 
 from stickslip.friction import LoadStep, RateState, Spring, spring_slider
 from stickslip.wings.faults.friction.measure import steady_mean
-from stickslip.wings.papers.gouge.claims_of_text import DC, A, B
-from stickslip.wings.papers.gouge.dimensionless import stiffness
+from stickslip.wings.papers.gouge.claims import DC, A, B
 from stickslip.wings.papers.gouge.paper import MAIN, PAPER, STEPS, paper_size_scenario, stored_samples
+from stickslip.wings.papers.gouge.sample import stiffness
 
 SAMPLES, POINTS = 8, 120  # samples to be run, and points of each leg
 STORED = Path(__file__).parents[1] / "docs/reference/gouge_paper_size"

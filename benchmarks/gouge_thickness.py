@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 
 from stickslip.reports.terminal import progress
 from stickslip.wings.papers.gouge import measures
-from stickslip.wings.papers.gouge.curves import healing_peaks, reslides_after_longest
+from stickslip.wings.papers.gouge.claims import healing_peaks, reslides_after_longest
 from stickslip.wings.papers.gouge.paper import MAIN, PAPER, paper_size_scenario, stored_samples
 from stickslip.wings.papers.gouge.simulate import GougeResult, simulate_gouge
 from stickslip.wings.papers.gouge.statistics import slope

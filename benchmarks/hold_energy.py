@@ -20,9 +20,8 @@ from stickslip.core.dynamics.run import own_engine
 from stickslip.core.measure import elastic_energy
 from stickslip.ensemble import run_members
 from stickslip.wings.papers.gouge import measures
-from stickslip.wings.papers.gouge.dimensionless import stiffness
 from stickslip.wings.papers.gouge.protocol import load_point_lead, run_trunk
-from stickslip.wings.papers.gouge.sample import attach_spring, gouge_law
+from stickslip.wings.papers.gouge.sample import attach_spring, gouge_law, stiffness
 from stickslip.wings.papers.gouge.scenario import GougeScenario
 from stickslip.wings.papers.gouge.simulate import simulate_gouge
 

@@ -15,8 +15,8 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.core.state import Control, State
-from stickslip.loading.biaxial import RIGHT, TOP, biaxial_box, settle, with_load
-from stickslip.loading.slow import slow_dynamics
+from stickslip.loading.compression import RIGHT, TOP, biaxial_box, settle, with_load
+from stickslip.loading.settling import slow_dynamics
 from stickslip.wings.status.path import LoadPath, load_path
 
 from .records import number

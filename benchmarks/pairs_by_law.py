@@ -15,7 +15,7 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.figures.saving import save
-from stickslip.wings.papers.sphere_shear.claims_of_laws import BIRTHS, share_interval
+from stickslip.wings.papers.sphere_shear.claims import BIRTHS, share_interval
 from stickslip.wings.papers.sphere_shear.figures import births_by_law as births_figure
 
 from .births import UNLIMITED, Births, births_by_law, law_words

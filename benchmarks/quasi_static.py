@@ -16,8 +16,7 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.data.archive import SCHEMA
-from stickslip.loading.packing import jammed
-from stickslip.loading.shear import sheared
+from stickslip.loading.packing import jammed, sheared
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.newton import Factorisation
 

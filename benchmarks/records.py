@@ -79,8 +79,14 @@ def entries(record: dict) -> dict[str, dict]:
 
 
 def changed(rooms: dict[str, str | None], root: Path = ROOT) -> list[str]:
-    """Rooms whose code differs from that which was measured, or is not known."""
-    return [room for room, known in rooms.items() if known is None or known != fingerprint(room, root)]
+    """Rooms whose code differs from that which was measured, or is not known; those that are gone are marked so."""
+    out = []
+    for room, known in rooms.items():
+        try:
+            out += [room] if known is None or known != fingerprint(room, root) else []
+        except FileNotFoundError:
+            out.append(f"{room} (no longer there)")
+    return out
 
 
 def stale(record: dict, root: Path = ROOT) -> dict[str, list[str]]:

@@ -12,9 +12,8 @@ import stickslip as ss
 from stickslip.core.dynamics.run import run
 from stickslip.core.measure import mean_normal_force
 from stickslip.data.archive import SCHEMA
-from stickslip.loading.packing import jammed
+from stickslip.loading.packing import jammed, sheared
 from stickslip.loading.quasistatic import aqs
-from stickslip.loading.shear import sheared
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.linear import has_pardiso, one_thread

@@ -13,8 +13,7 @@ import numpy as np
 import stickslip as ss
 from stickslip.core.progress import silent
 from stickslip.loading import events
-from stickslip.loading.event_class import Break
-from stickslip.loading.event_types import EventKind
+from stickslip.loading.event_class import Break, EventKind
 from stickslip.wings.studies.catalogue.simulate import shear_sample
 
 from .catalogue import PAGE, RUNS

@@ -15,6 +15,7 @@ import scenario_reference  # noqa: E402
 
 import stickslip  # noqa: E402
 from benchmarks import records  # noqa: E402
+from stickslip.wing import wings  # noqa: E402
 
 project = "stickslip"
 author = "The stickslip developers"
@@ -64,12 +65,31 @@ def name_older_numbers(app, page, source):
         source[0] += records.older(records.read())
 
 
+def sections_of_wings() -> str:
+    """Sections of the navigation with the pages that the head of each wing lists."""
+    out = []
+    for wing in wings().values():
+        caption = wing.words.partition(",")[0]
+        pages = [page for page in wing.pages if (HERE / f"{page}.md").is_file()]
+        if pages:
+            options = f":hidden:\n:caption: {caption[:1].upper()}{caption[1:]}\n"
+            out.append("\n".join(["```{toctree}", options, *pages, "```"]))
+    return "\n\n".join(out)
+
+
+def complete_navigation(app, page, source):
+    """Add the pages of wings to the navigation."""
+    if page == "index":
+        source[0] = source[0].replace("<!-- pages of wings -->", sections_of_wings())
+
+
 def setup(app):
     """Write the generated pages and connect the handlers that adapt docstrings."""
     scenario_reference.write(HERE / "scenario")
     api_reference.write(HERE / "api")
     known_reference.write()
     app.connect("source-read", name_older_numbers)
+    app.connect("source-read", complete_navigation)
     app.connect("autodoc-process-docstring", api_reference.described, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", api_reference.mend)
     app.connect("autodoc-process-signature", api_reference.short)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from stickslip.core.sizes import LIMITS, MOST
 from stickslip.data.schema import ScenarioBase
+from stickslip.experiments.experiment import table_of
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.axes import DRAWN, KINDS, SPACED, Options, Values
 
@@ -27,6 +28,9 @@ TITLES = {
     "cyclic-shear": "Cyclic shear scenarios",
 }
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
+MEASURES = """Each run leaves these numbers: in `results.h5`, as columns of sweeps, and in `result.to_dataframe()`. The
+name of a number at an amplitude, a velocity or a load ends in `@` and its value. A mean over samples has a second
+number, whose name ends in `_error`: half of its 95 % interval."""
 ALLOWED = {"where": "text, or list of texts", "draws": "path of a CSV file, or table of lists"}  # in [sweep]
 
 
@@ -86,7 +90,17 @@ def page(name: str, kind: type[ScenarioBase]) -> str:
         text = path.read_text(encoding="utf-8")
         if re.search(rf'^experiment = "{name}"', text, flags=re.M) and "\n[sweep]" not in text:
             parts.append(f"## Example: `examples/{path.name}`\n\n```toml\n{text.strip()}\n```")
+    parts += measures(name)
     return "\n\n".join(parts) + "\n"
+
+
+def measures(name: str) -> list[str]:
+    """Section on the measures of a run, if the experiment lists them in a table."""
+    table = table_of(EXPERIMENTS[name])
+    if table is None:
+        return []
+    rows = [f"| `{one.name}` | {'–' if one.unit == '1' else one.unit} | {one.meaning} |" for one in table.values()]
+    return ["\n".join(["## Measures of a run\n", MEASURES, "\n| name | unit | |", "|---|---|---|", *rows])]
 
 
 def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:

@@ -2,12 +2,15 @@
 
 Seconds of processor time include those of child processes that have ended. Files start in the order of their stored
 durations, the longest first, so that no worker is left with a long one at the end. `--shard 3/8` runs the third of
-eight parts of about equal duration, which together are all tests.
+eight parts of about equal duration, which together are all tests; `make slow` stores the durations of its part. Parts
+are cut by what was stored at the last commit, so that those of one series fit together.
 """
 
 import argparse
 import json
 import os
+import shutil
+import subprocess
 from collections import Counter, defaultdict
 from itertools import accumulate
 from pathlib import Path
@@ -18,7 +21,7 @@ STORE = Path(__file__).with_name("durations.json")
 LEAST, SHOWN = 0.2, 10  # shortest test that is stored on its own [s], and number of tests printed for each folder
 _SPENT = pytest.StashKey[float]()
 KINDS = "seconds", "slow"
-UNKNOWN = 1.0  # seconds of a test that was never measured
+UNKNOWN = 1.0  # seconds of a test that was never measured, if no test was
 
 
 def shard(text: str) -> tuple[int, int]:
@@ -44,13 +47,22 @@ def stored(kind: str = "seconds") -> dict[str, float]:
     return json.loads(STORE.read_text()).get(kind, {}) if STORE.exists() else {}
 
 
+def committed(kind: str) -> dict[str, float]:
+    """Durations as of the last commit, or those stored now if there is no repository [s]."""
+    call = ["git", "show", f"HEAD:./{STORE.name}"]
+    done = subprocess.run(call, cwd=STORE.parent, capture_output=True, text=True) if shutil.which("git") else None
+    return json.loads(done.stdout).get(kind, {}) if done and not done.returncode else stored(kind)
+
+
 def expected(names: list[str], durations: dict[str, float]) -> list[float]:
-    """Duration of each test; those that are not stored share the rest of their file [s]."""
+    """Duration of each test [s]. Those that are not stored share the rest of their file, or take the mean time."""
     rest = Counter(name.partition("::")[0] for name in names if name not in durations)
+    measured = [seconds for name, seconds in durations.items() if "::" in name]
+    usual = sum(measured) / len(measured) if measured else UNKNOWN
     spent = []
     for name in names:
         file = name.partition("::")[0]
-        spent.append(durations[name] if name in durations else durations.get(file, UNKNOWN * rest[file]) / rest[file])
+        spent.append(durations[name] if name in durations else durations.get(file, usual * rest[file]) / rest[file])
     return spent
 
 
@@ -64,7 +76,7 @@ def cut(names: list[str], durations: dict[str, float], parts: int) -> list[int]:
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
     """Sort files by their stored durations, and keep one shard of what markers have left."""
-    durations = stored(_kind(config))
+    durations = (committed if config.option.shard else stored)(_kind(config))
     files = defaultdict(float)
     for name, seconds in durations.items():
         files[name.partition("::")[0]] += seconds
@@ -135,7 +147,7 @@ class _Store:
         values = {kind: stored(kind) for kind in KINDS}
         kept = {name: seconds for name, seconds in values[self.kind].items() if self._is_kept(name)}
         for name, seconds in self.seconds.items():
-            entry = name if seconds >= LEAST else name.partition("::")[0]
+            entry = name if seconds >= LEAST or self.kind == "slow" else name.partition("::")[0]
             kept[entry] = kept.get(entry, 0.0) + seconds
         values[self.kind] = {name: round(seconds, 2) for name, seconds in sorted(kept.items())}
         STORE.write_text(json.dumps({"unit": "s of processor time"} | values, indent=1) + "\n")

@@ -4,9 +4,12 @@ A test file belongs to a room if it imports from it, or uses a public name that 
 """
 
 import ast
+import re
 import sys
 from functools import cache
 from pathlib import Path
+
+from stickslip.wing import installed
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "stickslip"
@@ -75,6 +78,33 @@ def files(room: str) -> list[Path]:
         for path in sorted((ROOT / "tests").rglob("test_*.py"))
         if room in used(path) or room in path.relative_to(ROOT / "tests").parts
     ]
+
+
+@cache
+def _words_of_wings() -> re.Pattern:
+    """Words with which a test names a wing: its package, its experiments, tests of it."""
+    names = {name for wing in installed().values() for name in wing.experiments} - {"flow", "fault"}
+    words = [
+        r"\"(?:watch|fit)\"",
+        r"wings\.",
+        "experiment",
+        r"ss\.scenario\(",
+        "reproduce",
+        r"tests\.(?:published|peers|wings)",
+    ]
+    return re.compile("|".join([*words, *names, *(name.replace("-", "_") for name in names)]))
+
+
+def of_laboratory() -> list[Path]:
+    """Test files that name no wing, nor an experiment or a public name of one, and use none that do."""
+    wings = {"friction", "quasirigid", "experiments", *(path.parent.name for path in PACKAGE.glob("wings/*/wing.py"))}
+    folders = {"wings", "peers", "published", "device", "structure"}
+
+    every = [path for path in (ROOT / "tests").rglob("test_*.py") if not folders & {*path.relative_to(ROOT).parts}]
+    texts = {path: path.read_text(encoding="utf-8") for path in every}
+    own = {path: text for path, text in texts.items() if not (used(path) & wings or _words_of_wings().search(text))}
+    foreign = "|".join(re.escape(f"tests.{path.parent.name}.{path.stem} ") for path in texts if path not in own)
+    return sorted(path for path, text in own.items() if not re.search(foreign, text))
 
 
 if __name__ == "__main__":

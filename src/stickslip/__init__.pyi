@@ -44,9 +44,9 @@ from .experiments.registry import simulate as simulate
 from .runs.sweep.definition import sweep as sweep
 from .runs.sweep.run import run_sweep as run_sweep
 from .solve.equilibrate import equilibrate as equilibrate
+from .solve.equilibrate import relax as relax
 from .solve.freedom import freedom as freedom
 from .solve.freedom import jacobian as jacobian
 from .solve.newton import newton as newton
-from .solve.relax import relax as relax
 from .solve.spectrum import spectrum as spectrum
 from .solve.stability import stability as stability

@@ -1,13 +1,13 @@
 from .core.units import units_in_use as units_in_use
 from .data.exchange.files import packing_units as packing_units
 from .data.exchange.files import write_packing as write_packing
-from .data.exchange.follow import follow_packings as follow_packings
 from .data.exchange.force_network import measured_forces as measured_forces
 from .data.exchange.force_network import read_forces as read_forces
+from .data.exchange.frame import contact_graph as contact_graph
 from .data.exchange.frame import frame_of as frame_of
-from .data.exchange.graph import contact_graph as contact_graph
-from .data.exchange.motion import mode_frames as mode_frames
-from .data.exchange.motion import read_mode as read_mode
+from .data.exchange.frame import mode_frames as mode_frames
+from .data.exchange.frame import read_mode as read_mode
+from .data.exchange.lammps_series import follow_packings as follow_packings
 from .loading.reading import read_packing as read_packing
 from .loading.reading import read_packings as read_packings
 from .runs.dataset import contact_table as contact_table

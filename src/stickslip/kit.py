@@ -2,9 +2,11 @@
 
 Wings and their experiments
 
-    Wing, Selfcheck             head of a wing, and a number that `stickslip doctor` compares
-    Experiment, Paper           description of an experiment, and of a paper that it reproduces
+    Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
+    Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
+    Reproduction                result of a paper's scenario, with its claims
     lazy_function, result_of    functions that are imported late; decorator of the class of results
+    Quantity, Quantities, Measures, Estimate, estimate, median      tables of quantities, from which outputs follow
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
 
@@ -13,7 +15,8 @@ Scenarios
     ScenarioBase, ScenarioTable, validate_scenario      classes of scenarios and of their tables
     Positive, NotNegative, Finite, Listed, Several, Sized, Loads, Duration, Seed, Ranks     kinds of values
     LawTable, PackingLaw, allow_laws, make_law, Packing, make_packing       tables of laws and of packings
-    Size, require_sizes         limits of memory, before anything is allocated
+    Size, require_sizes, sizes  limits of memory, before anything is allocated
+    LIMITS, STATE               largest sizes, memory of a saved state for each grain [bytes]
     law_references              references of a law
     require_lammps_for_ranks    check of the engine
 
@@ -27,33 +30,68 @@ Arguments of functions
 Runs
 
     Report, silent, within      progress
-    Checkpoint, checkpoint_in, load_or_compute      parts that are saved and not computed again
-    Workers, Member, Task, Realizations, run_realizations, open_device      realizations in parallel
-    archive_fields, ArchiveError        fields of a class in an archive
+    Checkpoint, checkpoint_in, load_or_compute, abandon     parts that are saved and not computed again
+    Workers, Member, Task, Realizations, run_realizations, reach, open_device       realizations in parallel
+    archive, archive_fields, ArchiveError, given_keys       archives, fields of a class in one, keys of a scenario
+    run_files, LEGS, UNFINISHED         names of files and folders within a run folder
     check_free, write_atomically, check_output, staged_file     files that are complete or absent
+
+States, engines and solvers
+
+    Engine, Leg, Wave, Device, own_engine, take_sample, join_samples    programs that run states
+    body_positions, driven_bodies, factors_at, cell_mass, body_numbers  bodies and cells that move as imposed
+    with_neighbor_list, resting, reset_reached, shifts, Committed       states, and pairs of their contact lists
+    supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
+    linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
+    linearised, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
+    factorised, one_thread, suitable_threads        linear algebra
+    Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
+    equilibrium, bisect_change, dominant_family, Change, Family, Growth, LeftPathError, solve_point     load paths
+    PathLedger, packing_info, travel, KICK_LEGS, EVENT_RATIO    ledger along equilibria, packings, kicks, events
+    describe_law, to_dict, verdict, no_equilibrium_message      a law, numbers and words of `stability`
+
+Contact laws
+
+    BUILTIN_LAWS, BY_NAME, Kind         table of built-in laws, kind of others
+    builtin                     columns of the table of a law, models of dashpots, properties
+    resists_rolling, critical_coefficient, dashpot_coefficients, restitution_of     numbers of a law
+    evaluate, largest_stiffness, with_values        values, stiffness and parameters of a law
+
+Files of LAMMPS
+
+    lammps_series, Account, MemoryNote  dumps of a running simulation, and notes on their frames
+    lammps_laws, lammps_restart, read_dump, wrapped_into        laws, restart files, dumps, positions in a cell
 
 Numbers and text
 
-    Fields, heading, in_readable_units, in_units, unit_name, units_of, with_unit, SI, YEAR      units
+    Fields, current_units, heading, in_readable_units, in_units, unit_name, units_of, with_unit, SI, YEAR      units
     readable, pluralize, quoted, shortened      representation of results, and words
-    parse_number, parse_integer, read_text, read_table, heading_of, write_table, format_table       text and tables
+    parse_number, parse_integer, read_text      text
+    read_table, heading_of, split_label, write_table, format_table       tables
 
 Terminal and command line
 
-    console, new_table, show_table, progress        terminal
+    console, new_table, show_table, progress, terminal      terminal
+    json_output                 JSON answers of commands
     command, examples, Out, Output, FigureOptions, PackingOptions       commands and their options
     number_option, check_choice, complete_from, finish, in_units_of_packing, StoppedError       details of commands
 
 Figures
 
-    styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH     axes and style
+    style                       the module of the following: axes, style and colours
+    styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH, PAGE       axes and style
     BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY        colours
-    draw_grains_by_speed        grains coloured by speed
+    draw_grains_by_speed, body_limits, APART        grains coloured by speed, and the view of them
+    bare_frame, layout_of, start_drawing, contact_segments      drawings of packings and their contacts
+    OwnFigure, common_style, TIME, animation        figures without axes, animations
+    page                        pages of HTML
     render, render_all, FORMATS, PLAIN      files of figures
 
 Claims of a paper
 
-    Claim, claim, median_error, standard_error, format_value, note_quick_run        rows of the table of claims
+    Claim, claim, statement     rows of the table of claims
+    median_error, standard_error, format_value, note_quick_run      errors, values and notes in it
+    ALWAYS, CAN                 statements about every case, and about one
 """
 
 from .lazy import attach

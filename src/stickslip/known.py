@@ -26,11 +26,11 @@ class Row(NamedTuple):
 
 
 TABLE = (
-    Row("command", USED, "atom_style boundary change_box clear dump fix group labelmap lattice log neigh_modify "
-        "pair_coeff pair_style read_data read_restart region reset_timestep restart run unfix units variable "
-        "write_data write_dump write_restart echo"),
+    Row("command", USED, "atom_style boundary change_box clear dump dump_modify fix group labelmap lattice log "
+        "neigh_modify pair_coeff pair_style read_data read_restart region reset_timestep restart run unfix units "
+        "variable write_data write_dump write_restart echo"),
     Row("command", HARMLESS, "atom_modify balance *_coeff bond_write box comm_modify comm_style compute compute_modify "
-        "create_atoms create_box delete_atoms delete_bonds dimension displace_atoms dump_modify fix_modify group2ndx "
+        "create_atoms create_box delete_atoms delete_bonds dimension displace_atoms fix_modify group2ndx "
         "if include info jump kspace_modify label mass min_modify min_style minimize molecule ndx2group neighbor "
         "newton next package pair_modify pair_write partition plugin print processors python quit read_dump replicate "
         "rerun reset_* run_style set shell special_bonds suffix thermo thermo_modify thermo_style timer timestep "

@@ -7,6 +7,7 @@ import ast
 import difflib
 import inspect
 from collections.abc import Iterable
+from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -80,8 +81,13 @@ def attach(package: str, file: str):
             module, inner = where[name]
             if module == ".":
                 return import_module(f".{inner}", above)
-            source = import_module(module, above)
-            return getattr(source, inner) if hasattr(source, inner) else import_module(f".{inner}", source.__name__)
+            try:
+                source = import_module(module, above)
+                return getattr(source, inner) if hasattr(source, inner) else import_module(f".{inner}", source.__name__)
+            except ModuleNotFoundError as problem:
+                from .wing import without_wing
+
+                raise without_wing(f"{package}.{name}", problem) from None
         raise AttributeError(missing_attribute(package, name, where))
 
     return get, lambda: sorted(where), sorted(where)
@@ -112,8 +118,11 @@ def _namespaces(root: str) -> dict[str, list[str]]:
 
 
 def _modules(space) -> dict:
-    """Modules among the public names of a module, by name."""
-    public = {name: getattr(space, name) for name in getattr(space, "__all__", ())}
+    """Modules among the public names of a module, by name, without those of wings that are not installed."""
+    public = {}
+    for name in getattr(space, "__all__", ()):
+        with suppress(ImportError):
+            public[name] = getattr(space, name)
     return {name: value for name, value in public.items() if inspect.ismodule(value)}
 
 

@@ -16,9 +16,9 @@ from .core.measure import stress as stress
 from .core.measure import touching as touching
 from .core.measure import wrapped as wrapped
 from .core.state import heights as heights
-from .loading.shear import shear_strain as shear_strain
+from .loading.packing import shear_strain as shear_strain
 from .solve.balance import BALANCED_BELOW as BALANCED_BELOW
 from .solve.balance import imbalance as imbalance
 from .solve.balance import likely_causes as likely_causes
+from .solve.balance import residual as residual
 from .solve.coarse_graining import coarse_grained as coarse_grained
-from .solve.relax import residual as residual

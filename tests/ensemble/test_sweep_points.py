@@ -9,9 +9,8 @@ import pytest
 from scipy.stats import qmc
 
 from stickslip.experiments.registry import ScenarioError
-from stickslip.runs.sweep.condition import DEEPEST, LONGEST, parse_conditions
 from stickslip.runs.sweep.dataset import open_sweep
-from stickslip.runs.sweep.definition import members, read_sweep, sweep
+from stickslip.runs.sweep.definition import DEEPEST, LONGEST, members, parse_conditions, read_sweep, sweep
 from stickslip.runs.sweep.run import run_sweep
 from tests.conftest import stickslip_here
 

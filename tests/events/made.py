@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.loading.event_types import Event, EventKind, Events, StrainStep
+from stickslip.loading.event_class import Event, EventKind, Events, StrainStep
 
 KINDS = list(EventKind)
 DISTANCES = 4e-4 * 8.0 ** -np.arange(6)

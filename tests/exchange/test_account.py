@@ -8,8 +8,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.data.exchange import lammps_restart
-from stickslip.data.exchange.lammps_course import MOVERS
-from stickslip.data.exchange.lammps_fixes import TAKEN
+from stickslip.data.exchange.lammps_course import MOVERS, TAKEN
+from stickslip.data.exchange.lammps_series import GRAINS, find_dumps, frames_of
 from stickslip.data.sample import Obstacle, account_of
 from stickslip.known import HARMLESS, UNKNOWN, USED, group_of, plain_style
 from tests.exchange.test_lammps_runs import HERTZ, HOOKE, answer, in_poured
@@ -198,6 +198,40 @@ def test_the_newest_run_of_a_folder_counts(cases, tmp_path):
     assert any("of another run" in note for note in obstacles(tmp_path))
 
 
+AGAIN = (
+    "reset_timestep 0\nfix h all gravity 2 vector 0 0 -1\nrun 100\nLoop time of 1 on 1 procs for 100 steps "
+    "with 24 atoms"
+)
+
+
+@pytest.mark.parametrize("lines", [f"{AGAIN}\nwrite_restart again.restart", f"restart 100 again.restart\n{AGAIN}"])
+def test_after_reset_timestep_the_newest_file_has_an_earlier_step(lines, cases, tmp_path):
+    log = (in_poured(cases, tmp_path) / "log.lammps").read_text()
+    content = (tmp_path / "poured.restart").read_bytes()
+    (tmp_path / "again.restart").write_bytes(content.replace(np.int64(200000).tobytes(), np.int64(100).tobytes()))
+    own = "write_restart poured.restart"
+    (tmp_path / "log.lammps").write_text(log.replace(own, f"{own}\n{lines}"))
+    read = ss.io.read_packing(tmp_path)
+    assert "grains from again.restart, time step 100" in read.notes and read.state.control.gravity[2] == -3
+    (tmp_path / "again.restart").unlink()
+    assert ss.io.read_packing(tmp_path).state.control.gravity[2] == -1 and not obstacles(tmp_path)
+    (tmp_path / "again.restart").write_bytes(content)
+    (tmp_path / "log.lammps").unlink()
+    script = "".join(line for line in (cases / "poured" / "in.poured").open() if not line.startswith("set"))
+    (tmp_path / "in.poured").write_text(f"{script}\nreset_timestep 0\nrun 100\n")
+    assert any("in.poured sets the time step anew, and only its log" in note for note in obstacles(tmp_path))
+
+
+def test_of_two_frames_with_one_time_step_the_last_counts(cases, tmp_path):
+    text = (cases / "poured" / "dump.grains").read_text()
+    (tmp_path / "twice.dump").write_text(text + text.replace("0.523598775598299", "2"))
+    for frame in (None, "200000"):
+        assert ss.io.read_packing(tmp_path / "twice.dump", frame=frame).state.grains.mass.max() == 2
+    assert len(ss.io.read_packings(tmp_path / "twice.dump")) == 2
+    _, notes = frames_of(find_dumps(tmp_path, {}), GRAINS)
+    assert notes == ["step 200000 is twice in twice.dump, as after `reset_timestep`: the last of both is used"]
+
+
 @pytest.mark.parametrize(
     ("name", "old", "new", "text"),
     [
@@ -244,6 +278,88 @@ def test_grains_without_motion_or_types(cases, tmp_path):
         missing = [note for note in obstacles(tmp_path) if "the grains have no types" in note]
         assert bool(missing) == several
     assert not [note for note in obstacles(tmp_path, law="linear", kn=1e3) if "no types" in note]
+
+
+@pytest.mark.parametrize(
+    ("fix", "velocity", "text"),
+    [
+        ("freeze", "0.5 0 0 0 0 0", "have velocities, with which they move on: `velocity low set 0 0 0` stops them"),
+        ("freeze", "0 0 0 0 0 1", "have spins, with which they turn on: `set group low omega 0 0 0` stops them"),
+        ("setforce NULL NULL 0", "0.5 0 0 0 0 1", ""),
+        ("setforce 0 NULL NULL", "0.5 0 0 0 0 0", "fix z (setforce) was not taken over: its grains have velocities"),
+    ],
+)
+def test_held_grains_that_move_go_on(fix, velocity, text, cases, tmp_path):
+    """LAMMPS makes their forces zero, and the fix that moves them takes their velocities."""
+    folder = in_poured(cases, tmp_path, f"group low id 2\nfix z low {fix}", "poured.data")
+    changed(folder, "poured.data", "\n2 0 0 0 0 0 0\n", f"\n2 {velocity}\n")
+    left_out = obstacles(folder)
+    assert any(text in note for note in left_out) if text else not left_out
+
+
+ONLY = "are in dump.grains, of {} in the run of log.lammps: `{}` leaves others out, which may touch them"
+
+
+@pytest.mark.parametrize(
+    ("before", "modify", "left", "atoms", "text"),
+    [
+        ("", "thresh z < 4.5", 20, 24, "20 grains " + ONLY.format(24, "dump_modify grains thresh z < 4.5")),
+        ("delete_atoms group top", "thresh z < 4.5", 20, 24, ONLY.format(24, "dump_modify grains thresh z < 4.5")),
+        ("delete_atoms group top", "thresh z < 4.5 thresh none", 20, 20, ""),
+        ("delete_atoms group top compress no", "sort id", 20, 20, ""),
+        ("delete_atoms group top", "sort id", 20, 24, "20 grains were read, and the run of log.lammps had 24 then"),
+        ("", "thresh z < 45", 24, 24, ""),
+        ("group low id 1:20", "sort id", 20, 24, ONLY.format(24, "dump grains low")),
+    ],
+)
+def test_a_dump_that_leaves_grains_out(before, modify, left, atoms, text, cases, tmp_path):
+    """Its command is named, also where grains were deleted before, whose ids may be missing then."""
+    head, _, rows = (cases / "poured" / "dump.grains").read_text().partition(" tqz\n")
+    rows = sorted(rows.splitlines(keepends=True), key=lambda row: int(row.split()[0]))
+    rows = rows[4:] if "compress no" in before else rows[:left]
+    (tmp_path / "dump.grains").write_text(f"{head} tqz\n{''.join(rows)}".replace("\n24\n", f"\n{left}\n"))
+    log = (cases / "poured" / "log.lammps").read_text().replace("dump grains all", f"{before}\ndump grains all")
+    log = log.replace("dump grains all", "dump grains low") if "low" in before else log
+    first, mark, last = log.partition("dump_modify grains")
+    log = first + f"dump_modify grains {modify}\n" + mark + last.replace("with 24 atoms", f"with {atoms} atoms")
+    (tmp_path / "log.lammps").write_text(log)
+    read = ss.io.read_packing(tmp_path)
+    left_out = [note for note in read.notes if isinstance(note, Obstacle)]
+    assert any(text in note for note in left_out) if text else not left_out
+    assert not any("dump of a group" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(
+    ("modify", "old", "new"),
+    [
+        ("colname radius RAD", " radius ", " RAD "),
+        ("colname 3 PX", " x y", " PX y"),
+        ("colname mass density", " mass ", " density "),
+        ("colname x y colname y x", " x y ", " y x "),
+        ("colname -1 fx colname fx TZ", " fx fy fz tqx tqy tqz", " TZ fy fz tqx tqy fx"),
+    ],
+)
+def test_columns_that_a_run_renames_keep_their_meaning(modify, old, new, cases, tmp_path):
+    known = ss.io.read_packing(cases / "poured" / "dump.grains", law="linear")
+    for name in ("dump.grains", "log.lammps"):
+        (tmp_path / name).write_bytes((cases / "poured" / name).read_bytes())
+    changed(tmp_path, "dump.grains", old, new)
+    changed(tmp_path, "log.lammps", "dump_modify grains", f"dump_modify grains {modify}\ndump_modify grains")
+    read = ss.io.read_packing(tmp_path)
+    assert not [note for note in read.notes if isinstance(note, Obstacle)]
+    np.testing.assert_array_equal(read.state.grains.position, known.state.grains.position)
+    np.testing.assert_array_equal(read.state.grains.mass, known.state.grains.mass)
+
+
+def test_columns_that_were_renamed_are_told_without_a_log(cases, tmp_path):
+    (tmp_path / "dump.grains").write_bytes((cases / "poured" / "dump.grains").read_bytes())
+    changed(tmp_path, "dump.grains", " fx fy", " PUSH fy")
+    remedy = "or, if `dump_modify colname` renamed it, give its name in LAMMPS"
+    assert any("column PUSH of dump.grains" in note and remedy in note for note in obstacles(tmp_path))
+    for name in ("x", "radius"):
+        changed(tmp_path, "dump.grains", f" {name} ", f" RENAMED_{name} ")
+        with pytest.raises(ss.packings.PackingError, match="`dump_modify colname` may have renamed them"):
+            ss.io.read_packing(tmp_path / "dump.grains")
 
 
 def test_setforce_leaves_rotations_free_and_nve_holds_them(cases, tmp_path):
@@ -420,6 +536,32 @@ def test_columns_of_tables_that_are_not_understood(heads, a, b, text, tmp_path):
     assert any(text in note for note in left_out) if text else not left_out
     assert not any("taken to be at rest" in note for note in read.notes)
     assert read.state.grains.material.max() == 0 and len(account_of(read.notes)[USED]) >= 10
+
+
+@pytest.mark.parametrize(
+    ("heads", "a", "b", "text", "undecided"),
+    [
+        ("mass,density", "1,1.9098593", "1,1.9098593", "", False),  # 1 / (4/3 π 0.5³)
+        ("mass,density", "1,1", "1,1", "mass is 1, and density times volume 0.5236: mass is used", False),
+        ("mass,density", "1,1", "2,1", "mass is 2, and density times volume 0.5236, in row 2 of 2", True),
+        ("diameter,mass", "1,1", "1,1", "", False),
+        ("diameter,mass", "1,1", "1.1,1", "radius is 0.5, and half the diameter 0.55, in row 2 of 2", True),
+    ],
+)
+@pytest.mark.parametrize("form", ["table", "dump"])
+def test_sizes_and_masses_that_contradict_each_other(form, heads, a, b, text, undecided, tmp_path):
+    table = TABLE.format(heads=f",{heads}", a=f",{a}", b=f",{b}")
+    if form == "dump":
+        head, *rows = table.replace(",", " ").splitlines()
+        head = head.replace("wx wy wz", "omegax omegay omegaz")
+        box = "ITEM: BOX BOUNDS ff ff ff\n-2 2\n-2 2\n-2 2\n"
+        rows = "\n".join(f"{k} {row}" for k, row in enumerate(rows, 1))
+        table = f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\n{box}ITEM: ATOMS id {head}\n{rows}\n"
+    (tmp_path / "t.csv").write_text(table)
+    notes = ss.io.read_packing(tmp_path / "t.csv").notes
+    found = [note for note in notes if " is used" in note or "leave one of them out" in note]
+    assert len(found) == bool(text) and all(text in note for note in found)
+    assert [isinstance(note, Obstacle) for note in found] == [undecided] * bool(text)
 
 
 def test_tables_with_several_times_and_without_headings(tmp_path):

@@ -26,9 +26,8 @@ from stickslip.core.library import core
 from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.exchange.frame import frame_of
-from stickslip.data.exchange.lammps_course import with_wall_numbers
+from stickslip.data.exchange.lammps_course import TAKEN, Plane, with_wall_numbers
 from stickslip.data.exchange.lammps_file import read_grain_dump
-from stickslip.data.exchange.lammps_fixes import TAKEN, Plane
 from stickslip.data.exchange.lammps_laws import as_restitution, contact_of, law_of_contacts, mix, of_release
 from stickslip.data.exchange.lammps_restart import Restart, restore_memory
 from stickslip.data.sample import Obstacle

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange import xyz_file
+from stickslip.data.exchange.table_file import read_xyz
 from stickslip.data.exchange.vtk_file import vtk_paths
 from stickslip.extras import MissingExtraError
 
@@ -104,4 +104,4 @@ def test_a_missing_library_gives_a_one_sentence_error(name, library, tmp_path, m
 def test_sides_that_extended_xyz_calls_open_are_open(tmp_path):
     head = 'Lattice="4 0 0 0 4 0 0 0 4" pbc="T F 1" Properties=species:S:1:pos:R:3:radius:R:1'
     (tmp_path / "a.xyz").write_text(f"2\n{head}\nX 1 1 1 0.5\nX 2 1 1 0.5\n")
-    assert xyz_file.read(tmp_path / "a.xyz")[0].arrays["periodic"] == [True, False, True]
+    assert read_xyz(tmp_path / "a.xyz")[0].arrays["periodic"] == [True, False, True]

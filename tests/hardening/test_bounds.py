@@ -21,7 +21,7 @@ from scipy.io import savemat
 import stickslip as ss
 from stickslip.core.outcome import Outcome
 from stickslip.core.reading import LARGE, Budget, Reader, read_bytes
-from stickslip.data import records
+from stickslip.data import checkpoint as records
 from stickslip.data.archive import ArchiveError
 from stickslip.data.checkpoint import Checkpoint, load_or_compute, read_pieces
 from stickslip.data.exchange import lammps_restart as restart
@@ -288,7 +288,7 @@ def test_pieces_with_the_right_checksum_and_other_content_are_refused(what, tmp_
     kept = Checkpoint(tmp_path, "{}", (Piece,))
     kept.save("good", GOOD)
     assert kept.load("good", Piece).count == 4
-    records.append(kept.folder, "bad", PIECES[what], ABOUT)
+    records.append_record(kept.folder, "bad", PIECES[what], ABOUT)
     with answered(5), pytest.raises(ArchiveError) as caught:
         load_or_compute(kept, "bad", lambda: None, Piece)
     assert "\n" not in str(caught.value)

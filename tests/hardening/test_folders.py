@@ -15,8 +15,7 @@ from stickslip.data.checkpoint import checkpoint_in, unfinished_scenario
 from stickslip.data.run_files import is_run_file, list_files
 from stickslip.ensemble import pool
 from stickslip.runs import folder as report
-from stickslip.runs import writer
-from stickslip.runs.resume import find_unfinished
+from stickslip.runs.folder import find_unfinished
 from stickslip.runs.sweep import report as sweep_report
 from stickslip.runs.sweep.run import SweepResult
 from stickslip.wings.faults.rate_state import simulate as slider
@@ -144,7 +143,7 @@ def test_overwriting_keeps_the_old_results_until_the_new_ones_are_complete(call,
         raise KeyboardInterrupt
 
     with monkeypatch.context() as now:
-        now.setattr(slider if step == "simulate_slider" else writer, step, stopped)
+        now.setattr(slider if step == "simulate_slider" else report, step, stopped)
         assert call("run", "1.toml", "--out", "out", "--overwrite").code == 130
     after = contents(tmp_path / "out")
     assert {name: after[name] for name in before} == before

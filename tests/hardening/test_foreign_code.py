@@ -11,11 +11,11 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.data.exchange.motion import read_mode
+from stickslip.data.exchange.frame import read_mode
 from stickslip.data.law_file import check_law_files
 from stickslip.ensemble.worker import WorkerProcess
 from stickslip.experiments.registry import ScenarioError, read_tables
-from stickslip.runs.bibliography import bibtex, read_scenarios
+from stickslip.runs.bundled import bibtex, read_scenarios
 from stickslip.wings.studies.catalogue import read_table
 from tests.conftest import stickslip_here
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from stickslip.wings.papers.quasi_rigid import paper as quasi_rigid
+from stickslip.wings.papers.quasi_rigid import claims as quasi_rigid
 from tests.conftest import stickslip_here
 from tests.hardening.test_sizes import FLOW
 

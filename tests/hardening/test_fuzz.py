@@ -19,7 +19,7 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.data.exchange import lammps_restart as memory
-from stickslip.data.exchange.motion import read_mode
+from stickslip.data.exchange.frame import read_mode
 from stickslip.loading.packing import jammed
 from stickslip.reports.packing import check_modes
 from tests.exchange.conftest import CASES

@@ -111,7 +111,7 @@ def test_what_bears_the_names_of_hidden_folders_stays(here, name, kind, argument
 def test_nothing_else_is_run_in_the_folder_of_a_sweep(here, monkeypatch):
     assert stickslip_here("run", "b.toml", "--out", "out", cwd=here).returncode == 0
     before = listing(here)
-    monkeypatch.setattr("stickslip.wings.papers.quasi_rigid.paper.reproduce", lambda **_: pytest.fail("it runs"))
+    monkeypatch.setattr("stickslip.wings.papers.quasi_rigid.claims.reproduce", lambda **_: pytest.fail("it runs"))
     for arguments in (["reproduce", "quasi-rigid", "--quick"], ["run", "0.toml"]):
         for more in ([], ["--overwrite"]):
             run = stickslip_here(*arguments, "--out", "out", *more, cwd=here)

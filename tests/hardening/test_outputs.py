@@ -159,7 +159,7 @@ def test_who_is_killed_as_a_page_takes_its_place_leaves_what_is_known(here, monk
         raise KeyboardInterrupt
 
     with monkeypatch.context() as now:
-        now.setattr("stickslip.reports.output_file.add_to_manifest", killed)
+        now.setattr("stickslip.reports.page.add_to_manifest", killed)
         assert stickslip_here("report", "out", cwd=here).returncode == 130
     assert (here / "out" / "report.html").exists()
     assert stickslip_here("report", "out", cwd=here).returncode == 0

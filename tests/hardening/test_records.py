@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange.frame import frame_of
-from stickslip.data.exchange.motion import mode_frames, read_mode
+from stickslip.data.exchange.frame import frame_of, mode_frames, read_mode
 from stickslip.wings.faults.friction.laboratory import read_record
 from tests.conftest import make_law, make_packing, stirred
 

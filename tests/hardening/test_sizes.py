@@ -11,7 +11,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.sizes import LIMITS
-from stickslip.data.exchange.motion import mode_frames
+from stickslip.data.exchange.frame import mode_frames
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
 from tests.conftest import stickslip_here
 from tests.unit.test_scenario import EXAMPLES

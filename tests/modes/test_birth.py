@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 import stickslip as ss
 from stickslip.cli.app import app
-from stickslip.runs.page import packing_content
+from stickslip.reports.page import packing_content
 from stickslip.solve import birth
+from stickslip.solve.balance import linearised
 from stickslip.solve.freedom import backbone
-from stickslip.solve.linearised import linearised
 from tests.modes.conftest import LAW as SPHERES
 
 UNIT = 1 / 2000

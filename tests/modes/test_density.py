@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.solve import density as room
+from stickslip.solve import spectrum as room
 from tests.modes.conftest import LAW
 
 CHAIN = ss.laws.linear(1.0, 0.0, 0.5)
@@ -87,7 +87,7 @@ def test_participation_of_waves_grains_and_groups():
 
 def test_bad_input_is_reported():
     state = chain(5)
-    with pytest.raises(ValueError, match="use auto, dense or polynomials"):
+    with pytest.raises(ValueError, match="'auto', 'dense' and 'polynomials' are allowed"):
         ss.modes.density_of_states(state, CHAIN, method="kpm")
     with pytest.raises(ValueError, match="at least 1"):
         ss.modes.density_of_states(state, CHAIN, bins=0)

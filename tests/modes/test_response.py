@@ -1,14 +1,16 @@
 """Response to forcing and noise: closed forms of two modes, equipartition, runs of the engine, and triggering."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import svdvals
 
 import stickslip as ss
-from stickslip.solve import fluctuations, response, trigger
+from stickslip.solve import response, transient, trigger
+from stickslip.solve.balance import linearised
 from stickslip.solve.freedom import displaced, freedom
-from stickslip.solve.linearised import linearised
 from tests.modes.conftest import sheared, triangular
 
 LAW = ss.laws.hertz_mindlin(mu=0.3)
@@ -107,6 +109,19 @@ def test_a_driven_run_has_the_gain(packing):
     assert abs(amplitude - answer.matrix[0, 0, 0]) < 2e-3 * answer.gain[0]  # dt and knots: (ωdt)²/24, 2e-4
 
 
+def test_a_drive_pulls_free_coordinates_and_moves_prescribed_ones():
+    """Far from each other: a free disk obeys m x'' = f(t); of one that is held, R times the angle follows the drive."""
+    state, radius = ss.assembly(ss.disks([[0, 0], [9, 0]], [0.5, 0.8], mass=2.0)), 0.8
+    state = state._replace(control=ss.control.fixed(state.control, [1]), time=3.0)
+    drive, grid = push(state, (0, 1), (1, 5)).sum(axis=0), np.linspace(0.0, 4.0, 801)
+    motion = SimpleNamespace(here=SimpleNamespace(state=state, mean_stiffness=1.0))
+    end = ss.run(trigger.with_drive(motion, drive, grid, 1e-2 * np.sin(grid)), LAW, 300, 0.01)[0]
+    t = 3.0
+    assert end.grains.position[0, 1] == pytest.approx(1e-2 / 2.0 * (t - np.sin(t)), rel=1e-3)
+    assert radius * end.grains.angle[1, 2] == pytest.approx(1e-2 * np.sin(t), rel=1e-3)
+    assert not end.grains.angle[0].any() and not end.grains.position[1, 1]
+
+
 def test_a_pinned_grain_that_is_shaken_slowly_carries_the_packing(packing):
     """At ω = 0 every grain moves with it, and none rotates; a free neighbour feels it as a force at any ω."""
     state = pinned(packing)
@@ -167,10 +182,10 @@ def test_noise_of_two_coupled_modes_in_closed_form(skew):
     """z̈ + ν ż + (λ + ik) z = ξ has ⟨|z|²⟩ = (2T/λ)/(1 − k²/(ν²λ)), which diverges where the spectrum turns unstable."""
     stiffness, nu, temperature = 1.3, 0.2, 0.7
     pull, drag = two_modes(stiffness, skew, nu)
-    dynamics, lift = fluctuations.energy_dynamics(pull, drag)
+    dynamics, lift = transient.energy_dynamics(pull, drag)
     noise = np.zeros((4, 4))
     noise[2:, 2:] = 2 * temperature * drag
-    covariance = fluctuations.solve_continuous_lyapunov(dynamics, -noise)
+    covariance = transient.solve_continuous_lyapunov(dynamics, -noise)
     displacement = lift @ covariance[:2, :2] @ lift.T
     truth = 2 * temperature / stiffness / (1 - skew**2 / (nu**2 * stiffness))
     assert np.trace(displacement) == pytest.approx(truth, rel=1e-10)
@@ -178,9 +193,9 @@ def test_noise_of_two_coupled_modes_in_closed_form(skew):
 
 @pytest.mark.parametrize("skew", [0.0, 0.05, 0.15])
 def test_distance_to_instability_is_the_smallest_singular_value(skew):
-    dynamics = fluctuations.energy_dynamics(*two_modes(1.3, skew, 0.2))[0]
+    dynamics = transient.energy_dynamics(*two_modes(1.3, skew, 0.2))[0]
     scan = min(svdvals(dynamics - 1j * w * np.eye(4))[-1] for w in np.linspace(0.9, 1.4, 4001))
-    assert fluctuations.distance_to_instability(dynamics) == pytest.approx(scan, rel=2e-4)
+    assert transient.distance_to_instability(dynamics) == pytest.approx(scan, rel=2e-4)
 
 
 def test_without_slip_every_mode_has_the_same_energy():

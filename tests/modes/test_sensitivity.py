@@ -7,7 +7,7 @@ import stickslip as ss
 from stickslip.core.arguments import checked
 from stickslip.core.contacts.jacobian import linearise
 from stickslip.solve import sensitivity as module
-from stickslip.solve.linearised import linearised
+from stickslip.solve.balance import linearised
 from tests.modes.conftest import LAW, sheared, triangular
 
 eigenvalues_after = checked(module._eigenvalues_after)  # as within a public function: states are not checked again

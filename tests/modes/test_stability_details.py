@@ -70,7 +70,7 @@ def test_what_cannot_be_told_has_a_reason(tmp_path):
     assert len(more["reasons"]) == 3
 
 
-@pytest.mark.parametrize("name", ["density", "moduli", "sensitivity", "transient"])
+@pytest.mark.parametrize("name", ["spectrum", "moduli", "sensitivity", "transient"])
 def test_examples_of_docstrings(name):
     tried = doctest.testmod(import_module(f"stickslip.solve.{name}"))
     assert tried.attempted and not tried.failed

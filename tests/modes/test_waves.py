@@ -8,10 +8,9 @@ import stickslip as ss
 from stickslip.core.contacts.jacobian import cross_matrix, linearise
 from stickslip.core.measure import volume
 from stickslip.solve import waves as solver
-from stickslip.solve.bounds import ModuliBounds
 from stickslip.solve.freedom import assembled
 from stickslip.solve.linear import factorised
-from stickslip.solve.moduli import isotropic_tensor, voigt, with_free_cell
+from stickslip.solve.moduli import ModuliBounds, isotropic_tensor, voigt, with_free_cell
 from stickslip.solve.response import forced_motion
 from tests.modes.conftest import LAW, sheared
 

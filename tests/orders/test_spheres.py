@@ -8,11 +8,9 @@ from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.memory import HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, touching
-from stickslip.loading.packing import frictionless, jammed
-from stickslip.loading.protocols import ramp
+from stickslip.loading.packing import frictionless, jammed, sheared
+from stickslip.loading.protocols import ramp, release
 from stickslip.loading.quasistatic import aqs
-from stickslip.loading.release import release
-from stickslip.loading.shear import sheared
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import assembled, dynamical_matrix, freedom
 from stickslip.wings.papers.sphere_shear.simulate import find_onset

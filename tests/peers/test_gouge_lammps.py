@@ -11,7 +11,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.dynamics.run import join_samples, own_engine
-from stickslip.core.dynamics.run import sample as engine_sample
+from stickslip.core.dynamics.run import take_sample as engine_sample
 from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
 from stickslip.extras import MissingExtraError
@@ -20,7 +20,7 @@ from stickslip.wings.lammps import process
 from stickslip.wings.lammps.run import lammps_engine
 from stickslip.wings.lammps.script import contact_commands, motion_commands, write_input
 from stickslip.wings.lammps.supported import check_leg
-from stickslip.wings.papers.gouge import queue
+from stickslip.wings.papers.gouge import simulate as queue
 from stickslip.wings.papers.gouge.protocol import load_point_lead, measure_series, slide_leg
 from stickslip.wings.papers.gouge.sample import BOTTOM, TOP, Gouge, gouge_law, prepare_sample
 from stickslip.wings.papers.gouge.simulate import find_engine

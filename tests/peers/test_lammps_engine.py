@@ -12,7 +12,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.memory import FROZEN
 from stickslip.core.dynamics.engine import Leg, Wave
-from stickslip.core.dynamics.run import join_samples, own_engine, sample
+from stickslip.core.dynamics.run import join_samples, own_engine, take_sample
 from stickslip.core.laws.builtin import ROLLING
 from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
@@ -22,8 +22,7 @@ from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
 from stickslip.wings.faults.friction.measure import steady_mean
 from stickslip.wings.lammps import process, script
-from stickslip.wings.lammps.job import leg_folder
-from stickslip.wings.lammps.run import run_in_lammps, run_leg, sample_path, walls_at
+from stickslip.wings.lammps.run import leg_folder, restart_path, run_in_lammps, run_leg, walls_at
 from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.studies.flow import SETTLING, SHEARED
 from stickslip.wings.studies.flow import lammps as flow_lammps
@@ -237,7 +236,7 @@ def test_runs_with_another_engine_have_a_record_of_its_states():
     assert outcome.ok and (end.grains.velocity == again.grains.velocity).all() and len(record.time) == 3
     leg = Leg(state, LINEAR, DT, 40, 2, 0.1)
     states = [here for here, _ in own_engine().pieces(leg)]
-    for name, values in join_samples([sample(here, leg) for here in (state, *states)], leg)._asdict().items():
+    for name, values in join_samples([take_sample(here, leg) for here in (state, *states)], leg)._asdict().items():
         assert np.all(values == getattr(same, name)), name
     with pytest.raises(ValueError, match="spin_drag and ledger were given with another engine, which has drag and"):
         ss.run(state, LINEAR, 50, DT, every=10, spin_drag=0.1, ledger=True, engine=own_engine())
@@ -292,7 +291,7 @@ def test_a_flow_is_written_for_a_queue(tmp_path):
     assert "region wall2 plane 6.5" in third and "langevin" in third and "langevin" not in second
     assert "mpirun -np 7 lmp" in (tmp_path / "run.sh").read_text()
     assert "--ntasks=7" in (tmp_path / "job.slurm").read_text()
-    sample_path(Leg(stirred(), LINEAR, DT, 1, 1), leg_folder(tmp_path, 0), 1).touch()
+    restart_path(Leg(stirred(), LINEAR, DT, 1, 1), leg_folder(tmp_path, 0), 1).touch()
     with pytest.raises(ScenarioError, match="contains states that LAMMPS wrote"):
         flow_lammps.export(scenario, tmp_path)
 
@@ -504,7 +503,7 @@ def test_forces_with_the_memory_of_lammps_are_its_forces(peer, tmp_path, name):
     leg = leg._replace(state=leg.state._replace(control=leg.state.control._replace(gravity=np.zeros(3))))
     theirs = list(run_leg(leg, tmp_path))[-1]
     loads, _ = ss.forces(theirs, law, memory=FROZEN)
-    begin = sample_path(leg, tmp_path, steps).name
+    begin = restart_path(leg, tmp_path, steps).name
     still = leg._replace(state=theirs)
     words = script.contact_commands(still, begin) + "\nfix loose all nve/sphere\n" + FORCES
     (tmp_path / "in.forces").write_text(words)

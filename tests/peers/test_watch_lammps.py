@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange.follow import open_source
-from stickslip.wings.lammps.watch.loop import watch
+from stickslip.data.exchange.lammps_series import open_source
+from stickslip.wings.lammps.watch import watch
 from tests.wings.lammps.dumps import LAW
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "shear.lammps"

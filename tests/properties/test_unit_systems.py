@@ -14,7 +14,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.dynamics.timestep import stable_time_step
 from stickslip.loading.packing import frictionless
-from stickslip.solve.quench import quench
+from stickslip.solve.equilibrate import quench
 from stickslip.wings.studies.flow.scenario import FlowScenario
 
 

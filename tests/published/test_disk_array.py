@@ -15,9 +15,9 @@ from PIL import Image
 from stickslip.core.state import State
 from stickslip.data import archive
 from stickslip.reports import claims as table
+from stickslip.wings.papers.disk_array import claims as disk_array
+from stickslip.wings.papers.disk_array import claims_of_motion as printed
 from stickslip.wings.papers.disk_array import measures as disk_measures
-from stickslip.wings.papers.disk_array import paper as disk_array
-from stickslip.wings.papers.disk_array import printed
 from tests.conftest import stickslip_here
 
 pytestmark = pytest.mark.timeout(300)  # another process compiles
@@ -46,17 +46,17 @@ IDS = {
 # a quick reproduction with few realizations: nothing here depends on their number
 FEWER = """
 from functools import partial
-from stickslip.wings.papers.disk_array import arrest, paper
+from stickslip.wings.papers.disk_array import claims, measures
 from stickslip.figures import disk_array
 disk_array.transition_movie = partial(disk_array.transition_movie, frames=60)
-arrest.REALIZATIONS[True] = 2
+measures.REALIZATIONS[True] = 2
 def fewer(make, **less):
     def made(**how):
         one = make(**how)
         return one.model_copy(update={"sliding": one.sliding.model_copy(update=less)})
     return made
-paper.paper_scenario = fewer(paper.paper_scenario, loads=paper.FRONT_LOADS, realizations=2)
-paper.quarter_scenario = fewer(paper.quarter_scenario, realizations=2)
+claims.paper_scenario = fewer(claims.paper_scenario, loads=claims.FRONT_LOADS, realizations=2)
+claims.quarter_scenario = fewer(claims.quarter_scenario, realizations=2)
 from stickslip.cli import main
 main()
 """

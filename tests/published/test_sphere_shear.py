@@ -79,14 +79,10 @@ def test_the_result_does_not_depend_on_the_number_of_processes(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"packing": {"dim": 4}}, "packing.dim = 4 was given"),
         ({"packing": {"packing_fraction": 0.7, "pressure": 1e-3}}, "both given"),
-        ({"packing": {"grains": 3}}, "packing.grains = 3"),
         ({"shear": {"strain": (0.1, 0.2)}}, "the first of them 0.0"),
         ({"shear": {"step": (1e-5, 1e-5, 1e-5)}}, "3 entries for 2 legs"),
         ({"shear": {"step": 1e-9}}, "at most 100000"),
-        ({"packng": {}}, "did you mean 'packing'"),
-        ({"release": {"dt": -0.1}}, "release.dt = -0.1"),
     ],
 )
 def test_a_wrong_shear_scenario_gives_a_one_sentence_error(tables, message):

@@ -53,7 +53,7 @@ def test_a_report_without_a_verdict_says_so_and_still_checks_the_balance(without
 
 
 def test_a_report_on_a_large_packing_says_how_to_get_a_verdict(few_spheres, tmp_path, monkeypatch):
-    monkeypatch.setattr("stickslip.runs.page.SEARCHED", 100)
+    monkeypatch.setattr("stickslip.reports.page.SEARCHED", 100)
     answer = json.loads(run("report", few_spheres, "--out", tmp_path / "r.html", "--json").stdout)
     assert answer["verdict"] is None
     assert answer["notes"] == ["no verdict was sought, which takes minutes for 18 grains: add --verdict."]

@@ -20,12 +20,11 @@ from stickslip.core.units import Fields
 from stickslip.data import archive
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures import animation
-from stickslip.figures.between import frames_between
+from stickslip.figures.animation import frames_between
 from stickslip.figures.grains import BALL, PIECES
-from stickslip.figures.outlines import up_direction, view_basis
-from stickslip.figures.quantities import quantities
+from stickslip.figures.outlines import quantities, up_direction, view_basis
 from stickslip.figures.style import BLUE, RED
-from stickslip.runs.writer import write_numbers
+from stickslip.runs.folder import write_numbers
 from tests.conftest import stickslip_here as run
 from tests.exchange.packings import SHARP, disks, spheres, walled
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data import records
+from stickslip.data import checkpoint as records
 from stickslip.data.checkpoint import Checkpoint, read_pieces
 from tests.restart.test_archive import same
 
@@ -25,7 +25,7 @@ def test_a_file_cut_anywhere_holds_the_pieces_before_the_cut_and_more_are_kept_b
     kept, ends = Checkpoint(tmp_path, "text"), []
     for k in range(3):
         kept.save(f"{k}", VALUE | {"number": k})
-        (path,) = records.files(kept.folder)
+        (path,) = records.record_files(kept.folder)
         ends.append(path.stat().st_size)
     whole, rng = path.read_bytes(), np.random.default_rng(0)
     for end in {0, 1, *ends, *(e - 1 for e in ends), *rng.integers(0, len(whole), 40).tolist()}:
@@ -43,7 +43,7 @@ def test_nothing_is_read_from_the_first_changed_byte_on(tmp_path):
     kept, ends = Checkpoint(tmp_path, "text"), []
     for k in range(3):
         kept.save(f"{k}", {"x": np.arange(4.0)})
-        (path,) = records.files(kept.folder)
+        (path,) = records.record_files(kept.folder)
         ends.append(path.stat().st_size)
     whole = path.read_bytes()
     for place in np.random.default_rng(1).integers(0, len(whole), 60).tolist():
@@ -62,7 +62,7 @@ def test_after_a_failed_write_nothing_that_follows_is_lost(tmp_path, monkeypatch
         there.setattr(records, "SYNC", 0.0)
         there.setattr(records.os, "fsync", full)
         kept.save("b", {"x": 2.0})
-    (path,) = records.files(kept.folder)
+    (path,) = records.record_files(kept.folder)
     path.write_bytes(path.read_bytes()[:-3])
     kept.save("c", {"x": 3.0})
     assert again(tmp_path).names == ["a", "c"]

@@ -9,7 +9,7 @@ import pytest
 
 from stickslip.data.checkpoint import UNFINISHED, checkpoint_in
 from stickslip.experiments.registry import papers
-from stickslip.runs.resume import mark_reproduction, reproduction_arguments
+from stickslip.runs.folder import mark_reproduction, reproduction_arguments
 from tests.conftest import stickslip_here as stickslip
 
 VALUES = {bool: True, int: 3, int | None: 3, Path | None: Path("kept").absolute()}

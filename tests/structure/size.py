@@ -36,11 +36,12 @@ def lines() -> dict[str, int]:
     return dict(counts)
 
 
-def internal_names() -> dict[str, set[str]]:
-    """Names of the laboratory that each wing imports from elsewhere than public namespaces and `OPEN`."""
+def internal_names(within: str = "") -> dict[str, set[str]]:
+    """Names of the laboratory that wings, or a folder of one, import from elsewhere than public names and `OPEN`."""
     found: dict[str, set[str]] = defaultdict(set)
-    allowed = {"stickslip", *(f"stickslip.{name}" for name in (*OPEN, *rooms.SPACES, "friction", "quasirigid"))}
-    for path in (PACKAGE / "wings").rglob("*.py"):
+    spaces = (*OPEN, *rooms.SPACES, "experiments", "figures", "friction", "quasirigid")
+    allowed = {"stickslip", *(f"stickslip.{name}" for name in spaces)}
+    for path in (PACKAGE / "wings" / within).rglob("*.py"):
         package = ["stickslip", *path.relative_to(PACKAGE).parts[:-1]]
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.level:

@@ -19,6 +19,7 @@ from benchmarks.records import LINK
 from stickslip.data.schema import tables_in
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.lazy import public_names
+from stickslip.wing import wings
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)
@@ -69,6 +70,20 @@ def test_every_key_of_a_scenario_has_its_line_and_says_what_it_is(name):
             silent = key in ("experiment", "kind") or tables_in(field.annotation)  # tables say it by their docstrings
             assert silent or field.description, f"{table.__name__}.{key} has no description"
     assert f'experiment = "{name}"' in page.split("## Example", 1)[1]
+
+
+def test_navigation_has_each_page_once_and_those_of_wings_from_their_heads():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert "<!-- pages of wings -->" in index
+    text = index.replace("<!-- pages of wings -->", generator("conf").sections_of_wings())
+    trees = re.findall(r"^```\{toctree\}\n(?::[^\n]*\n)*\n(.*?)^```", text, flags=re.M | re.S)
+    listed = [line for tree in trees for line in tree.split() if "*" not in line and not line.startswith("api/")]
+    folders = [line.removesuffix("*") for tree in trees for line in tree.split() if line.endswith("/*")]
+    pages = {page.relative_to(DOCS).with_suffix("").as_posix() for page in PAGES} - {"index"}
+    unlisted = {page for page in pages - set(listed) if not page.startswith(tuple(folders))}
+    assert not {page for page in unlisted if page.split("/")[0] not in ("reference", "numbers", "figures")}
+    assert len(listed) == len(set(listed)) and set(listed) <= pages
+    assert {page for wing in wings().values() for page in wing.pages} <= set(listed)
 
 
 API = generator("api_reference")

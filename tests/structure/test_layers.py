@@ -10,6 +10,7 @@ import grimp
 import pytest
 
 from tests import rooms
+from tests.structure.size import internal_names
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,6 +61,11 @@ def test_the_diagram_of_rooms_is_that_of_the_code():
     drawn = (ROOT / "docs" / "figures" / "rooms.svg").read_text()
     stale = "docs/figures/rooms.svg is stale: python docs/rooms.py draws it again"
     assert runpy.run_path(str(ROOT / "docs" / "rooms.py"))["svg"]() == drawn, stale
+
+
+@pytest.mark.parametrize("folder", ["soils", "studies", "faults/fault"])
+def test_wings_import_public_names_and_the_kit(folder):
+    assert not internal_names(folder), "use public names, or `stickslip.kit`"
 
 
 @pytest.mark.parametrize("room", rooms.rooms())

@@ -3,14 +3,17 @@
 Without a wing, or with a broken one, everything else works.
 """
 
+import gzip
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,10 +22,13 @@ import pytest
 import stickslip as ss
 from stickslip import wing
 from stickslip.cli import main
+from stickslip.core.laws.builtin import MU
 from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
-from stickslip.wing import GROUP, Wing
+from stickslip.runs import bundled
+from stickslip.wing import GROUP, FileFormat, Wing
+from tests import hidden, rooms
 
 ROOT = Path(__file__).parents[2]
 
@@ -58,7 +64,9 @@ EXPERIMENT = Experiment(
     measures=lambda result: {"share": (result.heads.mean(), "1")},
     show=lambda result: print(f"{result.heads.sum()} heads"),
 )  # fmt: skip
-WING = Wing("coins_wing", "tosses of a coin", experiments={"coins": "coins"})
+WING = Wing("coins_wing", "tosses of a coin", experiments={"coins": "coins"}, formats=(
+    FileFormat("stacks of coins", rb"# coins\r?\n", "stacks.read", suffix=".coins", write="stacks.write"),
+))  # fmt: skip
 COINS = EntryPoint("coins", f"{__name__}:WING", GROUP)
 
 
@@ -66,14 +74,16 @@ COINS = EntryPoint("coins", f"{__name__}:WING", GROUP)
 def install(monkeypatch):
     """Function that installs wings, and uninstalls others."""
 
+    found = wing.entry_points
+
     def change(*more, without=()):
-        kept = [entry for entry in entry_points(group=GROUP) if entry.name not in without]
+        kept = [entry for entry in found(group=GROUP) if entry.name not in without]
         monkeypatch.setattr(wing, "entry_points", lambda group: [*kept, *more])
-        wing.wings.cache_clear()
+        wing.installed.cache_clear()
 
     yield change
     monkeypatch.undo()
-    wing.wings.cache_clear()
+    wing.installed.cache_clear()
 
 
 @pytest.fixture(autouse=True)
@@ -112,6 +122,66 @@ def test_in_a_sweep(tmp_path):
     assert json.loads((tmp_path / "sweep.json").read_text())["experiment"] == "coins"
 
 
+def read_stacks(path) -> dict[str, dict]:
+    stacks = path.read_text().split("# coins\n")[1:]
+    arrays = [np.array([line.split() for line in stack.splitlines()], float) for stack in stacks]
+    return {str(k): {"position": a[:, :3], "radius": a[:, 3], "density": 8.9} for k, a in enumerate(arrays)}
+
+
+def write_stacks(path, frames) -> list[str]:
+    grains = [frame.state.grains for frame in frames]
+    rows = [np.column_stack([one.position, one.radius]).tolist() for one in grains]
+    path.write_text("".join("# coins\n" + "".join(f"{x} {y} {z} {r}\n" for x, y, z, r in each) for each in rows))
+    return ["stacks of coins do not store laws"]
+
+
+@pytest.fixture
+def stacks(monkeypatch, install):
+    """Function that makes the module that reads and writes stacks of coins importable."""
+    module = SimpleNamespace(read=read_stacks, write=write_stacks)
+    return lambda: monkeypatch.setitem(sys.modules, "coins_wing.stacks", module)
+
+
+def test_files_of_its_format_are_read_and_written(stacks, tmp_path):
+    law, place = ss.laws.linear(mu=0.3), np.array([[0.0, 0.0, 0.0], [0.99, 0.0, 0.0]])
+    pair = ss.packings.from_arrays(place, [0.5, 0.5], law)
+    ss.io.write_packing(tmp_path / "a.npz", pair, law)
+    assert ss.io.read_packing(tmp_path / "a.npz").law  # its module was not needed
+    stacks()
+    notes = ss.io.write_packing(tmp_path / "b.coins", [ss.io.frame_of(pair, law)] * 2)
+    assert notes == ["stacks of coins do not store laws"]
+    (_, state, chosen, said), _ = ss.io.read_packings(tmp_path / "b.coins", law="linear", mu=0.2)
+    assert (state.grains.position == place).all() and chosen.table[0, 0, MU] == 0.2
+    assert state.grains.mass[0] == pytest.approx(8.9 * np.pi / 6)
+    assert any("has no box" in note for note in said) and not any("has no masses" in note for note in said)
+    assert ss.io.read_packing(tmp_path / "b.coins", frame="1").state.contacts.count == [1]
+    with pytest.raises(ss.packings.PackingError, match="has no frame '7': it has 0, 1"):
+        ss.io.read_packing(tmp_path / "b.coins", frame="7")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"# coins\n0 0 zero 1\n", "cannot be read as stacks of coins .*zero.*: it is damaged, or its wing is"),
+        (gzip.compress(b"# coins\n0 0 0 1\n"), "is compressed: decompress it first"),
+        (b"# coins\n0 0 0 -1\n", "radius"),
+    ],
+)
+def test_damaged_files_of_its_format_end_in_one_sentence(stacks, tmp_path, content, said):
+    stacks()
+    (tmp_path / "a.coins").write_bytes(content)
+    with pytest.raises(ss.packings.PackingError, match=said) as caught:
+        ss.io.read_packing(tmp_path / "a.coins")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_extension_of_a_wing_that_is_missing_is_refused(install, tmp_path):
+    install()
+    pair = ss.packings.from_arrays([[0, 0, 0]], [0.5], ss.laws.linear())
+    with pytest.raises(ss.packings.PackingError, match=r"ends with '\.coins', which cannot be written"):
+        ss.io.write_packing(tmp_path / "b.coins", pair, ss.laws.linear())
+
+
 def test_bad_keys_are_named():
     with pytest.raises(ss.experiments.ScenarioError, match="bias"):
         ss.scenario(experiment="coins", bias=-1)
@@ -145,6 +215,7 @@ def test_the_wing_among_the_examples_runs(install, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(folder)
     entries = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"][GROUP]
     install(*(EntryPoint(name, value, GROUP) for name, value in entries.items()))
+    assert bundled.pages()["bouncing"] == "A bouncing disk" and "rebound" in bundled.page("bouncing")
     (tmp_path / "bouncing.toml").write_text('experiment = "bouncing"\nheight = 2.0\n')
     assert call(monkeypatch, "run", tmp_path / "bouncing.toml", "--out", tmp_path / "out") == 0
     assert (tmp_path / "out" / "fig1_height.png").exists()
@@ -166,15 +237,10 @@ def test_the_wing_among_the_examples_is_installed_by_pip(tmp_path):
     assert "rebound: 0.7" in done.stdout, done.stderr
 
 
-ALONE = """
-import importlib.abc, importlib.metadata, sys
-class Hidden(importlib.abc.MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
-        if name.startswith("stickslip.wings"):
-            raise ImportError(f"{name} is hidden")
-sys.meta_path.insert(0, Hidden())
-found = importlib.metadata.entry_points
-importlib.metadata.entry_points = lambda **which: [] if which == {"group": "stickslip.wings"} else found(**which)
+COMMANDS = """
+import sys
+from tests import hidden
+hidden.hide(hidden.NAMES)
 from stickslip.cli import main
 for words in (["stability", "few.npz"], ["convert", "few.npz", "--to", "few.csv"], ["report", "few.npz"], ["doctor"]):
     sys.argv = ["stickslip", *words]
@@ -185,12 +251,74 @@ for words in (["stability", "few.npz"], ["convert", "few.npz", "--to", "few.csv"
 """
 
 
+def run_here(*arguments, cwd=ROOT):
+    """Run Python in a process of its own: nothing may have been imported before a wing is hidden."""
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run([sys.executable, *arguments], cwd=cwd, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
+    return done.stdout
+
+
 def test_the_laboratory_works_without_its_wings(few_spheres, tmp_path):
-    shutil.copy(few_spheres, tmp_path / "few.npz")  # a process of its own, 4 s: nothing may have been imported before
-    done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "oscillatory instability" in done.stdout and "all is well" in done.stdout
+    shutil.copy(few_spheres, tmp_path / "few.npz")
+    said = run_here("-c", COMMANDS, cwd=tmp_path)
+    assert "oscillatory instability" in said and "all is well" in said
     assert (tmp_path / "few.csv").exists() and (tmp_path / "few-report.html").exists()
+
+
+# a wing of somebody else, its sweep and its format; a verdict and files of a packing: 3 s of a processor
+TELLING = (
+    "tests/structure/test_toy_experiment.py::test_from_python",
+    "tests/structure/test_toy_experiment.py::test_in_a_sweep",
+    "tests/structure/test_toy_experiment.py::test_files_of_its_format_are_read_and_written",
+    "tests/exchange/test_convert.py::test_three_commands_make_an_animation",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", hidden.NAMES)
+def test_the_laboratory_passes_its_tests_without_a_wing(name):
+    assert "cannot be loaded" not in run_here("-m", "tests.hidden", name, *TELLING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["all", *hidden.NAMES])
+def test_the_laboratory_passes_all_its_tests_without_a_wing(name):
+    own = [str(path.relative_to(ROOT)) for path in rooms.of_laboratory()]
+    assert len(own) > 60
+    run_here("-m", "tests.hidden", name, "-m", "not slow", *own)
+
+
+def test_heads_name_the_wings_that_they_import():
+    direct = {name: set() for name in hidden.NAMES}
+    for path in (rooms.PACKAGE / "wings").rglob("*.py*"):
+        parts = path.relative_to(rooms.PACKAGE / "wings").parts
+        for dots, other in re.findall(r"^ *from (\.+)(\w+)", path.read_text(encoding="utf-8"), flags=re.M):
+            if len(dots) == len(parts) and other in direct and len(parts) > 1:
+                direct[parts[0]].add(other)
+
+    def needed(name):
+        return direct[name].union(*map(needed, direct[name]))
+
+    assert {name: set(one.needs) for name, one in wing.wings().items() if name != "coins"} == {
+        name: needed(name) for name in hidden.NAMES
+    }
+
+
+@pytest.mark.parametrize(("experiment", "missing"), [("gouge", "faults"), ("threshold", "papers"), ("flow", "lammps")])
+def test_an_experiment_without_a_wing_that_it_needs_names_it(experiment, missing, install):
+    install(without=[missing])
+    said = f"experiment = '{experiment}' needs the wing {missing}, which is not installed: install stickslip again, or"
+    with pytest.raises(ss.experiments.ScenarioError, match=said):
+        ss.scenario(experiment=experiment)
+    assert experiment not in EXPERIMENTS and "fault" in {*EXPERIMENTS, missing.removesuffix("s")}
+
+
+def test_a_public_name_of_a_missing_wing_names_it(monkeypatch):
+    for module in [name for name in sys.modules if name.startswith("stickslip.wings.status")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setattr(sys, "meta_path", [hidden.Hidden({"stickslip.wings.status"}), *sys.meta_path])
+    with pytest.raises(wing.MissingWingError, match=r"stickslip.quasirigid.load_path needs the wing status, which is"):
+        ss.quasirigid.load_path  # noqa: B018
 
 
 def test_without_any_wing_scenarios_name_no_experiment(install):

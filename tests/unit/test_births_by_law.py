@@ -7,7 +7,7 @@ import stickslip as ss
 from benchmarks.births import births_by_law
 from benchmarks.pairs_by_law import PAGE, read_births, table
 from stickslip.core.contacts.jacobian import linearise
-from stickslip.wings.papers.sphere_shear.claims_of_laws import share_interval
+from stickslip.wings.papers.sphere_shear.claims import share_interval
 
 
 def test_interval_of_a_share_solves_the_quadratic_equation_of_wilson():

@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.experiments.experiment import Experiment
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.runs import bibliography as sources
+from stickslip.runs import bundled as sources
 from tests.conftest import stickslip_here as stickslip
 
 ROOT = Path(__file__).parents[2]
@@ -62,7 +62,7 @@ def test_all_references_have_what_bibtex_needs():
     source = ROOT / "src/stickslip"
     paths = [
         source / "builtin_laws.py",
-        source / "runs/bibliography.py",
+        source / "runs/bundled.py",
         *(source / "experiments").rglob("*.py"),
         *(source / "wings").rglob("*.py"),
     ]

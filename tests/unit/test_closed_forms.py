@@ -7,6 +7,7 @@ import stickslip as ss
 from stickslip.core import measure
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics.cell_motion import remaining_skin
+from stickslip.core.scales import natural_scales
 from stickslip.solve.moduli import voigt
 
 
@@ -62,6 +63,31 @@ def test_a_contact_with_a_wall_counts_once_and_one_of_two_grains_twice():
     assert record.touching[0] == 3
     assert record.coordination[0] == pytest.approx(4 / 3)
     assert record.held_coordination[0] == 2.0
+
+
+@pytest.mark.parametrize(("dim", "contacts"), [(2, 2), (2, 3), (3, 3), (3, 4)])
+def test_without_friction_a_grain_needs_one_support_more_than_dimensions(dim, contacts):
+    """A grain among fixed ones: two contacts hold it with friction, dim + 1 without."""
+    corner = 3**-0.5 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])  # of a tetrahedron
+    turn = 2 * np.pi * np.arange(4) / 3
+    side = corner if dim == 3 else np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    place = np.vstack([np.zeros(3), 0.999 * side[:contacts]])
+    state = ss.assembly((ss.disks if dim == 2 else ss.spheres)(place, 0.5), cell=ss.box(dim=dim))
+    state = state._replace(control=ss.control.fixed(state.control, np.arange(1, contacts + 1)))
+    for mu, least in ((0.5, 2), (0.0, dim + 1)):
+        law = ss.laws.linear(mu=mu)
+        held = ss.modes.backbone(ss.accept(state, ss.forces(state, law)[1]), law).body
+        assert (0 in held) == (contacts >= least)
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_the_force_scale_of_a_users_law_is_extrapolated_linearly_from_a_tenth_of_a_diameter(power):
+    """k δ^p: a law that is linear has the scale k d of the built-in one, and k δ² one of k (d/10)² times 10."""
+    law = ss.laws.custom(
+        normal_force=lambda overlap, kn, p: kn * overlap**p, parameters={"kn": 3.0, "kt": 1.0, "mu": 0.3, "p": power}
+    )
+    state = ss.assembly(ss.spheres([[0, 0, 0], [5, 0, 0]], [0.5, 0.8]))
+    assert natural_scales(state, law).force == pytest.approx(3.0 * 0.1**power / 0.1, rel=1e-12)
 
 
 def test_a_free_wall_falls_and_a_grain_on_it_rests_on_both_weights():

@@ -8,7 +8,7 @@ from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import elastic_energy
 from stickslip.loading import compression, packing
 from stickslip.loading.packing import frictionless, jammed, random_grains
-from stickslip.solve.quench import quench
+from stickslip.solve.equilibrate import quench
 
 compressed = ss.packings.compressed
 LAWS = {

@@ -107,6 +107,6 @@ def test_a_pair_of_disks_swings_as_in_closed_form():
 
 
 def test_too_large_for_dense_names_another_method(packing, monkeypatch):
-    monkeypatch.setattr("stickslip.solve.damped.DENSE_AT_MOST", 10)
+    monkeypatch.setattr("stickslip.solve.stability.DAMPED_AT_MOST", 10)
     with pytest.raises(ValueError, match="use 'pairs' or 'fastest'"):
         ss.stability(packing, LAW, method="dense")

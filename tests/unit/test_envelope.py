@@ -66,7 +66,7 @@ def test_probes_of_stress_agree_with_the_contact_status_of_the_linear_problem():
     probed = ss.quasirigid.probe_statuses(state, LAW, envelope.stress)
     assert all(answer.status.ok for answer in probed) and len({tuple(a.status.sliding) for a in probed}) > 3
     strain = np.array([answer.strain for answer in probed])
-    assert np.abs(strain - envelope.strain).max() < 1e-3 * np.abs(strain).max()
+    assert np.abs(strain - envelope.strain).max() < 2e-4 * np.abs(strain).max()
     assert [answer.status.sliding.sum() for answer in probed] == envelope.slides.tolist()
 
 
@@ -75,7 +75,8 @@ def test_probes_of_strain_of_spheres_agree_with_the_linear_problem_and_have_cert
     envelope = ss.protocols.response_envelope(state, LAW, directions=6)
     probed = ss.quasirigid.probe_statuses(state, LAW, envelope.stress)
     assert envelope.slides.max() > 10 > envelope.slides.min()
-    assert np.abs(np.array([answer.strain for answer in probed]) - envelope.strain).max() < 1e-3
+    strain = np.array([answer.strain for answer in probed])
+    assert np.abs(strain - envelope.strain).max() < 5e-4 * np.abs(strain).max()
     assert [answer.status.sliding.sum() for answer in probed] == envelope.slides.tolist()
     assert all(answer.status.uniqueness.unique for answer in probed)
 

@@ -7,8 +7,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.measure import rattlers, touching
-from stickslip.loading.packing import jammed
-from stickslip.loading.shear import sheared
+from stickslip.loading.packing import jammed, sheared
 from stickslip.solve.equilibrate import UnstableEquilibriumWarning, equilibrate
 from stickslip.solve.freedom import assembled, dynamical_matrix, freedom, incidence
 from stickslip.solve.linear import factorised, has_pardiso

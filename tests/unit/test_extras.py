@@ -55,8 +55,9 @@ def test_a_broken_library_is_distinguished_from_a_missing_one(text, said, tmp_pa
 
 def test_the_command_line_ends_with_the_sentence_and_exit_code_2():
     code = "\n".join([
-        "import sys, stickslip.cli as cli, stickslip.cli.entry_point", "from stickslip.extras import require",
-        "def broken():", "    with cli.entry_point.convert_errors():", "        require('absent_library', 'cluster')",
+        "import sys, stickslip.cli as cli", "from stickslip.cli.app import convert_errors",
+        "from stickslip.extras import require",
+        "def broken():", "    with convert_errors():", "        require('absent_library', 'cluster')",
         "cli.app.command('broken')(broken)", "sys.argv = ['stickslip', 'broken']", "cli.main()",
     ])  # fmt: skip
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

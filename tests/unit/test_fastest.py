@@ -7,9 +7,8 @@ import pytest
 
 from stickslip.core.laws.builtin import hertz_mindlin, linear
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
-from stickslip.solve.fastest import fastest_pair
+from stickslip.solve.fastest import ShiftWindows, fastest_pair
 from stickslip.solve.freedom import dynamical_matrix, freedom
-from stickslip.solve.shift_windows import ShiftWindows
 from stickslip.solve.spectrum import spectrum
 from tests.conftest import stirred
 from tests.modes.conftest import sheared

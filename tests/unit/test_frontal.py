@@ -6,11 +6,9 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 
 from stickslip.core.laws.builtin import hertz_mindlin
+from stickslip.solve.fastest import LANES, KrylovSubspace, ProbeRun
 from stickslip.solve.freedom import dynamical_matrix, freedom
-from stickslip.solve.frontal import FrontalFactor, count_below, dissect
-from stickslip.solve.leapfrog import LANES
-from stickslip.solve.probes import ProbeRun
-from stickslip.solve.shift_windows import KrylovSubspace
+from stickslip.solve.linear import FrontalFactor, count_below, dissect
 from tests.conftest import make_law, make_packing, stirred
 from tests.unit.test_fastest import lattice
 

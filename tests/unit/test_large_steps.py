@@ -7,8 +7,7 @@ from scipy.linalg import eigvalsh
 
 import stickslip as ss
 from stickslip.core.contacts.jacobian import triplets
-from stickslip.loading.packing import jammed
-from stickslip.loading.shear import sheared
+from stickslip.loading.packing import jammed, sheared
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import assembled, dynamical_matrix, freedom, jacobian, translations
 from stickslip.solve.linear import DENSE_BELOW, block_diagonal_solve, iterate

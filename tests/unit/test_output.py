@@ -189,7 +189,7 @@ def test_colours_and_live_lines_are_for_terminals(monkeypatch):
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_code_pages_without_greek_get_spelled_letters(encoding, tmp_path):
-    code = "import sys; from stickslip.cli.entry_point import main; from stickslip.cli import app\n"
+    code = "import sys; from stickslip.cli.app import main; from stickslip.cli import app\n"
     code += "@app.command()\ndef greek(): print('λ ± 2 Å'); raise ValueError('φ → ∞')\nmain()"
     env = os.environ | {"PYTHONIOENCODING": encoding, "NO_COLOR": "1"}
     run = subprocess.run([sys.executable, "-c", code, "greek"], capture_output=True, env=env)

@@ -6,8 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, coordination, packing_fraction, pressure, rattlers, stress, touching
-from stickslip.loading.packing import frictionless, jammed
-from stickslip.loading.shear import reduced_cell, shear_strain, sheared, strained
+from stickslip.loading.packing import frictionless, jammed, reduced_cell, shear_strain, sheared, strained
 from tests.conftest import make_law, make_packing, stirred
 
 

@@ -7,15 +7,13 @@ import pytest
 from scipy.linalg import eigvals
 
 import stickslip as ss
+from stickslip.core.contacts.jacobian import linearise
 from stickslip.core.progress import silent
-from stickslip.loading.packing import jammed
-from stickslip.loading.shear import sheared
+from stickslip.loading.packing import jammed, sheared
 from stickslip.solve import pairs as module
-from stickslip.solve import windows
-from stickslip.solve.certificate import _discs, gershgorin_certificate
 from stickslip.solve.equilibrate import equilibrate
 from stickslip.solve.freedom import dynamical_matrix, freedom
-from stickslip.solve.pairs import complex_pairs
+from stickslip.solve.pairs import _discs, complex_pairs, gershgorin_certificate
 from stickslip.solve.spectrum import mode_overlap, spectrum
 from tests.conftest import make_law, make_packing, stirred
 
@@ -54,7 +52,7 @@ def assert_same(result, full):
 
 def test_windows_find_the_pairs_of_lapack(packing):
     state, full = packing
-    assert len(full.eigenvalues) > 2 * (windows.WINDOW + windows.HALO)
+    assert len(full.eigenvalues) > 2 * (module.WINDOW + module.HALO)
     assert len(full.pairs) > 1
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
 
@@ -66,7 +64,7 @@ def test_small_systems_go_to_lapack_directly(packing):
 
 def test_strong_skew_coupling_goes_to_lapack(packing, monkeypatch):
     state, full = packing
-    monkeypatch.setattr(windows, "WEAK", 0.0)
+    monkeypatch.setattr(module, "WEAK", 0.0)
     monkeypatch.setattr(module, "_refine_clusters", None)  # would fail if it were called
     assert_same(complex_pairs(state, LAW, dense_below=0), full)
 
@@ -225,8 +223,12 @@ def test_stability_takes_the_cheapest_way_and_names_it(packing, asked, way):
 def test_stability_beyond_lapack_agrees_with_it(packing, monkeypatch, asked, way):
     state, full = packing
     monkeypatch.setattr("stickslip.solve.stability.DENSE_UP_TO", 10)
+    calls = []
+    for room in ("balance", "freedom"):
+        monkeypatch.setattr(f"stickslip.solve.{room}.linearise", lambda *a, **o: calls.append(a) or linearise(*a, **o))
     result = ss.stability(state, LAW, method=asked)
     assert result.method == way and result.scope
+    assert len(calls) == 1  # the pairs are those of the matrix on which the verdict rests
     np.testing.assert_allclose(result.pairs[0], full.pairs[0], rtol=1e-9)
 
 

@@ -18,8 +18,8 @@ from stickslip.reports.claims import (
 )
 from stickslip.wings.papers.disk_array import claims as disk_claims
 from stickslip.wings.papers.disk_array import measures as disk_measures
-from stickslip.wings.papers.disk_array.arrest import Arrest, find_arrest
 from stickslip.wings.papers.disk_array.fronts import fit_front
+from stickslip.wings.papers.disk_array.measures import Arrest, find_arrest
 from stickslip.wings.papers.quasi_rigid import claims as quasi_claims
 from stickslip.wings.papers.sphere_shear import claims as shear_claims
 from stickslip.wings.status.path import LoadPath

@@ -19,6 +19,7 @@ from stickslip.experiments.registry import read_scenario
 from tests.conftest import stickslip_here
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+LAW = "--law hertz_mindlin_reff --kn 1 --kt 0.8 --mu 0.2 --damping-n 0 --damping-t 0"
 SLIDER = 'experiment = "rate-state"\nsamples.number = 10\n'
 
 
@@ -41,6 +42,28 @@ def moved(folder: Path) -> None:
     ss.io.write_packing(folder / "m.npz", state, law)
     ss.io.write_packing(folder / "two.h5", [ss.io.frame_of(one, law) for one in (state, state)])
     ss.io.write_packing(folder / "bare.xyz", state, law)
+
+
+def exported(folder: Path) -> None:
+    """A packing as LAMMPS has it, with its contacts, and without the comments that name its columns."""
+    law = ss.laws.hertz_mindlin_reff(1.0, 0.8, 0.2, coulomb="sharp")
+    state = ss.packings.jammed(16, packing_fraction=0.7, law=law, seed=1)[0]
+    for name in ("a.data", "a.npz"):
+        ss.io.write_packing(folder / name, state, law)
+    head, _, rows = (folder / "a.data").read_text().partition("Atoms # sphere\n\n")
+    table = np.loadtxt(rows.partition("\nVel")[0].splitlines())
+    table[:, 2] = 1.0  # a diameter, or a type of molecule
+    table = [(f"{a:.0f} {b:.0f}", f"{c:.0f} {d!r}", f"{x!r} {y!r} {z!r}") for a, b, c, d, x, y, z, *_ in table.tolist()]
+    plain = "\n".join(f"{ids} {size} {place}" for ids, size, place in table)
+    mixed = "\n".join(f"{ids} {place} {size} 0" for ids, size, place in table)
+    (folder / "plain.data").write_text(f"{head}Atoms\n\n{plain}\n")
+    (folder / "mixed.data").write_text(f"{head}Atoms # hybrid\n\n{mixed}\n")
+
+
+def occupied(folder: Path) -> None:
+    """A packing beside a file with the name of its modes."""
+    packing(folder)
+    (folder / "a-modes.npz").write_text("notes")
 
 
 def sliders(folder: Path) -> None:
@@ -90,6 +113,19 @@ CASES = {
     "parameter of a law": (
         packing, "stability a.npz --law walton_braun --coulomb sharp --settle", r"(--parameter k_unload=…)", {"…": "2"},
     ),
+    "no boundaries": (
+        exported, "convert a.data --to b.npz --overwrite", r"\((--boundary)\)", {"--boundary": "--boundary ppp"},
+    ),
+    "style of atoms": (exported, "convert plain.data --to b.npz", r"give (--atom-style sphere)", {}),
+    "parts of a style": (
+        exported, "convert mixed.data --to b.npz", r"with (--atom-style)",
+        {"--atom-style": "--atom-style 'hybrid sphere bond'"},
+    ),
+    "memory in another file": (
+        exported, "convert a.npz --to b.data", r"read it back with (--contacts \S+)",
+        {"--contacts": f"convert b.data --to b.npz {LAW} --contacts"},
+    ),
+    "modes in the way": (occupied, "stability a.npz", r"give (--modes),", {"--modes": "--modes b.npz"}),
     "sharp friction": (
         moved, "stability m.npz --coulomb rough --settle", r"use (sharp) or", {"sharp": "--coulomb sharp"},
     ),

@@ -18,8 +18,7 @@ import stickslip as ss
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.figures.saving import Look, _letter, render, save
 from stickslip.figures.style import column_axes, label_axes, legend_above, styled
-from stickslip.runs.resume import find_unfinished, mark_look
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import find_unfinished, mark_look, write_result
 from tests.conftest import stickslip_here
 
 LAW = ss.laws.hertz_mindlin()

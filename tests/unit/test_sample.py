@@ -190,7 +190,7 @@ def test_the_command_says_the_verdict_and_writes_the_modes(unstable, tmp_path):
         ({"radius": None}, [], "has no array 'radius'"),
         ({}, ["--law", "hooke"], "use hertz_mindlin or linear"),
         ({}, ["--mu", "-1"], "not negative"),
-        ({}, ["--method", "magic"], "use auto, fastest, all, certify, dense or pairs"),
+        ({}, ["--method", "magic"], "'auto', 'fastest', 'all', 'certify', 'dense' and 'pairs' are allowed"),
         ({"slip": np.zeros((2, 3))}, [], "slip has shape"),
     ],
 )

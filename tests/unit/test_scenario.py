@@ -8,8 +8,8 @@ import pytest
 import stickslip as ss
 from stickslip.core.laws.builtin import DAMPING_N, DAMPING_T, KT
 from stickslip.data import archive
-from stickslip.experiments import contact_law
 from stickslip.experiments.registry import ScenarioError, read_scenario, scenario
+from stickslip.experiments.samples import make_law as law_of
 from stickslip.loading.protocols import Change, perturbed
 from stickslip.wings.studies.flow.scenario import FlowLaw
 from tests.conftest import make_law, make_packing, stirred
@@ -23,12 +23,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"aray": {}}, "a scenario has no key 'aray': did you mean 'array'"),
         ({"array": {"raduis": 0.5}}, r"the table \[array\] has no key 'raduis': did you mean 'radius'"),
         ({"law": {"wall": {"mo": 0.5}}}, r"the table \[law.wall\] has no key 'mo': did you mean 'mu'"),
-        ({"array": {"radius": -0.5}}, "array.radius = -0.5 was given"),
         ({"array": {"radius": [0.5, 0.5]}}, "radius has 2 entries, but there are 10 disks"),
-        ({"array": {"disks": 0}}, "array.disks = 0 was given"),
         ({"array": {"disks": 2.5}}, "array.disks = 2.5 was given"),
         ({"array": {"gap": -0.6}}, "overlap by more than a radius"),
-        ({"law": {"mu": -1.0}}, "law.mu = -1.0 was given"),
         ({"law": {"mu": float("nan")}}, "law.mu = nan was given"),
         ({"law": {"mu": "rough"}}, "law.mu = 'rough' was given"),
         ({"law": {"kind": "hertz"}}, "law.kind = 'hertz' was given, but it should be 'hertz_mindlin' or 'linear'"),
@@ -40,10 +37,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"dynamics": {"watch": 0.01}}, "not among dynamics.loads"),
         ({"load": {"press": 2000.0}}, "makes disks overlap the substrate"),
         ({"dynamics": {"duration": 1e13}}, "should be less than or equal to 10000000"),
-        ({"sliding": {"realizations": 10**9}}, "sliding.realizations = 1000000000 was given"),
-        ({"float_array": 3}, "a scenario has no key 'float_array'"),
         ({"array": {"float_radius": 3}}, r"the table \[array\] has no key 'float_radius'"),
-        ({"relaxation": {"spin_drag": 0.0}}, "relaxation.spin_drag = 0.0"),
         ({"seed": True}, "seed = True was given"),
         (
             {"experiment": "cyclic-shear", "cycles": {"amplitudes": []}},
@@ -77,7 +71,7 @@ def test_a_bad_file_gives_a_one_sentence_error(tmp_path, text, message):
 
 
 def test_the_example_is_the_paper_and_survives_a_round_trip(tmp_path):
-    from stickslip.wings.papers.disk_array.paper import paper_scenario
+    from stickslip.wings.papers.disk_array.claims import paper_scenario
 
     example, paper = read_scenario(EXAMPLES / "disk_array.toml"), paper_scenario()
     assert example.array == paper.array
@@ -131,7 +125,7 @@ def test_archive_that_fails_leaves_the_old_file(tmp_path):
 @pytest.mark.parametrize(("given", "ratio"), [({}, 0.5), ({"damping_ratio": 0.2}, 0.2)])
 def test_what_a_law_has_where_nothing_is_given(given, ratio):
     chosen = FlowLaw(kind="linear", kn=7.0, restitution=0.6, speed=0.1, **given)
-    table = contact_law.make_law(chosen, radius=0.5, mass=1.0).table[0, 0]
+    table = law_of(chosen, radius=0.5, mass=1.0).table[0, 0]
     assert table[KT] == pytest.approx(2.0)  # 2/7 of kn
     assert table[DAMPING_T] == pytest.approx(ratio * table[DAMPING_N]) and table[DAMPING_N] > 0
 

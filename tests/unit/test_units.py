@@ -28,11 +28,11 @@ from stickslip.core.units import (
 from stickslip.data import archive
 from stickslip.data.exchange.files import packing_units
 from stickslip.experiments.registry import EXPERIMENTS, read_tables
-from stickslip.figures.quantities import quantities
+from stickslip.figures.outlines import quantities
 from stickslip.figures.view3d import view_data
-from stickslip.loading.event_types import Events
+from stickslip.loading.event_class import Events
 from stickslip.runs import page
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 
 PACKAGE = Path(ss.__file__).parent
 BASE = {  # exponents of mass, length and time

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.loading.shear import _with_images
+from stickslip.loading.packing import _with_images
 
 LAW = ss.laws.hertz_mindlin(1.0, 0.6, 0.3, coulomb="sharp")
 DAMPED = ss.laws.hertz_mindlin(1.0, 0.6, 0.3, coulomb="sharp", damping="mass_velocity", damping_n=0.3, damping_t=0.3)

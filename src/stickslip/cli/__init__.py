@@ -3,13 +3,12 @@
 from ..wing import add_commands
 
 # isort: off
-from . import running, packings, view  # in the order of stickslip --help
+from . import running, packings  # in the order of stickslip --help
 
 add_commands()  # of wings
 from . import about  # noqa: E402
 
 # isort: on
-from .app import app  # noqa: E402
-from .entry_point import main  # noqa: E402
+from .app import app, main  # noqa: E402
 
-__all__ = ["about", "app", "main", "packings", "running", "view"]
+__all__ = ["about", "app", "main", "packings", "running"]

@@ -95,7 +95,7 @@ def cite(
     as_json: AsJson = False,
 ) -> None:
     """Print BibTeX entries to cite for a run: this package, papers, contact laws, libraries."""
-    from ..runs.bibliography import bibtex, read_scenarios
+    from ..runs.bundled import bibtex, read_scenarios
 
     text = bibtex(*read_scenarios(scenario))
     if as_json:

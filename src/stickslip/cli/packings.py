@@ -1,4 +1,4 @@
-"""Commands that read a packing: stability analysis and conversion to other formats."""
+"""Commands that read a packing: stability, conversion, reports with a three-dimensional view, and movies."""
 
 import sys
 from functools import wraps
@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import Output, OverwriteFile, command, complete_from, examples, finish, number_option, numbers_by_name
+from .app import Output, OverwriteFile, Trust, command, complete_from, examples, finish, number_option, numbers_by_name
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -265,22 +265,152 @@ def convert(
     from ..data.sample import account_of
     from ..known import with_keys
     from ..loading.reading import convert
-    from ..reports import terminal
 
     (paths, notes), said = capture_warnings(
         convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
         **options.values(),
     )  # fmt: skip
     notes = [*notes, *said]
+    _finish_with_notes("convert", paths, {"notes": notes, "met": with_keys(account_of(notes))}, output)
+
+
+def _finish_with_notes(command: str, paths: list[Path], fields: dict, output: Output) -> None:
+    """Print the result of a command; its fields have notes and may have a verdict."""
+    from ..reports import terminal
+    from ..runs import json_output
 
     def show() -> None:
-        for line in notes:
+        if sentence := fields.get("verdict"):
+            terminal.console.print(sentence)
+        for line in fields["notes"]:
             terminal.console.print(line, style="yellow")
 
-    def answer() -> dict:
-        from ..runs import json_output
+    finish(lambda: json_output.common_fields(command, files=paths) | fields, paths, show, output)
 
-        met = with_keys(account_of(notes))
-        return json_output.common_fields("convert", files=paths) | {"notes": notes, "met": met}
 
-    finish(answer, paths, show, output)
+REPORT = examples(
+    ("report examples/sheared_spheres.npz", "sheared_spheres-report.html, with the unstable mode animated"),
+    ("run examples/rate_state.toml --out results/rate-state", "any run"),
+    ("report results/rate-state", "measures, figures and scenario: results/rate-state/report.html"),
+)
+MOVIE = examples(
+    ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the mp4 extra"),
+    ("run examples/column_collapse.toml --out results/column", "a flow: a minute or two"),
+    ("movie results/column --colour speed", "results/column/movie.gif"),
+)
+Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing in any format that `stability` reads.")]
+
+
+class ViewOptions(NamedTuple):
+    """Options of what is shown, in a report or a movie."""
+
+    modes: Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")] = (
+        None
+    )
+    settle: Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")] = False
+    colour: Annotated[
+        str | None,
+        typer.Option("--colour", help="Quantity that colours the grains; default of a movie: speed, or displacement."),
+    ] = None
+    trust: Trust = False
+
+
+@command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
+@in_units_of_packing
+def report(
+    *,
+    place: Place,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Output file; default: report.html in the run, or FILE-report.html.")
+    ] = None,
+    view: ViewOptions,
+    verdict: Annotated[
+        bool | None,
+        typer.Option(
+            "--verdict/--no-verdict", help="With verdict and modes; default: up to about 5000 spheres or 10,000 disks."
+        ),
+    ] = None,
+    dashpots: Dashpots = True,
+    overwrite: OverwriteFile = False,
+    output: Output,
+    options: PackingOptions,
+) -> None:
+    """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
+    from ..data.run_files import PAGE
+    from ..reports import page, terminal
+    from ..runs.page import load_content
+
+    path = out or page.default_path(place, PAGE)
+    page.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, view, options))
+    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
+        content = load_content(
+            place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
+            search=verdict, trust=view.trust,
+        )  # fmt: skip
+        page.write_page(content, path, colour=view.colour)
+    notes = [content.warning] if content.warning else []
+    _finish_with_notes("report", [path], {"verdict": content.verdict or None, "notes": notes}, output)
+
+
+class FilmOptions(NamedTuple):
+    """Options of a movie."""
+
+    mode: Annotated[
+        int | None,
+        typer.Option(
+            "--mode",
+            min=0,
+            metavar="N",
+            help="Number of the mode, 0 for the fastest; default: the run, or mode 0 of a packing.",
+        ),
+    ] = None
+    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = (
+        25
+    )
+    whole: Annotated[bool, typer.Option("--whole", help="Film all stages of a run; default: the last.")] = False
+    frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48
+    amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3
+
+
+@command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")
+@in_units_of_packing
+def movie(
+    *,
+    place: Place,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help=".gif or .mp4; default: movie.gif in the run, or FILE-movie.gif in the current folder."
+        ),
+    ] = None,
+    view: ViewOptions,
+    film: FilmOptions,
+    overwrite: OverwriteFile = False,
+    output: Output,
+    options: PackingOptions,
+) -> None:
+    """Write a movie of a run, or of a mode of a packing, as GIF or MP4."""
+    from ..data.run_files import FILM
+    from ..reports import page, terminal
+    from ..runs.page import is_run, load_content
+
+    path = out or page.default_path(place, FILM)
+    page.check_output(path, page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
+    page.film.check_movie(path, film.fps)
+    with terminal.console_output(*output), terminal.progress(transient=True) as tell:
+        content = load_content(
+            place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
+            search=film.mode is not None or not is_run(place), trust=view.trust,
+        )  # fmt: skip
+        page.write_movie(
+            content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
+            mode=film.mode, whole=film.whole, report=tell,
+        )  # fmt: skip
+    notes = [content.warning] if content.warning else []
+    notes += [content.verdict] if content.verdict and not content.decided else []
+    _finish_with_notes("movie", [path], {"notes": notes}, output)
+
+
+def _input_files(place: Path, view: ViewOptions, options: PackingOptions) -> tuple:
+    """Input files of a command."""
+    return place, view.modes, options.contacts, options.law

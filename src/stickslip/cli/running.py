@@ -11,19 +11,21 @@ from .app import (
     DEVICES,
     ENGINES,
     EngineOptions,
+    FailedError,
     FigureOptions,
     Out,
     Output,
     Overwrite,
     ProcessOptions,
+    StoppedError,
     Trust,
     check_choice,
     command,
     complete_from,
+    convert_errors,
     examples,
     finish,
 )
-from .entry_point import FailedError, StoppedError, convert_errors
 
 REPRODUCE = examples(
     ("reproduce disk-array --quick", "a minute; results/disk-array-quick, with figures and claims"),
@@ -106,7 +108,7 @@ def reproduce(
             raise ValueError(f"{name} was given, but only --paper-size has samples: leave it out")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
-    from ..runs.resume import mark_look, mark_reproduction, reproduction_arguments
+    from ..runs.folder import mark_look, mark_reproduction, reproduction_arguments
 
     more = {"full": full, "paper_size": paper_size, "realizations": realizations}
     more |= {"samples": samples and samples.absolute()}
@@ -128,7 +130,7 @@ def reproduce(
 def _working_in(folder: Path, output: Output):
     """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
     from ..data.checkpoint import is_worth_resuming
-    from ..data.lock import lock_folder
+    from ..data.manifest import lock_folder
     from ..data.run_files import resume_command
     from ..reports import terminal
 
@@ -158,7 +160,7 @@ def _reproduce_in(
     from ..reports import terminal
     from ..reports.claims_report import show_claims
     from ..runs import json_output
-    from ..runs.writer import write_reproduction
+    from ..runs.folder import write_reproduction
 
     chosen = papers()[experiment]
     if quick:
@@ -199,7 +201,7 @@ def run(
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
     from ..runs import folder as run_folder
-    from ..runs.resume import mark_look
+    from ..runs.folder import mark_look
 
     look = drawing.look()
     if out is not None and export is not None:
@@ -257,7 +259,7 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look) ->
     from ..experiments.registry import experiment_of
     from ..reports import terminal
     from ..runs import json_output
-    from ..runs.writer import write_result
+    from ..runs.folder import write_result
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
@@ -284,7 +286,7 @@ def resume(
     """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
     from ..data.law_file import check_law_files, trust_law_files
     from ..reports import terminal
-    from ..runs.resume import find_unfinished
+    from ..runs.folder import find_unfinished
 
     with terminal.console_output(*output):
         if find_unfinished(folder) is None:

@@ -37,7 +37,7 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
 
 def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
     r"""Text of the bytes of a file, with line endings converted to \n; `path` is for messages, see `read_text`."""
-    if _has_wide_letters(content):
+    if has_wide_letters(content):
         raise ValueError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
     if b"\0" in content:
         raise ValueError(f"{path} is a binary file, not a text file: {remedy}")
@@ -50,7 +50,7 @@ def decode_text(content: bytes, path: str | Path, *, remedy: str, fallback: str 
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _has_wide_letters(content: bytes) -> bool:
+def has_wide_letters(content: bytes) -> bool:
     """Return True if characters take two or four bytes, judging by a byte order mark or by zeros in between."""
     halves = [set(content[:_SAMPLE_BYTES][k::2]) == {0} for k in (0, 1)]
     return content.startswith(_MARKS) or halves[0] != halves[1]

@@ -129,7 +129,11 @@ def _open(path, remedy: str = REMEDY):
     with refuse_damage(path, "an archive", remedy):
         _check_checksum(path, remedy)
         with h5py.File(path) as file:
-            _check_schema(path, file.attrs.get("schema"))
+            if not OLDEST <= (schema := file.attrs.get("schema")) <= SCHEMA:
+                remedy = "install a later stickslip" if schema > SCHEMA else "run it again"
+                raise ArchiveError(
+                    f"{path} has archive schema {schema}, but this version reads schemas {OLDEST} to {SCHEMA}: {remedy}"
+                )
             yield file
 
 
@@ -143,14 +147,6 @@ def _check_checksum(path, remedy: str) -> None:
     if block[len(_HEADER) :].strip() != digest:
         raise ArchiveError(
             f"{path} is damaged or was modified (its checksum does not match): restore a copy, or run it again"
-        )
-
-
-def _check_schema(path, schema) -> None:
-    if not OLDEST <= schema <= SCHEMA:
-        remedy = "install a later stickslip" if schema > SCHEMA else "run it again"
-        raise ArchiveError(
-            f"{path} has archive schema {schema}, but this version reads schemas {OLDEST} to {SCHEMA}: {remedy}"
         )
 
 

@@ -1,23 +1,119 @@
 """Checkpoints of an unfinished run: named pieces, from which a run that was killed can be resumed.
 
-Pieces are appended to files that name the scenario to which they belong, and are never used for another one. They are
-removed when the run has written its results.
+Pieces are records in files that only grow and that name the scenario to which they belong; they are never used for
+another one, and removed when the run has written its results. Every process appends to a file of its own, so that no
+locks are needed. A process that is killed while it appends leaves an incomplete record at the end of its file: reading
+ends before the first record that does not match its checksum. The first record of a file says what it belongs to.
 """
 
 import hashlib
+import json
+import os
 import shutil
+import struct
+import time
 from collections import ChainMap
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
+from zlib import crc32
 
 from .. import __version__
 from .._core import build
 from ..core.arguments import check_value
 from ..core.units import Units
-from . import records
 from .atomic import write_atomically
 from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, refuse_damage, restore, to_bytes
+
+SUFFIX = ".records"
+SYNC = 1.0  # shortest time between two flushes to disk: a power failure loses no more work than this [s]
+_FRAME = struct.Struct("<IHQ")  # checksum of what follows, length of the name, length of the content
+
+
+class Record(NamedTuple):
+    """Location of a record."""
+
+    path: Path
+    start: int
+    size: int
+
+    def read(self) -> bytes:
+        """Content of the record."""
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            return file.read(self.size)
+
+
+class Index:
+    """Records of a file by name, as far as it has been read, and what the file belongs to."""
+
+    def __init__(self, first: bytes):
+        self.first, self.end = first, 0
+        self.found: dict[str, Record] = {}
+        self.about: dict[str, str] = {}
+
+
+_INDEX: dict[Path, Index] = {}
+_OWN: dict[tuple[int, Path], Path] = {}  # file to which a process appends, by process and folder
+_SYNCED: dict[Path, float] = {}  # time of the last flush to disk
+
+
+def record_files(folder: Path) -> list[Path]:
+    """Files of records in a folder."""
+    return sorted(folder.glob(f"*{SUFFIX}"))
+
+
+def _read_appended(path: Path) -> Index:
+    """Read what has been appended to a file since the last call."""
+    with path.open("rb") as file:
+        first = file.read(_FRAME.size)
+        index = _INDEX.get(path)
+        if index is None or index.first != first:  # the file is another one: its first record is unique
+            index = _INDEX[path] = Index(first)
+        file.seek(index.end)
+        while len(frame := file.read(_FRAME.size)) == _FRAME.size:
+            checksum, length, size = _FRAME.unpack(frame)
+            if index.end + len(frame) + length + size > os.fstat(file.fileno()).st_size:
+                break
+            data = file.read(length + size)
+            if crc32(data, crc32(frame[4:])) != checksum:
+                break
+            if index.end == 0:
+                index.about = json.loads(data)
+            else:
+                index.found[data[:length].decode()] = Record(path, index.end + len(frame) + length, size)
+            index.end += len(frame) + len(data)
+    return index
+
+
+def append_record(folder: Path, name: str, content: bytes, about: dict) -> None:
+    """Append a record; it survives whatever happens to this process.
+
+    Parameters
+    ----------
+    about : what the folder belongs to, for the first record
+    """
+    own = os.getpid(), folder
+    path = _OWN.setdefault(own, folder / f"{os.urandom(8).hex()}{SUFFIX}")
+    try:
+        with path.open("ab") as file:
+            first = b"" if file.tell() else _to_frame("", json.dumps(about | {"file": os.urandom(8).hex()}).encode())
+            file.write(first + _to_frame(name, content))
+            file.flush()
+            if time.monotonic() - _SYNCED.get(path, -SYNC) >= SYNC:
+                os.fsync(file.fileno())
+                _SYNCED[path] = time.monotonic()
+    except OSError as problem:
+        del _OWN[own]  # the file may end with an incomplete record, after which nothing is read
+        problem.filename = str(path)
+        raise
+
+
+def _to_frame(name: str, content: bytes) -> bytes:
+    label = name.encode()
+    sizes = _FRAME.pack(0, len(label), len(content))[4:]
+    return b"".join([struct.pack("<I", crc32(content, crc32(label, crc32(sizes)))), sizes, label, content])
+
 
 # a folder and two files in the folder of the results, and the folders of a sweep's members and of legs for LAMMPS
 UNFINISHED, SCENARIO, SWEEP, MEMBERS, LEGS = "unfinished", "scenario.json", "sweep.json", "members", "lammps"
@@ -97,7 +193,7 @@ class Checkpoint(NamedTuple):
         """Write a piece, all or nothing; it survives whatever happens to this process."""
         self.announce()
         about = {"scenario": self.scenario, "stickslip": __version__, "part": self._place, "core": build.best_level()}
-        records.append(self.folder, name, to_bytes(make_node(value, self.units)), about)
+        append_record(self.folder, name, to_bytes(make_node(value, self.units)), about)
 
     def load(self, name: str, kind: Any = Any) -> Any:
         """Read a piece, whose type is given as an annotation.
@@ -113,11 +209,11 @@ class Checkpoint(NamedTuple):
             check_value(name, value, kind)
         return value
 
-    def _find(self) -> Mapping[str, records.Record]:
+    def _find(self) -> Mapping[str, Record]:
         """Existing pieces by name."""
         if any(not path.name.startswith(".") for path in self.folder.glob("*.h5")):
             raise ArchiveError(f"{self.folder} contains checkpoints in the form of an earlier version: {OTHER_VERSION}")
-        indices = [_read_index(path) for path in records.files(self.folder)]
+        indices = [read_index(path) for path in record_files(self.folder)]
         for index in indices:
             self._check(index.about)
         return ChainMap(*(index.found for index in indices))
@@ -149,10 +245,10 @@ def _refuse_damage(path: Path):
     return refuse_damage(path, "a checkpoint", "remove it and resume again, which computes its part anew")
 
 
-def _read_index(path: Path) -> records.Index:
+def read_index(path: Path) -> Index:
     """Index of a file of pieces; ArchiveError if it does not say what they belong to."""
     with _refuse_damage(path):
-        index = records.read_index(path)
+        index = _read_appended(path)
         if index.found or index.about:
             check_value("about", index.about, dict[str, str])
             index.about["scenario"], index.about["stickslip"], index.about["part"]
@@ -171,12 +267,12 @@ def unfinished_scenario(folder: Path) -> Path | None:
 def is_worth_resuming(folder: Path) -> bool:
     """Return True if any part of an unfinished run or sweep has been saved in its folder."""
     inside = [path for place in (UNFINISHED, MEMBERS) for path in (folder / place).rglob("*")]
-    return any(path.suffix in (records.SUFFIX, ".h5") and not path.name.startswith(".") for path in inside)
+    return any(path.suffix in (SUFFIX, ".h5") and not path.name.startswith(".") for path in inside)
 
 
 def note_on_levels(folder: Path) -> str:
     """Sentence on checkpoints that were computed by the core for other processors; empty if there are none."""
-    levels = {_read_index(path).about.get("core") for path in folder.rglob(f"*{records.SUFFIX}")}
+    levels = {read_index(path).about.get("core") for path in folder.rglob(f"*{SUFFIX}")}
     others, level = sorted(levels - {None, build.best_level()}), build.best_level()
     if not others:
         return ""
@@ -190,15 +286,19 @@ def note_on_levels(folder: Path) -> str:
 def read_pieces(folder: Path) -> tuple[dict[str, Node], dict[str, str]]:
     """Pieces that an unfinished run has saved so far, by part and name, and what they belong to."""
     pieces, about = {}, {}
-    for path in sorted((folder / UNFINISHED).rglob(f"*{records.SUFFIX}")):
-        index, part = _read_index(path), path.parent.relative_to(folder / UNFINISHED)
+    for path in sorted((folder / UNFINISHED).rglob(f"*{SUFFIX}")):
+        index, part = read_index(path), path.parent.relative_to(folder / UNFINISHED)
         with _refuse_damage(path):
             pieces |= {(part / name).as_posix(): from_bytes(record.read()) for name, record in index.found.items()}
         about = about or index.about
     return dict(sorted(pieces.items())), about
 
 
-def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None:
+@overload
+def checkpoint_in(folder: Path, scenario, *nouns: type) -> Checkpoint: ...
+@overload
+def checkpoint_in(folder: Path | None, scenario, *nouns: type) -> Checkpoint | None: ...
+def checkpoint_in(folder, scenario, *nouns):
     """Location of the pieces of a scenario that is run in a folder; None without a folder."""
     return Checkpoint(folder, scenario.text, nouns, units=scenario.named_units) if folder else None
 

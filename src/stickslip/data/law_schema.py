@@ -1,4 +1,7 @@
-"""The law table of a scenario: one table of keys, of which each experiment takes some, with its own defaults."""
+"""Tables of a scenario for laws and packings: sets of keys, of which each experiment takes some.
+
+Experiments have their own defaults of laws.
+"""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar
@@ -10,7 +13,7 @@ from ..core.laws.builtin import DAMPING, DASHPOTS, MOMENTS, ROLLING, TWISTING
 from ..core.laws.properties import ARMS, MEMORIES, MODELS, TWISTINGS
 from ..core.units import in_si
 from .law_file import LawFile, LawOrFile
-from .schema import NotNegative, Positive, ScenarioTable, split_unit
+from .schema import NotNegative, Positive, ScenarioTable, Several, split_unit
 
 OWN_PARAMETERS = {p.name: p for law in BUILTIN_LAWS for p in law.parameters}
 _ROLL, _TWIST = MOMENTS[ROLLING], MOMENTS[TWISTING]
@@ -125,6 +128,11 @@ class LawTable(LawOrFile):
                 raise ValueError(f"law.{extra[0]} was given with law.{key} = {model!r}, which has none: leave it out")
         return self
 
+    @property
+    def dashpots(self) -> str:
+        """Dashpots of the law: those of `damping`, or else those that its kind has."""
+        return self.damping or BY_NAME[self.kind].damping
+
     @model_validator(mode="after")
     def _check_parameters(self):
         if self.file is not None:
@@ -213,3 +221,33 @@ def renamed_keys(law: dict) -> dict:
     kind = "hertz_mindlin_reff" + ("_rescaled" if law.get("rescaled") else "")
     old = {"gamma_n", "rescaled"}
     return {"kind": kind, "damping_n": law["gamma_n"]} | {key: law[key] for key in law if key not in old}
+
+
+class Packing(ScenarioTable):
+    """Frictionless jammed packing of disks (dim = 2) or spheres (dim = 3) in a periodic box."""
+
+    grains: Annotated[int, Field(ge=10, le=1600)] = Field(100, description="number of grains")
+    dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
+    radius: Several = Field(
+        (0.5, 0.7), description="one radius, several shared by equal numbers of grains, or one for each grain [length]"
+    )
+    mass: Positive = Field(1.0, description="mass of every grain [mass]")
+    i0: Positive | None = Field(
+        None, description="I0 in the moment of inertia I0 m R²; default: 2/5 for spheres, 1/2 for disks"
+    )
+    packing_fraction: Annotated[float, Field(gt=0, le=1.2, allow_inf_nan=False)] | None = Field(
+        None, description="packing fraction; default without a pressure: 0.68 for spheres, 0.86 for disks"
+    )
+    pressure: Positive | None = Field(
+        None, description="pressure, instead of a packing fraction [force/length^(dim−1)]"
+    )
+
+    @model_validator(mode="after")
+    def _check_packing(self):
+        if self.packing_fraction is not None and self.pressure is not None:
+            raise ValueError("packing.packing_fraction and packing.pressure were both given: give only one of them")
+        if isinstance(self.radius, tuple) and len(self.radius) > self.grains:
+            raise ValueError(
+                f"packing.radius has {len(self.radius)} entries for {self.grains} grains: give at most {self.grains}"
+            )
+        return self

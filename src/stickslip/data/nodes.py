@@ -23,7 +23,6 @@ from ..core.reading import Reader
 from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
 from ..core.text import SentenceError
 from ..core.units import Fields, Units, in_units, units_of
-from .older_contacts import restore_contacts
 
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
 _LENGTH = struct.Struct("<Q")  # of the outline of a tree in bytes
@@ -74,7 +73,7 @@ def make_node(value, units: Units | None = None, unit: str | None = None) -> Nod
         known = value.units if isinstance(value, Fields) else dict.fromkeys(named, unit)
         content = {key: make_node(item, units, known.get(key)) for key, item in sorted(named.items())}
         return Node({"keys": type(numbers[0]).__name__} if numbers else {}, content)
-    if isinstance(value, tuple | list) and not _is_homogeneous(value):
+    if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # others are one array
         content = {f"{k:06d}": make_node(item, units, unit) for k, item in enumerate(value)}
         return Node({"sequence": type(value).__name__}, content)
     return _leaf(value, units, unit)
@@ -90,11 +89,6 @@ def _leaf(value, units: Units | None, unit: str | None) -> Node:
     if array.dtype.kind in "fc" and unit:
         attrs["units"] = in_units(unit, units)
     return Node(attrs, array)
-
-
-def _is_homogeneous(value) -> bool:
-    """Return True if a sequence can be stored as one array: all floats, or all integers."""
-    return bool(value) and any(all(type(v) is kind for v in value) for kind in (float, int))
 
 
 def trimmed(contacts: Contacts) -> Contacts:
@@ -213,3 +207,19 @@ def archive_fields(record) -> Fields:
         is_text = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
         out[name] = "\n".join(value) if is_text else value
     return Fields(out, type(record))
+
+
+def restore_contacts(fields: dict) -> Contacts:
+    """Contact list from its fields in a file.
+
+    Up to schema 4 of archives, and schema 1 of GSD files, the skin was an array, the gap its second entry, infinite
+    positions meant a stale list, and a law without rolling memory had an array without rows.
+    """
+    fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
+    if "stale" not in fields:
+        skin, known = np.atleast_1d(fields["skin"]), np.isfinite(fields["origin"])
+        fields |= {"skin": float(skin[0]), "gap": float(skin[1:].sum()), "stale": not known.all()}
+        fields["origin"] = np.where(known, fields["origin"], 0.0)
+        if not len(fields.get("rolling", ())):
+            fields["rolling"] = None
+    return Contacts(**fields)

@@ -1,7 +1,10 @@
 """Build an accepted state from the arrays of a packing; `exchange.files` reads such arrays from files."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -21,24 +24,36 @@ from ..core.text import SentenceError, printable
 from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 HUGE = 1e30  # larger numbers make products overflow
-NO_LAW, UNDECIDED = "no contact law was given", "undecided: "
+UNDECIDED = "undecided: "  # how sentences on what acts on the grains, but was not taken over, begin
+LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
 
 
 class PackingError(SentenceError):
     """Raised for a packing that cannot be used; the message is one sentence for the user."""
 
 
-class Assumption(str):
+@contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """Name a file in errors of calls that know its arrays only."""
+    try:
+        yield
+    except PackingError as problem:
+        raise PackingError(f"{path}: {problem}") from None
+
+
+class Note(str):
+    """A note on a packing; what it means follows from its class and from what it is `about`, not from its words."""
+
+    about: str
+
+    def __new__(cls, text: str, about: str = "") -> Self:  # noqa: D102
+        note = super().__new__(cls, text)
+        note.about = about
+        return note
+
+
+class Assumption(Note):
     """A note on what was assumed about a packing; files that are made from the packing repeat it."""
-
-    @property
-    def of_law(self) -> bool:
-        """Whether the contact law was assumed."""
-        return self.startswith(NO_LAW)
-
-
-class AssumedColumns(Assumption):
-    """A note on columns without names, which tells why a file is refused if it is."""
 
 
 class Absent(Assumption):
@@ -48,11 +63,13 @@ class Absent(Assumption):
 class Obstacle(Assumption):
     """A note on what acts on the grains of a run but was not taken over, which leaves any verdict undecided."""
 
+    reason: str
 
-class NoTypes(Obstacle):
-    """A note on types that are not known, which a single law for all of them does not need."""
-
-    of_law = True
+    def __new__(cls, reason: str, about: str = "") -> Self:  # noqa: D102
+        reason = reason.removeprefix(UNDECIDED)  # of a copy, or of a note that a file repeats
+        note = super().__new__(cls, f"{UNDECIDED}{reason}", about)
+        note.reason = reason
+        return note
 
 
 class Account(str):
@@ -74,6 +91,9 @@ class Account(str):
         return note
 
 
+RENAMED = {"column of a dump": ", or, if `dump_modify colname` renamed it, give its name in LAMMPS"}
+
+
 def account_for(
     kind: str, names: Iterable[str], what: str, known: Mapping[str, str] | None = None, plain: Callable = str
 ) -> list[str]:
@@ -92,8 +112,8 @@ def account_for(
         groups.setdefault(group, []).append(f"{kind} {name}")
         if group == UNKNOWN:
             word = kind.partition(" ")[0]
-            why = row.why or f"leave the {word} out if it has no influence on forces"
-            notes.append(Obstacle(f"{UNDECIDED}{word} {name} of {what} is not understood: {why}"))
+            why = row.why or f"leave the {word} out if it has no influence on forces{RENAMED.get(kind, '')}"
+            notes.append(Obstacle(f"{word} {name} of {what} is not understood: {why}"))
     return [Account.of(groups), *notes]
 
 
@@ -115,7 +135,7 @@ def repeated_note(text: str) -> Assumption:
     return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text)
 
 
-class MemoryNote(str):
+class MemoryNote(Note):
     """A note on the memory of the contacts, which is made for every frame of a series."""
 
 
@@ -128,7 +148,17 @@ NO_CONTACTS = NoMemory("no contacts were given: they were found from positions, 
 
 def law_note(law: Law) -> Assumption:
     """Return the note on a law that nobody has given."""
-    return Assumption(f"{NO_LAW}: the defaults are assumed ({law_text(law)})")
+    return Assumption(f"no contact law was given: the defaults are assumed ({law_text(law)})", LAW)
+
+
+def assumes_law(notes) -> bool:
+    """Return True if the contact law was assumed."""
+    return bool(notes_about(notes, LAW))
+
+
+def notes_about(notes, *subjects: str) -> list[str]:
+    """Those of some notes that are about one of some subjects."""
+    return [note for note in notes if isinstance(note, Note) and note.about in subjects]
 
 
 def law_text(law: Law) -> str:

@@ -24,13 +24,6 @@ DISTRIBUTIONS = {"xdist": "pytest-xdist", "importlinter": "import-linter"}  # if
 MPI = "`pip install mpich` installs the library"
 
 
-class Fault(NamedTuple):
-    """Defect in an installed part, and the remedy if it is anything other than reinstalling the part."""
-
-    words: str
-    remedy: str = ""
-
-
 class OptionalPart(NamedTuple):
     """An optional part: what was found, whether it works, and the remedy if not."""
 
@@ -100,26 +93,25 @@ def _check_extra(name: str, purpose: str, works=None) -> OptionalPart:
         return OptionalPart(
             name, purpose, ", ".join([*here, f"{', '.join(gone)} missing"]), False, extras.install_command(name)
         )
-    wrong = works() if works else None
-    if wrong:
-        remedy = wrong.remedy or extras.install_command(name, again=True)
-        return OptionalPart(name, purpose, f"{', '.join(here)} installed, but {wrong.words}", False, remedy)
+    if wrong := works() if works else "":
+        remedy = MPI if name == "bench" and "mpi" in wrong.lower() else extras.install_command(name, again=True)
+        return OptionalPart(name, purpose, f"{', '.join(here)} installed, but {wrong}", False, remedy)
     return OptionalPart(name, purpose, ", ".join(here), True, "")
 
 
-def _check_pardiso() -> Fault | None:
-    """Load PARDISO and solve a small system, because an installed library may not work."""
+def _check_pardiso() -> str:
+    """Load PARDISO and solve a small system, because an installed library may not work; return its defect, or ""."""
     try:
         got = factorised(sparse.csc_array(np.diag([2.0, 4.0])), method="pardiso")(np.array([2.0, 4.0]))
     except Exception as problem:  # a library without its MKL may raise anything
-        return Fault(f"it cannot be loaded ({_one_line(problem.__cause__ or problem)})")
-    return None if np.allclose(got, 1.0) else Fault(f"it found x = {got} for diag(2, 4) x = (2, 4)")
+        return f"it cannot be loaded ({_one_line(problem.__cause__ or problem)})"
+    return "" if np.allclose(got, 1.0) else f"it found x = {got} for diag(2, 4) x = (2, 4)"
 
 
-def _check_lammps() -> Fault | None:
+def _check_lammps() -> str:
     lammps = wings().get("lammps")
     said = lammps.function(lammps.fault)() if lammps else ""
-    return Fault(f"its library cannot be loaded ({said})", MPI if "mpi" in said.lower() else "") if said else None
+    return said and f"its library cannot be loaded ({said})"
 
 
 def _check_yade() -> OptionalPart:

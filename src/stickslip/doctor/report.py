@@ -33,7 +33,8 @@ def show_machine(versions: dict, threads: dict, core: dict, parts: list[Optional
     """Print tables of versions, threads, the compiled core and optional parts."""
     show_pairs("Versions", versions)
     show_pairs("Threads", threads)
-    show_pairs("Compiled core", core | {"folder": _abbreviate_home(core["folder"])})
+    home, place = str(Path.home()), core["folder"]
+    show_pairs("Compiled core", core | {"folder": f"~{place[len(home) :]}" if place.startswith(f"{home}/") else place})
     table = Table("extra", "for", "found", title="Optional parts", **STYLE)
     for part in parts:
         color = "green" if part.ok else "yellow"
@@ -70,7 +71,13 @@ def _verdict(result: SelfcheckResult) -> str:
 
 def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart], result: SelfcheckResult) -> str:
     """JSON object with the keys of the tables; a number that could not be measured is null."""
-    rows = [{key: _nan_to_none(value) for key, value in check._asdict().items()} for check in result.checks]
+    rows = [
+        {
+            key: None if isinstance(value, float) and math.isnan(value) else value
+            for key, value in check._asdict().items()
+        }
+        for check in result.checks
+    ]
     out = {
         "ok": result.ok,
         "versions": versions,
@@ -82,12 +89,3 @@ def to_json(versions: dict, threads: dict, core: dict, parts: list[OptionalPart]
         "seconds": round(result.seconds, 2),
     }
     return json.dumps(out, indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def _abbreviate_home(path: str) -> str:
-    home = str(Path.home())
-    return f"~{path[len(home) :]}" if path.startswith(f"{home}/") else path
-
-
-def _nan_to_none(value):
-    return None if isinstance(value, float) and math.isnan(value) else value

@@ -24,7 +24,7 @@ from ..core.progress import Report, silent
 from ..core.state import State
 from ..loading.packing import disk_array, with_push
 from ..loading.protocols import perturbed
-from ..solve.relax import relax
+from ..solve.equilibrate import relax
 from ..solve.spectrum import spectrum
 from ..wing import Selfcheck, wings
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from importlib import import_module
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..core.readable import pluralize, readable, words
 from ..core.units import in_units
@@ -18,11 +18,15 @@ def _failures(result) -> tuple[str, ...]:
     return tuple(getattr(result, "failures", ()))
 
 
-class Paper(NamedTuple):
-    """Reproduction of a published experiment.
+class Reproduction(NamedTuple):
+    """Result of the scenario of a paper, stored in the run folder, and its evaluated claims."""
 
-    `reproduce` returns an object with the attributes `main` (the result stored in the run folder) and `claims`.
-    """
+    main: Any
+    claims: list
+
+
+class Paper(NamedTuple):
+    """Reproduction of a published experiment; `reproduce` returns a `Reproduction`, or more with its attributes."""
 
     title: str  # of the claims table
     cuts: str  # parts that a quick run omits
@@ -45,7 +49,7 @@ class Experiment(NamedTuple):
     words: str  # one line for help and completion
     simulate: Callable  # (scenario, folder=, workers=, report=) -> result, with the scenario in `result.scenario`
     numbers: Callable  # result -> contents of the archive
-    measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep
+    measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep; best a table, see `Measures`
     show: Callable  # result -> None; prints a summary
     figures: Callable = _empty  # result -> iterator of (file name, Figure)
     files: Callable = _empty  # result -> iterator of (file name, function that writes it)
@@ -68,7 +72,7 @@ class Experiment(NamedTuple):
 
 
 def result_of(experiment: Experiment, head: Callable | None = None):
-    """Decorate the class of an experiment's results with a repr and a table: measures, failures, and the scenario."""
+    """Decorate the class of an experiment's results with a repr, a table, and `to_dataframe`."""
 
     def describe(result) -> str:
         failed = _failures(result)
@@ -78,12 +82,35 @@ def result_of(experiment: Experiment, head: Callable | None = None):
         yield "experiment", experiment.name, "", experiment.words
         for name, (value, unit) in experiment.measures(result).items():
             if math.isfinite(value):
-                yield words(name), value, unit
+                yield words(name), value, unit, meaning_of(experiment, name)
         for failure in _failures(result):
             yield "failed", failure
         yield from given_keys(result.scenario)
 
-    return readable(head=head or describe, rows=rows)
+    def to_dataframe(result):
+        """Measures with their units and meanings, one row each, as a pandas DataFrame."""
+        import pandas
+
+        named = {k: (*pair, meaning_of(experiment, k)) for k, pair in named_measures(experiment, result).items()}
+        return pandas.DataFrame.from_dict(named, orient="index", columns=["value", "unit", "meaning"])
+
+    def decorate(kind):
+        kind.to_dataframe = to_dataframe
+        return readable(kind, head=head or describe, rows=rows)
+
+    return decorate
+
+
+def table_of(experiment: Experiment):
+    """Table of the quantities that an experiment measures; None if its `measures` is a plain function."""
+    table = getattr(experiment.measures, "resolve", lambda: experiment.measures)()
+    return table if hasattr(table, "row") else None
+
+
+def meaning_of(experiment: Experiment, name: str) -> str:
+    """Meaning of a measure in a few words, if the experiment gives it."""
+    table = table_of(experiment)
+    return "" if table is None else table.row(name).meaning
 
 
 def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str]]:

@@ -14,7 +14,7 @@ from ..data.law_file import check_law_files, trust_law_files, with_laws
 from ..data.law_schema import renamed_keys
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers
-from ..wing import Wing, wings
+from ..wing import Wing, installed, missing_wing, wings
 from .experiment import Experiment
 
 
@@ -102,6 +102,10 @@ def scenario_class(tables: dict) -> type[ScenarioBase]:
             f"experiment = {str(name)[:100]!r} was given, but no wing is installed: install stickslip again"
         )
     if not isinstance(name, str) or name not in EXPERIMENTS:
+        for wing in installed().values():
+            if name in wing.experiments:
+                (lacking, *_) = set(wing.needs) - set(installed())
+                raise ScenarioError(str(missing_wing(f"experiment = {name!r}", lacking)))
         near = get_close_matches(str(name).lower().replace("_", "-"), EXPERIMENTS, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise ScenarioError(

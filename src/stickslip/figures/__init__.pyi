@@ -8,18 +8,18 @@ from ..wings.soils.cyclic_shear import figures as cyclic_shear
 from ..wings.soils.element_test import figures as element_test
 from ..wings.studies.catalogue import figures as catalogue
 from ..wings.studies.flow import figures as flow
+from .analyses import bursts as bursts
+from .analyses import dispersion as dispersion
+from .analyses import growth_by_amplitude as growth_by_amplitude
+from .analyses import inclusion as inclusion
+from .analyses import response_envelopes as response_envelopes
+from .analyses import static_and_kinetic as static_and_kinetic
 from .animation import movie as movie
 from .claims import claims_chart as claims_chart
-from .envelopes import response_envelopes as response_envelopes
 from .grains import packing as packing
-from .inflation import inclusion as inclusion
-from .instability import bursts as bursts
-from .instability import growth_by_amplitude as growth_by_amplitude
-from .instability import static_and_kinetic as static_and_kinetic
 from .saving import Look as Look
 from .saving import save as save
 from .view3d import view as view
-from .waves import dispersion as dispersion
 
 __all__ = [
     "Look",

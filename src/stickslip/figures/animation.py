@@ -1,4 +1,4 @@
-"""Movies of a packing as GIF or MP4: frames of a run, or one period of a mode."""
+"""Movies of a packing as GIF or MP4: frames of a run, stored or interpolated, or one period of a mode."""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,14 +9,15 @@ from typing import Annotated
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from PIL import Image
+from scipy.interpolate import PchipInterpolator
 
 from ..core.arguments import Requirement, require_filled, require_shape
 from ..core.progress import Report, silent
 from ..data.exchange.frame import Frame
 from ..extras import require
 from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
+from .outlines import Mode
 from .page import MARK
-from .quantities import Mode
 from .style import OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
@@ -24,6 +25,7 @@ FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of 
 PIXELS = 900  # width of the picture, up to half as much again for wide ones
 BITS = 6  # per channel of the colours from which the palette of a GIF is made
 WHITE = 247  # least value of colours shown as white: Pillow would take some of them for white
+STRETCH = 1.02  # of a contact between two stored states, above which it is left out there
 
 
 @styled
@@ -69,7 +71,10 @@ def movie(
     with common_style(**settings):
         figure = OwnFigure(figsize=(inches, height), dpi=100)
         axes = figure.add_axes([0.01, below / height, 0.98, 1 - (below + above) / height])
-        writer = _make_writer(path, fps)
+        writer: GifWriter | FFMpegWriter = GifWriter(fps=fps)
+        if path.suffix.lower() == ".mp4":
+            extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
+            writer = FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
         with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
             for k, frame in enumerate(frames):
                 axes.clear()
@@ -104,13 +109,6 @@ def _explain_ffmpeg_failure():
         raise RuntimeError(
             f"ffmpeg ended before the movie was complete ({how}): free some space if the disk is full, or write a .gif"
         ) from None
-
-
-def _make_writer(path: Path, fps: int):
-    if path.suffix.lower() == ".gif":
-        return GifWriter(fps=fps)
-    extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
-    return FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
 
 
 class GifWriter(PillowWriter):
@@ -150,3 +148,82 @@ def _palette_of(frames: list[Image.Image]) -> Image.Image:
 def _find_ffmpeg() -> str:
     """Path to ffmpeg: the system's own, or the one installed by a wheel."""
     return which("ffmpeg") or require("imageio_ffmpeg", "mp4").get_ffmpeg_exe()
+
+
+def frames_between(frames: list[Frame], count: int) -> list[Frame]:
+    """`count` frames at equal intervals from the first stored frame to the last.
+
+    Positions and angles follow monotone cubic interpolation in time (in number, if time does not advance): smooth
+    curves through the stored values that do not overshoot. Cells, walls and velocities are interpolated linearly. A
+    contact that only one of the two neighbouring stored frames has fades with the distance to that frame, and is left
+    out where its grains are apart; forces of a contact that both have are interpolated. All else is that of the nearer
+    stored frame.
+
+    Parameters
+    ----------
+    frames : of the same grains, in order
+
+    Source
+    ------
+    Fritsch and Butland, doi:10.1137/0905021.
+    """
+    times = np.array([frame.state.time for frame in frames], float)
+    if not (np.diff(times) > 0).all():
+        times = np.arange(len(frames), dtype=float)
+    if len(frames) < 2:
+        return frames * count
+    position, angle = (
+        PchipInterpolator(times, np.stack([getattr(frame.state.grains, name) for frame in frames]))
+        for name in ("position", "angle")
+    )
+    out = []
+    for t in np.linspace(times[0], times[-1], count):
+        k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
+        share = float((t - times[k]) / (times[k + 1] - times[k]))
+        out.append(_mixed(frames[k], frames[k + 1], share, position(t), angle(t)))
+    return out
+
+
+def _mixed(before: Frame, after: Frame, share: float, position: np.ndarray, angle: np.ndarray) -> Frame:
+    """Frame between two others, with given positions and angles; `share` is 0 at the first and 1 at the second."""
+    first, last, near = before.state, after.state, before if share < 0.5 else after
+
+    def mix(a, b):
+        return (1 - share) * a + share * b
+
+    velocity, spin = (mix(getattr(first.grains, name), getattr(last.grains, name)) for name in ("velocity", "spin"))
+    grains = near.state.grains._replace(position=position, angle=angle, velocity=velocity, spin=spin)
+    cell = near.state.cell._replace(vectors=mix(first.cell.vectors, last.cell.vectors))
+    walls = near.state.walls
+    if first.walls.point.shape == last.walls.point.shape:
+        walls = walls._replace(point=mix(first.walls.point, last.walls.point))
+    state = near.state._replace(grains=grains, cell=cell, walls=walls, time=float(mix(first.time, last.time)))
+    contacts = _mixed_contacts(before, after, share, position)
+    return Frame(state, near.law, near.grains, contacts, moving=True)
+
+
+def _mixed_contacts(before: Frame, after: Frame, share: float, position: np.ndarray) -> dict[str, np.ndarray]:
+    """Contacts of two frames: their branch vectors at given positions, and weighted forces."""
+    parts = []
+    for frame, weight in ((before, 1 - share), (after, share)):
+        c, n, shift = frame.contacts, len(position), position - frame.state.grains.position
+        step = shift[c["i"]] - np.where((c["j"] < n)[:, None], shift[np.minimum(c["j"], n - 1)], 0.0)
+        branch = c["branch"] + step
+        long, stored = (np.linalg.norm(b, axis=1) for b in (branch, c["branch"]))
+        force = weight * c.get("force_n", np.ones(len(c["i"])))
+        image = c.get("image", np.zeros(len(c["i"]), int))
+        key = np.column_stack([c["i"], c["j"], image.reshape(len(c["i"]), -1)])
+        kept = (long <= STRETCH * stored) & (weight > 0)
+        parts.append([column[kept] for column in (key, branch, force, c["mode"], np.full(len(key), weight))])
+    key, branch, force, mode, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    _, rows, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    number, total = number.ravel(), np.zeros(len(rows))
+    np.add.at(total, number, weight)
+    mean = np.zeros((len(rows), 3))
+    np.add.at(mean, number, weight[:, None] * branch)
+    loads = np.bincount(number, force, minlength=len(rows))
+    order = np.lexsort((weight, number))  # the mode is that of the nearer frame, the last of each group
+    last = np.zeros(len(rows), int)
+    last[number[order]] = order
+    mean /= total[:, None]
+    return {"i": key[rows, 0], "j": key[rows, 1], "mode": mode[last], "branch": mean, "force_n": loads}

@@ -11,13 +11,12 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
-from ..core.arguments import Bodies, Numbers, checked, require_positive
+from ..core.arguments import Bodies, Numbers, Positive, checked
 from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
-from .outlines import APART, ASIDE, body_limits, cell_edges, unit_mode, view_basis, wall_edges
-from .quantities import Mode, quantities
+from .outlines import APART, ASIDE, Mode, body_limits, cell_edges, quantities, unit_mode, view_basis, wall_edges
 from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, styled, subplots
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
@@ -52,7 +51,7 @@ class Layout(NamedTuple):
 @styled
 def packing(
     state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
-    width: float = WIDTH,
+    width: Positive = WIDTH,
 ):  # fmt: skip
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
 
@@ -85,7 +84,6 @@ def packing(
     >>> ss.figures.packing(pair, law).axes[0].get_title()
     ''
     """
-    require_positive(width=width)
     if width > WIDEST:
         raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
@@ -168,13 +166,18 @@ def draw(
     _draw_outlines(axes, cell_edges(frame) @ basis.T, place[:, 2], dim, zorder=1, colors=BLACK, linewidths=0.5)
     _draw_outlines(axes, wall_edges(frame) @ basis.T, place[:, 2], dim, zorder=50, colors="0.25", linewidths=0.9)
     if near:
-        gaps = _open_segments(frame, place, basis)
+        rows = _nearly_touching(frame)
+        begin = place[state.contacts.i[rows]]
+        gaps = np.stack([begin, begin - branch_vectors(state)[rows] @ basis.T], axis=1)
         _draw_outlines(axes, gaps, place[:, 2], dim, zorder=49, colors="0.35", linewidths=0.5, linestyles=":")
     low, high = view_limits(layout)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
     axes.axis("off")
-    _draw_scale_bar(axes, frame, layout)
+    long = 2 * float(state.grains.radius.mean())  # of the scale bar
+    x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
+    axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
+    axes.annotate(" mean diameter", (x + long, y), va="center", fontsize=6.5, zorder=70)
     return drawn
 
 
@@ -336,12 +339,6 @@ def _nearly_touching(frame: Frame) -> np.ndarray:
     return rows[(gap > 0) & (gap < NEAR * radius.mean())]
 
 
-def _open_segments(frame: Frame, place: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    rows = _nearly_touching(frame)
-    start = place[frame.state.contacts.i[rows]]
-    return np.stack([start, start - branch_vectors(frame.state)[rows] @ basis.T], axis=1)
-
-
 def _depth_slabs(depth: np.ndarray, of: np.ndarray) -> np.ndarray:
     """Number of the depth slab of each entry, 0 for the farthest of the depths `of`."""
     low, high = of.min(), of.max()
@@ -364,14 +361,6 @@ def _drawing_limits(frame: Frame, hidden: float) -> tuple[np.ndarray, np.ndarray
     walls = np.clip(_projected(wall_edges(frame), basis).reshape(-1, 2), low - radius.max(), high + radius.max())
     lines = [*_projected(cell_edges(frame), basis).reshape(-1, 2), *walls]
     return np.min([low, *lines], axis=0), np.max([high, *lines], axis=0)
-
-
-def _draw_scale_bar(axes, frame: Frame, layout: Layout) -> None:
-    """Draw a scale bar one mean diameter long."""
-    long = 2 * float(frame.state.grains.radius.mean())
-    x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
-    axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
-    axes.annotate(" mean diameter", (x + long, y), va="center", fontsize=6.5, zorder=70)
 
 
 @checked

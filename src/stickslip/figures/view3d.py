@@ -19,8 +19,7 @@ from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..core.units import with_unit
 from ..data.exchange.frame import Frame
-from .outlines import cell_edges, unit_mode, view_basis, wall_edges
-from .quantities import DISPLACEMENT, Mode, quantities
+from .outlines import DISPLACEMENT, Mode, cell_edges, quantities, unit_mode, view_basis, wall_edges
 from .style import BLUE, COLORS, RED
 
 SMOOTH = 3000  # largest number of grains with antialiasing, which takes most of the time without a graphics card
@@ -110,20 +109,17 @@ def view_data(frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: li
     for item, column in zip(out, columns, strict=True):
         item["values"] = {a["name"]: _encode(column[a["name"]][0]) for a in about}
     radius, dim = first.state.grains.radius, first.state.cell.dim
+    # a motion begins with its first frame, a load path is shown at its end
+    start = 0 if first.state.time < frames[-1].state.time else len(chosen) - 1
     return {
         "dim": dim, "n": len(radius), "radius": _encode(radius), "frames": out, "left_out": len(frames) - len(chosen),
-        "quantities": about, "mode_frame": chosen.index(at), "start": _first_shown(frames, len(chosen)),
+        "quantities": about, "mode_frame": chosen.index(at), "start": start,
         "modes": [_mode_data(m, frames[at]) for m in modes],
         "eye": view_basis(first).tolist(), "box": _bounding_box([frames[k] for k in chosen]), "fov": FOV[dim],
         "map": _viridis().tolist(),
         "colours": {"stick": _to_int(BLUE), "slide": _to_int(RED), "kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
-
-
-def _first_shown(frames: list[Frame], count: int) -> int:
-    """Frame shown initially: the first of a motion, otherwise the last, such as the end of a load path."""
-    return 0 if frames[0].state.time < frames[-1].state.time else count - 1
 
 
 def _select_frames(frames: list[Frame]) -> list[int]:

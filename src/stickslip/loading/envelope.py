@@ -1,11 +1,11 @@
 """Response of a packing to small probes in all directions of a plane, second-order work, and localisation."""
 
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from ..core.arguments import Numbers, checked, require_positive
+from ..core.arguments import POSITIVE, Numbers, Positive, checked
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import stress_controlled
 from ..core.dynamics.cell_motion import strained
@@ -14,7 +14,7 @@ from ..core.measure import Committed, mean_normal_force, overlaps, stress, touch
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, STICK, State
-from ..solve.balance import BALANCED_BELOW, imbalance
+from ..solve.balance import BALANCED_BELOW, imbalance, with_mode
 from ..solve.equilibrate import equilibrate
 from ..solve.moduli import VOIGT, elastic_moduli, isotropic_tensor, voigt
 from ..solve.newton import Factorisation
@@ -72,16 +72,20 @@ def response_envelope(
     state: Committed,
     law: Law,
     *,
-    directions: int = 64,
-    control: str = "strain",
+    directions: Annotated[int, POSITIVE] = 64,
+    control: Literal["strain", "stress"] = "strain",
     plane: Numbers | None = None,
-    size: float = SIZE,
+    size: Positive = SIZE,
 ) -> Envelope:
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
     Increments are measured from the state, whose cell may be tilted or turned; it is first brought to rest.
     Contacts may start and cease to slide, so that the response is linear only within sectors of directions. Its
     elastic part is that of the same packing if contacts at the Coulomb limit stick.
+
+    Of 30 disks with sliding contacts, slow dynamics over strains of 2e-7 had the same stress to 0.7 % after 400 units
+    of time, and to 0.07 % after 4000; `quasirigid.probe_statuses`, without a finite step, has the same strains to
+    2e-4 (`tests/unit/test_envelope.py`).
 
     Parameters
     ----------
@@ -113,13 +117,14 @@ def response_envelope(
     >>> envelope.cones, bool((envelope.work > 0).all())
     ([], True)
     """
-    require_positive(size=size, directions=directions)
     require_sizes([Size("these are", directions, "directions", "use fewer")])
-    if not (least := _least_size(state)) <= size <= 1:
+    least = 1e3 * _round_off(state) if len(touching(state)) else 0.0  # forces are then known to 1e-3
+    if not least <= size <= 1:
         raise ValueError(f"size = {size:g} was given: probes of this packing have sizes from {least:.1g} to 1")
-    if control not in ("strain", "stress"):
-        raise ValueError(f"control={control!r} was given: 'strain' and 'stress' are allowed")
-    span = _orthonormal(_default_plane(state.cell.dim) if plane is None else np.asarray(plane, float), state.cell.dim)
+    if plane is None:
+        along = np.diag(np.eye(state.cell.dim)[1])
+        plane = [along, np.eye(state.cell.dim) - along]  # yy, and the other normal components together
+    span = _orthonormal(np.asarray(plane, float), state.cell.dim)
     angle = 2 * np.pi * np.arange(directions) / directions
     probes = np.cos(angle)[:, None, None] * span[0] + np.sin(angle)[:, None, None] * span[1]
     moduli = elastic_moduli(_sticking(state), law).tensor
@@ -127,7 +132,12 @@ def response_envelope(
     probe = _StrainProbe(state, law, step) if control == "strain" else _StressProbe(state, law, step, moduli)
     answers = [probe.answer(direction) for direction in probes]
     strain, change = (np.array([answer[k] for answer in answers]) for k in range(2))
-    elastic = np.einsum("abcd,mcd->mab", moduli, probes) if control == "strain" else _compliant(moduli, probes)
+    if control == "strain":
+        elastic = np.einsum("abcd,mcd->mab", moduli, probes)
+    else:  # symmetric strains with σ = C:ε
+        elastic, (first, second) = np.zeros_like(probes), np.array(VOIGT[len(moduli)]).T
+        values = np.linalg.solve(voigt(moduli), probes[:, first, second].T).T / np.where(first == second, 1, 2)
+        elastic[:, first, second] = elastic[:, second, first] = values
     return Envelope(angle, span, strain, change, elastic, np.array([answer[2] for answer in answers]), control)
 
 
@@ -157,11 +167,6 @@ def _zero(angle: np.ndarray, work: np.ndarray, k: int) -> float:
     before, after = work[k % count], work[(k + 1) % count]
     share = before / (before - after) if np.isfinite(before) and np.isfinite(after) else float(np.isnan(before))
     return float(k * spacing + share * spacing)
-
-
-def _least_size(state: State) -> float:
-    """Size of a probe whose forces are known to 1e-3 despite the round-off of positions."""
-    return 1e3 * _round_off(state) if len(touching(state)) else 0.0
 
 
 def _round_off(state: State) -> float:
@@ -226,15 +231,7 @@ def _slides(state: State) -> int:
 
 def _sticking(state: State) -> State:
     """Return the state with contacts at the limit held as if they stuck."""
-    contacts = state.contacts
-    return state._replace(contacts=contacts._replace(mode=np.where(contacts.mode == SLIDE, STICK, contacts.mode)))
-
-
-def _default_plane(dim: int) -> np.ndarray:
-    """Return yy and the other normal components together."""
-    along = np.zeros((dim, dim))
-    along[1, 1] = 1.0
-    return np.array([along, np.eye(dim) - along])
+    return with_mode(state, state.contacts.mode == SLIDE, STICK)
 
 
 def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
@@ -250,15 +247,6 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
     return np.array([first, second / np.linalg.norm(second)])
 
 
-def _compliant(moduli: np.ndarray, probes: np.ndarray) -> np.ndarray:
-    """Return symmetric strains with σ = C:ε for given stresses."""
-    first, second = np.array(VOIGT[len(moduli)]).T
-    values = np.linalg.solve(voigt(moduli), probes[:, first, second].T).T / np.where(first == second, 1, 2)
-    strain = np.zeros_like(probes)
-    strain[:, first, second] = strain[:, second, first] = values
-    return strain
-
-
 class Localisation(NamedTuple):
     """Weakest plane of a packing against a band of shear: the acoustic tensor n·C·n with the least determinant."""
 
@@ -272,6 +260,9 @@ def localisation(state: Committed, law: Law) -> Localisation:
 
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.
+
+    None of 20,000 random planes of a packing of spheres had a smaller determinant; the least of them was 2e-5 larger
+    (`tests/unit/test_envelope.py`).
 
     Source
     ------

@@ -1,5 +1,6 @@
-"""Description of an event: what announces it, which contact starts it, and what it changes."""
+"""Events of quasi-static paths: their kinds, what announces one, which contact starts it, and what it changes."""
 
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -11,20 +12,88 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
 from ..core.measure import touching
-from ..core.state import OPEN, SLIDE, STICK
+from ..core.readable import pluralize, readable
+from ..core.state import OPEN, SLIDE, STICK, State
 from ..solve.freedom import displaced
 from ..solve.shear_response import margin, softest
 from ..solve.spectrum import REAL_BELOW
 from .event_path import TIME_STEP, Judge, Point, displacement
-from .event_types import Event, EventKind
 
-RATIO = 8.0  # between the distances from an event at which the spectrum is computed
+EVENT_RATIO = 8.0  # between the distances from an event at which the spectrum is computed
 VANISHES, STEEPEST = 0.25, 8.0  # least exponent of a quantity that tends to zero at an event, and greatest sought
 PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
 BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
 NEAREST, ALMOST = 5, 0.99  # most mobilised sticking contacts that are tried, too, if their mobilisation is above this
 RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which it is measured, over the largest one
+
+
+class EventKind(Enum):
+    """What announces and starts an event. The value of each member is a description."""
+
+    SADDLE_NODE = "a real eigenvalue reaches zero"
+    PAIR = "a complex pair with growing oscillations"
+    SLIDING = "a contact starts to slide"
+    OPENING = "a contact opens"
+    UNSTABLE = "the state before was already unstable"
+    UNRESOLVED = "unresolved"
+
+
+@readable(head=lambda event: f"{event.kind.value} at strain {event.strain:.6g}, drop {event.stress_drop:.3g} of p")
+class Event(NamedTuple):
+    """Discontinuity of a quasi-static path; see `find_events`. Strains count from the first state."""
+
+    strain: float  # upper end of the bracket [1]
+    below: float  # its lower end, the last strain that the path reaches without a jump or loss of stability
+    kind: EventKind
+    exponent: float  # p of (γ_c − γ)^p for λ_min, for pairs Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
+    exponent_error: float  # its standard error
+    distances: np.ndarray  # (K,) strains before the event, step · 8^(−k)
+    softest: np.ndarray  # (K,) smallest real eigenvalue λ_min there [1/time²]
+    re_pair: np.ndarray  # (K,) Re λ of the fastest growing pair, NaN without a pair [1/time²]
+    growth: np.ndarray  # (K,) growth rate |Im √λ| of that pair without drag, 0 without a pair [1/time]
+    trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event; (−1, −1) without
+    mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
+    # smallest λ, for pairs Re λ − (Im λ/drag)², of the last stable state with that contact sliding or open; negative
+    # if this makes it unstable, NaN without such a contact [1/time²]
+    switched: float  # [1/time²]
+    growth_rate: float  # initial growth rate of the instability under the drag [1/time]
+    stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
+    jump: float  # root mean square non-affine displacement, in mean diameters
+    participation: float  # of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
+    opened: int  # contacts that opened
+    closed: int  # contacts that closed
+    # root mean square distance, in mean diameters, between the state at the end of the strain step and that of Newton's
+    # method alone in one step; NaN if Newton's method fails
+    newton_distance: float
+
+
+@readable(head=lambda steps: pluralize(len(steps.strain), "strain step"))
+class StrainStep(NamedTuple):
+    """Predictors at the beginning of each strain step of a path; arrays (S,) over steps."""
+
+    strain: np.ndarray  # counted from the first state [1]
+    softest: np.ndarray  # smallest real eigenvalue λ_min [1/time²]
+    nonaffine_rate: np.ndarray  # root mean square of dq/dγ over the supported grains, from J alone [length]
+    growth: np.ndarray  # growth rate |Im √λ| of the fastest pair without drag, 0 without a pair [1/time]
+    tangent_modulus: np.ndarray  # d(−σ_xy)/dγ, from J alone [force/length^(dim−1)]
+    switch: np.ndarray  # smallest λ_min if one of the most mobilised sticking contacts slides [1/time²]
+    shear_stress: np.ndarray  # −σ_xy [force/length^(dim−1)]
+    pressure: np.ndarray  # [force/length^(dim−1)]
+    loss_ahead: np.ndarray  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
+
+
+@readable(head=lambda record: f"{pluralize(len(record.events), 'event')}; {record.end}")
+class Events(NamedTuple):
+    """Events of a quasi-static path, and predictors along it."""
+
+    events: tuple[Event, ...]
+    steps: StrainStep
+    state: State  # at the end of the path
+    drag: float  # of the dynamics that decide where an event ends [1/time]
+    step: float  # largest strain step
+    resolution: float  # largest width of a bracket
+    end: str  # reason why the search ended
 
 
 class Break(NamedTuple):
@@ -60,16 +129,27 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     elif kind is EventKind.UNRESOLVED and event.beyond is not None and event.beyond.oscillates:
         kind = EventKind.PAIR
     contacts = event.last.state.contacts
+    # of the unstable equilibrium, else of the switched state, else of the motion
+    if event.beyond is not None:
+        growth = float(event.beyond.exponents.max())
+    elif values is not None:
+        growth = float(judge.exponents(values).max())
+    else:
+        growth = motion_growth(before, event.upper, judge)
     moved = displacement(before.state, after.state, after.strain - before.strain)
     jump, participation = jump_size(moved, before.response.support.grains)
     (shear, pressure), end = before.stress, after.stress[0]
-    opened, closed = _changes(before, after)
+    # contacts that bear nothing neither open nor close
+    (held, touched), (holds, touches) = (
+        (set(p.state.contacts.key[np.flatnonzero(p.response.support.contacts)].tolist()),
+         set(p.state.contacts.key[touching(p.state)].tolist())) for p in (before, after)
+    )  # fmt: skip
     return Event(
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
         profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
         float(event.last.response.mobilisation[row]) if trigger else np.nan,
-        margin(values, judge.drag) if trigger else np.nan, _growth_rate(event, values), (shear - end) / pressure,
-        jump / judge.diameter, participation, opened, closed, np.nan,
+        margin(values, judge.drag) if trigger else np.nan, growth, (shear - end) / pressure,
+        jump / judge.diameter, participation, len(held - touches), len(holds - touched), np.nan,
     )  # fmt: skip
 
 
@@ -81,7 +161,7 @@ def _profile(event: Break, step: float) -> Profile:
         point = _point_at(event, critical - away)
         if point is not None and (point.stable or not event.last.stable):  # else Newton's method left the path
             rows.append((away, *_softness(point)))
-        away /= RATIO
+        away /= EVENT_RATIO
     return Profile(*np.array(rows).reshape(-1, 5).T)
 
 
@@ -253,15 +333,6 @@ def _coordinates(response, strain: float) -> np.ndarray:
     return strain * flat[response.free.component]
 
 
-def _growth_rate(event: Break, values: np.ndarray | None) -> float:
-    """Initial growth rate: of the unstable equilibrium, else of the switched state, else of the motion [1/time]."""
-    if event.beyond is not None:
-        return float(event.beyond.exponents.max())
-    if values is not None:
-        return float(event.before.judge.exponents(values).max())
-    return motion_growth(event.before, event.upper, event.before.judge)
-
-
 def motion_growth(point: Point, strain: float, judge: Judge) -> float:
     """Growth rate of the motion that follows a strain step, from its kinetic energy K(t) ~ exp(2 g t) [1/time].
 
@@ -289,12 +360,3 @@ def jump_size(moved: np.ndarray, grains: np.ndarray) -> tuple[float, float]:
     if not square.any():
         return 0.0, 1.0
     return float(np.sqrt(square.mean())), float(square.sum() ** 2 / (len(square) * (square**2).sum()))
-
-
-def _changes(before: Point, after: Point) -> tuple[int, int]:
-    """Number of contacts that opened and closed; contacts that bear nothing do not count."""
-    (held, touched), (holds, touches) = (
-        (set(p.state.contacts.key[np.flatnonzero(p.response.support.contacts)].tolist()),
-         set(p.state.contacts.key[touching(p.state)].tolist())) for p in (before, after)
-    )  # fmt: skip
-    return len(held - touches), len(holds - touched)

@@ -11,13 +11,12 @@ from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, mean_normal_force, touching, volume
 from ..core.state import State
 from ..solve.balance import with_modes_under
-from ..solve.equilibrate import equilibrate
+from ..solve.equilibrate import equilibrate, relax
 from ..solve.freedom import displaced
 from ..solve.linear import suitable_threads
 from ..solve.newton import Factorisation, newton
-from ..solve.relax import relax
 from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
-from .shear import sheared
+from .packing import sheared
 
 BEND = 0.05  # distance of a step from the motions predicted at its ends, over the larger of them, in a continuous path
 JUMP = 10.0  # motion over that predicted in a bracket, from which it is a jump

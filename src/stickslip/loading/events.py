@@ -1,8 +1,10 @@
 """Events of quasi-static shear: discontinuities of the path of equilibria, bracketed, classified and measured."""
 
+from typing import Annotated
+
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import POSITIVE, Positive, checked
 from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.outcome import NotInEquilibriumError
@@ -10,7 +12,7 @@ from ..core.progress import Report, silent
 from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
-from .event_class import Break, describe, jump_size, loss_ahead
+from .event_class import Break, Event, Events, StrainStep, describe, jump_size, loss_ahead
 from .event_path import (
     BALANCED,
     Judge,
@@ -24,8 +26,7 @@ from .event_path import (
     is_jump,
     settle,
 )
-from .event_types import Event, Events, StrainStep
-from .shear import reduced_cell
+from .packing import reduced_cell
 
 SMALLEST = 0.02  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
@@ -38,8 +39,9 @@ SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
 
 @checked
 def find_events(
-    state: State, law: Law, *, to: float, drag: float, step: float = 4e-4, resolution: float = 1e-6,
-    most: int | None = None, smallest: float = SMALLEST, prune: float = PRUNE,
+    state: State, law: Law, *, to: Positive, drag: Positive, step: Positive = 4e-4,
+    resolution: Positive = 1e-6, most: Annotated[int, POSITIVE] | None = None, smallest: Positive = SMALLEST,
+    prune: Positive = PRUNE,
     report: Report = silent,
 ) -> Events:  # fmt: skip
     """Shear a packing quasi-statically and find the discontinuities of its path.
@@ -68,7 +70,7 @@ def find_events(
     Raises
     ------
     ValueError
-        if an argument is not allowed, with a one-sentence message.
+        if anything but strain acts, or more than shear is asked for.
     NotInEquilibriumError
         if the first state cannot be brought to rest.
 
@@ -80,8 +82,7 @@ def find_events(
     >>> len(found.events), found.end
     (0, 'the last strain was reached')
     """
-    require_positive(to=to, drag=drag, step=step, resolution=resolution, prune=prune, smallest=smallest)
-    _check(state, law, to, step, resolution, most)
+    _check(state, law, to, step, resolution)
     search = Search(_first_point(state, law, drag, prune), step, resolution, smallest)
     end = "the last strain was reached"
     for k in range(int(np.ceil(round(to / step, 9)))):
@@ -97,7 +98,7 @@ def find_events(
     return Events(tuple(search.events), steps, search.point.state, drag, step, resolution, end)
 
 
-def _check(state: State, law: Law, to: float, step: float, resolution: float, most: int | None) -> None:
+def _check(state: State, law: Law, to: float, step: float, resolution: float) -> None:
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
         raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
@@ -118,8 +119,6 @@ def _check(state: State, law: Law, to: float, step: float, resolution: float, mo
         raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
     if resolution > step:
         raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
-    if most is not None and most < 1:
-        raise ValueError(f"most = {most} was given: at least 1 event is needed")
 
 
 def _first_point(state: State, law: Law, drag: float, prune: float) -> Point:
@@ -165,21 +164,19 @@ class Search:
                 return False
             trial = self._try(waiting[-1]) if waiting else None
         if len(self.events) > known:
-            off = self._distance_from(first.newton(goal, thorough=True))
+            other, off = first.newton(goal, thorough=True), np.nan  # in mean diameters
+            if other is not None:
+                both = self.point.response.support.grains & other.response.support.grains
+                off = distance(other.state, self.point.state, both) / self.point.judge.diameter
             self.events[known:] = [event._replace(newton_distance=off) for event in self.events[known:]]
-        self._choose_cell()
+        here, vectors = self.point, self.point.state.cell.vectors
+        if abs(vectors[1, 0]) > SKEW * vectors[0, 0]:
+            self.point = Point(here.strain, reduced_cell(here.state), here.judge, tolerated=here.tolerated)
         return True
 
     def _try(self, strain: float) -> Point | None:
         """Point of Newton's method at a strain; it must not fail by impatience where that matters."""
         return self.point.newton(strain, thorough=strain - self.point.strain <= THOROUGH * self.resolution)
-
-    def _distance_from(self, other: Point | None) -> float:
-        """Distance of a point from the present one, in mean diameters; NaN without a point."""
-        if other is None:
-            return np.nan
-        both = self.point.response.support.grains & other.response.support.grains
-        return distance(other.state, self.point.state, both) / self.point.judge.diameter
 
     def _continues(self, trial: Point | None) -> bool:
         """Return True if a trial point continues the path."""
@@ -256,13 +253,6 @@ class Search:
             else:
                 return path, waiting[-1]
         return path, goal
-
-    def _choose_cell(self) -> None:
-        vectors = self.point.state.cell.vectors
-        if abs(vectors[1, 0]) > SKEW * vectors[0, 0]:
-            self.point = Point(
-                self.point.strain, reduced_cell(self.point.state), self.point.judge, tolerated=self.point.tolerated
-            )
 
 
 def _predictors(point: Point) -> tuple:

@@ -18,9 +18,8 @@ from ..data.exchange.arrays import law_from_options
 from ..data.exchange.columns import mass_note
 from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
 from ..data.exchange.force_network import MeasuredForces, read_forces
-from ..data.sample import PackingError, from_arrays, law_note, with_one_account
-from ..solve.inversion import overlap_of_force, slip_of_force
-from ..solve.projection import nearest_point
+from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_account
+from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
 STEPS, SETTLED = 100, 1e-8  # linearisations, and largest last change over the errors
 FALLS, SHORTEST = 0.7, 1 / 4  # a step longer than this share of the last one halves all later ones, down to a quarter
@@ -112,10 +111,12 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
     options = {name: value for name, value in options.items() if value not in (None, {})}
     for name in ("frame", *LAMMPS_OPTIONS):
         if name in options:
-            raise PackingError(f"{name} was given with measured forces, which do not have it: leave it out")
+            raise PackingError(f"{name} was given with {path.name}, measured forces that do not have it: leave it out")
     given, own = law_from_file(options)
-    law, measured = own or law_from_options(given), read_forces(path, contacts)
-    state, change = from_forces(measured, law)
+    measured = read_forces(path, contacts)
+    with naming(path):
+        law = own or law_from_options(given)
+        state, change = from_forces(measured, law)
     notes = [*measured.notes, str(change), mass_note(path.name)] + ([] if options else [law_note(law)])
     as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
     if opposite < as_given / 2:

@@ -1,34 +1,41 @@
-"""Athermal quasi-static shear, with a check that each step follows the path of stable equilibria."""
+"""Quasi-static steps: athermal shear, with a check of the path, shear under a stress or by a plate, and inflation."""
 
 import warnings
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import POSITIVE, Bodies, NotNegative, Positive, checked
+from ..core.contacts.neighbors import TooFarApartError
+from ..core.control import body_numbers, stress_controlled
 from ..core.laws.builtin import Law, damping_model
-from ..core.outcome import NotInEquilibriumError
+from ..core.measure import touching
+from ..core.outcome import NotInEquilibriumError, Outcome, Status
+from ..core.progress import Report, silent
 from ..core.readable import pluralize
-from ..core.state import State
+from ..core.sizes import Size, require_sizes
+from ..core.state import SLIDE, State
+from ..solve.balance import LinearisedState, balanced, linearised
 from ..solve.equilibrate import LeftPathError, UnstableEquilibriumWarning, equilibrate
-from ..solve.linearised import linearised
+from ..solve.freedom import resized
+from ..solve.inclusion import Inflation, as_inflation, inflated_grains
 from ..solve.newton import Factorisation
 from ..solve.shear_response import damped_exponents, root_mean_square
 from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
 from .event_path import Judge, Point, commit, continuous, displacement, distance, fall
+from .packing import shear_strain, sheared
 from .protocols import Equilibrium, Protocol
-from .shear import shear_strain, sheared
 
-CHOICES = ("tell", "follow-dynamics", "stop")
 STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
 LOOSE = 0.2  # likewise, of the motion of a step from the linear prediction
 HALVINGS = 4  # of a step whose grains do not move as the linear responses predict
+BALANCED = 1e-9  # under a stress: default tolerance, in units of the normal force on a grain
 
 
 @checked
 def aqs(
-    law: Law, *, slip: bool = True, tolerance: float | None = None, modes: bool = False, on_instability: str = "tell",
-    drag: float | None = None,
+    law: Law, *, slip: bool = True, tolerance: float | None = None, modes: bool = False,
+    on_instability: Literal["tell", "follow-dynamics", "stop"] = "tell", drag: Positive | None = None,
 ) -> Protocol:  # fmt: skip
     """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
 
@@ -55,7 +62,7 @@ def aqs(
     Raises
     ------
     ValueError
-        if a choice is unknown or the drag is missing.
+        if the drag is missing.
 
     Examples
     --------
@@ -66,21 +73,15 @@ def aqs(
     >>> [len(point.spectrum.pairs) for point in path]
     [0, 0]
     """
-    if on_instability not in CHOICES:
-        raise ValueError(f"on_instability={on_instability!r} was given: {', '.join(map(repr, CHOICES))} are allowed")
     if on_instability == "follow-dynamics" and drag is None:
         raise ValueError("on_instability='follow-dynamics' was given without drag: it decides which oscillations grow")
-    if drag is not None:
-        require_positive(drag=drag)
     keep, watch = Factorisation(), Watch(law, slip, modes, on_instability, drag)
 
     def apply(state, strain):
         return sheared(state, strain - shear_strain(state), slip=slip)
 
     def settle(state, strain):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the path contains the spectrum
-            end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
+        end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
         if not outcome.ok:
             raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)
         return end, outcome
@@ -100,8 +101,9 @@ class Watch:
         """Equilibrium at the end of a step, with a warning if it is unstable or on another branch."""
         off = self._distance(start, point)
         unstable, left = instability(point.spectrum, point.state, self.law, self.drag), off != 0
+        away = f", {off:.2g} mean diameters away" if np.isfinite(off) else ""
         notes = [str(unstable)] if unstable else []
-        notes += [f"the step left its branch: smaller steps do not lead to this state{_diameters(off)}"] if left else []
+        notes += [f"the step left its branch: smaller steps do not lead to this state{away}"] if left else []
         if not notes:
             return point
         if self.choice == "stop":
@@ -151,10 +153,6 @@ class Watch:
         self.rate = None
         modes = spectrum(end.state, self.law, modes=self.modes)
         return point._replace(state=end.state, spectrum=modes), True
-
-
-def _diameters(off: float) -> str:
-    return f", {off:.2g} mean diameters away" if np.isfinite(off) else ""
 
 
 class Instability(NamedTuple):
@@ -211,3 +209,166 @@ def _trace(start: Point, strain: float, halvings: int) -> Point | None:
         return None
     middle = _trace(start, 0.5 * (start.strain + strain), halvings - 1)
     return None if middle is None else _trace(middle, strain, halvings - 1)
+
+
+@checked
+def cell_shear(law: Law, normal_stress: Positive, *, tolerance: Positive = BALANCED) -> Protocol:
+    """Protocol of simple shear of a periodic cell under stress: the load is −σ_xy/σ_yy, absolute, not an increment.
+
+    The cell's height follows the normal stress, and its shear along x follows the shear stress. Its other dimensions
+    stay as they are. Each step ends with `equilibrate`.
+
+    Parameters
+    ----------
+    normal_stress : σ_yy, compression positive [force/length^(dim−1)]
+    tolerance : largest unbalanced force or torque/R, in units of σ_yy D^(dim−1) with the mean diameter D
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(30, pressure=1e-3, dim=2, seed=1)
+    >>> path = ss.protocols.ramp(state, [0.0, 0.05], ss.protocols.cell_shear(law, 1e-3))
+    >>> ss.measure.stress(path[-1].state, law)[[0, 1], 1].round(9).tolist()
+    [-5e-05, 0.001]
+    """
+
+    def apply(state, load):
+        control = stress_controlled(state.control, {"yy": normal_stress, "xy": -load * normal_stress})
+        return state._replace(control=control)
+
+    def settle(state, load):
+        area = (2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
+        return _settle(state, load, law, tolerance * normal_stress * area)
+
+    return Protocol(law, apply, settle, modes=False)
+
+
+@checked
+def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> Protocol:
+    """Protocol of shear by a plate: the load is the force on it along x, over that which presses it along −y.
+
+    It is absolute: the force replaces one along x that acts already.
+
+    Parameters
+    ----------
+    plate : numbers of the bodies of the plate: a rigid group that is pressed along −y
+    tolerance : largest unbalanced force or torque/R, in units of the normal force on a body of the plate
+
+    Raises
+    ------
+    ValueError
+        if the given bodies are not pressed along −y; on the first step.
+
+    Examples
+    --------
+    A single grain on a fixed one, as a plate:
+
+    >>> import numpy as np
+    >>> import stickslip as ss
+    >>> law = ss.laws.linear(kn=1.0, kt=0.5, mu=0.5)
+    >>> control = ss.control.rigid(ss.control.fixed(ss.control.loads(2), [0]), [1])
+    >>> control = ss.control.force_controlled(control, [1], [0, -0.01])
+    >>> state = ss.assembly(ss.spheres([[0, 0, 0], [0, 0.99, 0]], 0.5), control=control)
+    >>> path = ss.protocols.ramp(state, [0.0, 0.2], plate_shear(law, [1]))
+    >>> start, end = (point.state.grains.position for point in path[:2])
+    >>> float((end - start)[1, 0].round(4))
+    0.0041
+    """
+
+    def apply(state, load):
+        control, bodies = state.control, body_numbers(state.control, plate)
+        force, free, rate = control.force.copy(), control.free.copy(), control.rate.copy()
+        if not (force[bodies, 1] < 0).all():
+            raise ValueError(f"bodies {np.asarray(plate).tolist()} were given: a plate is pressed along −y")
+        free[bodies, 0], rate[bodies, 0] = True, 0.0
+        force[bodies, 0] = -load * force[bodies, 1]
+        return state._replace(control=control._replace(force=force, free=free, rate=rate))
+
+    def settle(state, load):
+        return _settle(state, load, law, tolerance * float(np.abs(state.control.force[plate, 1]).mean()))
+
+    return Protocol(law, apply, settle, modes=False)
+
+
+def _settle(state: State, load: float, law: Law, tolerance: float) -> tuple[State, Outcome]:
+    """Equilibrium at a load, by `equilibrate`."""
+    try:
+        end, outcome = equilibrate(state, law, tolerance=tolerance, check="nothing")
+    except TooFarApartError:
+        end, outcome = state, Outcome(Status.STEPS_SPENT, np.inf, 0)  # the sample flowed without end
+    if not outcome.ok:
+        raise NotInEquilibriumError(f"no equilibrium at a load of {load:.4g}", outcome)
+    return end, outcome
+
+
+@checked
+def inflate(
+    state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-3, within: NotNegative = 0.0,
+    steps: Annotated[int, POSITIVE] = 10, tolerance: float | None = None, report: Report = silent,
+) -> Inflation:  # fmt: skip
+    """Inflate a grain in quasi-static steps, each of which ends with `equilibrate`, which commits the contact memory.
+
+    Growth is measured from the radii of the state. Contacts may open, close and slide; `changes` of the result counts
+    them, without those of grains that were rattlers. At small growth the displacements are those of `modes.inflate`.
+    Masses do not change.
+
+    Parameters
+    ----------
+    grain, growth, within : as in `modes.inflate`
+    steps : number of steps of equal size
+    tolerance : largest unbalanced force or torque/R [force]; default: as in `equilibrate`
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    ValueError
+        where `modes.inflate` raises it, but for contacts that change.
+    NotInEquilibriumError
+        if a step has no equilibrium.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(300, packing_fraction=0.95, dim=2, seed=1)
+    >>> law = ss.laws.hertz_mindlin(mu=0.0)
+    >>> field = inflate(state, law, growth=0.02, steps=4)
+    >>> field.changes.shape, field.states[0].n_bodies
+    ((1, 4, 4), 300)
+    """
+    require_sizes([Size(f"steps = {steps} makes", steps, "load steps", "use fewer")])
+    here = balanced(state, law)
+    centers, grown = inflated_grains(here, grain, growth, within)
+    ends, changes = [], []
+    for k, rows in enumerate(grown):
+        end, changed = _steps(here, rows, growth * np.arange(1, steps + 1) / steps, tolerance)
+        report("inflation", (k + 1) / len(centers), f"grain {centers[k]}")
+        ends.append(end)
+        changes.append(changed)
+    displacement = np.array([end.grains.position for end in ends]) - state.grains.position
+    return as_inflation(here, centers, grown, growth, displacement, ends, changes)
+
+
+def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:
+    """State at the end of steps, and how many contacts opened, closed, began and stopped sliding in each."""
+    state, radius, keep, changes = here.state, here.state.grains.radius, Factorisation(), []
+    before = _modes(here, state)
+    for growth in growths:
+        larger = resized(state, radius * (1 + growth * grown))
+        larger = larger._replace(contacts=larger.contacts._replace(stale=True))
+        state, outcome = equilibrate(larger, here.law, tolerance=tolerance, keep=keep, check="nothing")
+        if not outcome.ok:
+            raise NotInEquilibriumError(f"no equilibrium at growth {growth:g}", outcome)
+        after = _modes(here, state)
+        kept = before.keys() & after.keys()
+        began, stopped = (sum(b[key] == SLIDE != a[key] for key in kept) for a, b in ((before, after), (after, before)))
+        changes.append([len(before.keys() - kept), len(after.keys() - kept), began, stopped])
+        before = after
+    return state, changes
+
+
+def _modes(here: LinearisedState, state: State) -> dict[int, int]:
+    """Mode of each touching contact by its key, without those of rattlers."""
+    contacts, loose = state.contacts, np.append(here.loose, np.zeros(len(state.walls.mass), bool))
+    rows = [row for row in touching(state) if not (loose[contacts.i[row]] or loose[contacts.j[row]])]
+    return dict(zip(contacts.key[rows].tolist(), contacts.mode[rows].tolist(), strict=True))

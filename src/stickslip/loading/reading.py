@@ -6,10 +6,9 @@ from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.state import State
 from ..data.atomic import check_free
-from ..data.exchange.files import WRITTEN, Reading, output_files, read_states, unknown_suffix, write_packing
+from ..data.exchange.files import Reading, output_files, read_states, unknown_suffix, write_packing, written
 from ..data.exchange.force_network import is_measured
-from ..data.exchange.frame import frame_of
-from ..data.exchange.motion import mode_frames, read_mode
+from ..data.exchange.frame import frame_of, mode_frames, read_mode
 from ..data.run_files import NUMBERS
 from ..data.sample import Assumption, PackingError
 from .measured import read_measured
@@ -76,15 +75,9 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     path, contacts = Path(path), options.get("contacts")
     if path.is_dir() and (path / NUMBERS).is_file():
         path = path / NUMBERS
-    try:
-        if is_measured(path, contacts and Path(contacts)):
-            return [("", *read_measured(path, **options | ({} if frame == "all" else {"frame": frame})))]
-        return read_states(path, frame, options)
-    except PackingError as problem:
-        named = (path.name, *filter(None, (contacts, options.get("law"))))
-        if any(Path(str(name)).name in str(problem) for name in named):
-            raise
-        raise PackingError(f"{path}: {problem}") from None
+    if is_measured(path, contacts and Path(contacts)):
+        return [("", *read_measured(path, **options | ({} if frame == "all" else {"frame": frame})))]
+    return read_states(path, frame, options)
 
 
 def convert(
@@ -107,7 +100,7 @@ def convert(
         notes on what was read, and on what the new format does not store
     """
     path, to = Path(path), Path(to)
-    if to.suffix.lower() not in WRITTEN:
+    if to.suffix.lower() not in written():
         raise PackingError(unknown_suffix(to))
     if modes is None:
         chosen = {} if options.get("frame") is None else {"frame": options["frame"]}

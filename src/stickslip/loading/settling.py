@@ -1,31 +1,36 @@
-"""Steps of a sample from equilibrium to equilibrium, and its slow motion, in a cell that may follow the stress."""
+"""Steps of a sample from equilibrium to equilibrium, and slow dynamics, in a cell that may follow the stress."""
 
 from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 
-from ..core.control import strained_at
+from ..core.arguments import NotNegative, Positive, checked
+from ..core.control import between, strained_at
 from ..core.dynamics.cell_motion import strained
-from ..core.dynamics.ledger import Account
+from ..core.dynamics.ledger import PathLedger
 from ..core.dynamics.run import run
+from ..core.dynamics.timestep import stable_time_step
 from ..core.laws.builtin import Law
 from ..core.measure import volume
 from ..core.outcome import NotInEquilibriumError, Outcome
-from ..core.state import State
-from ..solve.equilibrate import PATIENCE
-from ..solve.freedom import freedom
-from ..solve.linear import DENSE_BELOW
+from ..core.progress import Report, silent
+from ..core.readable import readable
+from ..core.state import Control, State
+from ..solve.equilibrate import patience_for
 from ..solve.newton import Factorisation, approach, at_rest, newton
 from .compression import Scales, critical_mass, stopped
 
 # unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
 REST, MORE = 1e-6, 20_000  # where it fails at all of them: the force at which dynamics ends, and its most steps
-DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
+SETTLING_DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two looks at the forces, and largest number in a step
 POSTED = 20  # steps of dynamics between two entries in a ledger
 SLOW = 3.0  # times the time scale: duration of a step of the strain that dynamics makes
+STEPS = 500  # of the load in slow dynamics
+SHARE = 0.1  # time step of slow dynamics over the stable one
 
 
 def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Factorisation) -> tuple[State, Outcome]:
@@ -49,8 +54,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
     NotInEquilibriumError
         if the sample does not come to rest.
     """
-    patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
-    point, first = approach(state, law, tolerance=tolerance, patience=patience, keep=keep)
+    point, first = approach(state, law, tolerance=tolerance, patience=patience_for(state), keep=keep)
     if first.ok:
         return at_rest(point), first
     keep.solve = None
@@ -59,7 +63,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
 
 def strain_step(
     state: State, law: Law, scales: Scales, gradient: np.ndarray, *, tolerance: float, keep: Factorisation,
-    account: Account,
+    account: PathLedger,
 ) -> tuple[State, Outcome]:  # fmt: skip
     """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
 
@@ -74,8 +78,8 @@ def strain_step(
     tolerance, keep : see `settle`
     account : ledger of the path so far
     """
-    patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
-    point, first = approach(strained(state, gradient), law, tolerance=tolerance, patience=patience, keep=keep)
+    there, patience = strained(state, gradient), patience_for(state)
+    point, first = approach(there, law, tolerance=tolerance, patience=patience, keep=keep)
     if first.ok and account.balances(end := at_rest(point)):
         account.post(end)
         return end, first
@@ -90,17 +94,17 @@ def strain_step(
 
 
 def _come_to_rest(
-    state: State, law: Law, scales: Scales, tolerance: float, account: Account | None = None
+    state: State, law: Law, scales: Scales, tolerance: float, account: PathLedger | None = None
 ) -> tuple[State, Outcome]:
     """Equilibrium that damped dynamics leads to."""
-    patience, here, spent = PATIENCE[len(freedom(state)) >= DENSE_BELOW], state, 0
+    here, spent = state, 0
     for share in LEVELS:
         here, outcome, steps = _damp(here, law, scales, share * scales.force, LONGEST - spent, account)
         spent += steps
         if not outcome.ok:
             raise NotInEquilibriumError("the sample does not come to rest", outcome)
         rest = stopped(here)._replace(time=state.time)
-        end, solved = newton(rest, law, tolerance=tolerance, patience=patience)
+        end, solved = newton(rest, law, tolerance=tolerance, patience=patience_for(state))
         if solved.ok:
             if account:
                 account.stop(rest)
@@ -115,7 +119,7 @@ def _come_to_rest(
 
 
 def _damp(
-    state: State, law: Law, scales: Scales, level: float, most: int, account: Account | None
+    state: State, law: Law, scales: Scales, level: float, most: int, account: PathLedger | None
 ) -> tuple[State, Outcome, int]:
     """Damped dynamics until the largest unbalanced force is below a level [force], and its number of steps."""
     spent = 0
@@ -127,11 +131,13 @@ def _damp(
 
 
 def _advance(
-    state: State, law: Law, scales: Scales, steps: int, level: float, account: Account | None
+    state: State, law: Law, scales: Scales, steps: int, level: float, account: PathLedger | None
 ) -> tuple[State, Outcome]:
     """Damped dynamics of some steps, or until the largest unbalanced force is below a level that is not 0."""
     kept = {"every": POSTED, "ledger": POSTED} if account else {}
-    state, record, outcome = run(state, law, steps, scales.dt, drag=DRAG / scales.time, tolerance=level, **kept)
+    state, record, outcome = run(
+        state, law, steps, scales.dt, drag=SETTLING_DRAG / scales.time, tolerance=level, **kept
+    )
     if account:
         account.post_run(state, record.ledger)
     return state, outcome
@@ -142,5 +148,54 @@ def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0)
 
     Under the drag ν the stress exceeds the wanted one by M ℓ² ν L/V. The mass is at most the critical one.
     """
-    dim, drag, most = state.cell.dim, DRAG / scales.time, critical_mass(state, pressure, scales)
+    dim, drag, most = state.cell.dim, SETTLING_DRAG / scales.time, critical_mass(state, pressure, scales)
     return min(OFFSET * pressure * volume(state) ** (1 - 2 / dim) / (drag * rate), most) if rate else most
+
+
+@readable
+class SlowRun(NamedTuple):
+    """Slow run over T load steps."""
+
+    time: float  # duration of a whole leg [time]
+    load: np.ndarray  # (T,) in legs, at the end of each step
+    states: tuple[State, ...]
+    kinetic_energy: np.ndarray  # (T,) largest during each step [energy]
+
+
+@checked
+def slow_dynamics(
+    state: State, law: Law, *legs: Control, time: Positive, until: Positive, drag: NotNegative, report: Report = silent
+) -> SlowRun:
+    """Follow a packing by dynamics while its control changes linearly from one given control to the next.
+
+    The first leg begins at the control of the state, which may move. Loads are absolute, not increments.
+
+    Parameters
+    ----------
+    legs : as in `load_path`
+    time : duration of each leg [time]
+    until : load at which to stop, in legs
+    drag : drag on translations and rotations [1/time]
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    RuntimeError
+        if a position is not a number.
+    """
+    if not 0 < until <= len(legs):
+        raise ValueError(f"until = {until} was given for {len(legs)} legs: it must be above 0 and at most {len(legs)}")
+    dt = SHARE * stable_time_step(state, law)
+    points, here, loads, states, energy = (state.control, *legs), state, [], [], []
+    steps = max(1, round(time * until / STEPS / dt))
+    for load in np.linspace(0, until, STEPS + 1)[1:]:
+        leg = min(int(np.ceil(load)) - 1, len(legs) - 1)
+        here = here._replace(control=between(points[leg], points[leg + 1], load - leg))
+        here, record, outcome = run(here, law, steps, dt, drag=drag, every=max(1, steps // 20))
+        if not outcome.ok:
+            raise RuntimeError(f"slow dynamics ended at load {load:.4g}: {outcome}")
+        loads.append(load)
+        states.append(here)
+        energy.append(float(record.kinetic_energy.max(initial=0.0)))
+        report("slow dynamics", load / until, f"load {load:.4f}, kinetic energy {energy[-1]:.1e}")
+    return SlowRun(time, np.array(loads), tuple(states), np.array(energy))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.arguments import NotNegative, Positive, checked
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.run import run
@@ -29,12 +29,11 @@ from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members
-from ..solve.balance import BALANCED_BELOW, force_imbalance, motion_imbalance
-from ..solve.linearised import linearised
+from ..solve.balance import BALANCED_BELOW, force_imbalance, linearised, motion_imbalance
+from .packing import reduced_cell, wrapped
 from .protocols import Equilibrium, Protocol, perturbed
-from .shear import reduced_cell, wrapped
 
-LEGS = 40  # into which a run is divided, to see whether the sample has slid
+KICK_LEGS = 40  # into which a run is divided, to see whether the sample has slid
 WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance
 FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
 SLOWING = 0.95  # travel in the last window over that in the first one, below which a sample still slows down
@@ -135,14 +134,17 @@ class _Dynamics(NamedTuple):
 
 @checked
 def kinetic_threshold(
-    path: list[Equilibrium], protocol: Protocol, *, kicks=None, realizations: int = 10, duration: float,
-    dt: float, loads=None, distance: float = SLID, ramps: int = 3, drag: float = 0.0,
+    path: list[Equilibrium], protocol: Protocol, *, kicks=None, realizations: int = 10, duration: Positive,
+    dt: Positive, loads=None, distance: Positive = SLID, ramps: int = 3, drag: NotNegative = 0.0,
     seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Report = silent,
 ) -> KineticThreshold:  # fmt: skip
     """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
 
     Every run has its own random numbers, which depend on the seed, the load, the velocity in natural units and the
     number of the run only. Results do not depend on `workers`, nor on the units unless the load itself has a unit.
+
+    The 95 % intervals contained the threshold of 400,000 velocities in 196 of 200 repetitions with ten kicks of a block
+    at each of 20 loads, and that of known curves in 118 of 120 (`tests/wings/studies/test_threshold.py`).
 
     Parameters
     ----------
@@ -188,13 +190,11 @@ def kinetic_threshold(
     >>> found.slid.tolist()
     [[0], [0], [0]]
     """
-    require_positive(duration=duration, dt=dt, distance=distance)
-    require_not_negative(drag=drag)
     _require_count(1, realizations=realizations)
     require_sizes([Size(f"realizations = {realizations} makes", realizations, "runs", "use fewer")])
     _require_count(0, seed=seed, ramps=ramps)
-    if duration < LEGS * dt:
-        raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {LEGS} steps")
+    if duration < KICK_LEGS * dt:
+        raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {KICK_LEGS} steps")
     tried = _points_at(path, loads)
     protocol = protocol.starting(path[0].state, path[0].load)
     scales = natural_scales(tried[0].state, protocol.law)
@@ -208,7 +208,7 @@ def kinetic_threshold(
                 f"kicks = {kicks.max():g} and dt = {dt:g} were given: grains would move by more than a radius in a "
                 f"step; use smaller velocities"
             )
-    how = _Dynamics(protocol.law, max(1, round(duration / dt / LEGS)), dt, distance, drag)
+    how = _Dynamics(protocol.law, max(1, round(duration / dt / KICK_LEGS)), dt, distance, drag)
     starts = [
         (point.state, float(kick), _seed(int(seed), point.load, kick / speed, k))
         for point in tried for kick in kicks for k in range(int(realizations))
@@ -373,7 +373,7 @@ def _kick(state: State, kick: float, seed: int, how: _Dynamics, report: Report) 
 def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
     """State at the end of a run, and the time at which it had slid; NaN if it did not."""
     end = start
-    for count in range(1, LEGS + 1):
+    for count in range(1, KICK_LEGS + 1):
         (start,), end = _run_leg((start,), end, how, how.leg)
         if travel(start, end) > how.distance:
             return end, count * how.leg * how.dt
@@ -385,7 +385,7 @@ def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
     end, ways = start, []
     for _ in range(WINDOWS):
         before = end
-        for _ in range(LEGS // WINDOWS):
+        for _ in range(KICK_LEGS // WINDOWS):
             (start, before), end = _run_leg((start, before), end, how, how.leg)
         ways.append(travel(before, end))
         if ways[-1] < how.distance / WINDOWS:
@@ -409,13 +409,15 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
     back = wrapped(reduced_cell(end))
     change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
     shift = back.grains.position - end.grains.position
-    return tuple(_shift(old, change, shift) for old in earlier), back
-
-
-def _shift(state: State, change: np.ndarray, shift: np.ndarray) -> State:
-    """Positions and cell of a state, of which `travel` needs no more, in another cell of the lattice and shifted."""
-    cell = state.cell._replace(vectors=change @ state.cell.vectors)
-    return state._replace(cell=cell, grains=state.grains._replace(position=state.grains.position + shift))
+    # of earlier states, `travel` needs positions and cell alone
+    moved = [
+        old._replace(
+            cell=old.cell._replace(vectors=change @ old.cell.vectors),
+            grains=old.grains._replace(position=old.grains.position + shift),
+        )
+        for old in earlier
+    ]
+    return tuple(moved), back
 
 
 def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynamics, report) -> np.ndarray:

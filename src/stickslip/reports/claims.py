@@ -79,6 +79,11 @@ def claim(
     return made._replace(note="; ".join(text for text in notes if text))
 
 
+def statement(id: str, source: str, holds: bool | None, note: str = "", **more) -> Claim:
+    """Evaluate a statement of the paper that holds, does not hold, or is undecided (None); see `claim`."""
+    return claim(id, source, True, holds, "", 0.0, note, **more)
+
+
 def verdict(paper: Value, measured: Value, tolerance: float, error: float | None, quantifier: str = IS) -> str:
     """Compare a measurement with the paper's value and return one of `VERDICTS`.
 

@@ -242,16 +242,13 @@ def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:
 
 def _markdown_row(c: Claim) -> str:
     source = c.source.partition(":")[2].strip() or c.source
-    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else _format_tolerance(c)
+    tolerance = f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor of {1 + c.tolerance:.2g}"
+    tolerance = "–" if isinstance(c.measured, bool) or not c.tolerance else tolerance
     cells = (
         c.id, source, format_value(c.paper), format_value(c.reference), format_measured(c), c.unit or "–", tolerance,
         f"**{c.verdict}**",
     )  # fmt: skip
     return "| " + " | ".join(_escape(cell) for cell in cells) + " |"
-
-
-def _format_tolerance(c: Claim) -> str:
-    return f"{c.tolerance:.2g}" if c.tolerance < FACTOR else f"a factor of {1 + c.tolerance:.2g}"
 
 
 def _escape(text: str) -> str:

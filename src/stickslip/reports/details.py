@@ -8,9 +8,9 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.state import State
 from ..core.units import unit_name, with_unit
-from ..solve.density import participation_ratio
 from ..solve.moduli import ElasticModuli, elastic_moduli, voigt
 from ..solve.sensitivity import ContactSensitivity, contact_sensitivity
+from ..solve.spectrum import participation_ratio
 from ..solve.stability import Stability
 from ..solve.transient import NoElasticEnergyError, TransientGrowth, transient_growth
 from .terminal import console, new_table, show_table
@@ -36,13 +36,13 @@ def compute_details(state: State, law: Law, result: Stability, *, report: Report
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)
     return Details(
         participation,
-        _try(elastic_moduli, state, law),
+        attempt(elastic_moduli, state, law),
         _compute_transient(state, law, result, report),
-        _try(contact_sensitivity, state, law, report=report),
+        attempt(contact_sensitivity, state, law, report=report),
     )
 
 
-def _try(function, *arguments, **options):
+def attempt(function, *arguments, **options):
     """Return the result of a function, or the message of its ValueError."""
     try:
         return function(*arguments, **options)
@@ -56,7 +56,7 @@ def _compute_transient(state: State, law: Law, result, report) -> TransientGrowt
     try:
         return transient_growth(state, law, report=report)
     except NoElasticEnergyError:
-        return _try(transient_growth, state, law, norm="displacement", report=report)
+        return attempt(transient_growth, state, law, norm="displacement", report=report)
     except ValueError as problem:
         return str(problem)
 

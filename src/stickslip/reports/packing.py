@@ -3,7 +3,7 @@
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -19,15 +19,17 @@ from ..core.readable import pluralize
 from ..core.state import State
 from ..core.units import with_unit
 from ..data.atomic import replace_atomically
-from ..data.sample import NO_CONTACTS, UNDECIDED, Absent, Assumption, Obstacle, account_of
+from ..data.sample import UNDECIDED, Absent, Assumption, NoMemory, Obstacle, account_of, assumes_law
 from ..known import with_keys
 from ..solve.balance import BALANCED_BELOW, imbalance
-from ..solve.birth import BirthForm, birth_form
 from ..solve.freedom import backbone
-from ..solve.gradient import VerdictProbability, verdict_probability
 from ..solve.stability import Stability
-from . import details as stability_more
 from .terminal import console, new_table, show_table
+
+if TYPE_CHECKING:  # what a few options need, and else is not loaded
+    from ..solve.birth import BirthForm
+    from ..solve.gradient import VerdictProbability
+    from .details import Details
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
@@ -56,27 +58,27 @@ class Settling(NamedTuple):
         )
 
 
-def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> BirthForm | str:
+def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthForm | str":
     """Return the normal form of the fastest pair, or the reason why there is none."""
-    try:
-        return birth_form(state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
-    except ValueError as problem:
-        return str(problem)
+    from ..solve.birth import birth_form
+    from .details import attempt
+
+    return attempt(birth_form, state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
 
 
 def find_probability(
     state: State, law: Law, error: float, *, dashpots: bool = True, report: Report = silent
-) -> VerdictProbability | str:
+) -> "VerdictProbability | str":
     """Return how sure the verdict is with errors of positions, or the reason why that is not known."""
+    from ..solve.gradient import verdict_probability
+    from .details import attempt
+
     require_positive(position_error=error)
     law = law if dashpots or not damping_model(law) else with_values(law, damping_n=0.0, damping_t=0.0)
-    try:
-        return verdict_probability(state, law, position_error=error, report=report)
-    except ValueError as problem:
-        return str(problem)
+    return attempt(verdict_probability, state, law, position_error=error, report=report)
 
 
-def probability_dict(sure: VerdictProbability | str) -> dict:
+def probability_dict(sure: "VerdictProbability | str") -> dict:
     """Return the JSON object of a probability."""
     if isinstance(sure, str):
         return {"reason": sure}
@@ -85,7 +87,7 @@ def probability_dict(sure: VerdictProbability | str) -> dict:
     return out | {"re_lambda": value.real, "im_lambda": value.imag}
 
 
-def show_probability(sure: VerdictProbability | str) -> None:
+def show_probability(sure: "VerdictProbability | str") -> None:
     """Print the probability that a packing is stable, and the contact that decides."""
     if isinstance(sure, str):
         console.print(f"what errors of the positions change is not known: {sure}")
@@ -128,7 +130,7 @@ def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
     Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
     """
     sentence = f"{result.verdict}; {calm}" if calm else result.verdict
-    left_out = "; ".join(note.removeprefix(UNDECIDED) for note in notes if isinstance(note, Obstacle))
+    left_out = "; ".join(note.reason for note in notes if isinstance(note, Obstacle))
     if not result.balanced:
         missing = f"{UNDECIDED}{left_out}" if left_out else missing_parts(notes)
         return f"{missing}; {sentence}" if missing else sentence
@@ -143,7 +145,7 @@ def is_stable(result: Stability, notes) -> bool | None:
 
 def missing_parts(notes) -> str:
     """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
-    if NO_CONTACTS in notes and any(getattr(note, "of_law", False) for note in notes):
+    if assumes_law(notes) and any(isinstance(note, NoMemory) for note in notes):
         return "no verdict: the file has no contact law and no memory of tangential contacts"
     return ""
 
@@ -191,20 +193,20 @@ def geometry(state: State) -> Geometry:
 def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[str]:
     """Return the likely causes of unbalanced forces, from the packing, what its file lacks, and options for its law."""
     law = "another law than that of the packing"
-    acts, lacks = ([n.removeprefix(UNDECIDED) for n in notes if isinstance(n, kind)] for kind in (Obstacle, Absent))
+    acts = [note.reason for note in notes if isinstance(note, Obstacle)]
+    lacks = [note for note in notes if isinstance(note, Absent)]
     known = [*acts, *result.causes[:-1], *lacks]  # the last cause says no more than `law`
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
-    assumed = any(getattr(note, "of_law", False) for note in notes)
     if given:
         known.append(f"{law}: {', '.join(given)} came from the command line")
-    elif assumed:
+    elif assumes_law(notes):
         known.append(f"{law}: none was given, so the defaults were used")
     return known or list(result.causes)
 
 
 def to_dict(
-    result: Stability, more: stability_more.Details | None = None,
-    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), notes=(),
+    result: Stability, more: "Details | None" = None,
+    form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), notes=(),
     shape: Geometry | None = None,
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
@@ -222,7 +224,9 @@ def to_dict(
         "tolerance": BALANCED_BELOW,
         "balanced": result.balanced,
         "causes": list(why),
-        "settled": None if calm is None else _settling_dict(calm),
+        "settled": None
+        if calm is None
+        else calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None},
         "stable": is_stable(result, notes),
         "assumed": [note for note in notes if isinstance(note, Assumption)],
         "met": with_keys(account_of(notes)),
@@ -237,13 +241,15 @@ def to_dict(
         "scope": result.scope,
     }
     if more:
-        out["more"] = stability_more.to_dict(more)
+        from . import details
+
+        out["more"] = details.to_dict(more)
     if form:
         out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
     return out
 
 
-def _form_dict(form: BirthForm) -> dict:
+def _form_dict(form: "BirthForm") -> dict:
     """Numbers of the normal form; what is infinite is null."""
     out = {"fate": form.fate, "verdict": form.verdict, "limit_contact": list(form.limit_contact)}
     out |= {"opening_contact": list(form.opening_contact), "closing_contact": list(form.closing_contact)}
@@ -256,13 +262,9 @@ def _form_dict(form: BirthForm) -> dict:
     return out
 
 
-def _settling_dict(calm: Settling) -> dict:
-    return calm._asdict() | {"before": calm.before if np.isfinite(calm.before) else None}
-
-
 def show(
-    result: Stability, law: Law, notes: list[str], more: stability_more.Details | None = None,
-    form: BirthForm | str | None = None, *, calm: Settling | None = None, why=(), remedy: str = "",
+    result: Stability, law: Law, notes: list[str], more: "Details | None" = None,
+    form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), remedy: str = "",
     shape: Geometry | None = None, state: State | None = None,
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
@@ -294,7 +296,9 @@ def show(
         console.print(f"rattlers (excluded): {some}")
     _show_exponents(result) if result.undamped else _show_pairs(result)
     if more:
-        stability_more.show(more, result)
+        from . import details
+
+        details.show(more, result)
     if form:
         _show_form(form)
 
@@ -311,7 +315,7 @@ def _show_notes(notes) -> None:
         console.print(f"  - {note}", style="yellow")
 
 
-def _show_form(form: BirthForm | str) -> None:
+def _show_form(form: "BirthForm | str") -> None:
     if isinstance(form, str):
         console.print(f"what follows the instability is not known: {form}")
         return

@@ -1,5 +1,10 @@
-"""Files that come with the package: examples, and pages of documentation."""
+"""Files that come with the package: examples, pages of documentation, and BibTeX entries to cite for a run.
 
+The package's own entry is built from CITATION.cff, which a wheel contains next to this file. All other entries are in
+`references.bib` and are selected here by their keys.
+"""
+
+import re
 import shutil
 from difflib import get_close_matches
 from pathlib import Path
@@ -9,8 +14,11 @@ from ..core.laws.builtin import Law
 from ..core.state import State
 from ..data.atomic import check_free
 from ..data.schema import ScenarioBase
-from ..experiments.registry import read_scenario
+from ..experiments.registry import experiment_of, read_scenario, read_tables
+from ..experiments.registry import scenario as make_scenario
 from ..loading.reading import read_packing
+from ..wing import wings
+from .sweep.definition import members, sweep
 
 
 def _bundled_folder(name: str) -> Path:
@@ -120,9 +128,17 @@ def _files(source: Path) -> list[Path]:
 
 def pages() -> dict[str, str]:
     """Return the names of all pages of documentation that are here, each with its title."""
+    texts = {name: file.read_text(encoding="utf-8") for name, file in _pages().items()}
+    return {name: f"\n{text}".partition("\n# ")[2].partition("\n")[0] for name, text in texts.items()}
+
+
+def _pages() -> dict[str, Path]:
+    """Files of the pages of the laboratory, and of those in the folders of wings, by their names."""
     files = [file.relative_to(PAGES) for file in sorted(PAGES.rglob("*.md")) if file.name != "README.md"]
     names = [file.with_suffix("").as_posix() for file in files if not file.parts[0].startswith("_")]
-    return {name: (PAGES / f"{name}.md").read_text(encoding="utf-8").partition("\n")[0].strip("# ") for name in names}
+    own = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
+    own = [(name, folder) for name, folder in own if name not in names and (folder / f"{name}.md").is_file()]
+    return {name: folder / f"{name}.md" for name, folder in [*((name, PAGES) for name in names), *own]}
 
 
 @checked
@@ -134,8 +150,86 @@ def page(name: str) -> str:
     ValueError
         If there is no such page; the message lists pages with similar names.
     """
-    known = pages()
+    known = _pages()
     if name not in known:
         near = [key for key in known if name.rpartition("/")[2] in key] or get_close_matches(name, known, 3) or known
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
-    return (PAGES / f"{name}.md").read_text(encoding="utf-8")
+    return known[name].read_text(encoding="utf-8")
+
+
+LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")
+HERE, CFF = Path(__file__).parent, "CITATION.cff"
+
+
+def bibtex(*scenarios: ScenarioBase) -> str:
+    """Return the BibTeX entries to cite for runs of scenarios, in groups that each start with a comment line.
+
+    Examples
+    --------
+    >>> from stickslip.experiments.registry import scenario
+    >>> "Charan2020" in bibtex(scenario())
+    True
+    """
+    text = (HERE / "references.bib").read_text(encoding="utf-8")
+    entries = {key: entry for entry, key in re.findall(r"(^@\w+\{(\w+),\n.*?^\})$", text, flags=re.M | re.S)}
+    parts = ["% the package\n" + package_entry()]
+    groups: dict[str, dict] = {}
+    for scenario in scenarios:
+        for title, keys in reference_keys(scenario).items():
+            groups.setdefault(title, {}).update(dict.fromkeys(keys))
+    libraries = groups.pop("libraries", {})
+    for title, keys in (groups | {"libraries": libraries}).items():
+        parts.append(f"% {title}\n" + "\n\n".join(entries[key] for key in keys))
+    return "\n\n".join(parts) + "\n"
+
+
+def read_scenarios(path: Path) -> list[ScenarioBase]:
+    """Return the scenario of a TOML file or results folder, or the scenarios of all members of a sweep.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none; the message is one sentence.
+    """
+    if path.is_dir():
+        path = path / ("sweep.json" if (path / "sweep.json").exists() else "scenario.json")
+    tables = read_tables(path)
+    return [member.scenario for member in members(sweep(**tables))] if "sweep" in tables else [make_scenario(**tables)]
+
+
+def reference_keys(scenario: ScenarioBase) -> dict[str, tuple[str, ...]]:
+    """Return reference keys grouped by purpose, without empty groups."""
+    groups = experiment_of(scenario).references(scenario)
+    groups["libraries"] = LIBRARIES + (("LAMMPS",) if getattr(scenario, "engine", "") == "lammps" else ())
+    return {title: keys for title, keys in groups.items() if keys}
+
+
+def package_entry() -> str:
+    """Return the package's own entry, built from CITATION.cff."""
+    about = _read_citation()
+    fields = {
+        "author": " and ".join(about["authors"]),
+        "title": "{" + about["title"] + "}",
+        "howpublished": "Python package",
+        "note": f"Version {about['version']}, {about['license']}",
+        "year": about["date-released"][:4],
+    }
+    fields |= {key: about[key] for key in ("doi", "url") if key in about}
+    return "@misc{stickslip,\n" + "".join(f"  {k} = {{{v}}},\n" for k, v in fields.items()) + "}"
+
+
+def _read_citation() -> dict:
+    """Read the plain entries of CITATION.cff, and its authors in BibTeX format.
+
+    Only the subset of YAML that the file uses is supported: one entry per line, and a list of authors.
+    """
+    bundled = HERE / CFF
+    text = (bundled if bundled.exists() else HERE.parents[2] / CFF).read_text(encoding="utf-8")
+    about = text.partition("\nreferences:")[0]
+    entries = {key: value.strip('"') for key, value in re.findall(r"^([\w-]+): (.+)$", about, flags=re.M)}
+    people = re.findall(r"^  - (.+?)(?=^  - |^\S|\Z)", about, flags=re.M | re.S)
+    people = [dict(re.findall(r'([\w-]+): "?([^"\n]+)"?', person)) for person in people]
+    entries["authors"] = [
+        f"{{{one['name']}}}" if "name" in one else f"{one['family-names']}, {one['given-names']}" for one in people
+    ]
+    return entries

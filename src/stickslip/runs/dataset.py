@@ -5,6 +5,7 @@ in each frame: CF's contiguous ragged array.
 """
 
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -127,7 +128,8 @@ def _build_tree(tree: dict, units: dict[str, str], about: dict) -> xr.DataTree:
     """Build all nodes; a dimension that clashes with a parent node's dimension is prefixed with the node's name."""
     states, tables, laws = {}, {}, {}
     _collect(tree, "", tree.get("law"), states, tables, laws)
-    states = {name: state for name, state in states.items() if len(state.grains.radius) == _usual_grain_number(states)}
+    sizes = Counter(len(state.grains.radius) for state in states.values()).most_common(1)  # of grains
+    states = {name: state for name, state in states.items() if len(state.grains.radius) == sizes[0][0]}
     nodes = {}
     if states:
         nodes["frames"] = _frame_node(states, _frame_variables(states, laws, units, _wall_indices(tree, states)))
@@ -159,23 +161,12 @@ def _frame_node(states: dict[str, State], variables: dict) -> xr.Dataset:
     if (np.diff(time) > 0).all() and len(time) > 1:
         node = xr.Dataset(variables).swap_dims(frame="time").set_coords("time")
         return node.assign_coords(frame=("time", names))
-    loads = None if all(name.isdigit() for name in names) else _parse_numbers(names)
-    if _is_increasing(loads, len(names)):
-        node = xr.Dataset(variables).rename(frame="load").assign_coords(load=loads)
-        return node.assign_coords(frame=("load", names))
+    with suppress(ValueError):
+        loads = np.array([float(name) for name in names])
+        if _is_increasing(loads, len(names)) and not all(name.isdigit() for name in names):
+            node = xr.Dataset(variables).rename(frame="load").assign_coords(load=loads)
+            return node.assign_coords(frame=("load", names))
     return xr.Dataset(variables, {"frame": names})
-
-
-def _parse_numbers(names: list[str]) -> np.ndarray | None:
-    try:
-        return np.array([float(name) for name in names])
-    except ValueError:
-        return None
-
-
-def _usual_grain_number(states: dict[str, State]) -> int:
-    """Return the most common number of grains."""
-    return Counter(len(state.grains.radius) for state in states.values()).most_common(1)[0][0]
 
 
 def _collect(tree, above: str, law, states: dict, tables: dict, laws: dict) -> None:
@@ -231,17 +222,13 @@ def _frame_variables(states: dict[str, State], laws: dict, units: dict, walls: d
         out[name] = (("frame", "grain", "axis")[: values.ndim], values, unit("grains", name))
     if most := max(len(state.walls.mass) for state in many):
         for name in _WALLS:
-            values = np.stack([_scatter_rows(getattr(s.walls, name), walls[path], most) for path, s in states.items()])
+            shape = getattr(many[0].walls, name).shape[1:]
+            values = np.full((len(many), most, *shape), np.nan)  # of removed walls
+            for k, (path, state) in enumerate(states.items()):
+                values[k, walls[path]] = getattr(state.walls, name)
             out[f"wall_{name}"] = (("frame", "wall", "axis")[: values.ndim], values, unit("walls", name))
     out["cell"] = (("frame", "vector", "axis"), np.stack([s.cell.vectors for s in many]), unit("cell", "vectors"))
     return out | _contact_variables(states, laws, unit, walls)
-
-
-def _scatter_rows(values: np.ndarray, rows: np.ndarray, number: int) -> np.ndarray:
-    """Place values at the rows of their walls, with NaN for removed walls."""
-    out = np.full((number, *values.shape[1:]), np.nan)
-    out[rows] = values
-    return out
 
 
 def _contact_variables(states: dict[str, State], laws: dict, unit, walls: dict[str, np.ndarray]) -> dict:

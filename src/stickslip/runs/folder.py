@@ -1,16 +1,48 @@
-"""Folder of a run: checks before the run, and installation of its complete results."""
+"""Folder of a run: checks before it, all its files as a unit, and what `stickslip resume` finds."""
 
+import inspect
+import json
+import shlex
 import shutil
 import tempfile
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from typing import Any, NamedTuple, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from .. import __version__
+from ..core.units import units_in_use
 from ..data import archive
-from ..data.atomic import name_file_in_errors
-from ..data.checkpoint import SCENARIO, SWEEP, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
+from ..data.atomic import name_file_in_errors, write_atomically
+from ..data.checkpoint import (
+    SCENARIO,
+    SWEEP,
+    UNFINISHED,
+    WRITING,
+    checkpoint_in,
+    remove_checkpoint,
+    unfinished_scenario,
+)
 from ..data.manifest import allow_overwriting, check_hidden, digest, find_foreign, read_manifest, write_manifest
-from ..data.run_files import NUMBERS, foreign_files_message, is_run_file, join_names, list_files, resume_command
+from ..data.run_files import (
+    LOOK,
+    NUMBERS,
+    OPTIONS,
+    REPRODUCTION,
+    foreign_files_message,
+    is_run_file,
+    join_names,
+    list_files,
+    resume_command,
+)
+from ..data.schema import ScenarioBase
+from ..experiments.experiment import Experiment, named_measures
+from ..experiments.registry import papers, read_tables
+from ..experiments.registry import read_scenario as read_scenario
+from ..figures.saving import FORMATS, PLAIN, WIDTHS, Look, render_all
+from ..reports.claims_report import write_claims
 from ..reports.terminal import console
 
 
@@ -126,8 +158,10 @@ def install_results(folder: Path) -> None:
     """Move complete results into their folder; if the process is killed midway, the next call finishes the move."""
     staging = folder / WRITING
     new = read_manifest(staging)
-    if not all(is_run_file(name) and _is_complete(folder, name, digests) for name, digests in new.items()):
-        new = {}
+    for name, digests in new.items():  # each is in the staging folder, or has been moved from there
+        there = any((place / name).is_file() and digest(place / name) in digests for place in (staging, folder))
+        if not (there and is_run_file(name)):
+            return
     if NUMBERS not in new or SCENARIO not in new:  # not complete, or not written by a run: it replaces nothing
         return
     if find_foreign(folder, is_run_file):
@@ -144,11 +178,6 @@ def install_results(folder: Path) -> None:
     shutil.rmtree(staging, ignore_errors=True)
 
 
-def _is_complete(folder: Path, name: str, digests: list[str]) -> bool:
-    """Return True if a new file is in the staging folder, or has been moved from there."""
-    return any((place / name).is_file() and digest(place / name) in digests for place in (folder / WRITING, folder))
-
-
 def save(staging: Path, scenario, numbers: dict) -> None:
     """Write the scenario and the raw numbers."""
     units = scenario.named_units
@@ -156,3 +185,164 @@ def save(staging: Path, scenario, numbers: dict) -> None:
         numbers["units"] = str(units)
     archive.write(staging / NUMBERS, numbers, scenario=scenario.text, version=__version__, units=units)
     (staging / SCENARIO).write_text(scenario.text, encoding="utf-8")
+
+
+def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAIN) -> list[Path]:
+    """Write all files of a run as a unit and return the paths."""
+    with (
+        units_in_use(result.scenario.named_units),
+        staged_results(folder, failures=experiment.failures(result)) as staging,
+    ):
+        save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
+        _write_files(staging, experiment.files(result), experiment.figures(result), look)
+    return list_files(folder)
+
+
+def write_numbers(folder: Path, experiment: Experiment, result) -> None:
+    """Write only the scenario and raw numbers, as for members of a sweep."""
+    with staged_results(folder) as staging:
+        save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
+
+
+def _contents(experiment: Experiment, result, numbers: dict) -> dict:
+    """Contents of the archive: the numbers of a result, and its measures with their units."""
+    pairs = named_measures(experiment, result)
+    if measures := {name: {"value": value, "unit": unit} for name, (value, unit) in pairs.items()}:
+        numbers["measures"] = measures
+    return numbers
+
+
+def write_reproduction(folder: Path, experiment: Experiment, reproduction, look: Look = PLAIN) -> list[Path]:
+    """Write all files of the reproduction of a paper, with its claims, and return the paths."""
+    paper = experiment.paper
+    if paper is None:
+        raise ValueError(f"{experiment.name} does not reproduce a paper")
+
+    def of(name: str):
+        own = getattr(paper, name)
+        return own(reproduction) if own else getattr(experiment, name)(reproduction.main)
+
+    failures = of("failures")
+    with units_in_use(reproduction.main.scenario.named_units), staged_results(folder, failures=failures) as staging:
+        save(staging, reproduction.main.scenario, _contents(experiment, reproduction.main, of("numbers")))
+        _write_files(staging, of("files"), of("figures"), look)
+        write_claims(staging, reproduction.claims, paper.shows(), paper.title, failures, look)
+    return list_files(folder)
+
+
+def _write_files(staging: Path, files, figures, look: Look) -> None:
+    for name, write in files:
+        write(staging / name)
+    for name, figure in figures:
+        for each, content in render_all(name, figure, look).items():
+            (staging / each).write_bytes(content)
+
+
+WHERE = {"folder", "workers", "device", "report"}  # arguments of `reproduce` that do not change what is computed
+
+
+class UnfinishedRun(NamedTuple):
+    """A run that was started in a folder and is not finished."""
+
+    scenario: ScenarioBase | None
+    reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
+    sweep: dict | None = None  # tables, if it is a sweep
+    figures: bool = False  # whether the members of the sweep draw figures
+    look: Look = PLAIN  # of figures
+
+
+@cache
+def reproduction_arguments(experiment: str) -> type[BaseModel]:
+    """Return the arguments of a paper's `reproduce` that define what is computed, as a model with their defaults."""
+    function = papers()[experiment].paper.reproduce.resolve()  # type: ignore[union-attr]
+    kinds, parameters = get_type_hints(function), inspect.signature(function).parameters
+    fields: dict[str, Any] = {name: (kinds[name], one.default) for name, one in parameters.items() if name not in WHERE}
+    return create_model("Arguments", __config__=ConfigDict(extra="forbid", strict=True), **fields)
+
+
+def mark_reproduction(folder: Path, scenario, experiment: str, **arguments) -> None:
+    """Save the arguments of a reproduction in its folder when it starts, for `find_unfinished`."""
+    checkpoint_in(folder, scenario).announce()
+    saved = reproduction_arguments(experiment)(**arguments).model_dump(mode="json") | {"experiment": experiment}
+    write_atomically(folder / UNFINISHED / REPRODUCTION, json.dumps(saved).encode())
+
+
+def mark_look(folder: Path, scenario, look: Look) -> None:
+    """Save how figures are written in the folder of a run when it starts, for `find_unfinished`."""
+    if look != PLAIN:
+        checkpoint_in(folder, scenario).announce()
+        write_atomically(folder / UNFINISHED / LOOK, json.dumps(look._asdict()).encode())
+    else:
+        (folder / UNFINISHED / LOOK).unlink(missing_ok=True)
+
+
+def find_unfinished(folder: Path) -> UnfinishedRun | None:
+    """Return the unfinished run in a folder, or None if the run is finished.
+
+    Raises
+    ------
+    ValueError
+        If there is no run; the message is one sentence.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is not a folder: give the folder of an interrupted run")
+    check_hidden(folder, is_run_file)
+    if (folder / SWEEP).is_file():
+        options = folder / OPTIONS
+        given = read_json(options) if options.is_file() else {}
+        look = _look_in(given["look"], options) if "look" in given else PLAIN
+        return UnfinishedRun(None, None, read_tables(folder / SWEEP), given.get("figures", False), look)
+    install_results(folder)
+    known, arguments = unfinished_scenario(folder), folder / UNFINISHED / REPRODUCTION
+    if known is None and not (folder / SCENARIO).is_file():
+        raise ValueError(
+            f"{folder} contains nothing to resume: start with stickslip run SCENARIO --out {shlex.quote(str(folder))}"
+        )
+    if known is None and (folder / NUMBERS).is_file():
+        return None
+    if known and (others := find_foreign(folder, is_run_file)):
+        raise ValueError(
+            f"{folder} contains files that stickslip did not write or that have changed since ({join_names(others)}): "
+            f"move them away, then resume again"
+        )
+    reproduction = _read_arguments(arguments) if arguments.is_file() else None
+    look = _look_in(read_json(path), path) if (path := folder / UNFINISHED / LOOK).is_file() else PLAIN
+    return UnfinishedRun(read_scenario(known or folder / SCENARIO), reproduction, look=look)
+
+
+def _read_arguments(path: Path) -> dict:
+    """Read the arguments of `reproduce` that `mark_reproduction` saved; ValueError if they are others."""
+    saved = read_json(path)
+    experiment = saved.pop("experiment", None)
+    if not isinstance(experiment, str) or experiment not in papers():
+        raise ValueError(_damage_message(path))
+    try:
+        arguments = reproduction_arguments(experiment).model_validate_json(json.dumps(saved))
+    except ValidationError as problem:
+        wrong = ", ".join(".".join(map(str, one["loc"])) for one in problem.errors())
+        raise ValueError(f"{_damage_message(path)} (wrong: {wrong})") from None
+    return {"experiment": experiment} | dict(arguments)
+
+
+def _look_in(options, path: Path) -> Look:
+    try:
+        look = Look(**options)
+        if set(look.formats) <= set(FORMATS) and look.width in WIDTHS and isinstance(look.letters, bool):
+            return look._replace(formats=tuple(look.formats))
+    except TypeError:
+        pass
+    raise ValueError(_damage_message(path))
+
+
+def _damage_message(path: Path) -> str:
+    return f"{path} is damaged: start again with --overwrite"
+
+
+def read_json(path: Path) -> dict:
+    """Read an object from a JSON file; raise ValueError with a one-sentence message if the file is damaged."""
+    try:
+        if isinstance(content := json.loads(path.read_text(encoding="utf-8")), dict):
+            return content
+    except (ValueError, RecursionError):
+        pass
+    raise ValueError(_damage_message(path))

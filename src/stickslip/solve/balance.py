@@ -1,4 +1,6 @@
-"""Force balance of a packing: imbalance, likely causes, and contact modes under another law."""
+"""Linearised state of a packing, and its force balance: imbalance, likely causes, contact modes under another law."""
+
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -6,13 +8,13 @@ from scipy.sparse.csgraph import connected_components
 
 from ..core.arguments import checked
 from ..core.contacts.forces import forces, unbalanced_forces
-from ..core.contacts.jacobian import Linearisation, linearise
+from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.contacts.memory import AT_LIMIT, ROUND_OFF
 from ..core.contacts.neighbors import body_radii
-from ..core.laws.builtin import LEVER, ROLLING, TWISTING, Law
-from ..core.measure import Committed, contact_velocity, overlaps, volume
-from ..core.state import SLIDE, STICK, Contacts, State
-from .linearised import LinearisedState, linearised
+from ..core.laws.builtin import LEVER, ROLLING, SHARP, TWISTING, Law
+from ..core.measure import Committed, contact_velocity, overlaps, touching, volume
+from ..core.state import SLIDE, STICK, State
+from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_grains
 
 # Share of the mean contact force, from `python -m benchmarks equilibrium`. Up to 1e-3, moving grains at random changes
 # the verdict no more often than at 1e-8. Up to 2e-3, none of 52 packings had a wrong verdict without its slips; the
@@ -20,6 +22,63 @@ from .linearised import LinearisedState, linearised
 # larger ones.
 BALANCED_BELOW = 2e-3
 DIGITS = 13  # significant digits of positions that lost none to text or single precision
+
+
+class LinearisedState(NamedTuple):
+    """A state under a law, each contact held in its mode."""
+
+    state: State
+    law: Law
+    line: Linearisation  # of all pairs in the list
+    rows: np.ndarray  # touching pairs
+    loose: np.ndarray  # (N,) bool, rattlers
+
+    @property
+    def backbone(self) -> Freedom:
+        """Free coordinates without those of rattlers."""
+        return freedom(self.state).without(self._loose_bodies)
+
+    @property
+    def supported(self) -> np.ndarray:
+        """(C,) mask of the pairs in the list, without those of rattlers."""
+        contacts, count, loose = self.state.contacts, len(self.line.closed), self._loose_bodies
+        return ~loose[contacts.i[:count]] & ~loose[contacts.j[:count]]
+
+    @property
+    def mean_force(self) -> float:
+        """Mean |F_n| of touching contacts [force]; zero without contacts."""
+        return float(np.abs(self.line.force_n[self.rows]).mean()) if len(self.rows) else 0.0
+
+    @property
+    def mean_stiffness(self) -> float:
+        """Mean dF_n/dδ of touching contacts [force/length]; zero without contacts."""
+        return self.line.slope_n[self.rows].mean() if len(self.rows) else 0.0
+
+    @property
+    def at_limit(self) -> np.ndarray:
+        """Rows of contacts at the Coulomb limit under sharp friction, without those of rattlers."""
+        if self.law.coulomb != SHARP:
+            return np.zeros(0, np.int64)
+        slides = (self.state.contacts.mode[self.rows] == SLIDE) & (self.line.limit[self.rows] > 0)
+        return self.rows[slides & self.supported[self.rows]]
+
+    def dynamical_matrix(self, free: Freedom):
+        """(n, n) sparse A = −M^(−1/2) J M^(−1/2) in the coordinates `free` [1/time²]."""
+        blocks, _ = blocks_of(self.state, self.law, self.line)
+        return mass_weighted(stiffness_of(self.state, self.line, blocks, free), free)
+
+    @property
+    def _loose_bodies(self) -> np.ndarray:
+        return np.append(self.loose, np.zeros(len(self.state.walls.mass), bool))
+
+    def with_modes(self, state: State) -> "LinearisedState":
+        """The same contacts in the modes and with the slips of another state."""
+        return self if state is self.state else self._replace(state=state, line=linearise(state, self.law))
+
+
+def linearised(state: State, law: Law) -> LinearisedState:
+    """Linearise an accepted state."""
+    return LinearisedState(state, law, linearise(state, law), touching(state), unsupported_grains(state, law))
 
 
 @checked
@@ -58,6 +117,13 @@ def force_imbalance(here: LinearisedState) -> float:
         has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
         ratio = max(ratio, _ratio(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
     return float(ratio)
+
+
+@checked
+def residual(state: State, law: Law):
+    """Largest component of an unbalanced force or torque/R of a state [force], and the body on which it acts."""
+    size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
+    return float(size.max()), int(size.argmax())
 
 
 def balanced(state: State, law: Law) -> LinearisedState:
@@ -281,13 +347,16 @@ def modes_under(state: State, law: Law, line: Linearisation) -> State:
     slides = (pull > line.limit + slack) | ((mode == STICK) & (line.limit == 0) & (overlaps(state) > 0))
     if not (sticks | slides).any():
         return state
-    return state._replace(contacts=_set_modes(contacts, sticks, slides, forces(state, law)[1].slip))
-
-
-def _set_modes(contacts: Contacts, sticks: np.ndarray, slides: np.ndarray, cut: np.ndarray) -> Contacts:
-    count, mode, slip, reached = len(sticks), contacts.mode.copy(), contacts.slip.copy(), contacts.reached.copy()
+    mode, slip, reached = contacts.mode.copy(), contacts.slip.copy(), contacts.reached.copy()
     mode[:count][sticks], mode[:count][slides] = STICK, SLIDE
-    slip[:count][slides] = cut[:count][slides]
+    slip[:count][slides] = forces(state, law)[1].slip[:count][slides]
     reached[:count][slides] = slip[:count][slides].any(axis=1)
     reached[:count][sticks] = False
-    return contacts._replace(mode=mode, slip=slip, reached=reached)
+    return state._replace(contacts=contacts._replace(mode=mode, slip=slip, reached=reached))
+
+
+def with_mode(state: State, rows: np.ndarray, mode: int) -> State:
+    """State with the contacts of some rows in another mode."""
+    modes = state.contacts.mode.copy()
+    modes[rows] = mode
+    return state._replace(contacts=state.contacts._replace(mode=modes))

@@ -42,10 +42,9 @@ from ..core.measure import overlaps
 from ..core.readable import pluralize, readable
 from ..core.state import OPEN, SLIDE, State
 from ..core.units import with_unit
-from .balance import BALANCED_BELOW, force_imbalance, modes_under, no_equilibrium_message
+from .balance import BALANCED_BELOW, LinearisedState, force_imbalance, linearised, modes_under, no_equilibrium_message
 from .freedom import ZERO_BELOW, Freedom, displaced, dynamical_matrix, jacobian, moving, residual_vector
 from .linear import DENSE_BELOW, one_thread, suitable_threads
-from .linearised import LinearisedState, linearised
 from .spectrum import SOFTEST, near_zero
 from .stability import DENSE_UP_TO, stability
 

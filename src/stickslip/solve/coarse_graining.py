@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.arguments import checked, require_positive
+from ..core.arguments import Positive, checked
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, contact_forces, touching
 from ..core.state import State, grain_volumes
@@ -25,7 +25,7 @@ _FIELDS = {  # names, numbers of entries and units
 
 
 @checked
-def coarse_grained(state: State, law: Law, *, width: float, spacing: float | None = None) -> "xr.Dataset":
+def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive | None = None) -> "xr.Dataset":
     """Density, packing fraction, velocity and stress as fields on a grid.
 
     With the Gaussian φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w, density is Σ m φ(x − x_i), the packing fraction
@@ -65,11 +65,13 @@ def coarse_grained(state: State, law: Law, *, width: float, spacing: float | Non
     0.68
     """
     spacing = width if spacing is None else spacing
-    require_positive(width=width, spacing=spacing)
     origin, vectors, shape = _grid_of(state, spacing)
     axes = [(np.arange(n) + 0.5) / n for n in shape]
     share = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    points, sources = origin + share @ vectors, (_grain_sources(state), _contact_sources(state, law, width))
+    grains, points = state.grains, origin + share @ vectors
+    momentum = grains.mass[:, None] * grains.velocity
+    of_grains = grains.mass[:, None], grain_volumes(state)[:, None], momentum, _outer(momentum, grains.velocity)
+    sources = (grains.position, np.hstack(of_grains)), _contact_sources(state, law, width)
     sums = [_smooth(state.cell, points, origin, vectors, width, *source) for source in sources]
     columns, start = np.concatenate(sums, axis=1), 0
     values = {}
@@ -100,14 +102,6 @@ def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tupl
     if cell.dim == 2:
         vectors[2], origin[2] = (0.0, 0.0, 1.0), -0.5
     return origin, vectors, tuple(shape + [1] * (3 - cell.dim))
-
-
-def _grain_sources(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the grains, and what each of them adds to the first fields."""
-    grains = state.grains
-    momentum = grains.mass[:, None] * grains.velocity
-    scalars = np.stack([grains.mass, grain_volumes(state)], axis=1)
-    return grains.position, np.hstack([scalars, momentum, _outer(momentum, grains.velocity)])
 
 
 def _contact_sources(state: State, law: Law, width: float) -> tuple[np.ndarray, np.ndarray]:

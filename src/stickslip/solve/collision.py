@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ..builtin_laws import BUILTIN_LAWS
-from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.arguments import NotNegative, Positive, checked
 from ..core.fields import LARGEST
 from ..core.laws.builtin import (
     DAMPING_N,
@@ -45,7 +45,9 @@ class Collision(NamedTuple):
 
 
 @checked
-def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple[int, int] = (0, 0)) -> Collision:
+def collision(
+    law: Law, *, radius: Positive, mass: Positive, speed: Positive, pair: tuple[int, int] = (0, 0)
+) -> Collision:
     """Simulate a head-on collision of two grains.
 
     Integrates m_eff δ'' = −F_n(δ, −δ') from δ = 0, δ' = `speed` until the grains separate, to a tolerance of 1e-10.
@@ -65,7 +67,6 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
     >>> round(found.duration, 6)  # half a period, π √(m_eff/k_n)
     3.141593
     """
-    require_positive(radius=radius, mass=mass, speed=speed)
     for number in pair:
         if number not in range(len(law.table)):
             raise ValueError(
@@ -132,7 +133,7 @@ def collision(law: Law, *, radius: float, mass: float, speed: float, pair: tuple
 
 @checked
 def with_restitution(
-    law: Law, restitution: float, *, radius: float, mass: float, speed: float, ratio: float = 0.5
+    law: Law, restitution: float, *, radius: Positive, mass: Positive, speed: Positive, ratio: NotNegative = 0.5
 ) -> Law:
     """Law with γ_n chosen to give a head-on collision of two identical grains the given restitution; γ_t = ratio γ_n.
 
@@ -156,7 +157,6 @@ def with_restitution(
     """
     if not LEAST <= restitution <= 1:
         raise ValueError(f"restitution = {restitution} was given: it must be at least {LEAST:g} and at most 1")
-    require_not_negative(ratio=ratio)
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION):
         raise ValueError("the law's damping_n is a coefficient of restitution already: give it when you create the law")
 
@@ -188,7 +188,14 @@ def with_restitution(
 
 @checked
 def eq8_damping(
-    restitution: float, *, young: float, poisson: float, radius: float, mass: float, speed: float, ratio: float = 0.5
+    restitution: float,
+    *,
+    young: float,
+    poisson: float,
+    radius: Positive,
+    mass: Positive,
+    speed: Positive,
+    ratio: NotNegative = 0.5,
 ) -> float:
     """Damping γ_n from Eq 8 of Ferdowsi & Rubin 2021, taken literally [1/(length time)].
 

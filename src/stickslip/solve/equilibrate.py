@@ -1,25 +1,35 @@
-"""Robust search for equilibrium: Newton's method, with strongly damped dynamics as a fallback."""
+"""Search for equilibrium: Newton's method with strongly damped dynamics as a fallback, that dynamics alone, and FIRE.
+
+A quench of a packing without friction minimises the elastic energy by FIRE, in one compiled loop. A step needs the
+normal forces of all pairs of the neighbour list and no energy. The loop is left only for a new list.
+
+Source of FIRE: Bitzek et al., doi:10.1103/PhysRevLett.97.170201, with their parameters, and the step back of Guénolé et
+al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The longest time step follows the stiffness.
+"""
 
 import warnings
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
-from ..core.arguments import checked
-from ..core.contacts.forces import accept, forces
-from ..core.contacts.neighbors import with_neighbor_list
+from ..core.arguments import Positive, checked
+from ..core.contacts.forces import accept, bodies, forces
+from ..core.contacts.neighbors import shifts, with_neighbor_list
+from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
+from ..core.laws.compiled import law_struct
+from ..core.laws.kinds import check_kind
+from ..core.library import core
 from ..core.measure import mean_normal_force
-from ..core.outcome import Outcome
+from ..core.outcome import Outcome, Status
 from ..core.readable import pluralize
 from ..core.scales import natural_scales
-from ..core.state import State
-from .balance import BALANCED_BELOW, force_imbalance, no_equilibrium_message
+from ..core.state import OPEN, Grains, State, empty_contacts, reset_reached, resting
+from .balance import BALANCED_BELOW, LinearisedState, force_imbalance, linearised, no_equilibrium_message, residual
 from .freedom import dynamical_matrix, freedom, translations
 from .linear import DENSE_BELOW, suitable_threads
-from .linearised import LinearisedState, linearised
 from .newton import Factorisation, approach, at_rest, newton
-from .relax import relax, residual
 from .spectrum import soft_modes, symmetric_part_is_positive
 
 BALANCED = 5e-14  # default tolerance, in natural units of force
@@ -27,12 +37,17 @@ BALANCED = 5e-14  # default tolerance, in natural units of force
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 SHARES = (3e-1, 1e-2, 3e-4)  # likewise, over the residual at which Newton's method stalled
 FEW = 3000  # steps of damped dynamics in a stage before it starts again from the beginning of the step
-PATIENCE = (8, 1)  # slow steps of Newton's method after which damped dynamics is faster, in small and in large systems
+PATIENCE = (8, 1)  # in small and in large systems, see `patience_for`
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
 # further drags, tried one after the other: the softest modes of a nearly unjammed packing come to rest sooner, and a
 # packing that creeps without end along one path may find a balance along another
 WEAK_DRAGS = (0.03, 0.01, 0.003)
+RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # of `relax`: tolerance, drag, time step, in natural units
+STEPS = 100_000  # of a quench: largest number
+SKIN = 0.5  # of a quench: of the neighbour list over the smallest radius: grains move far at first
+# of a quench: time step, mixing, steps downhill, longest time step, and whether the forces balance
+PACE, AT_MINIMUM = (0.0, 0.1, 0.0, 1.0, 0.0), 4
 
 
 class UnstableEquilibriumWarning(UserWarning):
@@ -48,9 +63,9 @@ def equilibrate(
     state: State,
     law: Law,
     *,
-    tolerance: float | None = None,
+    tolerance: Positive | None = None,
     keep: Factorisation | None = None,
-    check: str = "buckling",
+    check: Literal["buckling", "spectrum", "nothing"] = "buckling",
     steps: int = 30_000,
 ):
     """Bring a packing back to equilibrium after a step in load or strain.
@@ -91,8 +106,6 @@ def equilibrate(
     >>> outcome.ok
     True
     """
-    if check not in ("buckling", "spectrum", "nothing"):
-        raise ValueError(f"check={check!r} was given: 'buckling', 'spectrum' and 'nothing' are allowed")
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     keep = keep or Factorisation()
     end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
@@ -116,14 +129,13 @@ def equilibrate(
 
 def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factorisation, steps: int):
     """Newton's method; if it stalls, damped dynamics from where it stalled, and at last from the start of the step."""
-    patience = PATIENCE[len(freedom(state)) >= DENSE_BELOW]
-    point, first = approach(state, law, tolerance=tolerance, patience=patience, keep=keep)
+    point, first = approach(state, law, tolerance=tolerance, patience=patience_for(state), keep=keep)
     if first.ok:
         return at_rest(point), first
     keep.solve, keep.found_stable = None, -1
     if point.vector.any() and np.isfinite(point.worst):
         stages = [share * point.worst for share in SHARES]
-        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, patience, min(steps, FEW), first)
+        end, outcome = _damped_dynamics(point.state, law, tolerance, stages, min(steps, FEW), first)
         if outcome.ok:
             return end, outcome
     here = with_neighbor_list(state, law)
@@ -131,15 +143,18 @@ def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factoris
     force = mean_normal_force(held, law) or residual(state, law)[0]
     stages = [share * force for share in STAGES]
     for drag in (DRAG, *WEAK_DRAGS):
-        end, outcome = _damped_dynamics(state, law, tolerance, stages, patience, steps, first, drag)
+        end, outcome = _damped_dynamics(state, law, tolerance, stages, steps, first, drag)
         if outcome.ok:
             break
     return end, outcome
 
 
-def _damped_dynamics(
-    state: State, law: Law, tolerance: float, stages, patience: int, steps: int, first: Outcome, drag: float = DRAG
-):
+def patience_for(state: State) -> int:
+    """Slow steps of Newton's method after which damped dynamics is faster."""
+    return PATIENCE[len(freedom(state)) >= DENSE_BELOW]
+
+
+def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: int, first: Outcome, drag: float = DRAG):
     """Run damped dynamics, with Newton's method after each stage; `stages` are residuals [force]."""
     here, spent = with_neighbor_list(state, law), 0
     held = accept(here, forces(here, law)[1])
@@ -149,7 +164,7 @@ def _damped_dynamics(
         spent += moved.iterations
         if moved.broken:
             return state, moved
-        patient = None if stage == stages[-1] else patience
+        patient = None if stage == stages[-1] else patience_for(state)
         end, outcome = newton(here, law, tolerance=tolerance, patience=patient, keep=Factorisation())
         if outcome.ok:
             how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
@@ -161,34 +176,113 @@ def _damped_dynamics(
 
 def _describe_instability(here: LinearisedState, check: str) -> str:
     """Describe the instability of an equilibrium; empty if none was found."""
-    free = freedom(here.state)
+    free, pairs, rate = freedom(here.state), 0, 0.0
     matrix = here.dynamical_matrix(free)
     if matrix.shape[0] >= DENSE_BELOW and check == "buckling":
         # without rattlers, whose zeros would crowd out the other eigenvalues
         held = np.flatnonzero(np.abs(matrix).sum(axis=1) > 0)
         if symmetric_part_is_positive(matrix[held][:, held], translations(matrix, free)[held]):
             return ""
-        return _instability_message(len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0]), 0, 0.0)
-    with suitable_threads(matrix.shape[0]):
-        return _check_dense(matrix.toarray(), check)
-
-
-def _check_dense(full: np.ndarray, check: str) -> str:
-    scale = np.abs(full).max(initial=0.0)
-    if check == "buckling":
-        try:
-            # if the symmetric part is positive definite, every eigenvalue has a positive real part
-            cholesky(0.5 * (full + full.T) + 1e-8 * scale * np.eye(len(full)), overwrite_a=True, check_finite=False)
-            return ""
-        except LinAlgError:
-            pass
-    values = eigvals(full, check_finite=False)
-    buckling = int((values.real < -1e-8 * scale).sum())
-    pairs = int((values.imag > 1e-9 * scale).sum()) if check == "spectrum" else 0
-    return _instability_message(buckling, pairs, float(np.abs(np.sqrt(values).imag).max()) if pairs else 0.0)
-
-
-def _instability_message(buckling: int, pairs: int, rate: float) -> str:
+        buckling = len(soft_modes(matrix[held][:, held], CHECKED, 1e-4)[0])
+    else:
+        full = matrix.toarray()
+        scale = np.abs(full).max(initial=0.0)
+        with suitable_threads(len(full)):
+            if check == "buckling" and _is_definite(full + full.T, scale):
+                return ""
+            values = eigvals(full, check_finite=False)
+        buckling = int((values.real < -1e-8 * scale).sum())
+        if check == "spectrum":
+            pairs, rate = int((values.imag > 1e-9 * scale).sum()), float(np.abs(np.sqrt(values).imag).max(initial=0.0))
     motions = [f"{pluralize(buckling, 'direction')} of negative stiffness"] if buckling else []
     motions += [f"{pluralize(pairs, 'complex pair')}, growing as exp({rate:.2e} t)"] if pairs else []
     return f"the equilibrium is unstable: {' and '.join(motions)}" if motions else ""
+
+
+def _is_definite(twice: np.ndarray, scale: float) -> bool:
+    """Return True if half a symmetric matrix is positive definite: every eigenvalue then has a positive real part."""
+    try:
+        cholesky(0.5 * twice + 1e-8 * scale * np.eye(len(twice)), overwrite_a=True, check_finite=False)
+    except LinAlgError:
+        return False
+    return True
+
+
+@checked
+def relax(
+    state: State,
+    law: Law,
+    *,
+    tolerance: float | None = None,
+    drag: float | None = None,
+    spin_drag: float | None = None,
+    dt: float | None = None,
+    steps: int = 2_000_000,
+):
+    """Run damped Newtonian dynamics until the state is at rest: the quasi-static limit of the papers' protocol.
+
+    The drag acts on translations and rotations. It must exceed twice the growth rate of any instability that is to be
+    suppressed.
+
+    Parameters
+    ----------
+    tolerance : float [force]; default: 1e-14 F, where F is the normal force that the law gives, extrapolated to an
+        overlap of the smallest diameter d, such as k_n d^{3/2}
+    drag, spin_drag : float [1/time]; default: 0.05/√(m d/F), m the mass of the lightest grain; both alike
+    dt : float [time]; default: 0.1 √(m d/F)
+    steps : int, largest number allowed
+
+    Returns
+    -------
+    State, Outcome
+        the state at rest on success; if the outcome is not CONVERGED, the state at the end of the run.
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, computational protocol of the supplement.
+    """
+    scales = natural_scales(state, law)
+    tolerance = RELAXED * scales.force if tolerance is None else tolerance
+    drag = RELAX_DRAG / scales.time if drag is None else drag
+    dt = RELAX_STEP * scales.time if dt is None else dt
+    end, _, outcome = run(state, law, steps, dt, drag=drag, spin_drag=spin_drag, tolerance=tolerance)
+    if outcome.ok:
+        end = resting(end)._replace(contacts=reset_reached(end.contacts), time=state.time)
+    elif not outcome.broken and not (end.contacts.mode[: end.contacts.count[0]] != OPEN).any():
+        outcome = outcome._replace(status=Status.CONTACT_LOST)
+    return end, outcome
+
+
+def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> State:
+    """State at a minimum of the elastic energy of its normal forces; contact memory is not committed.
+
+    Parameters
+    ----------
+    state : State without walls, all of whose grains are free
+    law : Law without friction
+    tolerance : float, largest unbalanced force [force]. It is also at most 1e-4 of the mean contact force, so that
+        grains which lose all contacts are not taken for jammed
+    steps : int, largest number of steps; if they do not suffice, the last positions are returned
+    """
+    check_kind(law.kind)
+    # neighbours in space are close in memory
+    order = np.lexsort(np.floor(state.grains.position / (2 * state.grains.radius.max())).T)
+    contacts = empty_contacts(state.n_bodies, 0, SKIN * state.grains.radius.min())._replace(gap=state.contacts.gap)
+    here = state._replace(grains=Grains(*(part[order] for part in state.grains)), contacts=contacts)
+    velocity, force = np.zeros((2, state.n_bodies, 3))
+    stiffness, pace, reach = np.empty(state.n_bodies), np.array(PACE), 0.5 * contacts.skin / np.sqrt(state.cell.dim)
+    struct = law_struct(law, members=("force", "slopes", "range"))
+    while steps > 0 and not pace[AT_MINIMUM]:
+        here = with_neighbor_list(here, law)
+        moving = bodies(here)
+        done = core.descend(
+            struct, here.cell.dim, moving, here.contacts, shifts(here.contacts, here.cell.vectors), reach,
+            velocity, force, stiffness, pace, tolerance, steps,
+        )  # fmt: skip
+        steps -= max(done, 1)
+        here = here._replace(
+            grains=here.grains._replace(position=moving.position), contacts=here.contacts._replace(stale=True)
+        )
+    position = np.empty_like(state.grains.position)
+    position[order] = here.grains.position
+    return state._replace(grains=state.grains._replace(position=position), contacts=state.contacts._replace(stale=True))

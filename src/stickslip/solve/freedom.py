@@ -87,7 +87,10 @@ class Freedom(NamedTuple):
 
     def without(self, bodies: np.ndarray) -> "Freedom":
         """Freedom with the given bodies, (B,) bool, held fixed."""
-        kept = ~np.append(bodies, False)[self.body]
+        return self.only(~np.append(bodies, False)[self.body])
+
+    def only(self, kept: np.ndarray) -> "Freedom":
+        """Freedom of the coordinates of a mask (n,); all others are prescribed."""
         number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
         return Freedom(self.component[kept], self.mass[kept], self.dim, number[self.place], self.length)
 

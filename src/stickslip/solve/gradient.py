@@ -1,13 +1,13 @@
 """Derivatives of eigenvalues and moduli by the adjoint, and what errors of positions make of a verdict."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import eig
 from scipy.special import betaincinv
 
-from ..core.arguments import Numbers, Seed, checked, require_positive, require_shape
+from ..core.arguments import POSITIVE, Numbers, Positive, Seed, checked, require_shape
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.contacts.neighbors import with_neighbor_list
@@ -18,7 +18,7 @@ from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import OPEN, STICK, State
-from .balance import ROUND_OFF, balanced, modes_under
+from .balance import ROUND_OFF, LinearisedState, balanced, linearised, modes_under
 from .freedom import (
     PAIR_ABOVE,
     ZERO_BELOW,
@@ -34,7 +34,6 @@ from .freedom import (
     translations,
 )
 from .linear import suitable_threads
-from .linearised import LinearisedState, linearised
 from .moduli import adjoint_motion, elastic_moduli, solve_resisted
 from .stability import combine_stability, stability
 
@@ -135,8 +134,11 @@ def eigenvalue_gradient(state: State, law: Law) -> Gradient:
     >>> sorted(slope.by_parameter), slope.by_force.shape
     (['kn', 'kt', 'mu'], (20, 6))
     """
-    here = _balanced(state, law)
-    damped = damping_model(law) != 0
+    return _eigenvalue_gradient(_balanced(state, law))
+
+
+def _eigenvalue_gradient(here: LinearisedState) -> Gradient:
+    damped = damping_model(here.law) != 0
     return _gradient(here, (_deciding_exponent if damped else _deciding_mode)(here))._replace(damped=damped)
 
 
@@ -230,7 +232,9 @@ def _gradient(here: LinearisedState, answer: _Mode | _Modulus) -> Gradient:
     by_end = np.zeros((6, 2, len(here.line.closed)), complex)  # by axis, first or second body, contact
     for axis in np.unique(whole.axis):
         by_end[axis] = task.by_end(
-            lambda h, axis=axis: task.contributions(_with_trial_slips(_moved(state, whole, axis, h), law))
+            lambda h, axis=axis: task.contributions(
+                accept(moved := _moved(state, whole, axis, h), forces(moved, law)[1])
+            )
         )
     given = _by_given_position(task)
     follow = np.stack([task.by_body(side) for side in by_end], axis=1)
@@ -336,10 +340,6 @@ def _by_parameter(task: _Task, pushed: np.ndarray) -> dict[str, complex]:
             ]
             out[name] = complex(sum(terms) / step)
     return out
-
-
-def _with_trial_slips(state: State, law: Law) -> State:
-    return accept(state, forces(state, law)[1])
 
 
 def _balanced(state: State, law: Law) -> LinearisedState:
@@ -466,7 +466,13 @@ class VerdictProbability(NamedTuple):
 
 @checked
 def verdict_probability(
-    state: State, law: Law, *, position_error: float, samples: int = 100, seed: Seed = 0, report: Report = silent
+    state: State,
+    law: Law,
+    *,
+    position_error: Positive,
+    samples: Annotated[int, POSITIVE] = 100,
+    seed: Seed = 0,
+    report: Report = silent,
 ) -> VerdictProbability:
     """Probability that a packing is stable if its positions have errors of measurement, and the contact that decides.
 
@@ -486,14 +492,13 @@ def verdict_probability(
     ValueError
         where `eigenvalue_gradient` raises it.
     """
-    require_positive(position_error=position_error, samples=samples)
     require_sizes([Size("these are", samples, "members", "use fewer samples")])
     if position_error > 1:
         raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
     if damping_model(law):
         raise ValueError("a law with dashpots was given: the probability of a verdict is that without them")
-    slope, error = eigenvalue_gradient(state, law), position_error * state.grains.radius.mean()
-    here = _balanced(state, law)
+    here, error = _balanced(state, law), position_error * state.grains.radius.mean()
+    slope = _eigenvalue_gradient(here)
     by_position, by_contact = (
         part.imag if slope.value.imag else part.real for part in (slope.by_position, slope.by_contact)
     )
@@ -502,7 +507,11 @@ def verdict_probability(
     rng, dim, stable = np.random.default_rng(seed), state.cell.dim, 0
     for k in range(samples):
         report("position error", k / samples, f"{stable} of {k} stable")
-        stable += _is_stable_with(here.state, law, error * rng.normal(size=(len(state.grains.radius), dim)))
+        grains, position = here.state.grains, here.state.grains.position.copy()
+        position[:, :dim] += error * rng.normal(size=(len(position), dim))
+        moved = with_neighbor_list(here.state._replace(grains=grains._replace(position=position)), law)
+        result = stability(with_given_slips(moved), law, method="all")
+        stable += bool(combine_stability(result.grows, result.if_stuck))
     tail = (1 - CONFIDENCE) / 2
     low = betaincinv(stable, samples - stable + 1, tail) if stable else 0.0
     high = betaincinv(stable + 1, samples - stable, 1 - tail) if stable < samples else 1.0
@@ -510,11 +519,3 @@ def verdict_probability(
     contact = int(state.contacts.i[worst]), int(state.contacts.j[worst])
     share = float(parts[worst] / max(parts.sum(), 1e-300))
     return VerdictProbability(stable, samples, float(low), float(high), slope.value, float(deviation), contact, share)
-
-
-def _is_stable_with(state: State, law: Law, move: np.ndarray) -> bool:
-    position = state.grains.position.copy()
-    position[:, : move.shape[1]] += move
-    moved = with_neighbor_list(state._replace(grains=state.grains._replace(position=position)), law)
-    result = stability(with_given_slips(moved), law, method="all")
-    return bool(combine_stability(result.grows, result.if_stuck))

@@ -1,6 +1,10 @@
-"""Overlap and slip of a contact from its normal and tangential force: the inverse of a law."""
+"""From forces to a packing: overlap and slip of a contact with given forces, and nearest points under constraints."""
+
+from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from ..core.contacts.jacobian import Linearisation, linearise
 from ..core.contacts.neighbors import with_neighbor_list
@@ -10,6 +14,9 @@ from ..core.state import STICK, assembly, box, disks
 
 INVERSIONS, BISECTIONS = 30, 60
 ROUND_OFF = 1e-15  # of a force, and of the sum of two radii
+ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # of a nearest point: steps, complementarity, residuals
+BACK = 0.995  # share of the way to the nearest bound
+SOFT = 1e-12  # compliance of equations, so that redundant ones have multipliers
 
 
 def overlap_of_force(law: Law, radius: np.ndarray, force_n: np.ndarray) -> tuple[np.ndarray, Linearisation]:
@@ -51,3 +58,56 @@ def _evaluate(law: Law, radius: np.ndarray, overlap: np.ndarray, slip=0.0) -> Li
     contacts = state.contacts._replace(slip=state.contacts.slip.copy(), mode=state.contacts.mode.copy())
     contacts.pair[:count], contacts.mode[:count], contacts.slip[:count, 1] = branch_vectors(state), STICK, slip
     return linearise(state._replace(contacts=contacts), law)
+
+
+class Projection(NamedTuple):
+    """Nearest point, and the number of equations and inequalities that bind it."""
+
+    point: np.ndarray  # (n,)
+    binding: int
+
+
+def nearest_point(a, b: np.ndarray, g, h: np.ndarray) -> Projection | None:
+    """Minimise |z|²/2 under A z = b and G z ≥ h; None if no point is found, as where there is none.
+
+    Parameters
+    ----------
+    a, g : (m, n) and (k, n) sparse, k > 0
+    b, h : (m,) and (k,)
+
+    Source
+    ------
+    Nocedal & Wright, doi:10.1007/978-0-387-40065-5, Algorithm 16.4 (Mehrotra's predictor and corrector).
+    """
+    z, y, w = np.zeros(a.shape[1]), np.zeros(len(b)), np.maximum(-h, 1.0)
+    v = 1 / w  # multipliers of G z − w = h
+    for _ in range(ITERATIONS):
+        dual, equal, above, gap = z - a.T @ y - g.T @ v, a @ z - b, g @ z - w - h, v @ w / len(h)
+        if gap < GAP and max(np.abs(r).max(initial=0.0) for r in (dual, equal, above / (1 + w))) < RESIDUAL:
+            return Projection(z, len(b) + int((v > w).sum()))
+        stiff = sparse.eye_array(len(z)) + g.T @ sparse.diags_array(v / w) @ g
+        whole = sparse.block_array([[stiff, a.T], [a, -SOFT * sparse.eye_array(len(b))]])
+        try:
+            solve = splu(sparse.csc_array(whole)).solve  # its order by columns fills ten times less than by degrees
+        except RuntimeError:  # singular
+            return None
+        excess = -v * w
+        for corrected in (False, True):  # v w is to change by the excess
+            step = solve(np.concatenate([g.T @ ((excess - v * above) / w) - dual, -equal]))
+            dz, dy = step[: len(z)], -step[len(z) :]
+            dw = g @ dz + above
+            dv = (excess - v * dw) / w
+            if not corrected:
+                ahead = (v + _reach(v, dv) * dv) @ (w + _reach(w, dw) * dw) / len(h)
+                excess = (ahead / gap) ** 3 * gap - v * w - dv * dw
+        length = BACK * min(_reach(v, dv), _reach(w, dw))
+        z, y, v, w = z + length * dz, y + length * dy, v + length * dv, w + length * dw
+        if not np.isfinite(z).all():
+            return None
+    return None
+
+
+def _reach(value: np.ndarray, step: np.ndarray) -> float:
+    """Longest step along which all values stay positive, at most that which makes the length one."""
+    falls = step < 0
+    return min(1 / BACK, (-value[falls] / step[falls]).min(initial=np.inf))

@@ -1,17 +1,17 @@
 """Equilibrium by Newton's method with incremental memory."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from ..core.arguments import checked, require_not_negative, require_positive
+from ..core.arguments import NOT_NEGATIVE, Positive, checked
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.memory import FREE
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
-from ..core.measure import branch_vectors, least_supports
+from ..core.measure import branch_vectors, least_supports, overlaps
 from ..core.outcome import Outcome, Status
 from ..core.scales import natural_scales
 from ..core.state import OPEN, State, reset_reached, resting
@@ -100,9 +100,9 @@ def newton(
     state: State,
     law: Law,
     *,
-    tolerance: float | None = None,
-    iterations: int = 30,
-    patience: int | None = None,
+    tolerance: Positive | None = None,
+    iterations: Annotated[int, NOT_NEGATIVE] = 30,
+    patience: Annotated[int, NOT_NEGATIVE] | None = None,
     keep: Factorisation | None = None,
 ):
     """Solve Pᵀf(q) = 0 for the present loads; one increment of memory, committed only on success.
@@ -125,7 +125,6 @@ def newton(
         the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
-    require_positive(tolerance=tolerance)
     point, outcome = approach(
         state, law, tolerance=tolerance, iterations=iterations, patience=patience, keep=keep or Factorisation()
     )
@@ -142,9 +141,10 @@ def approach(
 ) -> tuple[TrialPoint, Outcome]:
     """Last trial point of Newton's method, with the smallest residual found, and its outcome; see `newton`."""
     patience = iterations if patience is None else patience
-    require_not_negative(iterations=iterations, patience=patience)
     state = resting(state)  # the dashpots of one in motion would push
-    free, loose = freedom(state), _unloaded_grains(state)
+    free, control, n = freedom(state), state.control, len(state.grains.radius)
+    acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
+    loose = ~acted & control.free[:n, : state.cell.dim].all(axis=1)  # free to move, and only contacts act
     least = least_supports(law, state.cell.dim)
     here = _evaluate(with_neighbor_list(state, law), law, free)
     before = keep.factorisations
@@ -184,13 +184,6 @@ def _failure(status: Status, point: TrialPoint, free: Freedom, used: int) -> Out
     return Outcome(status, float(np.abs(point.vector[worst])), used, int(free.body[worst]))
 
 
-def _unloaded_grains(state: State) -> np.ndarray:
-    """(N,) mask of grains that are free to move and on which only contacts act."""
-    control, n, dim = state.control, len(state.grains.radius), state.cell.dim
-    acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
-    return ~acted & control.free[:n, :dim].all(axis=1)
-
-
 def _push_out_loose(point: TrialPoint, law: Law, free: Freedom, loose: np.ndarray, least: int) -> TrialPoint:
     """Move unloaded grains with fewer than `least` contacts until they touch nothing."""
     n = len(loose)
@@ -202,7 +195,11 @@ def _push_out_loose(point: TrialPoint, law: Law, free: Freedom, loose: np.ndarra
         out &= np.bincount(ends.ravel(), minlength=state.n_bodies) < least
         branch = branch_vectors(state._replace(contacts=trial))[rows]
         distance = np.linalg.norm(branch, axis=1)
-        out &= _one_sided_bodies(branch / distance[:, None], ends, len(out))
+        normal, total = branch / distance[:, None], np.zeros((len(out), 3))
+        np.add.at(total, ends[:, 0], normal)
+        np.add.at(total, ends[:, 1], -normal)
+        # with contacts on one side only, unlike those held between others
+        out &= np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=len(out))
         mine = out[ends].any(axis=1)
         ends, branch, distance = ends[mine], branch[mine], distance[mine]
         if not len(ends):
@@ -216,14 +213,6 @@ def _push_out_loose(point: TrialPoint, law: Law, free: Freedom, loose: np.ndarra
         grains = state.grains
         point = _evaluate(state._replace(grains=grains._replace(position=grains.position + move[:n])), law, free)
     return point
-
-
-def _one_sided_bodies(normal: np.ndarray, ends: np.ndarray, count: int) -> np.ndarray:
-    """(B,) mask of bodies with contacts on one side only, which can be pushed out, unlike those held between others."""
-    total = np.zeros((count, 3))
-    np.add.at(total, ends[:, 0], normal)
-    np.add.at(total, ends[:, 1], -normal)
-    return np.linalg.norm(total, axis=1) > 0.3 * np.bincount(ends.ravel(), minlength=count)
 
 
 def _move(point: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> TrialPoint:
@@ -299,7 +288,7 @@ def _open_vanishing(point: TrialPoint, closer: TrialPoint, law: Law, free: Freed
     """
     rows = np.flatnonzero(point.trial.mode[: point.trial.count[0]] != OPEN)
     ends = np.stack([point.trial.i[rows], point.trial.j[rows]], axis=1)
-    before, after = (_overlaps(p.state, point.trial, rows) for p in (point, closer))
+    before, after = (overlaps(p.state._replace(contacts=point.trial))[rows] for p in (point, closer))
     vanishing = ends[after < VANISHING * before]
     total, lost = (np.bincount(e.ravel(), minlength=point.state.n_bodies + 1) for e in (ends, vanishing))
     leaves = (lost > 0) & (lost == total)
@@ -307,10 +296,3 @@ def _open_vanishing(point: TrialPoint, closer: TrialPoint, law: Law, free: Freed
         return closer
     beyond = _move(point, law, free, np.where(leaves[free.body], OPENING, 1.0) * step)
     return beyond if beyond.size < closer.size else closer
-
-
-def _overlaps(state: State, contacts, rows: np.ndarray) -> np.ndarray:
-    """Overlaps of the given rows of a contact list."""
-    radius = np.append(state.grains.radius, np.zeros(state.n_bodies - len(state.grains.radius)))
-    distance = np.linalg.norm(branch_vectors(state._replace(contacts=contacts))[rows], axis=1)
-    return radius[contacts.i[rows]] + radius[contacts.j[rows]] - distance

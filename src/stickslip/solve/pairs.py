@@ -1,10 +1,17 @@
-"""All complex pairs of −M⁻¹J for large systems: modes of the symmetric part, coupled in windows."""
+"""All complex pairs of −M⁻¹J for large systems: modes of the symmetric part, coupled in windows; and their certificate.
 
+Candidates come from windows of modes of S, A = S + K, that are coupled by the skew part K. Real eigenvalues are
+certified by Gershgorin discs after similarity passes, in floating point.
+"""
+
+import time
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError, eig, qr, schur
+from scipy.linalg import LinAlgError, block_diag, eig, eigh, lu_factor, lu_solve, qr, schur
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..core.arguments import checked
@@ -12,28 +19,280 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
-from .certificate import Certificate, certificate_seconds, format_seconds, gershgorin_certificate
 from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
-from .windows import (
-    NEAR_PAIR,
-    STAGE,
-    Basis,
-    Cluster,
-    Window,
-    find_candidates,
-    pair_margin,
-    regularise_gaps,
-    symmetric_basis,
-)
 
+STAGE = "complex pairs"  # of progress
+# modes treated together, and neighbours on either side; all others enter to second order
+WINDOW, HALO = 40, 40
+# assumed errors of windows: NEAR_PAIR of the largest |λ|, and MIXED mixing² of the half width; the largest errors seen
+# were 1e-6 (1000 spheres) and 0.1 (150 spheres)
+NEAR_PAIR, MIXED = 5e-6, 0.2
+WEAK = 0.3  # largest first-order share of outer modes in a mode of a window for which second order is trusted
+CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
+WORK = 40.0  # time of a certificate over that of n³ floating-point operations of a matrix product; 38 to 44 measured
+SIMILAR = 1e-8  # a pass with W leaves W², which is then below round-off
 LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
 DENSE_BELOW = 1500  # coordinates below which LAPACK takes a few seconds
 # residual over the largest |λ|: target, and limit of acceptance if round-off stops earlier
 CONVERGED, ENOUGH = 2e-15, 1e-12
 SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are identical
 NEIGHBOURS = 20  # additional eigenvalues that Arnoldi's method computes near those of a subspace
+
+
+class Basis(NamedTuple):
+    """Modes of the symmetric part S of A = S + K, and A in this basis."""
+
+    vectors: np.ndarray  # (n, n), orthonormal to single precision
+    image: np.ndarray  # (n, n) A times them, in double precision
+    diagonal: np.ndarray  # (n,) Rayleigh quotients, in double precision [1/time²]
+    skew: np.ndarray  # (n, n) single precision: K between the modes [1/time²]
+
+    @property
+    def scale(self) -> float:
+        """Largest |λ| [1/time²], as precise as the thresholds require."""
+        return float(np.abs(self.diagonal).max())
+
+
+class Window(NamedTuple):
+    """Reduced problem of the modes `inside`, with others eliminated to second order: (N⁻¹M − (λ − centre)) c = 0."""
+
+    inside: slice
+    centre: float
+    M: np.ndarray
+    N: np.ndarray
+    mixing: float  # largest first-order share of outer modes in a mode of the window
+
+
+class Cluster(NamedTuple):
+    """Neighbouring eigenvalues that may hold a pair: a real invariant subspace to be refined."""
+
+    window: Window
+    vectors: np.ndarray  # (n, p)
+    expected: np.ndarray  # its complex eigenvalues with Im λ > 0 according to the window [1/time²]
+
+
+def symmetric_basis(matrix, precision, report: Report) -> Basis:
+    """Modes of the symmetric part of a sparse matrix, in single or double precision."""
+    report(STAGE, 0.0, f"modes of the symmetric part of {matrix.shape[0]} coordinates")
+    symmetric = ((matrix + matrix.T) / 2).toarray(order="F").astype(precision, copy=False)
+    vectors = eigh(symmetric, driver="evd", overwrite_a=True, check_finite=False)[1]
+    report(STAGE, 0.6, "coupling of these modes")
+    vectors = np.ascontiguousarray(vectors)  # row-major, as sparse products need it
+    double = vectors.astype(float, copy=False)
+    image = matrix @ double
+    diagonal = np.einsum("ij,ij->j", double, image) / np.einsum("ij,ij->j", double, double)
+    single = vectors.astype(np.float32, copy=False)
+    skew = _skew_product(single, ((matrix - matrix.T) / 2).astype(np.float32) @ single)
+    return Basis(vectors, image, diagonal, skew)
+
+
+def _skew_product(V: np.ndarray, KV: np.ndarray, block: int = 1024) -> np.ndarray:
+    """VᵀKV of a skew K, from its upper half."""
+    n = V.shape[1]
+    out = np.empty((n, n), V.dtype)
+    for k in range(0, n, block):
+        out[k : k + block, k:] = V[:, k : k + block].T @ KV[:, k:]
+        out[k + block :, k : k + block] = -out[k : k + block, k + block :].T
+    return out
+
+
+def build_window(basis: Basis, first: int) -> Window:
+    """Window of modes first … first + WINDOW with its halo.
+
+    Outer modes are eliminated to second order and to first order in λ − centre:
+    M = H − centre G − K_PQ (D_Q − centre)⁻¹ K_QP, N = G + K_PQ (D_Q − centre)⁻² K_QP, with K_PQ = −K_QPᵀ. G differs
+    from the identity, and H from D + K, by the round-off of the modes, which would blur pairs at first order.
+    """
+    n = len(basis.diagonal)
+    last = min(n, first + WINDOW) - 1
+    inside = slice(max(0, first - HALO), min(n, last + 1 + HALO))
+    centre = (basis.diagonal[first] + basis.diagonal[last]) / 2
+    x = basis.vectors[:, inside].astype(float, copy=False)
+    # joined products: each product is split over threads, which wait for each other at its end
+    G, H = np.split(np.hstack([x, basis.image[:, inside]]).T @ x, 2)
+    H = H.T - centre * G
+    K = -basis.skew[inside].T.astype(float)
+    share = K / regularise_gaps(basis.diagonal - centre, basis.scale)[:, None]
+    share[inside] = 0
+    mixing = float(np.linalg.norm(share, axis=0).max())
+    second, slope = np.split(np.hstack([K, share]).T @ share, 2)
+    return Window(inside, centre, H + second, G - slope, mixing)
+
+
+def regularise_gaps(gap: np.ndarray, scale: float) -> np.ndarray:
+    """Keep gaps away from zero, so that an outer mode at the very centre makes the mixing huge, not infinite."""
+    least = 1e-12 * scale
+    return np.where(np.abs(gap) < least, least, gap)
+
+
+def find_candidates(basis: Basis, report: Report) -> list[Cluster] | None:
+    """Clusters that are or may be pairs; None if K is too strong for windows."""
+    report(STAGE, 0.65, "windows")
+    clusters = []
+    # an eigenvalue near the border of two windows is taken by both; duplicates are removed after refinement
+    margin = 10 * NEAR_PAIR * basis.scale
+    n, sorted_diagonal = len(basis.diagonal), np.sort(basis.diagonal)
+    for first in range(0, n, WINDOW):
+        window = build_window(basis, first)
+        if window.mixing > WEAK:
+            return None
+        left = sorted_diagonal[first - 1 : first + 1].mean() - margin if first else -np.inf
+        end = first + WINDOW
+        right = sorted_diagonal[end - 1 : end + 1].mean() + margin if end < n else np.inf
+        with one_thread():
+            values, vectors = eig(np.linalg.solve(window.N, window.M))
+        order = np.lexsort((values.imag, values.real))
+        values, vectors = values[order] + window.centre, vectors[:, order]
+        near = NEAR_PAIR * basis.scale + MIXED * window.mixing**2 * np.ptp(basis.diagonal[window.inside]) / 2
+        for members in _find_suspects(values, vectors, near):
+            if left <= values[members].real.mean() <= right:
+                plane = np.hstack([vectors[:, members].real, vectors[:, members].imag])
+                small = qr(plane, mode="economic", pivoting=True)[0][:, : len(members)]
+                part = basis.vectors[:, window.inside]
+                mine = values[members]
+                clusters.append(Cluster(window, part.astype(float, copy=False) @ small, mine[mine.imag > 0]))
+    return clusters
+
+
+def _find_suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list[np.ndarray]:
+    """Index sets of sorted eigenvalues that form a pair, or are real and about to form one."""
+    real = (values.imag[:-1] == 0) & (values.imag[1:] == 0)
+    conjugate = (values.imag[:-1] != 0) & (values[:-1] == values[1:].conj())
+    links = np.flatnonzero(conjugate | (real & (pair_margin(values, vectors) < near)))
+    chains = np.split(links, np.flatnonzero(np.diff(links) > 1) + 1) if len(links) else []
+    return [np.arange(chain[0], chain[-1] + 2) for chain in chains]
+
+
+def pair_margin(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(n − 1,) additional skew coupling that neighbouring real eigenvalues would need to become a pair [1/time²].
+
+    [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so that
+    δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not signal a pair.
+    """
+    gap = np.abs(np.diff(values))
+    cosine = np.minimum(np.abs(np.einsum("ij,ij->j", vectors[:, :-1].conj(), vectors[:, 1:])), 1.0)
+    return gap / 2 * np.sqrt((1 - cosine) / (1 + cosine))
+
+
+class Certificate(NamedTuple):
+    """Classification of all eigenvalues by Gershgorin discs, in floating-point rather than interval arithmetic."""
+
+    size: int  # eigenvalues examined
+    real: int  # alone in a disc with a real centre; real since the spectrum of A is symmetric about the real axis
+    zero: int  # exactly zero, from coordinates that nothing resists; not counted in `size`
+    pairs: int  # pairs whose disc is isolated and does not touch the real axis
+    undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
+    members: np.ndarray  # (k,) eigenvalues in each
+    consistent: bool  # True if every pair found is certified or undecided, and every certified pair was found
+
+    def __str__(self):
+        centres = ", ".join(f"{c:.6g} ({m})" for c, m in zip(self.undecided, self.members, strict=True))
+        return (
+            f"of {self.size} eigenvalues, {self.real} are certified real and {self.pairs} pairs certified complex "
+            f"(floating point, not interval arithmetic); {self.zero} more are exactly zero; "
+            + (f"undecided around λ = {centres}" if centres else "none is undecided")
+            + ("" if self.consistent else "; THE PAIRS FOUND CONTRADICT THIS: use spectrum()")
+        )
+
+
+def certificate_seconds(size: int) -> float:
+    """Estimated time of a certificate for `size` coordinates, from the speed of a matrix product here [s]."""
+    some = np.ones((1000, 1000))
+    times = []
+    for _ in range(2):  # the first product also starts the threads of BLAS
+        start = time.perf_counter()
+        some @ some
+        times.append(time.perf_counter() - start)
+    return WORK * min(times) * (size / 1000) ** 3 / 2
+
+
+def format_seconds(seconds: float) -> str:
+    """A duration in words, to one or two digits."""
+    return (
+        f"{seconds:.2g} s"
+        if seconds < 100
+        else f"{seconds / 60:.2g} min"
+        if seconds < 6000
+        else f"{seconds / 3600:.2g} h"
+    )
+
+
+def gershgorin_certificate(matrix, basis: Basis | None, pairs: np.ndarray, zero: int, report: Report) -> Certificate:
+    """Certificate from the discs of A, after similarity passes that reduce its off-diagonal part quadratically."""
+    n = matrix.shape[0]
+    if not n:
+        return Certificate(0, 0, zero, 0, np.empty(0), np.empty(0, int), True)
+    if basis is None:
+        basis = symmetric_basis(matrix, np.float64, silent)
+    centres, radii = _discs(basis.vectors.T @ basis.image, basis.scale, report)
+    real, certain, undecided, loose = 0, [], [], []
+    for group in _overlapping_groups(centres, radii):
+        c, r = centres[group], radii[group]
+        apart = np.abs(c[:, None] - c) > r[:, None] + r
+        np.fill_diagonal(apart, True)
+        alone = apart.all(axis=1)
+        real += int((alone & (c.imag == 0)).sum())
+        certain += [(z, s) for z, s in zip(c[alone], r[alone], strict=True) if z.imag > s]
+        rest = ~(alone & ((c.imag == 0) | (np.abs(c.imag) > r)))
+        if rest.any():
+            undecided.append((c[rest].real.mean(), int(rest.sum())))
+            loose += zip(c[rest], r[rest], strict=True)
+
+    def within(z, discs):
+        return any(abs(z - c) <= r for c, r in discs)
+
+    met = [sum(abs(z - c) <= r for z in pairs) for c, r in certain]
+    consistent = all(k == 1 for k in met) and all(within(z, certain) or within(z, loose) for z in pairs)
+    centre = np.array([c for c, _ in undecided])
+    return Certificate(n, real, zero, len(certain), centre, np.array([m for _, m in undecided], int), consistent)
+
+
+def _discs(B: np.ndarray, scale: float, report: Report, passes: int = 6):
+    """Centres and radii of Gershgorin discs of B = D + E after passes (I + W)⁻¹ B (I + W), W_ij = E_ij/(d_j − d_i).
+
+    Modes that are too close together for a pass keep their coupling. At the end, each group of such modes is
+    diagonalised as a block.
+    """
+    n = len(B)
+    for k in range(passes):
+        report(STAGE, 0.85 + 0.02 * k, f"certificate, similarity pass {k + 1} of at most {passes}")
+        d = np.diag(B).copy()
+        W = d - d[:, None]
+        W[np.abs(B) >= CLUSTER * np.abs(W)] = np.inf
+        np.divide(B, W, out=W)
+        if np.abs(W).max() < SIMILAR:
+            break
+        B += B @ W
+        W[np.diag_indices(n)] += 1.0
+        B = lu_solve(lu_factor(W, overwrite_a=True, check_finite=False), B, overwrite_b=True, check_finite=False)
+    centres, radii = np.diag(B).astype(complex), np.abs(B).sum(axis=1) - np.abs(np.diag(B))
+    groups = [g for g in _overlapping_groups(centres, radii) if len(g) > 1]
+    if groups:
+        turned = np.concatenate(groups)
+        values, blocks = zip(*(eig(B[np.ix_(g, g)]) for g in groups), strict=True)
+        Y = block_diag(*blocks)
+        columns = B[:, turned] @ Y
+        inverse = block_diag(*[np.linalg.inv(block) for block in blocks])
+        others = np.setdiff1d(np.arange(n), turned)
+        rows = inverse @ columns[turned]
+        own = np.diag(rows)
+        # in a block with pairs, a real eigenvalue has an imaginary part of round-off size: move its disc back
+        centre = np.where(np.concatenate(values).imag == 0, own.real, own)
+        radius = np.abs(rows).sum(axis=1) - np.abs(own) + np.abs(inverse @ B[turned][:, others]).sum(1)
+        centres[turned], radii[turned] = centre, radius + np.abs(own - centre)
+        alone = np.abs(B[np.ix_(others, others)]).sum(axis=1) - np.abs(B[others, others])
+        radii[others] = alone + np.abs(columns[others]).sum(axis=1)
+    return centres, radii + n * np.finfo(float).eps * scale  # round-off of the passes
+
+
+def _overlapping_groups(centres: np.ndarray, radii: np.ndarray) -> list[np.ndarray]:
+    """Groups of discs whose projections onto the real axis overlap."""
+    left, right = centres.real - radii, centres.real + radii
+    order = np.argsort(left)
+    reach = np.maximum.accumulate(right[order])
+    return np.split(order, np.flatnonzero(left[order][1:] > reach[:-1]) + 1)
 
 
 @readable
@@ -92,7 +351,13 @@ def complex_pairs(
     >>> len(found.eigenvalues), found.eigenvalues[0]  # doctest: +SKIP
     (146, 0.0360062+4.69e-05j)
     """
-    free = freedom(state)
+    return find_pairs(freedom(state), partial(dynamical_matrix, state, law), certificate, report, dense_below)
+
+
+def find_pairs(
+    free: Freedom, matrix_of: Callable, certificate: bool, report: Report, dense_below: int = DENSE_BELOW
+) -> ComplexPairs:
+    """All complex pairs of the matrix A that a function gives for the coordinates `free`; see `complex_pairs`."""
     n = len(free)
     if not n:
         raise ValueError("nothing is free to move: pairs need at least one free coordinate")
@@ -103,7 +368,7 @@ def complex_pairs(
         )
     if certificate:
         report(STAGE, 0.0, f"certificate of {n} coordinates, estimated time {format_seconds(certificate_seconds(n))}")
-    matrix = dynamical_matrix(state, law, free)
+    matrix = matrix_of(free)
     # a row of zeros gives a zero eigenvalue, and its coordinate does not move in any other mode
     held = np.flatnonzero(abs(matrix).sum(axis=1))
     matrix = matrix[held][:, held]
@@ -111,10 +376,14 @@ def complex_pairs(
     if len(held) >= dense_below:
         basis = symmetric_basis(matrix, np.float64 if certificate else np.float32, report)
         clusters = find_candidates(basis, report)
-    dense = clusters is None  # small, or K too strong
-    values, vectors, scale = (
-        _pairs_dense(matrix, report) if dense else _refine_clusters(matrix, basis, clusters, report)
-    )
+    if clusters is None:  # small, or K too strong
+        report(STAGE, 0.7, "dense eigenvalues")
+        with suitable_threads(len(held)):
+            values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
+        scale, upper = float(np.abs(values).max(initial=0.0)), values.imag > 0
+        values, vectors = values[upper], vectors[:, upper]
+    else:
+        values, vectors, scale = _refine_clusters(matrix, basis, clusters, report)
     order = np.argsort(-np.abs(np.sqrt(values).imag))
     order = order[values.imag[order] > REAL_BELOW * scale]
     values, vectors = values[order], vectors[:, order]
@@ -124,15 +393,6 @@ def complex_pairs(
     modes[held] = vectors / np.sqrt(free.mass[held])[:, None]
     report(STAGE, 1.0, f"{len(values)} complex pairs")
     return ComplexPairs(values, modes, residual, free, certified)
-
-
-def _pairs_dense(matrix, report: Report):
-    """Eigenvalues with Im λ > 0, unit eigenvectors, and the largest |λ|, from LAPACK."""
-    report(STAGE, 0.7, "dense eigenvalues")
-    with suitable_threads(matrix.shape[0]):
-        values, vectors = eig(matrix.toarray(order="F"), overwrite_a=True)
-    upper = values.imag > 0
-    return values[upper], vectors[:, upper], float(np.abs(values).max(initial=0.0))
 
 
 def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], report: Report, sweeps: int = 20):

@@ -1,4 +1,4 @@
-"""Response of a packing to periodic forces and motions: the transfer function of its linearised dynamics.
+"""Response of a packing to periodic forces, motions and strains: the transfer function of its linearised dynamics.
 
 Drives and observables are arrays (…, N + W, 6) over the components x, y, z and R·angle of all bodies. A drive is a
 force or torque/R on a component that is free, and a displacement of one that is prescribed. An observable is a weighted
@@ -11,16 +11,8 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 
-from ..core.arguments import (
-    Numbers,
-    Values,
-    checked,
-    require_filled,
-    require_index,
-    require_not_negative,
-    require_shape,
-)
-from ..core.contacts.jacobian import blocks_of, cross_matrix
+from ..core.arguments import NotNegative, Numbers, Values, checked, require_filled, require_index, require_shape
+from ..core.contacts.jacobian import blocks_of, cross_matrix, linearise
 from ..core.fields import LARGEST
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, volume
@@ -28,11 +20,10 @@ from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State, as_rows, groups
-from .balance import balanced, with_modes_under
+from .balance import LinearisedState, balanced, with_modes_under
 from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiffness_of
-from .frontal import FrontalFactor, dissect
-from .linear import one_thread
-from .linearised import LinearisedState
+from .linear import FrontalFactor, dissect, one_thread
+from .moduli import check_cell, elastic_moduli, isotropic, with_free_cell
 
 DIRECT_UP_TO = 300  # coordinates up to which each frequency is solved by LAPACK
 STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
@@ -135,7 +126,6 @@ def _gather(whole: Freedom, weights: np.ndarray) -> np.ndarray:
 
 def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) -> ForcedMotion:
     """Linearised motion of a balanced packing with drag and dashpots."""
-    require_not_negative(drag=drag, spin_drag=spin_drag)
     here = balanced(state, law)
     state, free = here.state, here.backbone
     if not len(free):
@@ -161,8 +151,8 @@ def drag_rates(axis: np.ndarray, drag: float, spin_drag: float | None) -> np.nda
 
 @checked
 def frequency_response(
-    state: State, law: Law, drive: Numbers, frequency: Values, *, observe: Numbers | None = None, drag: float = 0.0,
-    spin_drag: float | None = None, report: Report = silent,
+    state: State, law: Law, drive: Numbers, frequency: Values, *, observe: Numbers | None = None,
+    drag: NotNegative = 0.0, spin_drag: NotNegative | None = None, report: Report = silent,
 ) -> FrequencyResponse:  # fmt: skip
     """Transfer function C (A + iωD − ω²)⁻¹ B of the motion M q̈ = J q + C q̇ − M ν q̇ around an equilibrium.
 
@@ -316,19 +306,14 @@ def _project(motion: ForcedMotion, frequency, force, report: Report) -> np.ndarr
             basis[step + 1] = z / h[step + 1, step]
         if ends or (step + 1) % STEPS == 0 or step + 1 == most:
             report("frequency response", (step + 1) / most, f"{step + 1} vectors")
-            y = _solve_projected(h[: step + 1, : step + 1], shifts)
+            with one_thread():  # (s − H) y = e₁
+                values, vectors = eig(h[: step + 1, : step + 1])
+                first = np.linalg.solve(vectors, np.eye(step + 1)[:, 0].astype(complex))
+            distance = shifts - values[:, None]
+            y = vectors @ (first[:, None] / np.where(distance == 0, 1e-300, distance))
             if ends or np.abs(h[step + 1, step] * y[-1]).max() <= 0.1 * SOLVED:
                 break
     return (size / unit**2) * (basis[: len(y), :n].T @ y)
-
-
-def _solve_projected(h: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """(k, F) solutions of (s − H) y = e₁."""
-    with one_thread():
-        values, vectors = eig(h)
-        first = np.linalg.solve(vectors, np.eye(len(h))[:, 0].astype(complex))
-    distance = shifts - values[:, None]
-    return vectors @ (first[:, None] / np.where(distance == 0, 1e-300, distance))
 
 
 def in_plane(state: State, **named) -> np.ndarray:
@@ -394,8 +379,6 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
     contact : row of the contact list, see `measure.touching`
     """
     require_index(int(state.contacts.count[0]), contact=contact)
-    contact = int(contact)
-    contact = int(contact)
     normal = branch_vectors(state)[contact]
     normal = normal / np.linalg.norm(normal)
     if state.cell.dim == 2:
@@ -437,3 +420,96 @@ def stress_change(state: State, law: Law) -> np.ndarray:
     out = np.zeros((dim**2, 6 * state.n_bodies + 9))
     out[:, whole.component] = rows * whole.length / volume(state)
     return out[:, :-9].reshape(dim**2, -1, 6)
+
+
+@readable
+class ComplexModuli(NamedTuple):
+    """C*_abcd(ω) of a strain Re G exp(iωt): the stress is −Re C* G exp(iωt) [force/length^(dim−1)]."""
+
+    frequency: np.ndarray  # (F,) ω, in the order given [1/time]
+    tensor: np.ndarray  # (F, dim, dim, dim, dim) complex: storage + i loss
+    affine: np.ndarray  # the same, if grains moved affinely with the cell and did not rotate
+
+    @property
+    def bulk(self) -> np.ndarray:
+        """(F,) complex K* = K′ + iK″ of the nearest isotropic tensor."""
+        return _isotropic(self.tensor)[:, 0]
+
+    @property
+    def shear(self) -> np.ndarray:
+        """(F,) complex G* = G′ + iG″ of the nearest isotropic tensor."""
+        return _isotropic(self.tensor)[:, 1]
+
+
+def _isotropic(tensor: np.ndarray) -> np.ndarray:
+    """(F, 2) complex bulk and shear moduli."""
+    return np.array([np.array(isotropic(c.real)) + 1j * np.array(isotropic(c.imag)) for c in tensor]).reshape(-1, 2)
+
+
+@checked
+def complex_moduli(
+    state: State, law: Law, frequency: Values, *, drag: NotNegative = 0.0, spin_drag: NotNegative | None = None,
+    report: Report = silent,
+) -> ComplexModuli:  # fmt: skip
+    """Storage and loss moduli C* = −(ℓ²/V) (K_cc + K_cg u), (−ω²M + iωMν − K_gg) u = K_gc, K = J + iωC.
+
+    c denotes the coordinates ℓG of the cell and g those of the grains, C the derivatives of forces to velocities: the
+    dashpots also resist the affine motion. As in `run`, velocities are relative to the flow of the cell, ẋ = v + Lx:
+    the affine motion has no inertia, and drag acts on v only. Each contact is held in its mode. At ω = 0 the moduli are
+    those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies. Rattlers are excluded.
+
+    In runs of 20 disks whose cell was sheared to and fro by 1e-7, storage and loss of the elastic forces differed from
+    these equations by 2e-5 of the modulus (`tests/modes/test_complex_moduli.py`).
+
+    Parameters
+    ----------
+    state : State, in equilibrium, in a fully periodic cell, without walls, rigid groups or springs
+    frequency : ω, or (F,) of them, zero or positive [1/time]
+    drag, spin_drag : ν of translations and of rotations, as in `run`; spin_drag defaults to drag [1/time]
+    report : called as report(stage, share done, text)
+
+    Raises
+    ------
+    ValueError
+        if the forces do not balance; if the state has walls, rigid groups, springs or open sides; if a frequency is
+        negative, or that of a resonance without damping; at ω = 0 where `elastic_moduli` raises it.
+
+    Source
+    ------
+    Lemaître & Maloney, doi:10.1007/s10955-005-9015-5, for the viscoelastic moduli of a damped packing.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.68, seed=1)
+    >>> answer = complex_moduli(state, law, [0.1, 0.2], drag=0.5)
+    >>> answer.tensor.shape, bool((answer.shear.imag > 0).all())
+    ((2, 3, 3, 3, 3), True)
+    """
+    frequency = as_frequencies(frequency)
+    check_cell(state, "complex moduli")
+    state, stiff, free, grain, cell = with_free_cell(balanced(state, law).state, law)
+    size = 32.0 * len(frequency) * len(cell) ** 2
+    require_sizes([Size(f"{len(frequency)} frequencies take", size, "bytes", "use fewer of them")])
+    damp = assembled(state, blocks_of(state, law, linearise(state, law))[1], free)
+    inertia, rate = free.mass[grain], drag_rates(free.axis[grain], drag, spin_drag)
+    scale, order = np.abs(stiff.data).max(), None
+    answer = np.empty((2, len(frequency), len(cell), len(cell)), complex)
+    for k, omega in enumerate(frequency):
+        report("complex moduli", k / len(frequency), f"frequency {omega:.4g}")
+        if omega == 0:
+            still = elastic_moduli(state, law)
+            answer[:, k] = np.reshape([still.tensor, still.affine], answer[:, k].shape)
+            continue
+        whole = sparse.csr_array(stiff + 1j * omega * damp)
+        rows, columns = whole[cell], whole[grain][:, cell].toarray()
+        own = sparse.diags_array(inertia * (1j * omega * rate - omega**2))
+        matrix = sparse.csr_array(own - whole[grain][:, grain])
+        if order is None:
+            order = dissect(state, free, grain, matrix)
+        motion = solve_directly(matrix, columns, order, omega, scale)
+        affine = rows[:, cell].toarray()
+        answer[:, k] = -(free.length**2) / volume(state) * np.array([affine + rows[:, grain] @ motion, affine])
+    tensor, affine = answer.reshape(2, len(frequency), *(state.cell.dim,) * 4)
+    return ComplexModuli(frequency, tensor, affine)

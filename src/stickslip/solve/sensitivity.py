@@ -1,20 +1,19 @@
 """Sensitivity of stability to single contacts: their stiffness, sliding and opening."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
-from ..core.arguments import checked
+from ..core.arguments import NOT_NEGATIVE, checked
 from ..core.contacts.jacobian import Linearisation, blocks_of, contact_blocks, linearise
 from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
-from ..core.measure import touching
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
-from .balance import BALANCED_BELOW, force_imbalance, no_equilibrium_message
+from .balance import BALANCED_BELOW, LinearisedState, force_imbalance, linearised, no_equilibrium_message, with_mode
 from .freedom import (
     PAIR_ABOVE,
     ZERO_BELOW,
@@ -26,7 +25,6 @@ from .freedom import (
     stiffness_of,
 )
 from .linear import suitable_threads
-from .linearised import LinearisedState, linearised
 from .stability import LEFT_OUT, join_scopes
 
 AT_MOST = 2_500  # coordinates; all modes are computed within minutes
@@ -93,7 +91,7 @@ class _ModeData(NamedTuple):
 
 @checked
 def contact_sensitivity(
-    state: State, law: Law, *, pair: int = 0, most: int | None = None, report: Report = silent
+    state: State, law: Law, *, pair: int = 0, most: Annotated[int, NOT_NEGATIVE] | None = None, report: Report = silent
 ) -> ContactSensitivity:
     """Sensitivity of a complex pair, and of the stability verdict, to single contacts.
 
@@ -103,6 +101,9 @@ def contact_sensitivity(
     the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). Everything else is
     unchanged: the spectrum is that at the moment of the change, before the forces find a new balance. Grains that
     become rattlers through the change are excluded together with their contacts.
+
+    Derivatives are those of differences to 1e-4, and `after` that of the changed packing to 1e-7. First-order shifts,
+    `predicted`, have a correlation of 0.70 with `after` in 30 spheres (`tests/modes/test_sensitivity.py`).
 
     Parameters
     ----------
@@ -146,8 +147,6 @@ def contact_sensitivity(
         raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
         raise ValueError(f"{len(free)} coordinates were given: sensitivities need all modes and take at most {AT_MOST}")
-    if most is not None and most < 0:
-        raise ValueError(f"most = {most} was given: it must be a number of changes, at least 0")
     if (residual := force_imbalance(here)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with suitable_threads(len(free)):
@@ -160,35 +159,26 @@ def contact_sensitivity(
         changes = _list_changes(here, modes, rows)
         predicted = np.array([_predict_growth(modes, row, block) for row, _, block, _ in changes])
         order = np.argsort(predicted if growth else -predicted, kind="stable")
-        chosen = order[: _default_count(len(free), len(changes)) if most is None else most]
+        chosen = order[: max(LEAST, int(WORK / len(free) ** 3)) if most is None else most]
         after, verdicts = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
         for k, row in enumerate(chosen):
             report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
-            after[row], verdicts[row] = _assess(_eigenvalues_after(state, law, modes, free, *changes[row]))
+            after[row], verdicts[row] = _assess(_eigenvalues_after(here, modes, free, *changes[row]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(here.at_limit) else ""
     scope = join_scopes(scope, LEFT_OUT if damping_model(law) else "", sliding)
     contact = np.array([row for row, *_ in changes], int)
     slope = np.abs(derivative)[np.searchsorted(rows, contact)] if len(derivative) else np.zeros(len(contact))
-    last = _rank_changes(growth, verdict, after, verdicts, slope)
+    known = np.isfinite(after)
+    turns = known & ((verdicts == "stable") != (verdict == "stable"))
+    last = np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
     contact = contact[last]
     return ContactSensitivity(
         value, condition, rows, derivative, growth, verdict, contact, state.contacts.i[contact],
         state.contacts.j[contact], np.array([what for _, what, *_ in changes], "<U6")[last],
         here.line.mobilisation[contact], predicted[last], after[last], verdicts[last], scope,
     )  # fmt: skip
-
-
-def _rank_changes(growth: float, verdict: str, after, verdicts, slope) -> np.ndarray:
-    """Order of changes: those that reverse the verdict, then by change in growth; unverified ones last."""
-    known = np.isfinite(after)
-    turns = known & ((verdicts == "stable") != (verdict == "stable"))
-    return np.lexsort((-slope, -np.abs(np.where(known, after - growth, 0.0)), ~known, ~turns))
-
-
-def _default_count(size: int, count: int) -> int:
-    return min(count, max(LEAST, int(WORK / size**3)))
 
 
 def _compute_modes(here: LinearisedState, free: Freedom) -> _ModeData:
@@ -240,8 +230,8 @@ def _list_changes(here: LinearisedState, modes: _ModeData, rows: np.ndarray) -> 
     slid = _with_all_sliding(state, line)
     slid_line = linearise(slid, law)
     slid_blocks, slid_force = blocks_of(slid, law, slid_line)[0], slid_line.force
-    still = ~slid.contacts.slip[: len(blocks)].any(axis=1)
-    slid_blocks[still] = contact_blocks(_without_memory(slid, still), law, memory=FREE)[0][still]
+    still = np.flatnonzero(~slid.contacts.slip[: len(blocks)].any(axis=1))  # without memory, opened
+    slid_blocks[still] = contact_blocks(with_mode(slid, still, OPEN), law, memory=FREE)[0][still]
     sticks = (state.contacts.mode[rows] == STICK) & (line.limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
     return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
@@ -259,13 +249,6 @@ def _with_all_sliding(state: State, line: Linearisation) -> State:
     return state._replace(contacts=contacts._replace(slip=slip, mode=mode))
 
 
-def _without_memory(state: State, rows: np.ndarray) -> State:
-    """State with some contacts, (C,) bool, without tangential stiffness."""
-    mode = state.contacts.mode.copy()
-    mode[: len(rows)][rows] = OPEN
-    return state._replace(contacts=state.contacts._replace(mode=mode))
-
-
 def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
     """Predicted growth rate after a change: first-order shifts of all λ, then pairwise coupling of neighbours."""
     columns = modes.columns_of(row)
@@ -281,15 +264,15 @@ def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
     return _assess(np.concatenate([middle + root, middle - root]))[0]
 
 
-def _eigenvalues_after(state, law, modes: _ModeData, free: Freedom, row: int, what: str, block, force) -> np.ndarray:
+def _eigenvalues_after(
+    here: LinearisedState, modes: _ModeData, free: Freedom, row: int, what: str, block, force
+) -> np.ndarray:
     """All eigenvalues with one contact changed; grains that become rattlers are excluded with their contacts."""
+    state, rows = here.state, here.rows
     if what == "slides":
         return eigvals(_changed_matrix(state, modes, free, [(row, block, force)]), overwrite_a=True)
-    mode = state.contacts.mode.copy()
-    mode[row] = OPEN
-    left = backbone(state._replace(contacts=state.contacts._replace(mode=mode)), law)
+    left = backbone(with_mode(state, row, OPEN), here.law)
     loose = np.setdiff1d(free.body, left.body)
-    rows = touching(state)
     gone = rows[np.isin(state.contacts.i[rows], loose) | np.isin(state.contacts.j[rows], loose) | (rows == row)]
     matrix = _changed_matrix(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
     kept = np.searchsorted(free.component, left.component)
@@ -303,14 +286,8 @@ def _changed_matrix(state: State, modes: _ModeData, free: Freedom, changes) -> n
         q = modes.columns_of(row).toarray()
         matrix -= q @ block @ q.T
         if free.length:
-            matrix -= _cell_change(state, free, row, force)
+            root, every = 1 / np.sqrt(free.mass), np.zeros((int(state.contacts.count[0]), 3))
+            nothing = cell_geometric_terms(state, every, free)
+            every[row] = force
+            matrix -= root[:, None] * (cell_geometric_terms(state, every, free) - nothing).toarray() * root
     return matrix
-
-
-def _cell_change(state: State, free: Freedom, row: int, force: np.ndarray) -> np.ndarray:
-    """(n, n) mass-scaled change in the cell rows of J due to a change in one contact force."""
-    all_forces = np.zeros((int(state.contacts.count[0]), 3))
-    nothing = cell_geometric_terms(state, all_forces, free)
-    all_forces[row] = force
-    root = 1 / np.sqrt(free.mass)
-    return root[:, None] * (cell_geometric_terms(state, all_forces, free) - nothing).toarray() * root

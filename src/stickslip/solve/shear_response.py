@@ -22,6 +22,7 @@ from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors, overlaps, touching, volume
 from ..core.readable import readable
 from ..core.state import OPEN, SLIDE, STICK, State
+from .balance import with_mode
 from .freedom import Freedom, assembled, backbone, freedom, incidence, residual_vector
 from .linear import DENSE_BELOW, factorised, suitable_threads
 from .moduli import HELD_ABOVE
@@ -179,20 +180,15 @@ class Response:
 
     def eigenvalues_if(self, row: int, mode: int = SLIDE) -> np.ndarray:
         """Eigenvalues if one contact slides, or is open, while all others stay as they are [1/time²]."""
-        if (int(row), mode) not in self._known:
-            self._known[int(row), mode] = self._compute_eigenvalues(row, mode)
-        return self._known[int(row), mode]
-
-    def _compute_eigenvalues(self, row: int, mode: int) -> np.ndarray:
+        if (int(row), mode) in self._known:
+            return self._known[int(row), mode]
         blocks = self._supported_blocks()
         if mode == OPEN:
             blocks[row] = 0.0
         else:
-            modes = self.state.contacts.mode.copy()
-            modes[row] = mode
-            other = self.state._replace(contacts=self.state.contacts._replace(mode=modes))
-            blocks[row] = contact_blocks(other, self.law)[0][row]
-        return _eigenvalues(self._dynamical(blocks, self.free))
+            blocks[row] = contact_blocks(with_mode(self.state, row, mode), self.law)[0][row]
+        self._known[int(row), mode] = _eigenvalues(self._dynamical(blocks, self.free))
+        return self._known[int(row), mode]
 
 
 def _solve(matrix: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -250,7 +246,4 @@ def _without_floating(matrix, free: Freedom) -> Freedom:
     """Freedom without coordinates that nothing resists, such as rotations without friction."""
     size = np.abs(matrix).sum(axis=1)
     kept = size > HELD_ABOVE * size.max(initial=0.0)
-    if kept.all():
-        return free
-    number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-    return Freedom(free.component[kept], free.mass[kept], free.dim, number[free.place], free.length)
+    return free if kept.all() else free.only(kept)

@@ -1,9 +1,11 @@
-"""Stability of an accepted state, with the modes that decide it."""
+"""Stability of an accepted state, with the modes that decide it; with dashpots, from M q̈ = J q + C q̇."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import eig
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
 from ..core.arguments import checked
 from ..core.contacts.jacobian import blocks_of
@@ -15,19 +17,19 @@ from ..core.state import STICK, State
 from ..core.units import with_unit
 from .balance import (
     BALANCED_BELOW,
+    LinearisedState,
     causes_of_imbalance,
     force_imbalance,
+    linearised,
     modes_under,
     motion_imbalance,
     no_equilibrium_message,
+    with_mode,
 )
-from .certificate import certificate_seconds, format_seconds
-from .damped import check_damped_method, growing_exponents
-from .fastest import fastest_pair
+from .fastest import find_fastest
 from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, assembled, freedom, mass_weighted, stiffness_of, translations
 from .linear import suitable_threads
-from .linearised import LinearisedState, linearised
-from .pairs import complex_pairs
+from .pairs import certificate_seconds, find_pairs, format_seconds
 from .spectrum import SOFTEST, soft_modes
 
 MIXED = (
@@ -44,6 +46,13 @@ METHODS = {  # what was computed, in words
     "certify": "all complex pairs, and a certificate of the real eigenvalues",
     "fastest": "the lowest modes by shift and invert, and tangent dynamics for the rest of the spectrum",
 }
+DAMPED_UP_TO = 1_250  # coordinates with dashpots, solved within seconds; the first-order form has twice as many
+DAMPED_AT_MOST = 4_000  # likewise, solved within minutes
+NEAR_SHIFT = 4  # exponents with dashpots computed near each one of the undamped motion
+NEAR_ZERO = 18  # exponents computed near zero, where translations take six
+TOLERANCE = 1e-10  # relative, of the inverse distance from the shift
+STARTS = 8  # undamped pairs near which exponents are sought, the fastest first
+MOST_PAIRS = 8  # growing modes in a table
 
 
 @readable(head=lambda result: _summary(result), rows=lambda result: _rows(result))
@@ -164,7 +173,12 @@ def combine_motions(count: int, sliding, stuck) -> str:
 
 @checked
 def stability(
-    state: State, law: Law, *, method: str = "auto", dashpots: bool = True, report: Report = silent
+    state: State,
+    law: Law,
+    *,
+    method: Literal["auto", "fastest", "all", "certify", "dense", "pairs"] = "auto",
+    dashpots: bool = True,
+    report: Report = silent,
 ) -> Stability:
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
@@ -208,8 +222,6 @@ def stability(
     >>> ss.stability(state, law).verdict
     'stable'
     """
-    if method not in (known := ("auto", "fastest", "all", "certify", "dense", "pairs")):
-        raise ValueError(f"method {method!r} was given: use {', '.join(known[:-1])} or {known[-1]}")
     here, has_dashpots = linearised(state, law), bool(damping_model(law))
     here = here.with_modes(modes_under(state, law, here.line))
     slid = _analyse(here, method, has_dashpots and dashpots, report)
@@ -218,8 +230,12 @@ def stability(
     rows = here.at_limit
     if not len(rows) or slid.method == "none":
         return slid
-    stuck = _analyse(here.with_modes(with_sticking(here.state, rows)), method, has_dashpots and dashpots, report)
-    slid, undamped = (_with_stuck(*both, len(rows)) for both in ((slid, stuck), (slid.undamped, stuck.undamped)))
+    stuck = _analyse(here.with_modes(with_mode(here.state, rows, STICK)), method, has_dashpots and dashpots, report)
+    both = (slid, stuck), (slid.undamped, stuck.undamped)
+    slid, undamped = (
+        one and one._replace(at_limit=len(rows), if_stuck=other, scope=join_scopes(one.scope, MIXED))
+        for one, other in both
+    )
     return slid._replace(undamped=undamped)
 
 
@@ -228,29 +244,17 @@ def join_scopes(*scope: str) -> str:
     return "; ".join(filter(None, scope))
 
 
-def _with_stuck(sliding: Stability | None, stuck: Stability | None, count: int) -> Stability | None:
-    """Stability with contacts at the Coulomb limit sliding, and with them sticking."""
-    return sliding and sliding._replace(at_limit=count, if_stuck=stuck, scope=join_scopes(sliding.scope, MIXED))
-
-
-def unloading_scope(law: Law) -> str:
-    """Scope note for laws whose forces have a kink at the committed memory; empty for other laws."""
-    return UNLOADED if rescales(law) else ""
-
-
-def with_sticking(state: State, rows: np.ndarray) -> State:
-    """State with the given contacts sticking."""
-    mode = state.contacts.mode.copy()
-    mode[rows] = STICK
-    return state._replace(contacts=state.contacts._replace(mode=mode))
-
-
 def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stability:
     """Stability with every contact held in its mode."""
     (state, law, line, rows, loose), free = here, here.backbone
     size = len(free)
     if not size:
-        near = _near_contacts(state)
+        gap, count = -overlaps(state), int(state.contacts.count[0])
+        radius = np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
+        small = np.minimum(radius[state.contacts.i[:count]], radius[state.contacts.j[:count]])
+        close = int(((gap > 0) & (gap < NEAR * small)).sum())
+        told = "as of rigid grains, whose forces must come with them"
+        near = f", and {close} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if close else ""
         raise ValueError(f"the packing has only rattlers{near}: stability needs grains that support each other")
     residual, moves = force_imbalance(here), motion_imbalance(here)
     causes = () if max(residual, moves) <= BALANCED_BELOW else causes_of_imbalance(here)
@@ -267,37 +271,22 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
         pairs, negative, zero_modes, vectors = _analyse_dense(matrix)
         modes, scope = vectors / np.sqrt(free.mass)[:, None], ""
     else:
-        pairs, modes, scope = _analyse_large(state, law, free, method, report)
+        pairs, modes, scope = _analyse_large(here, free, matrix, method, report)
         negative, zero_modes, soft = soft_modes(matrix)
         modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
         scope += f"; negative and zero λ were sought among the {SOFTEST} smallest"
-    scope = join_scopes(scope, unloading_scope(law))
+    unloaded = UNLOADED if rescales(law) else ""
+    scope = join_scopes(scope, unloaded)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
     result = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
     if not dashpots:
         return result
     drag = assembled(state, dampers, free)
-    return _with_dashpots(result, law, growing_exponents(matrix, drag, free, result.exponents, asked, report))
-
-
-def _near_contacts(state: State) -> str:
-    """Sentence on grains that nearly touch, as rigid ones do; empty for others."""
-    gap, size = -overlaps(state), np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
-    count = int(state.contacts.count[0])
-    small = np.minimum(size[state.contacts.i[:count]], size[state.contacts.j[:count]])
-    near = int(((gap[:count] > 0) & (gap[:count] < NEAR * small)).sum())
-    told = "as of rigid grains, whose forces must come with them"
-    return f", and {near} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if near else ""
-
-
-def _with_dashpots(undamped: Stability, law: Law, exponents: tuple) -> Stability:
-    """Stability from the exponents with dashpots."""
-    s, modes, slowest, near = exponents
+    s, modes, slowest, near = growing_exponents(matrix, drag, free, result.exponents, asked, report)
     swings = s.imag < 0
-    scope = join_scopes(near, undamped.scope if near else unloading_scope(law))
-    return undamped._replace(
+    return result._replace(
         pairs=-(s[swings] ** 2), negative=-(s[~swings].real ** 2), modes=modes[:, np.argsort(~swings, kind="stable")],
-        scope=scope, undamped=undamped, slowest=slowest,
+        scope=join_scopes(near, result.scope if near else unloaded), undamped=result, slowest=slowest,
     )  # fmt: skip
 
 
@@ -330,29 +319,31 @@ def _analyse_dense(matrix):
     return values[pair], values.real[negative], int(zero.sum()), vectors[:, [*pair, *negative]]
 
 
-def _analyse_large(state: State, law: Law, free: Freedom, method: str, report):
-    """Pairs, their modes in the coordinates `free`, and the scope of the search."""
+def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, report):
+    """Pairs, their modes in the coordinates `free` of a matrix A, and the scope of the search."""
+    whole = freedom(here.state)
+
+    def matrix_of(whole: Freedom):
+        return matrix if len(whole) == len(free) else here.dynamical_matrix(whole)  # with rattlers
+
     if method in ("pairs", "certify"):
         certify = method == "certify"
-        search = complex_pairs(state, law, certificate=certify, report=report)
+        search = find_pairs(whole, matrix_of, certify, report)
         values, modes, scope = search.eigenvalues, search.modes, "all complex pairs that floating point can resolve"
         if certify:
             scope = f"{scope}; certificate: {search.certified}"
     else:
-        fastest = fastest_pair(state, law, report=report)
+        fastest = find_fastest(here.state, whole, matrix_of(whole), report)
         there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
         values = np.array([fastest.eigenvalue] if there else [], complex)
         modes = fastest.mode[:, None] if there else np.zeros((len(fastest.free), 0), complex)
         scope = str(fastest)
-    place = np.searchsorted(freedom(state).component, free.component)
+    place = np.searchsorted(whole.component, free.component)
     return values, modes[place], scope
 
 
 def _summary(result: Stability) -> str:
     return f"{result.verdict}; {result.n} grains, {result.contacts} contacts, residual {result.residual:.1e}"
-
-
-MOST_PAIRS = 8  # growing modes in a table
 
 
 def _rows(result: Stability):
@@ -380,3 +371,110 @@ def _rows(result: Stability):
     yield "without dashpots", result.undamped and result.undamped.verdict
     yield "computed", result.way
     yield "not considered", result.scope or None
+
+
+def check_damped_method(method: str, size: int) -> None:
+    """Raise ValueError if a method of `stability` cannot treat `size` coordinates with dashpots."""
+    if method == "certify":
+        raise ValueError("method 'certify' was given for a law with dashpots: use 'all', or leave the dashpots out")
+    if method == "dense" and size > DAMPED_AT_MOST:
+        raise ValueError(
+            f"{size} coordinates were given: the method 'dense' with dashpots takes at most {DAMPED_AT_MOST}; use "
+            f"'pairs' or 'fastest', or leave the dashpots out"
+        )
+
+
+def growing_exponents(
+    pull, dampers, free: Freedom, undamped: np.ndarray, method: str, report: Report
+) -> tuple[np.ndarray, np.ndarray, complex | None, str]:
+    """Growing exponents s of exp(st) with dashpots, each contact held in its mode.
+
+    Parameters
+    ----------
+    pull : (n, n) sparse A of `dynamical_matrix` [1/time²]
+    dampers : (n, n) sparse ∂(Pᵀf)/∂q̇ [force time/length]
+    undamped : (P,) complex, growing exponents without dashpots, near which others are sought in large packings [1/time]
+    method : of `stability`; "dense", "all", "auto" and "fastest" compute all exponents of up to 1250 coordinates
+
+    Returns
+    -------
+    exponents : (K,) Re s > 0, Im s ≤ 0, one of each conjugate pair, fastest growing first [1/time]
+    modes : (n, K) complex: generalised displacements of unit mass-weighted norm
+    slowest : exponent of the slowest decay [1/time]; None if not all were computed
+    scope : limits of the search, in words
+
+    Source
+    ------
+    Tisseur & Meerbergen, doi:10.1137/S0036144500381988, Sec. 3.4, for the first-order form of the quadratic
+    eigenvalue problem.
+    """
+    root = 1 / np.sqrt(free.mass)
+    drag = sparse.csr_array(sparse.diags_array(-root) @ dampers @ sparse.diags_array(root))
+    unit = np.sqrt(np.abs(pull.data).max())  # [1/time]: in this unit both blocks are of order one
+    pull, drag = pull / unit**2, drag / unit
+    if method == "dense" or (method in ("auto", "all", "fastest") and len(free) <= DAMPED_UP_TO):
+        values, vectors, slowest, scope = *_solve_dense(pull, drag), ""
+    else:
+        values, vectors = _search_near_shifts(pull, drag, undamped / unit, report)
+        slowest = None
+        scope = (
+            f"exponents were sought near the {min(len(undamped), STARTS)} fastest of the undamped motion and near zero"
+            "; growth caused by dashpots alone was not sought"
+        )
+    order = np.lexsort((values.imag, -values.real))
+    modes = vectors[:, order].conj() * root[:, None]
+    return unit * values[order].conj(), modes, None if slowest is None else unit * slowest, scope
+
+
+def _is_growing(values: np.ndarray) -> np.ndarray:
+    """Mask of growing nonzero exponents, one of each pair. Translations give s = 0 twice, split by round-off."""
+    return (values.real > PAIR_ABOVE) & (values.imag >= 0) & (np.abs(values) ** 2 > ZERO_BELOW)
+
+
+def _solve_dense(pull, drag) -> tuple[np.ndarray, np.ndarray, complex]:
+    """Growing exponents, their mass-weighted modes, and the slowest decay, in units of the largest λ."""
+    n = pull.shape[0]
+    form = np.block([[np.zeros((n, n)), np.eye(n)], [-pull.toarray(), -drag.toarray()]])
+    with suitable_threads(n):
+        values, vectors = eig(form, overwrite_a=True)
+    chosen = np.flatnonzero(_is_growing(values))
+    decaying = values[(np.abs(values) ** 2 > ZERO_BELOW) & (values.real <= PAIR_ABOVE)]
+    slowest = complex(decaying[np.argmax(decaying.real)]) if len(decaying) else None
+    return values[chosen], vectors[:n, chosen] / np.linalg.norm(vectors[:n, chosen], axis=0), slowest
+
+
+def _search_near_shifts(pull, drag, starts: np.ndarray, report) -> tuple[np.ndarray, np.ndarray]:
+    """Growing exponents near those of the undamped motion and near zero, by shift and invert, without duplicates."""
+    n = pull.shape[0]
+    chosen = starts[np.argsort(-starts.real)][:STARTS]
+    shifts = [1e-3, *(complex(s.real, abs(s.imag)) for s in chosen)]
+    values, vectors = np.zeros(0, complex), np.zeros((n, 0), complex)
+    for k, shift in enumerate(shifts):
+        report("exponents with dashpots", k / len(shifts), f"{len(values)} growing so far")
+        found, modes = _exponents_near(pull, drag, complex(shift), NEAR_SHIFT if k else NEAR_ZERO)
+        found = np.where(np.abs(found.imag) <= PAIR_ABOVE, found.real, found)  # round-off of a real one
+        found, modes = found[_is_growing(found)], modes[:, _is_growing(found)]
+        new = [not np.any(np.abs(values - s) < 1e-8) for s in found]
+        values, vectors = np.append(values, found[new]), np.hstack([vectors, modes[:, new]])
+    return values, vectors / np.linalg.norm(vectors, axis=0)
+
+
+def _exponents_near(pull, drag, shift: complex, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Exponents nearest to a shift σ, and their modes; (A − σ)⁻¹ takes one factorisation of σ² + σ C + K."""
+    n = pull.shape[0]
+    quadratic = sparse.csc_array(shift**2 * sparse.eye_array(n) + shift * drag + pull)
+    # the pattern is symmetric: an ordering that uses this has a tenth of the fill of the default
+    solve = splu(quadratic, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=1e-2, options={"SymmetricMode": True})
+
+    def inverse(x):
+        u, v = x[:n].astype(complex), x[n:].astype(complex)
+        top = -solve.solve(v + drag @ u + shift * u)
+        return np.concatenate([top, u + shift * top])
+
+    operator = LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=complex)
+    start = np.random.default_rng(0).normal(size=2 * n).astype(complex)
+    try:
+        theta, vectors = eigs(operator, k=min(count, n - 2), which="LM", v0=start, tol=TOLERANCE)
+    except ArpackNoConvergence as problem:
+        theta, vectors = problem.eigenvalues, problem.eigenvectors
+    return shift + 1 / theta, vectors[:n]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import Numbers, Series, checked, require_positive
+from ..core.arguments import NotNegative, Numbers, Positive, Series, checked
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step
 from ..core.laws.builtin import SHARP, Law
@@ -13,7 +13,7 @@ from ..core.readable import pluralize, readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .birth import PHASES, first_changes
-from .frontal import FrontalFactor, dissect
+from .linear import FrontalFactor, dissect
 from .response import ForcedMotion, as_patterns, forced_motion, solve_at
 
 SOFT = 1e-9  # stiffness of the springs that exert forces, over that of contacts
@@ -36,8 +36,9 @@ class Trigger(NamedTuple):
 
 @checked
 def trigger_amplitude(
-    state: State, law: Law, drive: Numbers, *, frequency: float | None = None, times: Series | None = None,
-    factors: Series | None = None, duration: float | None = None, drag: float = 0.0, spin_drag: float | None = None,
+    state: State, law: Law, drive: Numbers, *, frequency: Positive | None = None, times: Series | None = None,
+    factors: Series | None = None, duration: Positive | None = None, drag: NotNegative = 0.0,
+    spin_drag: NotNegative | None = None,
     dynamics: bool = True,
 ) -> Trigger:  # fmt: skip
     """Smallest amplitude of a drive at which a contact first reaches the Coulomb limit: how strong must a wave be?
@@ -95,23 +96,31 @@ def trigger_amplitude(
     if frequency is not None:
         if dynamics and not motion.drag.diagonal().any():
             raise ValueError("nothing damps the motion, and shaking never becomes steady: give drag, or dynamics=False")
-        ways = _steady_ways(motion, drive, frequency)
-        duration = 2 * np.pi / frequency
+        still, moving, prescribed = motion.drives(drive)
+        x = motion.all_coordinates(solve_at(motion, [frequency], still[:, 0], moving[:, 0]), prescribed)[:, 0]
+        turns = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None]  # in the course of a period
+        ways = (turns * np.stack([x, 1j * frequency * x])[:, None]).real
     else:
         times, factors = np.asarray(times, float), np.asarray(factors, float)
         duration = 2 * times[-1] if duration is None else duration
-        require_positive(duration=duration)
         ways = _pulse_ways(motion, drive, times, factors, duration, _time_step(motion, motion.here.state))
-    amplitude, contact = _first_limit(motion, ways)
+    place, speed = ways * np.sqrt(motion.whole.mass)
+    start = 1e-6 * state.grains.radius.min() / np.abs(ways[0]).max()
+    amplitude, contact = first_changes(motion.here, motion.whole, lambda a: a * place, start, lambda a: a * speed)[0]
+    amplitude = float(amplitude)
     if not dynamics or not np.isfinite(amplitude):
         return Trigger(amplitude, contact, np.nan, (-1, -1))
-    _check_dynamics(state, drive)
+    control = state.control
+    turned = (drive[0] * control.free)[:, 3:].any()
+    if turned or control.spring.any() or len(control.knots) or (control.group >= 0).any():
+        raise ValueError(
+            "torques, springs, rigid groups or time profiles were given, which dynamics of a trigger does not take: "
+            "use dynamics=False"
+        )
     drags = {"drag": drag, "spin_drag": spin_drag}
     if frequency is not None:
-        return Trigger(amplitude, contact, *_raise_slowly(motion, law, drive[0], frequency, amplitude, drags))
-    return Trigger(
-        amplitude, contact, *_bisect_pulses(motion, law, drive[0], times, factors, duration, amplitude, drags)
-    )
+        return Trigger(amplitude, contact, *_raise_slowly(motion, drive[0], frequency, amplitude, drags))
+    return Trigger(amplitude, contact, *_bisect_pulses(motion, drive[0], times, factors, duration, amplitude, drags))
 
 
 def _check_drive(drive, frequency, times, factors) -> None:
@@ -119,36 +128,10 @@ def _check_drive(drive, frequency, times, factors) -> None:
         raise ValueError(f"{len(drive)} drives were given where one is needed: combine them first")
     if (frequency is None) == (times is None) or (times is None) != (factors is None):
         raise ValueError("give either a frequency, or the times and factors of a pulse")
-    if frequency is not None:
-        require_positive(frequency=frequency)
-        return
-    if np.shape(times) != np.shape(factors) or len(times) < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
+    if frequency is None and (
+        np.shape(times) != np.shape(factors) or len(times) < 2 or times[0] != 0 or not (np.diff(times) > 0).all()
+    ):
         raise ValueError("a pulse needs as many factors as times, and times that increase from zero")
-
-
-def _check_dynamics(state: State, drive: np.ndarray) -> None:
-    control, free = state.control, state.control.free
-    if control.spring.any() or len(control.knots) or (drive[0] * free)[:, 3:].any() or (control.group >= 0).any():
-        raise ValueError(
-            "torques, springs, rigid groups or time profiles were given, which dynamics of a trigger does not take: "
-            "use dynamics=False"
-        )
-
-
-def _first_limit(motion: ForcedMotion, ways: np.ndarray) -> tuple[float, tuple[int, int]]:
-    """Amplitude at which a contact first reaches the limit along the motion `ways` per unit of the drive."""
-    place, speed = ways * np.sqrt(motion.whole.mass)
-    start = 1e-6 * motion.here.state.grains.radius.min() / np.abs(ways[0]).max()
-    amplitude, contact = first_changes(motion.here, motion.whole, lambda a: a * place, start, lambda a: a * speed)[0]
-    return float(amplitude), contact
-
-
-def _steady_ways(motion: ForcedMotion, drive: np.ndarray, frequency: float) -> np.ndarray:
-    """(2, PHASES, N) displacements and velocities in the course of a period of steady shaking."""
-    still, moving, prescribed = motion.drives(drive)
-    y = solve_at(motion, [frequency], still[:, 0], moving[:, 0])
-    x = motion.all_coordinates(y, prescribed)[:, 0]
-    return (np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None] * np.stack([x, 1j * frequency * x])[:, None]).real
 
 
 def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt: float) -> np.ndarray:
@@ -181,25 +164,25 @@ def _pulse_ways(motion: ForcedMotion, drive, times, factors, duration: float, dt
     return np.stack(out, axis=1)
 
 
-def _raise_slowly(motion, law, drive, frequency, predicted: float, drags) -> tuple[float, tuple[int, int]]:
+def _raise_slowly(motion, drive, frequency, predicted: float, drags) -> tuple[float, tuple[int, int]]:
     """Amplitude of steady shaking, raised in proportion to time, at the first contact that reaches the limit."""
     reach = SLOWLY * max(2 / motion.drag.diagonal().mean(), 2 * np.pi / frequency)
     grid = np.arange(0.0, 2 * reach, 2 * np.pi / frequency / 64)
     factor = predicted * grid / reach * np.cos(frequency * grid)
-    event = _first_event(motion, law, drive, grid, factor, drags)
+    event = _first_event(motion, drive, grid, factor, drags)
     if event is None:
         return np.inf, (-1, -1)
     return predicted * event[0] / reach, event[1]
 
 
-def _bisect_pulses(motion, law, drive, times, factors, duration, predicted: float, drags):
+def _bisect_pulses(motion, drive, times, factors, duration, predicted: float, drags):
     """Smallest amplitude of a pulse at which a contact reaches the limit, and its bodies."""
     grid = np.linspace(0.0, duration, 1 + 16 * max(int(duration / np.diff(times).min()), 1))
     shape = np.interp(grid, times, factors, right=0.0)
     low, high, contact = 0.0, predicted, (-1, -1)
     for _ in range(MOST_RUNS):
         middle = 0.5 * (low + high) if contact[0] >= 0 else high
-        event = _first_event(motion, law, drive, grid, middle * shape, drags)
+        event = _first_event(motion, drive, grid, middle * shape, drags)
         if event:
             high, contact = middle, event[1]
         else:
@@ -209,11 +192,11 @@ def _bisect_pulses(motion, law, drive, times, factors, duration, predicted: floa
     return np.inf, (-1, -1)
 
 
-def _first_event(motion: ForcedMotion, law: Law, drive, grid, factor, drags) -> tuple[float, tuple[int, int]] | None:
+def _first_event(motion: ForcedMotion, drive, grid, factor, drags) -> tuple[float, tuple[int, int]] | None:
     """Time since the start, and bodies, of the first contact that slides or opens, without those of rattlers."""
     state = with_drive(motion, drive, grid, factor)
     dt = _time_step(motion, state)
-    events = run(state, law, int(grid[-1] / dt), dt, events=True, **drags)[1].events
+    events = run(state, motion.here.law, int(grid[-1] / dt), dt, events=True, **drags)[1].events
     loose = np.append(motion.here.loose, np.zeros(len(state.walls.mass), bool))
     events = events[(events["kind"] != "closed") & ~loose[events["i"]] & ~loose[events["j"]]]
     if not len(events):

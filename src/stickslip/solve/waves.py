@@ -4,14 +4,14 @@ Plane waves are unit vectors of the mass-weighted coordinates: displacements alo
 in three dimensions first about k, then about the axes across).
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import eig
 
-from ..core.arguments import Numbers, checked, require_not_negative, require_positive
+from ..core.arguments import POSITIVE, NotNegative, Numbers, checked, require_not_negative
 from ..core.laws.builtin import Law
 from ..core.measure import volume
 from ..core.progress import Report, silent
@@ -85,7 +85,7 @@ class WaveSpectrum(NamedTuple):
 
 
 @checked
-def allowed_wavevectors(state: State, count: int = 12) -> np.ndarray:
+def allowed_wavevectors(state: State, count: Annotated[int, POSITIVE] = 12) -> np.ndarray:
     """(count, dim) shortest wave vectors k with k·a = 2π × integer for all vectors a of the cell, one of each ±k.
 
     Raises
@@ -94,7 +94,6 @@ def allowed_wavevectors(state: State, count: int = 12) -> np.ndarray:
         if the cell is not periodic in all its dimensions.
     """
     check_cell(state, "waves")
-    require_positive(count=count)
     dim = state.cell.dim
     require_sizes([Size("these are", count, "wave vectors", "use fewer")])
     cell = state.cell.vectors[:dim, :dim]
@@ -110,7 +109,8 @@ def allowed_wavevectors(state: State, count: int = 12) -> np.ndarray:
 
 @checked
 def dispersion(
-    state: State, law: Law, wavevector: Numbers | None = None, *, drag: float = 0.0, spin_drag: float | None = None,
+    state: State, law: Law, wavevector: Numbers | None = None, *, drag: NotNegative = 0.0,
+    spin_drag: NotNegative | None = None,
     report: Report = silent,
 ) -> Dispersion:  # fmt: skip
     """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
@@ -179,7 +179,8 @@ def dispersion(
 
 @checked
 def wave_spectrum(
-    state: State, law: Law, wavevector: Numbers | None = None, *, drag: float = 0.0, spin_drag: float | None = None,
+    state: State, law: Law, wavevector: Numbers | None = None, *, drag: NotNegative = 0.0,
+    spin_drag: NotNegative | None = None,
 ) -> WaveSpectrum:  # fmt: skip
     """Project all modes, damped by drag and dashpots, on plane waves: dynamical structure factor and complex pairs.
 

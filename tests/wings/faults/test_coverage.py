@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stickslip.wings.faults.friction.fitting import fit
-from stickslip.wings.faults.friction.noise import WHITE, autoregression, whitened
+from stickslip.wings.faults.friction.model import WHITE, autoregression, whitened
 from tests.wings.faults.test_fit import HOLDS, PAPER, STEPS, STIFFNESS, TRUE, correlated, record
 
 

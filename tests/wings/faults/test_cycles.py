@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from stickslip.runs.sweep.cycles import FIGURE
-from stickslip.runs.sweep.dataset import open_sweep
-from stickslip.wings.faults.friction.cycles import event_starts, passing_velocity, recurrence, repeated_slip
+from stickslip.runs.sweep.dataset import FIGURE, open_sweep
 from stickslip.wings.faults.friction.loads import LoadStep
+from stickslip.wings.faults.friction.measure import event_starts, passing_velocity, recurrence, repeated_slip
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 

@@ -12,11 +12,16 @@ from stickslip.wings.faults.friction import laws
 from stickslip.wings.faults.friction.fault import check_fault
 from stickslip.wings.faults.friction.fault_cycles import join_histories
 from stickslip.wings.faults.friction.fault_record import YEAR, Moment, hermite, points
-from stickslip.wings.faults.friction.fault_state import initial_state, perturbed_state, steady_stress, with_rates
-from stickslip.wings.faults.friction.fault_step import NUMBER, Machine
-from stickslip.wings.faults.friction.laws import FORMS
+from stickslip.wings.faults.friction.fault_state import (
+    NUMBER,
+    Machine,
+    initial_state,
+    perturbed_state,
+    steady_stress,
+    with_rates,
+)
+from stickslip.wings.faults.friction.laws import FORMS, rates
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, slider_of
-from stickslip.wings.faults.friction.slider import rates
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 from stickslip.wings.faults.friction.stress_transfer import stress_matrix, stress_transfer
 

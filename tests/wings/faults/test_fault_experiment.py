@@ -10,8 +10,9 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
 from stickslip.friction import fault_dataset
-from stickslip.runs.page import folder_content, write_page
-from stickslip.runs.writer import write_result
+from stickslip.reports.page import write_page
+from stickslip.runs.folder import write_result
+from stickslip.runs.page import folder_content
 from stickslip.wings.faults.fault import simulate as room
 from stickslip.wings.faults.fault.claims import evaluate_claims
 from stickslip.wings.faults.fault.figures import max_slip_velocity

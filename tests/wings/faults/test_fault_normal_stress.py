@@ -14,12 +14,12 @@ from scipy.special import erfc
 import stickslip as ss
 from stickslip import friction
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 from stickslip.wings.faults.fault import simulate as room
 from stickslip.wings.faults.fault.injection import PUBLISHED, evaluate_claims, paper_scenario
 from stickslip.wings.faults.friction.fault_record import YEAR
 from stickslip.wings.faults.friction.fault_state import perturbed_state, with_rates
-from stickslip.wings.faults.friction.normal_stress import INSTANTS
+from stickslip.wings.faults.friction.stress_transfer import INSTANTS
 from tests.conftest import save_noise
 from tests.conftest import stickslip_here as stickslip
 

@@ -5,8 +5,14 @@ import pytest
 
 from stickslip import friction
 from stickslip.wings.faults.friction.fault_record import YEAR
-from stickslip.wings.faults.friction.fault_state import initial_state, perturbed_state, steady_stress
-from stickslip.wings.faults.friction.fault_step import EXPONENT, NUMBER, Machine
+from stickslip.wings.faults.friction.fault_state import (
+    EXPONENT,
+    NUMBER,
+    Machine,
+    initial_state,
+    perturbed_state,
+    steady_stress,
+)
 
 G, B, DC, NORMAL = 32e9, 0.015, 1e-3, 50e6
 LENGTH = G * DC / (B * NORMAL)  # L_b

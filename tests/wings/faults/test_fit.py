@@ -8,9 +8,8 @@ from scipy.stats import t as student
 
 from stickslip.wings.faults.friction.fitting import fit
 from stickslip.wings.faults.friction.loads import LoadStep, load_steps, slide_hold_slide, velocity_steps
-from stickslip.wings.faults.friction.model import Data, prepare
+from stickslip.wings.faults.friction.model import Data, autoregression, effective_samples, prepare, whitened
 from stickslip.wings.faults.friction.model_comparison import compare_laws
-from stickslip.wings.faults.friction.noise import autoregression, effective_samples, whitened
 from stickslip.wings.faults.friction.problem import Task, jacobian, residual
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 

@@ -1,5 +1,6 @@
 """Records as CSV: units, separators, round trip, and every refusal in one sentence."""
 
+import re
 import warnings
 
 import h5py
@@ -459,3 +460,25 @@ def test_friction_that_contradicts_its_stresses_or_all_materials_is_doubted(tmp_
     (tmp_path / "r.csv").write_text(f"time (s),load_point (um),{heads}\n{rows}")
     with pytest.warns(UserWarning, match=sentence):
         read_record(tmp_path / "r.csv")
+
+
+@pytest.mark.parametrize(
+    ("heads", "row", "sentence"),
+    [
+        ("time [s],load_point [um],lp velocity [um/s]", (1, 60, 1), r"load_point over time is 60 times 'lp velocity"),
+        ("time [s],load_point [um],velocity [um/s]", (1, 3600, 1.03), r"'velocity .*: times seem to be in h, unless"),
+        ("time [min],slip [mm],load_point [mm],slip rate [mm/s]", (1, 1, 1, 1), r"times seem to be in s, unless"),
+        ("time [s],load_point [um],lp velocity [um/s]", (1, 30, 1), ""),
+        ("time [min],load_point [um],lp velocity [um/s]", (1, 60, 1), ""),
+    ],
+)
+def test_times_in_another_unit_contradict_the_velocities(tmp_path, heads, row, sentence):
+    rows = "".join(",".join(f"{k * x:g}" for x in row[:-1]) + f",{row[-1]},0.6\n" for k in range(20))
+    (tmp_path / "r.csv").write_text(f"{heads},friction\n{rows}")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        record = read_record(tmp_path / "r.csv")
+    assert [bool(re.search(sentence, str(w.message))) for w in caught] == [True] * bool(sentence)
+    if sentence and "velocity" in heads:
+        with pytest.warns(UserWarning, match="as if the times were in (min|h): the fit takes --velocity"):
+            record_data(record, velocity="1e-6")

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from stickslip.wings.faults.friction import closed_forms as closed
 from stickslip.wings.faults.friction import laws
+from stickslip.wings.faults.friction import ratestate as closed
 from stickslip.wings.faults.friction.fitting import fit
+from stickslip.wings.faults.friction.laws import rates
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.model import Data
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, prescribed, slider_of, spring_slider
-from stickslip.wings.faults.friction.slider import rates
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 
 USUAL = RateState(0.010, 0.015, 1e-5, 0.6, 1e-6)

@@ -5,8 +5,7 @@ import pytest
 
 from stickslip.wings.faults.friction.fitting import fit
 from stickslip.wings.faults.friction.laboratory import LabRecord, record_data, write_csv
-from stickslip.wings.faults.friction.load_history import find_steps, stated_steps, with_normal
-from stickslip.wings.faults.friction.loads import LoadStep, velocity_steps
+from stickslip.wings.faults.friction.loads import LoadStep, find_steps, stated_steps, velocity_steps, with_normal
 from stickslip.wings.faults.friction.model import Data
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here

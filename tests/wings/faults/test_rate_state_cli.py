@@ -102,9 +102,6 @@ def test_absent_files(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "sentence"),
     [
-        ({"surface": {"a": 0.0}}, "surface.a = 0.0"),
-        ({"surface": {"law": "slow"}}, "surface.law = 'slow'"),
-        ({"surface": {"c": 1.0}}, "has no key 'c'"),
         ({"legs": [{"velocity": 0.0, "duration": 1.0}]}, "the first leg is a hold"),
         ({"legs": [{"velocity": 1.0}]}, "either duration or distance"),
         ({"legs": [{"velocity": 1.0, "distance": 1.0}, {"velocity": 0.0, "distance": 1.0}]}, "give its duration"),

@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
-from stickslip.wings.faults.friction import closed_forms as closed
+from stickslip.wings.faults.friction import ratestate as closed
+from stickslip.wings.faults.friction.laws import rates
 from stickslip.wings.faults.friction.loads import LoadStep, slide_hold_slide, velocity_steps
 from stickslip.wings.faults.friction.ratestate import End, RateState, Spring, prescribed, slider_of, spring_slider
-from stickslip.wings.faults.friction.slider import rates
 from stickslip.wings.faults.friction.stability import critical_stiffness, steady_sliding
 
 PAPER = RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02, "slip")  # Ferdowsi & Rubin 2021

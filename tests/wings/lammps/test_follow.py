@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange import follow
-from stickslip.data.exchange.follow import look, open_source
-from stickslip.data.exchange.lammps_series import find_dumps
+from stickslip.data.exchange import lammps_series as follow
+from stickslip.data.exchange.lammps_series import find_dumps, look, open_source
 
 from .dumps import LAW, SHEARED, STEPS, copy, frames, simulate
 

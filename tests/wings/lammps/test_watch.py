@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange import follow
-from stickslip.data.exchange.follow import open_source
+from stickslip.data.exchange import lammps_series as follow
+from stickslip.data.exchange.lammps_series import open_source
 from stickslip.data.sample import PackingError
 from stickslip.solve.freedom import ZERO_BELOW, backbone, dynamical_matrix
 from stickslip.solve.spectrum import softest_eigenvalue
-from stickslip.wings.lammps.watch import loop, measures
-from stickslip.wings.lammps.watch.loop import watch
-from stickslip.wings.lammps.watch.table import describe, read_rows, write_rows
+from stickslip.wings.lammps import watch as watching
+from stickslip.wings.lammps.watch import watch
+from stickslip.wings.lammps.watch_record import describe, read_rows, write_rows
 from tests.conftest import stickslip_here
 from tests.exchange.packings import SHARP, spheres
 
@@ -101,13 +101,13 @@ def test_frames_in_the_table_are_not_computed_again(tmp_path, monkeypatch):
     call = ("watch", folder, *WORDS, "--once", "-q")
     assert stickslip_here(*call).returncode == 0
     before = (folder / "watch.csv").read_bytes()
-    computed = []
+    computed, measure = [], watching.measure_frame
 
     def count(step, *given, **more):
         computed.append(step)
-        return measures.measure_frame(step, *given, **more)
+        return measure(step, *given, **more)
 
-    monkeypatch.setattr(loop, "measure_frame", count)
+    monkeypatch.setattr(watching, "measure_frame", count)
     assert stickslip_here(*call).returncode == 0
     assert computed == []
     assert (folder / "watch.csv").read_bytes() == before
@@ -128,7 +128,7 @@ def test_a_table_comes_back_as_it_was_written(tmp_path):
     source = open_source(SHEARED, **LAW)
     how = describe(source, "auto")
     rows = list(watch(source, {}, once=True))[-1].rows
-    rows = rows | {5: measures.Row(5, "x", note='damaged, "quite"')}
+    rows = rows | {5: watching.Row(5, "x", note='damaged, "quite"')}
     write_rows(tmp_path / "t.csv", rows, how)
     assert read_rows(tmp_path / "t.csv", how) == {step: row for step, row in rows.items() if step != 5}
     (tmp_path / "t.csv").write_text("time,friction\n0,1\n")
@@ -163,12 +163,12 @@ def test_damaged_frames_are_rows_without_numbers(tmp_path):
 
 def test_large_packings_out_of_equilibrium_have_no_spectrum(monkeypatch):
     state, law, _ = ss.io.read_packing(SHEARED / "grains.dump", **LAW)
-    monkeypatch.setattr(measures, "DENSE_UP_TO", 100)
-    row = measures.measure_frame(1, "", state, law, memory=False)
+    monkeypatch.setattr(watching, "DENSE_UP_TO", 100)
+    row = watching.measure_frame(1, "", state, law, memory=False)
     assert row.pairs is row.softest is row.stable is None
     assert "no spectrum of 162 coordinates out of equilibrium" in row.note
     assert "not in equilibrium" in row.verdict
-    row = measures.measure_frame(1, "", state, law, memory=False, method="fastest")
+    row = watching.measure_frame(1, "", state, law, memory=False, method="fastest")
     assert row.pairs is not None
 
 
@@ -179,7 +179,7 @@ def test_ctrl_c_ends_with_a_sentence_that_names_the_table(tmp_path, monkeypatch)
         assert 'http-equiv="refresh"' in (folder / "watch.html").read_text()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(loop.time, "sleep", interrupt)
+    monkeypatch.setattr(watching.time, "sleep", interrupt)
     run = stickslip_here("watch", folder, *WORDS)
     assert run.returncode == 130
     assert f"{folder / 'watch.csv'} has 3 frames, and the same command continues" in run.stderr
@@ -190,7 +190,7 @@ def test_ctrl_c_ends_with_a_sentence_that_names_the_table(tmp_path, monkeypatch)
     assert len(table_of(folder / "watch.csv")) == 3
 
 
-TABLE, NAMES = "# written by stickslip watch 0.2.0", ",".join(measures.Row._fields) + "\n"
+TABLE, NAMES = "# written by stickslip watch 0.2.0", ",".join(watching.Row._fields) + "\n"
 EMPTY = frames("grains.dump")[0].partition(b"ITEM: ATOMS")[0].replace(b"ATOMS\n27", b"ATOMS\n0")
 LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")]
 

@@ -7,12 +7,9 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from stickslip.reports.claims import NOT_REPRODUCED, REPRODUCED, UNDECIDED
-from stickslip.wings.papers.disk_array import claims_of_fronts as fronts_rows
-from stickslip.wings.papers.disk_array import claims_of_modes as modes_rows
-from stickslip.wings.papers.disk_array import claims_of_motion as motion_rows
-from stickslip.wings.papers.disk_array import fronts, measures
-from stickslip.wings.papers.disk_array.arrest import Arrest
+from stickslip.wings.papers.disk_array import claims, claims_of_motion, fronts, measures
 from stickslip.wings.papers.disk_array.fronts import Front
+from stickslip.wings.papers.disk_array.measures import Arrest
 
 TIME = np.linspace(0.0, 1e4, 5001)
 
@@ -109,20 +106,20 @@ def test_exponents_at_a_birth_tell_a_meeting_from_a_crossing(monkeypatch, distan
     def pair(gap):
         return Made(pairs=np.array([7.0 + 1j, 3.0 + 1j * gap]))
 
-    monkeypatch.setattr(modes_rows, "make_protocol", lambda *_: Made(step=step))
+    monkeypatch.setattr(claims, "make_protocol", lambda *_: Made(step=step))
     born = Made(birth=Made(load=0.5, below=0.5, above=0.5), eigenvalues=np.array([3.0 + 1e-3j]))
     main = Made(path=[Made(load=0.4, state=None), Made(load=0.6, state=None)], scenario=None, law=None, families=[born])
     expected = 0.5 if kind else 1.0
-    assert modes_rows.birth_exponents(born, main) == pytest.approx((expected, expected), rel=1e-6)
-    assert modes_rows._coalescence(main).measured is kind
+    assert claims.birth_exponents(born, main) == pytest.approx((expected, expected), rel=1e-6)
+    assert claims._coalescence(main).measured is kind
     near = Made(path=[Made(load=0.49999, state=None)], families=[born])
-    assert modes_rows._coalescence(near).verdict == UNDECIDED  # no room for the distances
+    assert claims._coalescence(near).verdict == UNDECIDED  # no room for the distances
 
 
 def test_no_push_is_balanced_below_unit_friction():
     """The last disk touches one neighbour and the substrate: |F_t| = F_n at the neighbour balances it, or nothing."""
-    assert modes_rows.first_pair(array={"disks": 3}, law={"mu": 0.9}) == 0.0
-    assert modes_rows.first_pair(array={"disks": 3}, law={"mu": 1.1}) > 0
+    assert claims.first_pair(array={"disks": 3}, law={"mu": 0.9}) == 0.0
+    assert claims.first_pair(array={"disks": 3}, law={"mu": 1.1}) > 0
 
 
 def test_births_are_counted_up_to_the_largest_load_of_the_paper_and_quiet_states_above_0082_refute():
@@ -136,10 +133,10 @@ def test_births_are_counted_up_to_the_largest_load_of_the_paper_and_quiet_states
         families = [born(0.08, None), born(0.01, 0.05), born(0.1, None), Made(birth=None)]
         return Made(families=families, path=path, free_runs={0.03: Made(slid=slid), 0.083: Made(slid=True)})
 
-    count, dies, above = modes_rows._births(result((0, 1, 2)))
+    count, dies, above = claims._births(result((0, 1, 2)))
     assert (count.measured, count.verdict, dies.measured, above.measured) == (2, REPRODUCED, True, True)
-    assert modes_rows._births(result((0, 1, 2), slid=True))[1].measured is False
-    assert modes_rows._births(result((1, 1, 0)))[2].verdict == "refuted"
+    assert claims._births(result((0, 1, 2), slid=True))[1].measured is False
+    assert claims._births(result((1, 1, 0)))[2].verdict == "refuted"
 
 
 def front(delay, error=1.0, speed=0.05):
@@ -151,41 +148,41 @@ def front(delay, error=1.0, speed=0.05):
 
 def test_the_order_of_a_front_and_its_speed_in_both_halves():
     there, back = front(np.arange(10) * 20), front([0, 20, 40, 60, 80, 100, 120, 140, 100, 60])
-    assert fronts_rows._order({0.083: there}).verdict == REPRODUCED
-    assert fronts_rows._order({0.083: there, 0.09: back}).verdict == NOT_REPRODUCED
-    assert "disk 8 at 0.09" in fronts_rows._order({0.083: there, 0.09: back}).note
-    assert fronts_rows._order({0.083: there, 0.09: back._replace(error=np.full(10, 50.0))}).verdict == UNDECIDED
-    assert fronts_rows._order({0.083: there, 0.09: None}).verdict == UNDECIDED
-    assert fronts_rows.halves_ratio(there) == pytest.approx(1.0)
-    assert fronts_rows.halves_ratio(front([0, 10, 20, 30, 40, 50, 70, 90, 110, 130])) == pytest.approx(2.0)
-    assert fronts_rows.halves_ratio(back) < 0
+    assert claims_of_motion._order({0.083: there}).verdict == REPRODUCED
+    assert claims_of_motion._order({0.083: there, 0.09: back}).verdict == NOT_REPRODUCED
+    assert "disk 8 at 0.09" in claims_of_motion._order({0.083: there, 0.09: back}).note
+    assert claims_of_motion._order({0.083: there, 0.09: back._replace(error=np.full(10, 50.0))}).verdict == UNDECIDED
+    assert claims_of_motion._order({0.083: there, 0.09: None}).verdict == UNDECIDED
+    assert claims_of_motion.halves_ratio(there) == pytest.approx(1.0)
+    assert claims_of_motion.halves_ratio(front([0, 10, 20, 30, 40, 50, 70, 90, 110, 130])) == pytest.approx(2.0)
+    assert claims_of_motion.halves_ratio(back) < 0
 
 
 @pytest.mark.parametrize(("first", "measured"), [(40, True), (4, False), (20, None)])
 def test_a_front_starts_where_most_realizations_start(first, measured):
     times = 100.0 + np.arange(10) + np.zeros((40, 10))
     times[first:, 5] = 1.0
-    row = fronts_rows._start("start", "Fig 5: text", 0, np.vstack([times, np.full(10, np.nan)]))
+    row = claims_of_motion._start("start", "Fig 5: text", 0, np.vstack([times, np.full(10, np.nan)]))
     assert row.measured is measured and f"in {first / 40:.0%} of 40 complete" in row.note
 
 
 def test_powers_of_the_push_and_the_ratio_of_both_fronts(monkeypatch):
     loads = (0.083, 0.087, 0.09, 0.12)
     main = Made(sliding={load: load for load in loads})
-    monkeypatch.setattr(fronts_rows, "forward_front", lambda _, load: front(range(3), speed=load**3))
-    monkeypatch.setattr(fronts_rows, "backward_front", lambda _, t, load: front(range(3), speed=0.08))
-    first, second, ratio = fronts_rows._dependences(main)
+    monkeypatch.setattr(claims_of_motion, "forward_front", lambda _, load: front(range(3), speed=load**3))
+    monkeypatch.setattr(claims_of_motion, "backward_front", lambda _, t, load: front(range(3), speed=0.08))
+    first, second, ratio = claims_of_motion._dependences(main)
     assert first.measured is True and "3.00 ±" in first.note
     assert second.measured == pytest.approx(0.0, abs=1e-9) and second.verdict == REPRODUCED and ratio.measured is True
-    monkeypatch.setattr(fronts_rows, "backward_front", lambda _, t, load: front(range(3), speed=2 * load[0] ** 3))
-    _, second, ratio = fronts_rows._dependences(main)
+    monkeypatch.setattr(claims_of_motion, "backward_front", lambda _, t, load: front(range(3), speed=2 * load[0] ** 3))
+    _, second, ratio = claims_of_motion._dependences(main)
     assert second.measured == pytest.approx(3.0) and second.verdict == NOT_REPRODUCED and ratio.measured is False
 
 
 def test_slip_that_is_charged_grows_by_more_than_a_tenth():
     def row(charge):
         charge = np.array(charge)
-        return motion_rows._charging(Arrest(0.03, charge, charge, charge, charge, charge, 9)).measured
+        return claims_of_motion._charging(Arrest(0.03, charge, charge, charge, charge, charge, 9)).measured
 
     assert row([2.0, 2.1, 1.9]) is True and row([1.01, 0.99, 1.0]) is False and row([0.6, 1.1, 1.9]) is None
 
@@ -193,9 +190,9 @@ def test_slip_that_is_charged_grows_by_more_than_a_tenth():
 def test_m_at_the_breach_is_a_length_in_units_of_r_and_the_first_contact_is_counted():
     runs = Made(msd_at_breach=np.array([2.5e-5, 2.5e-5, np.nan]), wall_first=np.array([0.0, 0.0, np.nan]))
     main = Made(sliding=dict.fromkeys((0.083, 0.087, 0.09), runs))
-    row = motion_rows._msd_at_breach(main)
+    row = claims_of_motion._msd_at_breach(main)
     assert row.measured == pytest.approx(1e-2) and row.verdict == REPRODUCED and "1.0e-04 R²" in row.note
-    first = motion_rows._where_first(main)
+    first = claims_of_motion._where_first(main)
     assert first.verdict == NOT_REPRODUCED and "in 0 of 6 realizations" in first.note
 
 
@@ -203,19 +200,19 @@ def test_a_ratio_of_means_has_the_error_that_repeated_runs_show():
     rng, results = np.random.default_rng(0), []
     for _ in range(300):
         values = np.array([1.0, 1.2]) * (1 + 0.2 * rng.normal(size=(30, 2)))
-        results.append(motion_rows._ratio("r", "Fig 7: text", np.vstack([values, [np.nan, 1.0]]), 0.1, "ratio"))
+        results.append(claims_of_motion._ratio("r", "Fig 7: text", np.vstack([values, [np.nan, 1.0]]), 0.1, "ratio"))
     measured = np.array([row.measured for row in results])
     assert measured.mean() == pytest.approx(1.2, rel=0.01) and "over 30 runs" in results[0].note
     assert np.median([row.error for row in results]) == pytest.approx(measured.std(), rel=0.15)
-    assert motion_rows._ratio("r", "Fig 7: text", np.full((3, 2), np.nan), 0.1, "ratio").verdict == UNDECIDED
+    assert claims_of_motion._ratio("r", "Fig 7: text", np.full((3, 2), np.nan), 0.1, "ratio").verdict == UNDECIDED
 
 
 def test_one_case_without_balance_refutes_always_and_one_without_a_pair_leaves_it_open(monkeypatch):
     def row(*pushes):
         births = iter(pushes)
-        monkeypatch.setattr(modes_rows, "VARIED", [{"law": {"mu": k}} for k in range(len(pushes))])
-        monkeypatch.setattr(modes_rows, "first_pair", lambda **_: next(births))
-        return modes_rows._variants()
+        monkeypatch.setattr(claims, "VARIED", [{"law": {"mu": k}} for k in range(len(pushes))])
+        monkeypatch.setattr(claims, "first_pair", lambda **_: next(births))
+        return claims._variants()
 
     assert row(0.1, 0.5).verdict == "not refuted" and "0.5 with mu 1" in row(0.1, 0.5).note
     assert row(0.1, None).verdict == UNDECIDED and "no pair up to 2 with mu 1" in row(0.1, None).note
@@ -236,9 +233,9 @@ def drifting(raw: float, smooth: float, drift: float):
 
 
 def test_the_front_without_oscillation_is_compared_with_the_drift():
-    row = fronts_rows._drift(drifting(0.07, 0.1, 0.1))
+    row = claims_of_motion._drift(drifting(0.07, 0.1, 0.1))
     assert row.measured == pytest.approx(0.1) and row.reference == pytest.approx(0.1)
     assert "then it is 0.070" in row.note and "it agrees with the reference" in row.note
-    assert "differs from the reference" in fronts_rows._drift(drifting(0.1, 0.1, 0.4)).note
-    speed = fronts_rows.backward_claims(drifting(0.07, 0.1, 0.1), "")[0]
+    assert "differs from the reference" in claims_of_motion._drift(drifting(0.1, 0.1, 0.4)).note
+    speed = claims_of_motion.backward_claims(drifting(0.07, 0.1, 0.1), "")[0]
     assert speed.measured == pytest.approx(0.07) and "does not confirm the explanation" in speed.note

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from stickslip.data import archive
 from stickslip.experiments.registry import read_scenario, scenario
 from stickslip.runs import folder as report
-from stickslip.runs.writer import write_reproduction
+from stickslip.runs.folder import write_reproduction
 from stickslip.wings.papers.gouge import EXPERIMENT, paper
 from stickslip.wings.papers.gouge import claims as gouge_claims
 from stickslip.wings.papers.gouge import report as gouge_report

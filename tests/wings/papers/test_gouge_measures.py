@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.wings.papers.gouge import curves as gouge_curves
+from stickslip.wings.papers.gouge import claims as gouge_curves
 from stickslip.wings.papers.gouge import measures
 from tests.wings.papers.test_gouge import made, of_tests
 

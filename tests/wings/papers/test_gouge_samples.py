@@ -5,10 +5,10 @@ import pytest
 
 from stickslip.data import archive
 from stickslip.data.archive import ArchiveError
-from stickslip.wings.papers.gouge import paper, samples
+from stickslip.wings.papers.gouge import paper
+from stickslip.wings.papers.gouge import simulate as samples
 from stickslip.wings.papers.gouge import simulate as simulation
-from stickslip.wings.papers.gouge.samples import EXACT, read_sample, read_samples, sample_path
-from stickslip.wings.papers.gouge.simulate import simulate_gouge
+from stickslip.wings.papers.gouge.simulate import EXACT, read_sample, read_samples, sample_path, simulate_gouge
 from tests.conftest import stickslip_here as stickslip
 from tests.wings.papers.test_gouge import small
 

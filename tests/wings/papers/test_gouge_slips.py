@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from stickslip.wings.papers.gouge import figures as figures
-from stickslip.wings.papers.gouge.dimensionless import Range
-from stickslip.wings.papers.gouge.protocol import Realization, Series
+from stickslip.wings.papers.gouge.protocol import Realization, Series, find_slips
 from stickslip.wings.papers.gouge.protocol import Test as Leg
+from stickslip.wings.papers.gouge.sample import Range
 from stickslip.wings.papers.gouge.scenario import GougeScenario
-from stickslip.wings.papers.gouge.slips import find_slips
 
 DT, V, K = 1e-3, 0.01, 100.0  # interval [s], velocity of the load point [m/s], friction per displacement [1/m]
 D = 3e-3  # [m]; the load point moves by 0.01 D in three samples

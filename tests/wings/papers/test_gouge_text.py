@@ -8,7 +8,7 @@ import pytest
 from stickslip.wings.faults.friction.loads import LoadStep
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from stickslip.wings.papers.gouge import claims as gouge_claims
-from stickslip.wings.papers.gouge import claims_of_text as text
+from stickslip.wings.papers.gouge import claims as text
 from stickslip.wings.papers.gouge.paper import paper_scenario
 from stickslip.wings.papers.gouge.statistics import Number
 
@@ -81,14 +81,15 @@ def test_restitution_of_collisions_matters_only_if_a_difference_exceeds_its_inte
         "after a hold": (number(-0.07, errors[0]), number(-0.01, errors[0])),
         "steady friction": (number(0.41, errors[1]), number(0.40, errors[1])),
     }
-    monkeypatch.setattr(
-        gouge_claims, "_compare_dampings", lambda *results: pairs if results == (plain, calibrated) else {}
-    )
+    compared = {(plain, calibrated): (pairs, "both")}
+    monkeypatch.setattr(gouge_claims, "_compare_dampings", lambda *results: compared[results])
     monkeypatch.setattr(gouge_claims, "_scale_note", lambda result: "small")
-    row = gouge_claims._restitution_of_collisions({"plain": plain, "calibrated": calibrated})
+    monkeypatch.setattr(gouge_claims, "damping", lambda scenario: 1.0)
+    row, ratio = gouge_claims._collisions({"plain": plain, "calibrated": calibrated})
+    assert ratio.measured == pytest.approx(1 / 7)
     assert row.measured is measured and row.verdict == ("not reproduced" if measured is False else "undecided")
     assert f"outside their 95 % intervals: {outside}; small" in row.note
-    missing = gouge_claims._restitution_of_collisions({"plain": plain})
+    missing, _ = gouge_claims._collisions({"plain": plain})
     assert missing.measured is None and "needs holds" in missing.note
 
 

@@ -8,9 +8,10 @@ import pytest
 
 import stickslip as ss
 from stickslip.data import archive
-from stickslip.loading.biaxial import LEFT, RIGHT, TOP
-from stickslip.runs.writer import write_result
-from stickslip.wings.papers.quasi_rigid import EXPERIMENT, sliding
+from stickslip.loading.compression import LEFT, RIGHT, TOP
+from stickslip.runs.folder import write_result
+from stickslip.wings.papers.quasi_rigid import EXPERIMENT
+from stickslip.wings.papers.quasi_rigid import cases as sliding
 from stickslip.wings.papers.quasi_rigid import claims as quasi_claims
 from stickslip.wings.papers.quasi_rigid.simulate import (
     Curve,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
-from stickslip.experiments.contact_law import make_law
+from stickslip.experiments.samples import make_law
 from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.paths import drive_of

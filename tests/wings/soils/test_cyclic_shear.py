@@ -12,8 +12,8 @@ from stickslip.cli import main
 from stickslip.core.arguments import checked
 from stickslip.core.dynamics.ledger import Ledger
 from stickslip.core.outcome import NotInEquilibriumError
-from stickslip.experiments.contact_law import make_law
 from stickslip.experiments.experiment import named_measures
+from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.wings.soils.cyclic_shear import measures, report, sands
 from stickslip.wings.soils.cyclic_shear import simulate as cyclic
@@ -73,15 +73,16 @@ def test_the_loops_of_a_triangular_lattice_have_a_closed_form(lattice, amplitude
     slides = min(yields / amplitude, 1.0)
     g, area = gn + gt * slides, 4 * gt * yields * amplitude * (1 - slides)
     angle = np.arccos(1 - 2 * slides)
-    assert measures.secant(response, 1)[0] == pytest.approx(g, rel=1e-3)
-    assert measures.area_of(response, 1) == pytest.approx(area, rel=2e-3, abs=1e-6 * g * amplitude**2)
-    assert measures.damping(response, 1) == pytest.approx(area / (2 * np.pi * g * amplitude**2), rel=2e-3, abs=1e-6)
-    storage, loss = measures.harmonics(response, 1)
+    loop = measures.Loop(response, 1)
+    assert loop.turns[0] == pytest.approx(g, rel=1e-3)
+    assert loop.area == pytest.approx(area, rel=2e-3, abs=1e-6 * g * amplitude**2)
+    assert loop.damping == pytest.approx(area / (2 * np.pi * g * amplitude**2), rel=2e-3, abs=1e-6)
+    storage, loss = loop.harmonics
     assert storage == pytest.approx(gn + gt * (angle - 0.5 * np.sin(2 * angle)) / np.pi, rel=1e-3)
     assert loss == pytest.approx(area / np.pi / amplitude**2, rel=2e-3, abs=1e-6)
     assert measures.kind_of(response) == ("elastic" if amplitude < yields else "reversible")
     if amplitude > yields:
-        shares = measures.split(response, 1)
+        shares = loop.shares
         assert shares["sliding"] == pytest.approx(1, abs=2e-3)
         assert abs(shares["residual"]) < 2e-3
         assert response.busiest[1] == pytest.approx(5 / 16, rel=1e-2)  # 5 of 48 contacts, of which 16 slide
@@ -108,8 +109,8 @@ def rig(spheres, steps=12, **cycles):
 def test_small_cycles_have_the_stiffness_of_the_elastic_moduli(spheres, normal):
     here = rig(spheres, normal=normal)
     response = responses(here, 1e-7, 1)
-    assert measures.secant(response, 0)[0] == pytest.approx(cyclic.tangent_modulus(here), rel=1e-3)
-    assert abs(measures.damping(response, 0)) < 3e-5  # equilibria to 1e-10 of a force, strains of 1e-7
+    assert measures.Loop(response, 0).turns[0] == pytest.approx(cyclic.tangent_modulus(here), rel=1e-3)
+    assert abs(measures.Loop(response, 0).damping) < 3e-5  # equilibria to 1e-10 of a force, strains of 1e-7
 
 
 def test_only_the_imposed_stress_stays_constant(spheres):
@@ -127,17 +128,18 @@ def test_the_ledger_closes_the_area_of_a_loop_in_which_grains_rearrange(spheres)
     for steps in (12, 48):
         response = responses(rig(spheres, steps), 5e-3, 1)
         assert response.rearranged.sum() > 3
-        shares = measures.split(response, 0)
+        loop = measures.Loop(response, 0)
+        shares = loop.shares
         left.append((abs(shares["residual"]), abs(shares["drawn"])))
         assert shares["sliding"] > 0.5 and shares["dashpots"] < 0.1
-        assert 0 < shares["in_rearrangements"] <= 1 and 0.1 < response.busiest[0] <= 1
+        assert 0 < loop.in_rearrangements <= 1 and 0.1 < response.busiest[0] <= 1
     assert max(left[0][0], left[1][0]) < 5e-3 and left[1][1] < min(0.01, left[0][1])
 
 
 def test_rolling_friction_has_its_share():
     law = SOFT | {"rolling": "spring", "k_roll": 1e5, "mu_roll": 0.02}
     chosen = scenario(law=law, cycles={"amplitudes": [3e-4], "number": 2, "steps": 20})
-    shares = measures.split(ss.simulate(chosen, workers=1).runs[0].responses[0], -1)
+    shares = measures.Loop(ss.simulate(chosen, workers=1).runs[0].responses[0], -1).shares
     assert shares["rolling"] > 0.5 and abs(shares["residual"]) < 1e-3
 
 
@@ -182,10 +184,10 @@ def test_the_first_harmonics_and_the_damping_ratio_of_an_ellipse():
     theta = np.linspace(0, 2 * np.pi, 401)
     tau = np.tile(1e4 * np.sin(theta) + 2e3 * np.cos(theta) + 500 * np.sin(3 * theta), (1, 1))
     response = made(np.zeros((2, 2)), tau)
-    assert measures.harmonics(response, 0) == pytest.approx((1e8, 2e7), rel=1e-9)
-    assert measures.area_of(response, 0) == pytest.approx(np.pi * 1e-8 * 2e7, rel=1e-3)
+    assert measures.Loop(response, 0).harmonics == pytest.approx((1e8, 2e7), rel=1e-9)
+    assert measures.Loop(response, 0).area == pytest.approx(np.pi * 1e-8 * 2e7, rel=1e-3)
     g = (1e4 - 500) / 1e-4  # at the turns
-    assert measures.damping(response, 0) == pytest.approx(np.pi * 1e-8 * 2e7 / (2 * np.pi * g * 1e-8), rel=1e-3)
+    assert measures.Loop(response, 0).damping == pytest.approx(np.pi * 1e-8 * 2e7 / (2 * np.pi * g * 1e-8), rel=1e-3)
 
 
 def test_kinds_of_cycles():
@@ -243,6 +245,8 @@ def test_numbers_and_sentences_of_a_run(result):
     named = named_measures(ss.experiments.EXPERIMENTS["cyclic-shear"], result)
     assert named["G_smallest"][0] == pytest.approx(named["G0"][0], rel=1e-3) and named["G0"][1] == "N/m"
     assert named["gamma_elastic"][0] == 1e-4 and np.isnan(named["in_band"][0])
+    row = result.to_dataframe().loc["G0"]
+    assert (row.value, row.unit) == named["G0"] and "tangent modulus" in row.meaning
 
 
 def test_a_modulus_that_the_smallest_amplitude_does_not_have_is_said(result):
@@ -255,7 +259,7 @@ def test_spheres_are_compared_with_the_band_of_sands(result):
     """At 1e-4 and 100 kPa, G/Gmax is 0.72 to 0.89 in the band, and D is 1 to 4 %."""
     chosen = scenario(SPHERES, cycles=SHORT)
     table = {"amplitude": np.array([1e-6, 1e-4]), "G_ratio": np.array([1.0, 0.8]), "damping": np.array([0.0, 0.02])}
-    assert measures.in_band(result._replace(scenario=chosen), table).tolist() == [[0, 1], [0, 1]]
+    assert measures.in_band(chosen, table).tolist() == [[0, 1], [0, 1]]
     assert "G/Gmax lies in the band of sands at" in " ".join(measures.sentences(result._replace(scenario=chosen)))
 
 
@@ -328,10 +332,6 @@ def test_the_command_line_writes_a_table_of_cycles(tmp_path, monkeypatch, capsys
         ({"amplitudes": [3.0]}, r"cycles\.amplitudes = 3 .* use at most 0?\.?\d"),
         ({"amplitudes": [1e-12]}, r"cycles\.amplitudes = 1e-12 .* below round-off; use at least 1e-08"),
         ({"amplitudes": [1e-3, 1e-4]}, "must increase"),
-        ({"amplitudes": []}, r"cycles\.amplitudes"),
-        ({"number": 0}, r"cycles\.number = 0"),
-        ({"steps": 30}, r"cycles\.steps = 30"),
-        ({"normal": "free"}, r"cycles\.normal = 'free'"),
     ],
 )
 def test_bad_scenarios_are_refused_in_one_sentence(cycles, words):

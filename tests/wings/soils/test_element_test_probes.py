@@ -10,14 +10,14 @@ from matplotlib import pyplot as plt
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.experiments.contact_law import make_law
 from stickslip.experiments.experiment import named_measures
+from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.runs.page import folder_content
 from stickslip.wings.soils.element_test import simulate as element
-from stickslip.wings.soils.element_test.measures import estimates, sentences
+from stickslip.wings.soils.element_test.measures import MEASURES
 from stickslip.wings.soils.element_test.probes import describe_direction, first_seen, plane_of, probe
-from stickslip.wings.soils.element_test.report import figures
+from stickslip.wings.soils.element_test.report import figures, sentences
 
 DISKS = {"dim": 2, "grains": 60, "pressure": 100.0, "friction": 0.0}
 LAW = {"young": 1e9, "poisson": 0.2, "mu": 0.3}
@@ -111,7 +111,7 @@ def test_the_sentence_says_where_it_wanted_to_fail_and_where_the_peak_is(result)
         r"first at a strain of 0\.008, where second-order work is negative; the peak angle is at 0\.00\d+\.$",
         text,
     )
-    numbers = estimates(result._replace(runs=(first, result.runs[1])))
+    numbers = MEASURES.of(result._replace(runs=(first, result.runs[1])))
     assert numbers["strain_at_cone"].mean == 8e-3 and numbers["cone_direction"].mean == 315
     calm = result.runs[0]._replace(probes=(with_work(result.runs[0].probes[1], np.ones(32)),))
     quiet = result._replace(runs=(calm, result.runs[1]))
@@ -262,11 +262,7 @@ def test_the_map_of_directions_stands_at_the_strains_of_the_series(result, signs
     [
         ({"probes": {"strains": [0.5]}}, r"probes\.strains = 0\.5 was given: the path leads from 0 to 0\.008"),
         ({"probes": {"strains": [-1e-3]}}, r"probes\.strains = -0\.001 was given"),
-        ({"probes": {"strains": [float("nan")]}}, r"probes\.strains"),
-        ({"probes": {"strains": []}}, r"probes\.strains"),
         ({"probes": {"strains": [1e-3], "states": 3}}, "both given"),
-        ({"probes": {"states": 0}}, r"probes\.states"),
-        ({"probes": {"directions": 0}}, r"probes\.directions"),
         ({"probes": {"direction": 8}}, r"\[probes\] has no key 'direction': did you mean 'directions'"),
         ({"probes": {}, "path": {"kind": "isotropic", "pressures": [200.0]}}, "choose a path with a strain"),
     ],

@@ -11,8 +11,8 @@ import stickslip as ss
 from stickslip.core.dynamics.cell_motion import strained
 from stickslip.core.laws.builtin import KT, MU
 from stickslip.core.state import SLIDE
-from stickslip.loading.biaxial import settle
-from stickslip.loading.shear import sheared
+from stickslip.loading.compression import settle
+from stickslip.loading.packing import sheared
 from stickslip.wings.status.matrices import linear_system
 
 KINDS = ("box", "sheared", "row", "gravity", "strained")

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import stickslip as ss
 from stickslip.wings.papers.quasi_rigid.cases import counterexample
 from stickslip.wings.status import cone_apex as room
+from stickslip.wings.status.apex_status import decide_statuses, reduce_to_contacts
 from stickslip.wings.status.cone_apex import (
     OPENS,
     SLIDES,
@@ -23,7 +24,6 @@ from stickslip.wings.status.cone_apex import (
     statuses_at_apex,
 )
 from stickslip.wings.status.matrices import linear_system, statuses, stiffness_matrix
-from stickslip.wings.status.opening import decide_statuses, reduce_to_contacts
 from tests.wings.status.test_status import jammed_disks
 
 SPRINGS = np.diag([1.0, 0.5])

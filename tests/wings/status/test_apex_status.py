@@ -7,8 +7,8 @@ import stickslip as ss
 from stickslip.core.control import between
 from stickslip.wings.status import apex_status
 from stickslip.wings.status.events import APEX
-from stickslip.wings.status.increment import external_force
 from stickslip.wings.status.status import Verdict
+from stickslip.wings.status.system import external_force
 from tests.wings.status.test_status_of_spheres import path_of, squeezed
 
 PRESS = 0.01

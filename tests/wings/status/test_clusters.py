@@ -8,7 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.state import SLIDE, STICK
 from stickslip.quasirigid import rigid_clusters
-from stickslip.wings.status.pebbles import PebbleGame
+from stickslip.wings.status.rigidity import PebbleGame
 
 LAW = ss.laws.linear(kn=1.0, kt=0.5, mu=0.4)
 BOTH = ("null-space", "pebbles")

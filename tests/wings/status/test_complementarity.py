@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from stickslip.wings.status.absence import farkas
-from stickslip.wings.status.enumeration import enumerate_rates, enumerate_solutions, status_map
-from stickslip.wings.status.lcp import Complementarity, inconsistent, lemke, principal_pivoting, scale_problem
-from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate
+from stickslip.wings.status.complementarity import (
+    Complementarity,
+    enumerate_rates,
+    enumerate_solutions,
+    inconsistent,
+    lemke,
+    principal_pivoting,
+    scale_problem,
+    status_map,
+)
+from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate, farkas
 from tests.wings.status import brute_force as brute
 
 KINDS = ("P", "any", "Z", "singular", "twins", "integers", "skew", "hidden Z")
@@ -131,6 +138,17 @@ def test_verdicts_do_not_depend_on_units():
 def test_signs_of_rates_do_not_depend_on_units(unit):
     assert inconsistent(np.array([True, False]), unit * np.array([-1.0, 0.5])).all()
     assert not inconsistent(np.array([True, False, False]), unit * np.array([-1e-10, 1e-10, -1.0])).any()
+
+
+def test_slips_of_lemke_are_in_the_units_of_the_problem():
+    """A P-matrix with rows and columns in other units: its one solution satisfies the problem as it was given."""
+    rng = np.random.default_rng(0)
+    rows, columns = 2.0 ** rng.integers(-20, 20, (2, 5))
+    a = rows[:, None] * (np.eye(5) + 0.1 * rng.normal(size=(5, 5))) * columns
+    q = -rows * rng.uniform(0.5, 1.0, 5)
+    slip = lemke(Complementarity(a, q))
+    np.testing.assert_allclose(slip, np.linalg.solve(a, -q), rtol=1e-10)
+    assert (slip > 0).all()
 
 
 def test_two_contacts_of_one_disk_are_singular_whatever_round_off_says():

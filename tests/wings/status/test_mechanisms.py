@@ -5,7 +5,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.wings.status.matrices import linear_system, stiffness_matrix
-from stickslip.wings.status.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
+from stickslip.wings.status.rigidity import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
 from tests.conftest import make_law
 
 

@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.wings.papers.quasi_rigid import growth, sliding
+from stickslip.wings.papers.quasi_rigid import cases
 from stickslip.wings.status.matrices import linear_system, quadratic_form
 
 
 def test_speed_through_a_mechanism_is_force_over_mass_times_time():
-    motion = growth.through_mechanism()
+    motion = cases.through_mechanism()
     assert motion.power == pytest.approx(1, abs=1e-6)
-    assert motion.speed == pytest.approx(growth.PUSH * growth.OVERLAP * motion.time, rel=1e-6)  # the mass is 1
+    assert motion.speed == pytest.approx(cases.PUSH * cases.OVERLAP * motion.time, rel=1e-6)  # the mass is 1
     assert motion.predicted == 0
 
 
 def test_speed_through_an_instability_grows_at_the_rate_of_the_lowest_eigenvalue():
-    motion = growth.through_instability()
+    motion = cases.through_instability()
     assert motion.predicted > 0.1
     assert motion.rate == pytest.approx(motion.predicted, rel=1e-3)
     assert motion.power > 2
 
 
 def test_a_flatter_groove_is_stable():
-    motion = growth.follow_motion(*growth.disk_in_groove(steep=60.0), 1e-10 * np.array([0.0, 1.0]), 30.0)
+    motion = cases.follow_motion(*cases.disk_in_groove(steep=60.0), 1e-10 * np.array([0.0, 1.0]), 30.0)
     assert motion.predicted == 0
     assert motion.speed[-1] < 1e-9
 
@@ -37,20 +37,20 @@ def test_a_sticking_hertzian_contact_contributes_positively_below_a_limit_of_mu(
     def make(kn, _, friction, coulomb):
         return ss.laws.hertz_mindlin(kn, kn / 4, friction, coulomb=coulomb)
 
-    made = growth.disk_in_groove(mu, make=make)
+    made = cases.disk_in_groove(mu, make=make)
     springs = linear_system(*made, rattlers=True).springs
-    factor = growth.KT / 0.25  # the slip was made for this k_t, and at the limit it is larger
+    factor = cases.KT / 0.25  # the slip was made for this k_t, and at the limit it is larger
     springs[:, 1, 0] *= factor
     assert (np.linalg.eigvalsh(0.5 * (springs + springs.transpose(0, 2, 1))).min() > 0) == positive
 
 
 def test_shares_of_sliding_contacts_are_those_of_the_quadratic_form():
-    state, law = growth.disk_in_groove()
+    state, law = cases.disk_in_groove()
     m = linear_system(state, law, rattlers=True)
     v = np.array([0.3, -0.2, -0.5])
-    (share,) = sliding.sliding_shares(m, v, m.limit)
+    (share,) = cases.sliding_shares(m, v, m.limit)
     n, t = (m.c.T @ v).reshape(-1, 2)[m.limit][0]
-    expected = n**2 - growth.FRICTION * t * n * m.sign[m.limit][0]  # Eq 45 with K_n = 1
+    expected = n**2 - cases.FRICTION * t * n * m.sign[m.limit][0]  # Eq 45 with K_n = 1
     assert share == pytest.approx(expected / quadratic_form(m, v, m.limit))
     assert share < 0
 
@@ -59,25 +59,25 @@ def test_the_least_stable_status_by_brute_force():
     """Both contacts of a groove at the limit: k = c K S cᵀ of four statuses from dense matrices, for all signs."""
     seen = set()
     for mu, steep, first, second in product((0.2, 2.0), (10.0, 30.0, 60.0), (-1.0, 1.0), (-1.0, 1.0)):
-        m = linear_system(*growth.disk_in_groove(mu, steep=steep), rattlers=True)
+        m = linear_system(*cases.disk_in_groove(mu, steep=steep), rattlers=True)
         m = m._replace(limit=np.ones(2, bool), sign=np.array([first, second]))
         c, values, minors = m.c.toarray(), [], []
         for slides in product((False, True), repeat=2):
             block = np.zeros((4, 4))
             for k, slide in enumerate(slides):
-                s = [[1, 0], [-mu / growth.KT * m.sign[k], 0]] if slide else np.eye(2)
-                block[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.diag([1.0, growth.KT]) @ s
+                s = [[1, 0], [-mu / cases.KT * m.sign[k], 0]] if slide else np.eye(2)
+                block[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.diag([1.0, cases.KT]) @ s
             k = c @ block @ c.T
             values.append(np.linalg.eigvalsh(k + k.T)[0])
             minors.append(np.linalg.det(k + m.geometric.toarray()))
         least = values[-1] <= min(values) + 1e-9, minors[-1] <= min(minors) + 1e-9
-        assert (sliding.least_eigenvalue(m), sliding.least_determinant(m, np.ones(3))) == least
+        assert (cases.least_eigenvalue(m), cases.least_determinant(m, np.ones(3))) == least
         seen |= {("value", least[0]), ("det", least[1])}
     assert len(seen) == 4
 
 
 def test_the_geometric_stiffness_is_proportional_to_the_overlap():
-    assert sliding.geometric_slope(0, disks=12) == pytest.approx(1, abs=0.15)
+    assert cases.geometric_slope(0, disks=12) == pytest.approx(1, abs=0.15)
 
 
 def test_switches_of_a_contact_on_a_wall_that_goes_back_and_forth():
@@ -94,7 +94,7 @@ def test_switches_of_a_contact_on_a_wall_that_goes_back_and_forth():
     state, _, _ = ss.run(state, law, 150, 0.1)  # the contact slides after 5 units of time
     state = state._replace(time=0.0)
     key = state.contacts.key[: int(state.contacts.count[0])]
-    switches, energy = sliding._watch(state, law, key)
+    switches, energy = cases._watch(state, law, key)
     sticks = 2 * 0.5 * 0.01 / speed
-    assert sticks == pytest.approx(10) and sliding.TIME == 200
+    assert sticks == pytest.approx(10) and cases.TIME == 200
     assert switches == 2 * (turns < 200 - sticks).sum() and energy == 0

@@ -5,9 +5,9 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.measure import mean_normal_force
+from stickslip.wings.status.events import gaps, move_aside, release_rattlers
 from stickslip.wings.status.increment import PathState
 from stickslip.wings.status.path import _reinstate_wedged
-from stickslip.wings.status.rattling import gaps, move_aside, release_rattlers
 
 LAW = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
 

@@ -9,12 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stickslip as ss
-from stickslip.loading.biaxial import TOP
-from stickslip.wings.status import absence
+from stickslip.loading.compression import TOP
 from stickslip.wings.status import status as room
+from stickslip.wings.status import uniqueness
 from stickslip.wings.status.apex_status import contact_status
-from stickslip.wings.status.enumeration import AllSolutions, Solution, enumerate_solutions, status_map
-from stickslip.wings.status.lcp import Complementarity, complementarity, lemke
+from stickslip.wings.status.complementarity import (
+    AllSolutions,
+    Complementarity,
+    Solution,
+    complementarity,
+    enumerate_solutions,
+    lemke,
+    status_map,
+)
 from stickslip.wings.status.matrices import force_rates, linear_system, stiffness_matrix
 from stickslip.wings.status.status import Verdict
 from stickslip.wings.status.system import StatusSolver, pinned_coordinates
@@ -263,12 +270,12 @@ def test_a_certificate_of_farkas_is_verified_before_it_is_believed(monkeypatch):
     made = Complementarity(np.eye(3), np.array([-1.0, 2.0, -3.0]))  # λ = (1, 0, 3)
     for wrong in ([1.0, 0, 0, 1.0], [0, 0, 1.0, 1.0], [np.nan, 0, 0, 1.0]):
         answer = SimpleNamespace(status=0, x=np.array(wrong))
-        monkeypatch.setattr(absence, "linprog", lambda *_, answer=answer, **__: answer)
-        assert absence.farkas(made) is None
+        monkeypatch.setattr(uniqueness, "linprog", lambda *_, answer=answer, **__: answer)
+        assert uniqueness.farkas(made) is None
     monkeypatch.undo()
-    proof = absence.farkas(Complementarity(np.array([[0.0]]), np.array([-1.0])))  # a motion that nothing resists
+    proof = uniqueness.farkas(Complementarity(np.array([[0.0]]), np.array([-1.0])))  # a motion that nothing resists
     assert proof.slip > 1e9
-    assert absence.farkas(Complementarity(np.array([[1e-7]]), np.array([-1.0]))) is None  # λ = 1e7
+    assert uniqueness.farkas(Complementarity(np.array([[1e-7]]), np.array([-1.0]))) is None  # λ = 1e7
 
 
 def test_a_solver_whose_answer_is_not_consistent_is_not_believed(monkeypatch):
@@ -390,9 +397,9 @@ def test_a_motion_that_is_resisted_or_not_driven_is_no_mechanism():
     system = StatusSolver(m, down, np.array([0]), True)
     v, u = status.velocity[system.kept], status.balance[system.kept]
     across = np.array([-v[1], v[0]])
-    assert absence._verify_motion(system, v, u, slides).power == pytest.approx(status.power)
-    assert absence._verify_motion(system, v, u, ~slides) is None  # it sticks
-    assert absence._verify_motion(system, across, u, slides) is None
-    assert absence._verify_motion(system, v, across, slides) is None
+    assert uniqueness._verify_motion(system, v, u, slides).power == pytest.approx(status.power)
+    assert uniqueness._verify_motion(system, v, u, ~slides) is None  # it sticks
+    assert uniqueness._verify_motion(system, across, u, slides) is None
+    assert uniqueness._verify_motion(system, v, across, slides) is None
     idle = StatusSolver(m, np.array([-status.balance[1], status.balance[0]]), np.array([0]), True)
-    assert absence._verify_motion(idle, v, u, slides) is None
+    assert uniqueness._verify_motion(idle, v, u, slides) is None

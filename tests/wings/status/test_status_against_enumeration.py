@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
-from stickslip.wings.status.absence import Absence, UnresistedMotion
 from stickslip.wings.status.apex_status import contact_status
-from stickslip.wings.status.lcp import complementarity
+from stickslip.wings.status.complementarity import complementarity
 from stickslip.wings.status.matrices import linear_system, stiffness_matrix
 from stickslip.wings.status.status import Verdict
 from stickslip.wings.status.system import regular_stiffness
-from stickslip.wings.status.uniqueness import UniquenessVerdict, certificate
+from stickslip.wings.status.uniqueness import Absence, UniquenessVerdict, UnresistedMotion, certificate
 from tests.wings.status import brute_force as brute
 from tests.wings.status.five_packings import KINDS, on_the_cone, sample, spheres
 

@@ -8,11 +8,10 @@ import pytest
 
 import stickslip as ss
 from stickslip.core.control import between
-from stickslip.wings.status.cone_apex import OPENS, SLIDES, STICKS, Apex
-from stickslip.wings.status.increment import OUT_OF_BALANCE, external_force
-from stickslip.wings.status.round_cone import round_cone_stretch, status_on_round_cones
+from stickslip.wings.status.cone_apex import OPENS, SLIDES, STICKS, Apex, round_cone_stretch, status_on_round_cones
+from stickslip.wings.status.increment import OUT_OF_BALANCE
 from stickslip.wings.status.status import Verdict
-from stickslip.wings.status.system import _coordinates_of_bridges, rolling_motions
+from stickslip.wings.status.system import _coordinates_of_bridges, external_force, rolling_motions
 from tests.wings.status.five_packings import spheres
 
 

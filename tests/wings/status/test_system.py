@@ -8,8 +8,7 @@ import stickslip as ss
 from stickslip.wings.status import status as room
 from stickslip.wings.status import system as fast
 from stickslip.wings.status.apex_status import contact_status
-from stickslip.wings.status.enumeration import status_map
-from stickslip.wings.status.lcp import Complementarity, complementarity, principal_pivoting
+from stickslip.wings.status.complementarity import Complementarity, complementarity, principal_pivoting, status_map
 from stickslip.wings.status.matrices import linear_system, stiffness_matrix
 from stickslip.wings.status.status import Verdict
 from stickslip.wings.status.system import StatusSolver, elimination_order, pinned_coordinates

@@ -8,9 +8,8 @@ import pytest
 import stickslip as ss
 from stickslip.wings.status.apex_status import contact_status
 from stickslip.wings.status.matrices import linear_system, stiffness_matrix
-from stickslip.wings.status.null_modes import IDLE, RIGID, mechanisms
+from stickslip.wings.status.rigidity import IDLE, RIGID, mechanisms, rigid_rotation
 from stickslip.wings.status.system import pinned_coordinates
-from stickslip.wings.status.walls import rigid_rotation
 
 N, ARM = 60, 3.0  # with 30 disks, walls of which few disks hold turn by mechanisms of their own
 
@@ -147,7 +146,7 @@ def test_status_takes_turning_walls():
 
 def test_walls_that_cannot_turn_are_refused():
     state, law = boxed(1e-3)
-    with pytest.raises(ValueError, match="half the length"):
+    with pytest.raises(ValueError, match="must be positive"):
         linear_system(state, law, wall_arm=-1.0)
     group = state.control.group.copy()
     group[N:] = 0

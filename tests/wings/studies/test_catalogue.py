@@ -9,10 +9,10 @@ from PIL import Image
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.runs.writer import write_result
+from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
 from stickslip.wings.studies.catalogue import read_table, report, simulate
-from stickslip.wings.studies.catalogue.measures import measures
+from stickslip.wings.studies.catalogue.report import MEASURES
 from stickslip.wings.studies.catalogue.tables import event_table, rows_of, stack_tables, step_table, write_table
 from tests.conftest import save_noise
 from tests.events.made import events_of, samples
@@ -213,7 +213,7 @@ def test_tables_without_events_do_not_take_columns_from_others(tmp_path):
 
 def test_measures_are_those_of_the_table(made):
     result = ss.simulate(scenario(events=5), workers=1)
-    numbers = {name: value for name, (value, _) in measures(result).items()}
+    numbers = {name: value for name, (value, _) in MEASURES(result).items()}
     assert numbers["events"] == 5 and numbers["packings"] == 2
     assert numbers["events_per_strain"] == pytest.approx(
         5 / sum(s.found.steps.strain[-1] + 4e-4 for s in result.samples)
@@ -251,5 +251,5 @@ def test_a_run_without_events_is_still_reported(monkeypatch, capsys):
     assert result.number == 0 and list(report.figures(result)) == []
     report.show(result)
     assert "0 events in 1 packing," in capsys.readouterr().out
-    numbers = {name: value for name, (value, _) in measures(result).items()}
+    numbers = {name: value for name, (value, _) in MEASURES(result).items()}
     assert numbers["events_per_strain"] == 0 and np.isnan(numbers["saddle_node_exponent"])

@@ -9,7 +9,7 @@ import stickslip as ss
 from stickslip.core.contacts.forces import forces
 from stickslip.core.state import SLIDE
 from stickslip.loading import threshold as kinetic
-from stickslip.loading.shear import wrapped
+from stickslip.loading.packing import wrapped
 from stickslip.loading.threshold import fit_threshold, travel
 
 PRESS, MU, MASS = 0.01, 0.4, 1.0

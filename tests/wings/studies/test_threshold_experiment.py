@@ -197,13 +197,9 @@ def test_the_load_of_an_array_is_its_push_over_the_normal_force():
             {"load": {"loads": []}},
             r"load.loads = \[\] was given: give a list of one or more numbers, such as \[0.03, 0.04\]",
         ),
-        ({"load": {"loads": 0.01}}, "load.loads = 0.01 was given: give a list"),
-        ({"load": {"loads": "many"}}, "load.loads = 'many' was given: give a list"),
         ({"kicks": {"velocities": 1e-4}}, "kicks.velocities = 0.0001 was given: give a list"),
         ({"kicks": {"velocities": [1e-4, 1e-6, 1e-4]}}, "give each velocity once"),
-        ({"kicks": {"ramps": 0}}, "kicks.ramps = 0 was given"),
         ({"load": {"loads": [1.0], "step": 1e-9}}, "use a larger load.step"),
-        ({"kicks": {"velocities": [-1.0]}}, "kicks.velocities"),
         ({"kicks": {"dt": 1.0, "duration": 10.0}}, "at least 40 steps are needed"),
     ],
 )

@@ -172,7 +172,7 @@ def _post(row: np.ndarray, before: State, after: State, law: Law, *, dt: float =
     return Dissipation(*shares[: int(after.contacts.count[0])].T.copy())
 
 
-class Account:
+class PathLedger:
     """Running ledger along a path of equilibria, in which small steps and runs may alternate."""
 
     def __init__(self, state: State, law: Law):

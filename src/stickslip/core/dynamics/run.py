@@ -166,7 +166,7 @@ def _run_elsewhere(engine: Engine, leg: Leg, asked: list[str]) -> tuple[State, R
     return end, record, Outcome(Status.DONE, np.nan, leg.steps)
 
 
-def sample(state: State, leg: Leg) -> Record:
+def take_sample(state: State, leg: Leg) -> Record:
     """Record with one sample, a state that another engine has computed during a leg."""
     return run(state, leg.law, 0, leg.dt, every=1, reference=leg.state.grains.position)[1]
 

@@ -21,6 +21,7 @@ from .builtin import (
     DAMPING_N,
     DAMPING_T,
     KEEPS_FORCE,
+    KT,
     LEVER,
     NO_TENSION,
     ROLLING,
@@ -33,7 +34,7 @@ from .builtin import (
     damping_model,
     parameter_names,
 )
-from .kinds import HELP, USER_LAWS, Kind, UserLaw, bound, check_kind, find_user_law, update_memory
+from .kinds import HELP, USER_LAWS, Kind, UserLaw, bound, check_kind, evaluate_role, find_user_law, update_memory
 from .properties import angular_columns
 from .restitution import dashpot_coefficients
 from .validation import sample_points
@@ -328,3 +329,28 @@ def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, no
     core.law_values(struct | {"damping": law.damping & ~NO_TENSION}, points | results)
     values = tuple(results[name] for name in wanted)
     return values if len(values) > 1 else values[0]
+
+
+def largest_stiffness(law: Law, r_eff: float, deepest: float) -> float:
+    """Largest stiffness of a law, of its first materials, between the end of its range and an overlap [force/length].
+
+    That of a built-in law grows with the overlap. The rolling stiffness of a user-defined law is converted to k_r m/I,
+    with the I of spheres.
+    """
+    values = law.table[0, 0].tolist()
+    if not isinstance(law.kind, Kind):
+        own = dict(zip(parameter_names(law), values, strict=True))
+        slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=deepest, r_eff=r_eff)
+        return max(slopes[0], tangential, own.get("k_unload", 0.0))
+    functions, most = find_user_law(law.kind).functions, 0.0
+    end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
+    for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):
+        at = {"overlap": complex(x, STEP), "r_eff": r_eff}
+        most = max(most, abs(np.imag(evaluate_role(law.kind, "normal_force", values, **at))) / STEP)
+        if "tangential_stiffness" in functions:
+            most = max(most, np.real(evaluate_role(law.kind, "tangential_stiffness", values, **at)))
+        if "rolling_stiffness" in functions:
+            most = max(
+                most, np.real(evaluate_role(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2)
+            )
+    return max(float(most), float(values[KT]) if "tangential_stiffness" not in functions else 0.0)

@@ -5,8 +5,8 @@ import warnings
 
 import numpy as np
 
-from .builtin import KT, STEP, Law
-from .kinds import HELP, ROLES, USER_LAWS, UserLaw, bound, evaluate_role, find_user_law, update_memory
+from .builtin import STEP, Law
+from .kinds import HELP, ROLES, USER_LAWS, UserLaw, bound, update_memory
 
 MAX_RANGE = 100.0  # of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
@@ -202,25 +202,6 @@ def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
         f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: the force is discontinuous "
         f"when contacts close and open there, and energy is conserved only as far as the time step resolves the jump"
     )
-
-
-def largest_stiffness(law: Law, values, r_eff: float, deepest: float) -> float:
-    """Largest stiffness of a user-defined law between the end of its range and an overlap [force/length].
-
-    The rolling stiffness is converted to k_r m/I, with the I of spheres.
-    """
-    functions, most = find_user_law(law.kind).functions, 0.0
-    end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
-    for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):
-        at = {"overlap": complex(x, STEP), "r_eff": r_eff}
-        most = max(most, abs(np.imag(evaluate_role(law.kind, "normal_force", values, **at))) / STEP)
-        if "tangential_stiffness" in functions:
-            most = max(most, np.real(evaluate_role(law.kind, "tangential_stiffness", values, **at)))
-        if "rolling_stiffness" in functions:
-            most = max(
-                most, np.real(evaluate_role(law.kind, "rolling_stiffness", values, **at)) / (0.4 * (2 * r_eff) ** 2)
-            )
-    return max(float(most), float(values[KT]) if "tangential_stiffness" not in functions else 0.0)
 
 
 def locate_error(problem: BaseException, path) -> str:

@@ -26,7 +26,7 @@ from ...core.state import State
 from ...core.units import Units, current_units, units_from
 from .. import archive
 from ..atomic import replace_atomically
-from ..sample import AssumedColumns, Assumption, PackingError, law_by_name, repeated_note
+from ..sample import COLUMNS, Assumption, PackingError, law_by_name, repeated_note
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state
 from .frame import Frame, law_to_dict, list_losses, without_walls
@@ -94,7 +94,8 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
         flat = next(iter(arrays.values())) if list(arrays) == [""] else None
         notes = [Assumption(extent_note(path.name))]
         if flat is not None and flat.ndim == 2 and flat.shape[1] == 4:
-            notes = [AssumedColumns(f"{path.name} has four columns without names: x y z radius is assumed"), *notes]
+            text = f"{path.name} has four columns without names: x y z radius is assumed"
+            notes = [Assumption(text, COLUMNS), *notes]
             arrays = dict(zip(("x", "y", "z", "radius"), flat.T, strict=True))
         elif flat is not None:
             arrays = {name: flat[name] for name in flat.dtype.names or ()}

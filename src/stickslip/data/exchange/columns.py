@@ -1,11 +1,12 @@
-"""Columns of grains under the names that programs give them: positions, radii, masses, velocities, numbers."""
+"""Columns of grains and of contacts under the names that programs give them, or without names, by their content."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 
 from ...known import HARMLESS, USED
-from ..sample import Assumption, PackingError, account_for
+from ..sample import Assumption, Obstacle, PackingError, account_for
 from .content import Packing
 
 PLACES = (
@@ -15,30 +16,21 @@ PLACES = (
 MOTIONS = ("v", "vel", "velo", "velocity", "velocities", "linvel", "linvelvec")
 TURNS = ("w", "omega", "spin", "angvel", "angvelvec", "angularvelocity")
 SINGLE = {
-    "radius": ("r", "rad", "radius", "radii", "ballradius", "particleradius"),
-    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter"),
+    "radius": ("r", "rad", "radius", "radii", "ballradius", "particleradius", "cradius"),
+    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter", "cdiameter"),
     "mass": ("m", "mass", "masses", "particlemass"),
     "density": ("rho", "density", "densities"),
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
 }
 KINDS = (
-    "type",
-    "types",
-    "material",
-    "materials",
-    "mat",
-    "matid",
-    "materialid",
-    "species",
-    "kind",
-    "atomtype",
-    "particletype",
-    "particlematerial",
-)
+    "type", "types", "material", "materials", "mat", "matid", "materialid", "species", "kind", "atomtype",
+    "particletype", "particlematerial",
+)  # fmt: skip
 TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
 LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
 LENGTHS |= {*SINGLE["radius"], *SINGLE["diameter"]}
+CLOSE = 1e-3  # relative deviation of numbers with few digits
 NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
 
 
@@ -92,36 +84,49 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         lacks = "no positions" if "position" not in known else "no radii"
         there = f"columns {some}: {lacks} among them;" if some else "no columns:"
         raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
-    arrays = {n: known[n] for n in ("position", "velocity", "mass") if n in known}
-    arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
-    arrays |= more
     notes = []
-    if arrays["position"].shape[1] == 2 or not np.any(arrays["position"][:, 2:]):
-        arrays["dim"] = 2
+    if known["position"].shape[1] == 2 or not np.any(known["position"][:, 2:]):
+        more = {**more, "dim": 2}
         notes.append(Assumption(f"{what} has no third coordinate: its grains are taken as disks in a plane"))
-    if "spin" in known and known["spin"].shape[1] == 3:
-        arrays["spin"] = known["spin"]
-    elif arrays.get("dim") == 2 and (turn := _column_of(TURNS, rest, columns)):
-        arrays["spin"] = np.outer(columns[turn], [0.0, 0.0, 1.0])
+    if known.get("spin", np.zeros((0, 3))).shape[1] != 3:
+        del known["spin"]
+    if "spin" not in known and more.get("dim") == 2 and (turn := _column_of(TURNS, rest, columns)):
+        known["spin"] = np.outer(columns[turn], [0.0, 0.0, 1.0])
         rest = [name for name in rest if name != turn]
-    if "mass" not in arrays:
-        arrays["density"] = known.get("density", 1.0)
-        notes += [] if "density" in known else [mass_note(what)]
-    types = None
     if kind := _column_of(KINDS, rest, columns):
-        types, rest = _numbered(np.asarray(columns[kind])), [name for name in rest if name != kind]
-    notes += [*at_rest(what, arrays), *_notes_on_columns(what, columns, rest)]
+        known["types"], rest = _numbered(np.asarray(columns[kind])), [name for name in rest if name != kind]
     ids = known.get("id")
-    if ids is not None and len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all():
-        order = np.argsort(ids, kind="stable")
-        ids = ids[order].astype(np.int64)
-        arrays = {
-            n: a[order] if np.ndim(a) and len(a) == len(order) and n not in UNSORTED else a for n, a in arrays.items()
-        }
-        types = None if types is None else types[order]
-    else:
-        ids = None
-    return Packing(name, arrays, notes, ids=ids, types=types)
+    if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):
+        del known["id"]
+    ids, arrays, said = arrange_grains(what, known, more.get("dim", 3))
+    types = arrays.pop("types", None)
+    notes += [*said, *_notes_on_columns(what, columns, rest)]
+    return Packing(name, arrays | more, notes, ids=ids, types=types)
+
+
+def arrange_grains(
+    what: str, known: dict[str, np.ndarray], dim: int = 3, *, volume: float | None = None
+) -> tuple[np.ndarray | None, dict, list[str]]:
+    """Ids and arrays of grains in their order, and notes on what is missing or contradictory.
+
+    Parameters
+    ----------
+    known : columns by the names of `from_arrays`, `radius` or `diameter`, and `id`, `types`, `force`
+    volume : of a grain of radius 1 where the masses of a file with densities are always those of spheres
+    """
+    arrays = {n: known[n] for n in ("position", "velocity", "spin", "mass", "types", "force") if n in known}
+    arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
+    notes = contradictions(what, known, dim)
+    if "mass" not in known:
+        density = known.get("density", 1.0)
+        arrays |= {"density": density} if volume is None else {"mass": density * volume * arrays["radius"] ** 3}
+        notes += [] if "density" in known else [mass_note(what)]
+    notes += at_rest(what, known)
+    if "id" not in known:
+        return None, arrays, notes
+    order = np.argsort(known["id"], kind="stable")
+    ids = known["id"][order].astype(np.int64)
+    return ids, {name: column[order] if np.ndim(column) else column for name, column in arrays.items()}, notes
 
 
 def _column_of(names: tuple[str, ...], rest: list[str], columns: dict[str, np.ndarray]) -> str | None:
@@ -137,30 +142,162 @@ def _numbered(kinds: np.ndarray) -> np.ndarray:
 
 
 def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:
-    """Account of the columns, and notes on those that are not understood; what is zero everywhere acts on nothing."""
-    used = {name: USED for name in columns if name not in rest}
-    zero = {name: HARMLESS for name in rest if np.ndim(columns[name]) and not np.any(columns[name])}
-    own = {name: HARMLESS for name in rest if _differs(plain_name(name), np.asarray(columns[name]))}
-    return account_for("column of a table", columns, what, used | zero | own, plain_name)
+    """Account of the columns, and notes on those that are not understood.
+
+    What is zero everywhere acts on nothing; accelerations that differ from grain to grain are those by contacts too.
+    """
+    groups = {name: USED for name in columns if name not in rest}
+    for name in rest:
+        column = np.atleast_1d(columns[name])
+        own = re.fullmatch(r"accel.*|a.", plain_name(name)) and np.ptp(column, axis=0).any()
+        if np.ndim(columns[name]) and (own or not np.any(column)):
+            groups[name] = HARMLESS
+    return account_for("column of a table", columns, what, groups, plain_name)
 
 
-def _differs(name: str, column: np.ndarray) -> bool:
-    """Whether a column has accelerations that differ from grain to grain, which are those by contacts as well."""
-    return bool(re.fullmatch(r"accel.*|a.", name)) and column.ndim > 0 and bool(np.ptp(column, axis=0).any())
+def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> list[str]:
+    """Notes on radii and masses that differ from the diameters and densities of the same grains.
+
+    A factor that is the same for all grains, as of another unit of density, changes no sign of an eigenvalue.
+    """
+    radius = known["radius"] if "radius" in known else known["diameter"] / 2
+    pairs = [("radius", "half the diameter", radius, known["diameter"] / 2)] if "diameter" in known else []
+    if {"mass", "density"} <= set(known):
+        volumes = [4 / 3 * np.pi * radius**3, *([np.pi * radius**2] if dim == 2 else [])]
+        weighed = min((known["density"] * volume for volume in volumes), key=lambda m: np.abs(m - known["mass"]).max())
+        pairs.append(("mass", "density times volume", known["mass"], weighed))
+    notes = []
+    for name, other, ours, theirs in pairs:
+        k = int(np.argmax(np.abs(ours - theirs)))
+        told = f"{what}: {name} is {ours[k]:.4g}, and {other} {theirs[k]:.4g}"
+        same = np.ptp(ours * theirs[k] - theirs * ours[k]) <= CLOSE * abs(ours[k] * theirs[k])
+        if abs(ours[k] - theirs[k]) <= CLOSE * abs(ours[k]):
+            continue
+        if name == "mass" and same:
+            notes.append(Assumption(f"{told}: {name} is used"))
+        else:
+            notes.append(Obstacle(f"{told}, in row {k + 1} of {len(ours)}: leave one of them out"))
+    return notes
 
 
-def at_rest(what: str, arrays: dict) -> list[str]:
+def at_rest(what: str, known: dict) -> list[Assumption]:
     """Note that motion which a file does not have is taken to be zero."""
-    lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in arrays]
+    lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in known]
     if not lacking:
         return []
     how = {"velocities": "not to move", "spins": "not to turn"}[lacking[0]] if len(lacking) == 1 else "to be at rest"
     return [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken {how}")]
 
 
-UNSORTED = ("cell", "periodic")
-
-
 def mass_note(what: str) -> Assumption:
     """Note on masses that a file does not have."""
     return Assumption(f"{what} has no masses: those of grains of density 1 are assumed")
+
+
+SLACK = 1e-3  # relative deviation of what has few digits
+MOST = 40  # columns
+TOTAL = "Fx", "Fy", "Fz"
+
+
+def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """(M, 3) vectors from grain j to the nearest image of grain i [length]."""
+    place = np.asarray(packing.arrays["position"])
+    branch = place[i] - place[j]
+    if "cell" in packing.arrays:
+        cell, periodic = np.asarray(packing.arrays["cell"]), np.asarray(packing.arrays.get("periodic", (True,) * 3))
+        for axis in (2, 1, 0):
+            if periodic[axis]:
+                branch = branch - np.round(branch[:, axis] / cell[axis, axis])[:, None] * cell[axis]
+    return branch
+
+
+def group_hint(packing: Packing) -> str:
+    """Sentence on grains that are those of a group, by gaps in their numbers; empty for all grains."""
+    ids = np.zeros(0, int) if packing.ids is None else packing.ids
+    if not len(ids) or ids[-1] == len(ids):
+        return ""
+    return f"the {len(ids)} grains have ids up to {ids[-1]}, as in the dump of a group; give one of all grains"
+
+
+def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> list[str]:
+    """Names of columns of contacts, in the order in which they are; "" for what is not needed.
+
+    The two columns of ids name grains that touch. The distance and the branch vector of each pair follow from the
+    positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it. If
+    there is neither, the last three columns that are neither positions nor distances are the total force.
+
+    Parameters
+    ----------
+    values : (M, columns)
+
+    Raises
+    ------
+    PackingError
+        if no columns fit.
+    """
+    names, ids = [""] * values.shape[1], packing.ids
+    ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)
+    if ends is None or ids is None:
+        raise PackingError(
+            f"{path} has {values.shape[1]} columns without names, none of which are the ids of grains that touch: "
+            f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"
+        )
+    i, j = np.searchsorted(ids, values[:, ends : ends + 2].astype(np.int64)).T
+    names[ends : ends + 2] = "i", "j"
+    branch = pair_branches(packing, i, j)
+    length = np.linalg.norm(branch, axis=1)
+    for k in range(values.shape[1]):
+        if not names[k] and _is_small(values[:, k] - length, length):
+            names[k] = "dist"
+            break
+    normal, at = branch / length[:, None], 0
+    while at + 3 <= min(values.shape[1], MOST):
+        kind = "" if any(names[at : at + 3]) else _kind_of_vector(values[:, at : at + 3], branch, normal, names)
+        names[at : at + 3] = [kind + axis for axis in "xyz"] if kind else names[at : at + 3]
+        at += 3 if kind else 1
+    if "tx" in names:
+        return names
+    return _with_total_force(names, values, packing, (i, j), normal)
+
+
+def _is_small(rest: np.ndarray, whole: np.ndarray) -> bool:
+    """Return True if what remains is a small share of the whole."""
+    return bool(np.abs(rest).sum() <= SLACK * np.abs(whole).sum())
+
+
+def _are_pairs(columns: np.ndarray, packing: Packing) -> bool:
+    """Return True if two columns are ids of grains of which nearly all pairs touch."""
+    if not (columns == np.round(columns)).all() or not np.isin(columns, packing.ids).all():
+        return False
+    i, j = np.searchsorted(packing.ids, columns.astype(np.int64)).T
+    reach = np.asarray(packing.arrays["radius"])[i] + np.asarray(packing.arrays["radius"])[j]
+    near = np.linalg.norm(pair_branches(packing, i, j), axis=1) < (1 + SLACK) * reach
+    return bool((i != j).all() and near.mean() > 0.9)
+
+
+def _kind_of_vector(vector: np.ndarray, branch: np.ndarray, normal: np.ndarray, names: list[str]) -> str:
+    """Kind of three columns: "d" branch vector, "f" normal force, "t" tangential force, or "" for something else."""
+    along = np.einsum("ck,ck->c", vector, normal)
+    across = vector - along[:, None] * normal
+    if "dx" not in names and _is_small(vector - branch, branch):
+        return "d"
+    if "fx" not in names and along.any() and _is_small(across, along) and along.sum() > 0:
+        return "f"
+    known = across.any() or "fx" in names  # without friction, tangential forces are zero
+    return "t" if "tx" not in names and known and _is_small(along, across) else ""
+
+
+def _with_total_force(names: list[str], values: np.ndarray, packing: Packing, ends, normal: np.ndarray) -> list[str]:
+    """Name the columns of the total force on the first grain, which presses the grains apart."""
+    place = np.asarray(packing.arrays["position"])
+    flags = (values == np.round(values)).all(axis=0)
+    for at in range(values.shape[1] - 3, -1, -1):
+        vector = values[:, at : at + 3]
+        known = any(names[at : at + 3]) or flags[at : at + 3].all()
+        if known or any(_is_small(vector - place[end], place[end]) for end in ends):
+            continue
+        along = np.einsum("ck,ck->c", vector, normal)
+        if along.sum() > 0.5 * np.linalg.norm(vector, axis=1).sum():
+            names[at : at + 3] = TOTAL
+            break
+    return names

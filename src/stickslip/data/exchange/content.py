@@ -6,8 +6,9 @@ import lzma
 import re
 import shlex
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,12 +17,13 @@ import numpy as np
 from ...core.laws.builtin import Law
 from ...core.reading import Budget, read_bytes
 from ...core.state import State
-from ...core.text import decode_text
+from ...core.text import decode_text, has_wide_letters
 from ..sample import Absent, PackingError
 
 HEAD = 2**14  # bytes at the beginning of a file that tell what it is
 FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
+MOST_DIGITS = 12  # of a number of grains
 LONGEST_LINE = 60  # characters of a line that a message quotes
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
@@ -119,11 +121,8 @@ def head_text(head: bytes) -> str:
 
 def first_lines(path: Path) -> str:
     """The first lines of a file for a message, or a word on what it is."""
-    try:
-        decode_text(head := read_content(path, HEAD), path, remedy="")
-    except ValueError as problem:
-        if "UTF-16" in str(problem):
-            raise PackingError(str(problem)) from None
+    if has_wide_letters(head := read_content(path, HEAD)):
+        raise PackingError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
     text = head_text(head)
     lines = [line.strip()[:LONGEST_LINE] for line in text.splitlines() if line.strip()][:2]
     return f"it begins with {' | '.join(lines)!r}" if lines else "it is binary" if head.strip() else "it is empty"
@@ -143,6 +142,30 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
         some = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
         raise PackingError(f"{path} has no frame {frame!r}: it has {some}")
     return [len(names) - 1 if frame is None else names.index(frame)]
+
+
+def split_frames(
+    path: Path, frame: str | None, widths: Container[int], above: int, what: str, needed: str
+) -> list[tuple[str, list[str]]]:
+    """Number and lines of the frames to read, of a text in which each begins with the number of its grains.
+
+    Parameters
+    ----------
+    widths : numbers of words that the first line of a frame may have
+    above : lines of a frame before those of its grains
+    what, needed : word for a frame, and what its first line must be, for messages
+    """
+    lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
+    while at < len(lines):
+        fields = lines[at].split()
+        if len(fields) not in widths or not fields[0].isdecimal() or len(fields[0]) > MOST_DIGITS:
+            raise PackingError(f"{path} has {lines[at][:60]!r} where {what} {len(starts)} begins: {needed}")
+        starts.append(at)
+        at += above + int(fields[0])
+    if at > len(lines):
+        raise PackingError(f"{path} ends within {what} {len(starts) - 1}: it is truncated, or still being written")
+    chosen = chosen_frames(path, [str(k) for k in range(len(starts))], frame)
+    return [(str(k), lines[start:end]) for k, (start, end) in enumerate(pairwise([*starts, at])) if k in chosen]
 
 
 def digits_note(texts: Sequence[str]) -> list[str]:

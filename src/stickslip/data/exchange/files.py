@@ -1,7 +1,10 @@
 """Reading packings, whose content tells the format, and writing them, in the format of the file extension."""
 
 import difflib
+import re
 import warnings
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,10 +17,12 @@ from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_n
 from ...core.laws.user import from_file
 from ...core.state import State
 from ...core.units import Units
+from ...wing import FileFormat, Wing, wings
 from .. import archive
 from ..sample import (
+    COLUMNS,
+    LAW,
     Absent,
-    AssumedColumns,
     Assumption,
     PackingError,
     PackingWarning,
@@ -26,27 +31,106 @@ from ..sample import (
     law_by_name,
     law_note,
     law_text,
+    naming,
+    notes_about,
     with_one_account,
 )
+from . import arrays, gsd_file, lammps_file, lammps_restart, table_file, vtk_file
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
-from .content import HEAD, Packing
-from .formats import find_format
-from .frame import Frame, frame_of
-from .graph import write_graph
+from .columns import at_rest, mass_note
+from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, read_content
+from .frame import Frame, frame_of, write_graph
 from .gsd_file import write_gsd
 from .lammps_file import build_state, complete_law_options, read_boundary, read_pairs
 from .lammps_folder import read_folder
-from .lammps_write import contacts_path, write_lammps
-from .table_file import contact_table_path, write_csv
+from .lammps_text import contacts_path, write_lammps
+from .table_file import contact_table_path, write_csv, write_xyz
 from .vtk_file import vtk_paths, write_vtk
-from .xyz_file import write_xyz
+
+
+class Format(NamedTuple):
+    """A format: whether the first bytes of a file, decompressed, are in it, and how to read the file."""
+
+    name: str
+    recognize: Callable[[bytes], bool]
+    read: Callable[..., list[Packing]]
+    of_lammps: bool = False  # whether it takes the options for LAMMPS's files
+    packs: bool = True  # whether files compressed as a whole are read
+
+
+FORMATS = (
+    Format(".npz and .npy of NumPy", arrays.recognize, arrays.read, packs=False),
+    Format("archives of stickslip (.h5)", arrays.recognize_archive, arrays.read_archive, packs=False),
+    Format("GSD", gsd_file.recognize, gsd_file.read, packs=False),
+    Format("LAMMPS restart", lammps_restart.recognize, lammps_restart.read),
+    Format("LAMMPS dump", lammps_file.recognize_dump, lammps_file.read_grain_dump, of_lammps=True),
+    Format("LAMMPS data", lammps_file.recognize_data, lammps_file.read_data_file, of_lammps=True),
+    Format("VTK", vtk_file.recognize, vtk_file.read),
+    Format("extended XYZ", table_file.recognize_xyz, table_file.read_xyz),
+    Format("MercuryDPM .data", table_file.recognize_mercury, table_file.read_mercury),
+    Format("CSV, YADE and other tables", table_file.recognize, table_file.read),
+)
+
+
+def find_format(path: Path) -> Format:
+    """Format of a file; PackingError with its first lines if it is in none of these."""
+    head = read_content(path, HEAD)
+    form = next((form for form in (*_formats_of_wings(), *FORMATS) if form.recognize(head)), None)
+    if form is None:
+        raise table_file.refuse(path)
+    if is_compressed(path) and not form.packs:
+        raise PackingError(
+            f"{path} is compressed: decompress it first; text and LAMMPS's restart files are read as they are"
+        )
+    return form
+
+
+def _formats_of_wings() -> list[Format]:
+    """Formats that wings read, which come before those of the laboratory."""
+    pairs = [(wing, one) for wing in wings().values() for one in wing.formats if one.start and one.read]
+    return [
+        Format(one.name, partial(re.match, one.start), partial(_read_by_wing, wing, one), packs=False)
+        for wing, one in pairs
+    ]
+
+
+def _read_by_wing(wing: Wing, form: FileFormat, path: Path, frame: str | None = None) -> list[Packing]:
+    try:
+        frames = dict(wing.function(form.read)(path))
+    except Exception as problem:  # code of other people
+        said = str(problem) or type(problem).__name__
+        raise PackingError(f"{path} cannot be read as {form.name} ({said}): it is damaged, or its wing is") from problem
+    names = list(frames)
+    return [_packing_of(path, names[k], frames[names[k]]) for k in chosen_frames(path, names, frame)]
+
+
+def _packing_of(path: Path, name: str, given: dict) -> Packing:
+    arrays = {key: value for key, value in given.items() if key != "law"}
+    notes = [] if {"mass", "density"} & set(arrays) else [mass_note(path.name)]
+    notes += [*at_rest(path.name, arrays), *([] if "cell" in arrays else [extent_note(path.name)])]
+    return Packing(name, arrays, notes, law=given.get("law"))
+
+
+def writers_of_wings() -> dict[str, Callable]:
+    """Functions that write frames, by the file extensions of the formats that wings write."""
+    pairs = [(wing, one) for wing in wings().values() for one in wing.formats if one.suffix and one.write]
+    return {one.suffix: partial(_write_by_wing, wing, one) for wing, one in pairs}
+
+
+def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]) -> list[str]:
+    return list(wing.function(form.write)(path, frames))
+
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
 SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
 SINGLE = {".npz": write_npz, ".csv": write_csv, ".graphml": write_graph} | dict.fromkeys(LAMMPS_DATA, write_lammps)
-WRITTEN = (*SINGLE, *ARCHIVE, *SERIES)
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
+
+
+def written() -> tuple[str, ...]:
+    """File extensions of the formats that are written."""
+    return (*SINGLE, *ARCHIVE, *SERIES, *writers_of_wings())
 
 
 class Reading(NamedTuple):
@@ -87,13 +171,13 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     if path.is_dir():
         if of_lammps:
             raise PackingError(
-                f"{', '.join(of_lammps)} was given with a folder, whose files say it: give the file instead"
+                f"{', '.join(of_lammps)} was given with {path}, a folder whose files say it: give the file instead"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
         if contacts and packing.law is None and not given and own is None:
             unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
             packing, contacts = packing._replace(notes=[*packing.notes, unused]), None
-        return [_build(packing, given, own, i0, _LocalContacts(contacts, None))]
+        return [_build(path, packing, given, own, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
@@ -103,7 +187,7 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:
         of_lammps["boundary"] = read_boundary(local.path)
-    return [_build(packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
+    return [_build(path, packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
 
 
 class _LocalContacts(NamedTuple):
@@ -120,15 +204,16 @@ class _LocalContacts(NamedTuple):
         return None if self.file is None else Path(self.file)
 
 
-def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, local: _LocalContacts):
+def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float | None, local: _LocalContacts):
     """Name, state, law and notes of a packing under the options that were given.
 
     Its memory is unchanged if its law stays the same; otherwise its slip is limited to what the new law allows.
     """
     its, notes = packing.law, packing.notes
-    law = chosen_law(packing, given, own, memory=local.path is not None)
+    with naming(path):
+        law = chosen_law(packing, given, own, memory=local.path is not None)
     if own is not None or given:
-        notes = [note for note in notes if not getattr(note, "of_law", False)]
+        notes = [note for note in notes if note not in notes_about(notes, LAW)]
         if isinstance(its, Law) and not laws_equal(its, law):
             replaced = f"the law of the file ({law_text(its)}) is replaced by the one that was given ({law_text(law)})"
             notes = [*notes, replaced]
@@ -137,18 +222,19 @@ def _build(packing: Packing, given: dict, own: Law | None, i0: float | None, loc
     if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
         several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
         notes = [*notes, Absent(several)]
-    if packing.state is None:
-        pairs = None if local.path is None else read_pairs(local.path, packing, local.columns)
+    pairs = None if local.path is None or packing.state is not None else read_pairs(local.path, packing, local.columns)
+    with naming(path):
+        if packing.state is not None:
+            same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
+            state = with_neighbor_list(with_inertia(packing.state, i0))
+            return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, notes
         try:
             state, said = build_state(packing, pairs, law)
         except PackingError as problem:
-            if told := "; ".join(note for note in notes if isinstance(note, AssumedColumns)):
+            if told := "; ".join(notes_about(notes, COLUMNS)):
                 raise PackingError(f"{problem}; {told}") from None
             raise
         return packing.name, with_inertia(state, i0), law, with_one_account([*notes, *said])
-    same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
-    state = with_neighbor_list(with_inertia(packing.state, i0))
-    return packing.name, accepted(state, law, **({"memory": FROZEN} if same else {})), law, notes
 
 
 def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
@@ -251,7 +337,7 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in WRITTEN:
+    if suffix not in written():
         raise PackingError(unknown_suffix(path))
     if isinstance(states, State):
         if law is None:
@@ -259,8 +345,8 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
         states = [frame_of(states, law)]
     require_filled("states", states)
     frames: list[Frame] = list(states)
-    if suffix in SERIES:
-        return SERIES[suffix](path, frames)
+    if suffix not in (*SINGLE, *ARCHIVE):
+        return (writers_of_wings() | SERIES)[suffix](path, frames)
     if any(frame.moving for frame in frames):
         raise PackingError(f"an animation cannot be written as {suffix}: write {', '.join(SERIES)}")
     if suffix in ARCHIVE:
@@ -286,8 +372,8 @@ def output_files(to: Path, frames: list[Frame]) -> list[Path]:
 
 def unknown_suffix(path: Path) -> str:
     """Return the message on a file extension in which nothing can be written."""
-    near = difflib.get_close_matches(path.suffix.lower(), WRITTEN, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(WRITTEN)} can be written"
+    near = difflib.get_close_matches(path.suffix.lower(), written(), n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(written())} can be written"
     return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be written: {hint}"
 
 

@@ -12,7 +12,7 @@ from ...core.matlab import check_matlab
 from ...core.readable import readable
 from ...core.reading import Budget, read_bytes
 from ...known import USED
-from ..sample import PackingError, account_for
+from ..sample import PackingError, account_for, naming
 from .columns import identify_columns, plain_name
 from .content import HEAD, head_text, read_content
 from .table_file import read, read_columns
@@ -235,7 +235,8 @@ def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
     zero, used = np.zeros(n), {*grains} - {*identify_columns(grains)[1]} | {*OPTIONAL}
     notes = account_for("column of a table", grains, path.name, dict.fromkeys(used, USED))
     notes += account_for("column of contacts", forces, contacts.name, dict.fromkeys((*NEEDED, *FORCES), USED))
-    return measured_forces(
+    with naming(path):
+        return measured_forces(
         packing.arrays["position"][:, :2], packing.arrays["radius"], *np.searchsorted(ids, ends), forces["fn"],
         forces["ft"], held=np.flatnonzero(columns.get("fixed", zero)), ids=ids, **errors,
         load=np.stack([columns.get(f"load{axis}", zero) for axis in "xy"], axis=1),
@@ -289,7 +290,8 @@ def _read_pegs(path: Path) -> MeasuredForces:
         f"and {error[1]:.3g} N tangential, are half the differences between both grains of contacts; contacts left "
         f"out, as only one grain sees them or they do not press: {len(seen) - kept.sum()}"
     )
-    return measured_forces(
+    with naming(path):
+        return measured_forces(
         place, radius, *np.array(both)[kept].T, mean_n[kept], mean_t[kept], held=sorted(held), ids=ids, notes=[note],
         force_n_error=error[0] or np.nan, force_t_error=error[1] or np.nan,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from ...core.reading import Budget, Reader
 from ...core.state import State, check
 from ...extras import require
 from ..atomic import replace_atomically
-from ..older_contacts import restore_contacts
+from ..nodes import restore_contacts
 from ..sample import PackingError, account_for, repeated_note
 from .content import Packing, chosen_frames
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into

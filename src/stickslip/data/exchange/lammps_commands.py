@@ -1,8 +1,12 @@
-"""Commands of a run of LAMMPS, from its log or its input script: what holds at the time of its grains."""
+"""Commands of a run of LAMMPS, from its log or its input script: what holds at the time of its grains.
+
+Lines of a log are commands, runs in time, or what LAMMPS reports between them.
+"""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,13 +14,159 @@ import numpy as np
 
 from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
 from .content import read_content, read_lines
-from .lammps_log import BONDS, LATTICE, MEMBERS, VERSION, Block, Command, read_events, recognize_log
+
+LOG = re.compile(r"\ALAMMPS \(|\A[^\n]*OMP_NUM_THREADS")
+RAN = re.compile(r"(?m)^(Per MPI rank memory allocation|Loop time of \S+ on) ")
+HEAD = re.compile(r"LAMMPS \(\d+ \w+ (\d{4})")
+BEGINS = re.compile(r"Per MPI rank memory allocation |Memory usage per processor ")
+LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps with (\d+) atoms")
+VERSION, LATTICE, BONDS, MEMBERS = "(version)", "(spacing)", "(bonds)", "(members)"
+NAMED = re.compile(r"[a-z]\w*(/\w+)*(\s|$)")  # how a command begins that is none of those known
+TALKING = ("info", "package", "run", "minimize", "rerun")  # commands after which any words may come
+QUOTES, MOST_QUOTED = '"""', 1000  # marks of a text of several lines, and lines that it may have
+REPORTS = {  # what LAMMPS reports, in the place of commands
+    VERSION: HEAD, LATTICE: re.compile(r"Lattice spacing in x,y,z = (.*)"),
+    BONDS: re.compile(r"\s+([1-9]\d* (?:bonds|angles|dihedrals|impropers))\s*$"),
+    MEMBERS: re.compile(r"(\d+ atoms in group \S+)\s*$"),
+}  # fmt: skip
+ENDLESS = float("inf")
+
+
+class Command(NamedTuple):
+    """A command, or a line of a log that may be one."""
+
+    source: str  # name of the file
+    number: int  # of its line
+    line: str  # without comments
+    step: int | None = None  # time step; None if it is not known
+
+    @property
+    def words(self) -> list[str]:
+        """Words of the line."""
+        return self.line.split()
+
+
+class Block(NamedTuple):
+    """A run in time, or a minimization."""
+
+    start: int | None  # time step; None if it is not known
+    end: float  # infinite if it was interrupted
+    atoms: int | None = None
+
+
+def recognize_log(text: str) -> bool:
+    """Return True for a log, in which LAMMPS repeats its commands with the values of variables.
+
+    One that a command `log` began has no line with the version.
+    """
+    return bool(LOG.search(text[:200]) or RAN.search(text))
+
+
+def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Command | Block]:
+    """Commands and runs of files in the order in which they were written; each file has a name and a text."""
+    step: int | None = 0
+    last: Command | None = None
+    for source, text in texts:
+        numbers, lines = zip(*_logical_lines(text, log=log), strict=True) if text else ((), ())
+        k = 0
+        while k < len(lines):
+            number, line = numbers[k], lines[k]
+            k += 1
+            if log and (BEGINS.match(line) or LOOP.match(line)):
+                block, k = _read_block(lines, k - 1, step, last.words if last else [])
+                yield block
+                last = None
+                step = None if block.end == ENDLESS or block.start is None else int(block.end)
+                continue
+            for command in _commands(source, number, line, step, log=log, after=last):
+                yield command
+                last, step = command, _step_after(command.words, step)
+                k += _answer_lines(line, lines[k:][:MOST_QUOTED]) if log and command.words[0] == "print" else 0
+
+
+def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
+    """Number and content of each line, with those that continue it: within triple quotes, or after & in a script."""
+    lines, k = text.split("\n"), 0
+    while k < len(lines):
+        first, whole, k = k, lines[k], k + 1
+        if whole.count(QUOTES) % 2:
+            near = range(k, min(k + MOST_QUOTED, len(lines)))
+            end = next((j for j in near if lines[j].count(QUOTES) % 2), first)
+            whole, k = "\n".join(lines[first : end + 1]), end + 1
+        while not log and k < len(lines) and re.search(r"&[ \t]*$", whole):
+            whole, k = re.sub(r"&[ \t]*$", " ", whole) + lines[k], k + 1
+        yield first + 1, whole
+
+
+def _commands(
+    source: str, number: int, line: str, step: int | None, *, log: bool, after: Command | None
+) -> Iterator[Command]:
+    """The command in a line, or what LAMMPS reports in one of a log."""
+    for name, form in REPORTS.items() if log else ():
+        if found := form.match(line):
+            yield Command(source, number, f"{name} {found[1]}", step)
+            return
+    bare = line if QUOTES in line else re.sub(r"""("[^"]*"|'[^']*')|#.*""", lambda m: m[1] or "", line)
+    words = bare.split()
+    if not words or (log and any(word.endswith(":") for word in words[:2])):
+        return
+    if log and group_of("command", words[0]) == UNKNOWN:
+        told = after.line if after and after.words[0] == "variable" else ""
+        talk = re.search(r'".*\$', told) or (after and after.words[0] in TALKING)
+        if talk or group_of("line of a log", words[0]) != UNKNOWN or not NAMED.match(bare):
+            return
+    yield Command(source, number, bare.strip(), step)
+
+
+def _answer_lines(line: str, after: Sequence[str]) -> int:
+    """Number of the lines after a command `print` that are its text, in which variables may have got their values."""
+    found = re.search(r'print\s+(?:"""(.*?)"""|"([^"]*)"|\'([^\']*)\'|(\S+))', line, re.DOTALL)
+    text = next((part for part in found.groups() if part is not None), "") if found else ""
+    wanted = text.split("\n")
+    got = [line.strip() for line in after[: len(wanted)]]
+    if "$" in text and not re.search(r"\b(screen|universe)\s+no\b", line):
+        return len(got)
+    return len(got) if got == [line.strip() for line in wanted] else 0
+
+
+def _step_after(words: list[str], step: int | None) -> int | None:
+    """Time step after a command that sets it; None if it is not known."""
+    if words[0] in (VERSION, "clear"):
+        return 0
+    if words[0] == "reset_timestep":
+        return int(words[1]) if words[1:] and words[1].isdecimal() else None
+    return None if words[0] in ("read_restart", "read_dump", "rerun") else step
+
+
+def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
+    """A run from its first line, with the steps of its table if it has any, and the number of the line after it."""
+    seen: list[int] = []
+    column, width = None, 0
+    while k < len(lines) and not HEAD.match(lines[k]):
+        line, k = lines[k], k + 1
+        words = line.split()
+        if done := LOOP.match(line):
+            start = seen[0] if seen else step
+            end = ENDLESS if start is None else start + int(done[1])
+            return Block(start, end, int(done[2])), k
+        if "Step" in words:
+            rich = re.match(r"-+ Step\s+(\d+) ", line)
+            seen += [int(rich[1])] if rich else []
+            column, width = (None if rich else words.index("Step")), len(words)
+        elif column is not None and len(words) == width and words[column].isdecimal():
+            seen.append(int(words[column]))
+    start = seen[0] if seen else step
+    count = int(last[1]) if last[:1] == ["run"] and last[1:] and last[1].isdecimal() else None
+    stop = ENDLESS if start is None or count is None else count if "upto" in last else start + count
+    return Block(start, stop), k
+
 
 LONGEST_LINE = 4096  # characters that values of variables may have in a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
 QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
 INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")  # fixes that change their number
 RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
+COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
 COMBINED = ("union", "subtract", "intersect")  # groups made of others
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
@@ -30,6 +180,40 @@ class Region(NamedTuple):
 
     words: list[str]  # style and arguments
     spacing: list[str] | None = None  # of the lattice at that time, empty if it is not known; None without a lattice
+
+
+class Dump(NamedTuple):
+    """A dump of grains, with what `dump_modify` changed."""
+
+    command: str  # without its file
+    file: str
+    columns: list[str]
+    selection: str  # the command that leaves grains out; empty if there is none
+    names: dict[str, str]  # of columns in LAMMPS, by those that `colname` gives them
+
+    def modified(self, command: str, words: Sequence[str]) -> "Dump":
+        """The dump after words that `command` begins."""
+        selection, names = self.selection, self.names
+        for k, word in enumerate(words):
+            if word == "thresh":
+                limit = " ".join([command, *words[k : k + 4]])
+                selection = _selection(self.command) if words[k + 1 : k + 2] == ["none"] else limit
+            elif word == "colname" and len(words) > k + 2 and (own := self._column(words[k + 1])):
+                names = {new: name for new, name in names.items() if name != own} | {words[k + 2]: own}
+        return self._replace(selection=selection, names=names)
+
+    def _column(self, word: str) -> str:
+        """Name of a column in LAMMPS that a name or its number means; empty if it is not known."""
+        if not re.fullmatch(r"-?[1-9]\d*", word):
+            return word
+        at = int(word) - (int(word) > 0)
+        known = -len(self.columns) <= at < len(self.columns) and not any("*" in name for name in self.columns)
+        return self.columns[at] if known else ""
+
+
+def _selection(command: str) -> str:
+    """A command that writes grains, if its group is not all; else empty."""
+    return "" if command.split()[-1] == "all" else command
 
 
 class Run(NamedTuple):
@@ -47,9 +231,12 @@ class Run(NamedTuple):
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
     met: dict[str, set[str]]  # words that commands began with, by their group
     labels: dict[str, int]  # types of atoms by their labels
+    dumps: dict[str, Dump]  # by their names
     year: int = 0  # of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
+    atoms: int | None = None  # number of grains when they were written; None if it is not known
+    place: int = 0  # in the log or script, at which they were written
 
     def numbers(self, words: Sequence[str]) -> list[str]:
         """Words with the numbers of types in the place of their labels."""
@@ -62,16 +249,14 @@ class Run(NamedTuple):
             return None
         return min(block.start for block in known), max(block.end for block in known)
 
+    def goes_back(self) -> bool:
+        """Return True if a run had earlier time steps than one before it, as after `reset_timestep`."""
+        known = [block.start for block in self.blocks if block.start is not None]
+        return any(later < start for start, later in pairwise(known))
+
     def has_step(self, step: int) -> bool:
         """Return True if a time step may be one of the run."""
         return step < 0 or self.steps() is None or any(block.start <= step <= block.end for block in self.blocks)
-
-    def atoms_at(self, step: int) -> int | None:
-        """Number of grains at a time step; None if it is not known, or may have changed within a run."""
-        counts = {b.atoms for b in self.blocks if b.start is not None and b.start <= step <= b.end}
-        styles = {style for _, style, *_ in self.fixes.values()}
-        changing = styles & {*INSERTING} or any(words & {*RENUMBERING} for words in self.met.values())
-        return counts.pop() if len(counts) == 1 and not changing else None
 
 
 def recognize_script(text: str) -> bool:
@@ -94,28 +279,31 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
     blocks = tuple(event for event in events if isinstance(event, Block)) if log else ()
     run = _empty(path.name)
     values: dict[str, str] = {}
-    for event in events[: _end(events, until, step)]:
+    end = _end(events, until, step)
+    for event in events[:end]:
         if isinstance(event, Command):
             run = _replay(run, event, values, log=log)
     said = {event.words[0] for event in events if isinstance(event, Command)}
     if blocks and not said & {"run", "minimize", "rerun"}:
         run.acts["echo"] = f"{path.name} does not repeat its commands (`echo none` or `echo screen`)"
-    return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts))
+    atoms = _atoms(events, end, until, step, run)
+    return run._replace(blocks=blocks, sources=tuple(name for name, _ in texts), atoms=atoms, place=end)
 
 
 def _empty(source: str, year: int = 0) -> Run:
-    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, {}, year)
+    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, {}, {}, year)
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
     """Number of events up to the state that a file holds: the last command that wrote it, or the run that reached it.
 
-    What was written in the middle of a run saw the commands before that run only.
+    What was written in the middle of a run saw the commands before that run only. Of several runs that had a time step,
+    as after `reset_timestep`, it is the last one in which a command wrote the file.
     """
     writes = [
         k for k, event in enumerate(events)
         if isinstance(event, Command) and until and event.words[0] in WRITING
-        and any(fnmatchcase(until, Path(word).name) for word in event.words[1:] if word != "*")
+        and any(means(word, until) for word in event.words[1:])
         and (step < 0 or event.step in (None, step))
     ]  # fmt: skip
     if writes:
@@ -123,21 +311,67 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
     runs = [k for k, event in enumerate(events) if isinstance(event, Block) and event.start is not None]
     if not runs and (closed := _closing(events, until)):
         return closed
+    open_in = _open_in(events, until)
+    runs = [k for k in runs if k in open_in] or runs
     reached = [k for k in runs if events[k].start < step <= events[k].end or events[k].start == events[k].end == step]
     reached = reached or [k for k in runs if events[k].start <= step <= events[k].end]
-    if step < 0 or not reached or (reached[-1] == runs[-1] and events[reached[-1]].end == step):
+    if step < 0 or not reached:
         return len(events)
-    return reached[-1]
+    later = any(isinstance(event, Block) for event in events[reached[-1] + 1 :])
+    return reached[-1] if later or events[reached[-1]].end != step else len(events)
+
+
+def _open_in(events: list[Command | Block], name: str) -> set[int]:
+    """Places of the runs in which a command `dump` or `restart` wrote a file."""
+    ids, series, places = set(), False, set()
+    for k, event in enumerate(events):
+        if isinstance(event, Block):
+            places |= {k} if series or ids else set()
+        elif _writes_dump(event, name):
+            ids.add(event.words[1])
+        elif event.words[0] == "undump":
+            ids -= {*event.words[1:2]}
+        elif event.words[0] == "restart":
+            series = any(means(word, name, series=True) for word in event.words[2:])
+    return places
+
+
+def means(word: str, name: str, *, series: bool = False) -> bool:
+    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes.
+
+    In a series, a time step follows the word.
+    """
+    word = Path(word.strip("\"'")).name.replace("%", "*")
+    return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
+
+
+def _atoms(events: list[Command | Block], end: int, until: str, step: int, run: Run) -> int | None:
+    """Number of grains at a time step; None if it is not known, or may have changed within a run or after it."""
+    begin = max((k for k, event in enumerate(events) if _writes_dump(event, until)), default=0)
+    counts = {
+        event.atoms for event in events[begin:]
+        if isinstance(event, Block) and event.start is not None and event.start <= step <= event.end
+    }  # fmt: skip
+    since = takewhile(lambda event: isinstance(event, Command), reversed(events[:end]))
+    after = end == len(events) or isinstance(events[end], Command)  # of the last run, not within one
+    changing = any(style in INSERTING for _, style, *_ in run.fixes.values())
+    changing = changing or (after and any(command.words[0] in COUNTING for command in since))
+    return counts.pop() if len(counts) == 1 and not changing else None
+
+
+def _writes_dump(event: Command | Block, name: str) -> bool:
+    """Return True for the command `dump` of a file."""
+    words = event.words if isinstance(event, Command) else [""]
+    return words[0] == "dump" and len(words) > 5 and bool(name) and fnmatchcase(name, Path(words[5]).name)
 
 
 def _closing(events: list[Command | Block], until: str) -> int:
     """Place of the command `undump` after which a dump was not written any more; 0 if it was to the end."""
     closed, name = 0, ""
     for k, event in enumerate(events):
-        words = event.words if isinstance(event, Command) else [""]
-        if words[0] == "dump" and len(words) > 5 and until and fnmatchcase(until, Path(words[5]).name):
-            closed, name = 0, words[1]
-        elif words[:2] == ["undump", name]:
+        if _writes_dump(event, until):
+            closed, name = 0, event.words[1]
+        elif isinstance(event, Command) and event.words[:2] == ["undump", name]:
             closed = k
     return closed
 
@@ -228,6 +462,8 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.pair_coeff.append(rest)
     elif key in ("fix", "unfix", "group", "region"):
         _define(run, key, rest, place)
+    elif key in ("dump", "write_dump", "dump_modify"):
+        _define_dump(run, key, rest)
     else:
         _set(run, key, rest)
     return run
@@ -265,6 +501,19 @@ def _define(run: Run, key: str, rest: list[str], place: str) -> None:
         _define_group(run, *rest)
     elif key == "region" and len(rest) > 1:
         run.regions[rest[0]] = Region(rest[1:], run.settings.get(LATTICE))
+
+
+def _define_dump(run: Run, key: str, rest: list[str]) -> None:
+    """Take a command that writes grains, or changes how."""
+    if key == "dump_modify":
+        if rest and rest[0] in run.dumps:
+            run.dumps[rest[0]] = run.dumps[rest[0]].modified(f"dump_modify {rest[0]}", rest[1:])
+        return
+    name, at = (rest[0], 4) if key == "dump" else ("", 2)
+    if len(rest) > at:
+        command = " ".join([key, *rest[: at // 2]])
+        dump = Dump(command, rest[at], rest[at + 1 :], _selection(command), {})
+        run.dumps[name or rest[at]] = dump if name else dump.modified(key, rest[at + 1 :])
 
 
 def _define_group(run: Run, name: str, style: str, *arguments: str) -> None:

@@ -14,7 +14,7 @@ Source: LAMMPS documentation of `pair_style gran` and `compute pair/local`; doi:
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from ...core.laws.builtin import SHARP, Law, damping_model
 from ...core.measure import branch_vectors, contact_velocity, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
-from ...known import UNKNOWN, group_of
+from ...known import UNKNOWN, USED, group_of
 from ..sample import (
     HUGE,
     NO_CONTACTS,
@@ -39,13 +39,12 @@ from ..sample import (
     account_for,
     from_arrays,
 )
-from .contact_columns import TOTAL, group_hint, name_contact_columns, pair_branches
+from .columns import TOTAL, group_hint, name_contact_columns, pair_branches
 from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
 from .lammps_restart import restore_memory
-from .lammps_text import FORCE, Table, add_box, grains_from_dump, read_data, read_dump
+from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
-ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
 SKIPPED = "-"  # name of a column that is left out
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
@@ -75,8 +74,14 @@ def recognize_data(head: bytes) -> bool:
     return bool(re.search(r"(?m)^\s*(\d+\s+atoms|\S+\s+\S+\s+xlo\s+xhi)\b", head_text(head)))
 
 
-def read_grain_dump(path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None):
-    """Read packings from a dump of grains; `frame` is a time step, "all", or None for the last."""
+def read_grain_dump(
+    path: Path, frame: str | None = None, boundary: str | None = None, atom_style: str | None = None,
+    names: Mapping[str, str] | None = None,
+):  # fmt: skip
+    """Read packings from a dump of grains; `frame` is a time step, "all", or None for the last.
+
+    `names` are those of columns in LAMMPS, by those that the dump has instead.
+    """
     if atom_style:
         raise PackingError(f"atom_style was given, but {path} is a dump, which names its columns: leave it out")
     tables, steps = read_dump(path, frame)
@@ -87,6 +92,8 @@ def read_grain_dump(path: Path, frame: str | None = None, boundary: str | None =
         )
     many = [f"{path.name} has {len(steps)} time steps: the last, {steps[-1]}, is used; choose another with --frame"]
     said = many if frame is None and len(steps) > 1 else []
+    own = {new: name for new, name in (names or {}).items() if group_of("column of a dump", name) == USED}
+    tables = [t._replace(columns={own.get(name, name): words for name, words in t.columns.items()}) for t in tables]
     return [packing_from_table(table, path, boundary, said) for table in tables]
 
 
@@ -129,7 +136,7 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
 def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | None = None) -> Pairs:
     """Contacts of a packing from one time step of a `dump local`."""
     if packing.ids is None:
-        raise PackingError("the grains have no ids, but contacts refer to ids: add the column id to their dump")
+        raise PackingError(f"{path} refers to grains by ids, which they do not have: add the column id to their dump")
     table = _rename_columns(table, path, columns, packing)
     ends = _finite_numbers(table, path, "i", "j").astype(np.int64)
     strange = ~np.isin(ends, packing.ids)
@@ -246,7 +253,8 @@ def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: 
     """Raise PackingError if the columns of contacts are not what their names say, by the geometry of the grains."""
     tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
     along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
-    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() else ["tx ty tz"]
+    slack = 0.0 if pairs.normal is None else NEGLIGIBLE * np.linalg.norm(pairs.normal[entries], axis=1).sum()
+    wrong = [] if along.sum() <= OTHER_LAW * np.linalg.norm(tangential, axis=1).sum() + slack else ["tx ty tz"]
     if (
         pairs.branch is not None
         and np.abs(sign[:, None] * pairs.branch[entries] - branch).sum() > OTHER_LAW * length.sum()

@@ -1,16 +1,39 @@
 """Folder of a run of LAMMPS as it lies: grains and memory, with the law, walls, gravity and fixes of its commands."""
 
 import re
-from fnmatch import fnmatchcase
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 from ...known import HARMLESS, UNKNOWN, USED, group_of
-from ..sample import UNDECIDED, Absent, Account, Assumption, Obstacle, PackingError
+from ..sample import (
+    FIXES,
+    GROUP,
+    PAIRS,
+    WALLS,
+    Absent,
+    Account,
+    Assumption,
+    Obstacle,
+    PackingError,
+    naming,
+    notes_about,
+)
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
-from .lammps_commands import BEGINNING, FILING, Run, numbers_in, read_commands, read_lines_of, recognize_script
-from .lammps_course import describe, setting, take_over, with_wall_numbers
+from .lammps_commands import (
+    BEGINNING,
+    FILING,
+    Dump,
+    Run,
+    means,
+    numbers_in,
+    read_commands,
+    read_lines_of,
+    recognize_log,
+    recognize_script,
+)
+from .lammps_course import Course, describe, setting, take_over, with_wall_numbers
 from .lammps_file import (
     Pairs,
     read_boundary,
@@ -20,9 +43,6 @@ from .lammps_file import (
     recognize_data,
     recognize_dump,
 )
-from .lammps_fixes import Course
-from .lammps_log import recognize_log
-from .lammps_text import NO_WALLS
 
 LOOKED_AT = 50  # dumps whose last time step is read, the newest
 TAIL = 2**20  # bytes at the end of a dump in which its last time step is sought first
@@ -102,14 +122,16 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
         notes.append(_account_of_files(every, path, contacts))
         return packing._replace(notes=[*notes, *packing.notes]), contacts
     masks = lammps_restart.group_masks(path, packing.memory) if packing.memory is not None else {}
-    course = Course(run, packing, masks)
+    with naming(path):
+        course = Course(run, packing, masks)
     take_over(course)
     for doubt in _contradictions(path, run, course.stored) if path in files.restarts else ():
         course.obstacle(doubt)
     notes += [f"law, walls and loads from {run.source}: {describe(course)}", *course.notes]
-    known = [NO_WALLS if course.walls or not course.free.all() else "", "pair_style"]
-    kept = [note for note in packing.notes if not note.startswith(f"{UNDECIDED}{lammps_restart.STORED}")]
-    kept = [note for note in kept if not any(part and part in note for part in known)]
+    whole = run.atoms == course.n
+    walls = bool(course.walls) or not course.free.all()
+    known = notes_about(packing.notes, PAIRS, FIXES, *[WALLS] * walls, *[GROUP] * whole)
+    kept = [note for note in packing.notes if note not in known]
     sources = [other for other in (*every.logs, *every.scripts) if other.name in run.sources]
     kept += [_account_of_commands(course), _account_of_files(every, path, contacts, *sources)]
     memory = packing.memory and with_wall_numbers(packing.memory, course)
@@ -136,7 +158,7 @@ def _strange_files(files: Files) -> list[str]:
     """Names of files in no known format that no command names, and whose names say nothing."""
     named = {word for lines in files.words.values() for words in lines for word in words[1:]}
     rest = [path.name for path in files.others if group_of("file", path.name) == UNKNOWN]
-    return [name for name in rest if not any(_means(word, name) for word in named)]
+    return [name for name in rest if not any(means(word, name) for word in named)]
 
 
 def _of_newest_run(files: Files) -> tuple[Files, list[str]]:
@@ -193,13 +215,25 @@ def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, 
 
 def _newest_grains(files: Files, frame: str | None) -> Path:
     """The newest restart file, else the newest dump or data file, by time step."""
+    place = _places(files)
     if files.restarts and frame is None:
-        return max(files.restarts, key=lambda path: (lammps_restart.time_step(path), path.stat().st_mtime))
+        steps = {path: lammps_restart.time_step(path) for path in files.restarts}
+        return max(steps, key=lambda path: (place(path, steps[path]), steps[path], path.stat().st_mtime))
     newest = sorted(files.grains, key=lambda path: (path.stat().st_mtime, _numbers(path)))[-LOOKED_AT:]
-    frames = [(*_last_frame(path), path.stat().st_mtime, path) for path in newest]
+    frames = [(*_last_frame(path), path) for path in newest]
     dumps = [tuple(key) for radii, *key in frames if radii] or [tuple(key) for _, *key in frames]
-    data = [] if dumps and frame is not None else [(_data_step(path), 0.0, path) for path in files.data]
-    return max([*dumps, *data])[2]
+    data = [] if dumps and frame is not None else [(_data_step(path), path) for path in files.data]
+    times = {path: 0.0 if path in files.data else path.stat().st_mtime for _, path in (*dumps, *data)}
+    return max((place(path, step), step, times[path], path) for step, path in (*dumps, *data))[3]
+
+
+def _places(files: Files) -> Callable[[Path, int], int]:
+    """Places of files in the newest log, by their names and time steps; all equal unless its time steps go back."""
+    log = max(files.logs, key=lambda path: path.stat().st_mtime, default=None)
+    before = [] if log is None else _logs_before(log, files)
+    if log is None or not read_commands(log, "", before).goes_back():
+        return lambda path, step: 0
+    return lambda path, step: read_commands(log, path.name, before, step).place
 
 
 def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -> Packing:
@@ -209,7 +243,8 @@ def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -
     settings = {} if run is None else run.settings
     boundary = "".join(word[0] for word in settings.get("boundary", [])) or None
     if path in files.grains:
-        return read_grain_dump(path, frame, boundary)[0]
+        dump = _dump_of(path, run)
+        return read_grain_dump(path, frame, boundary, names=dump and dump.names)[0]
     if boundary is None:
         boundary = next((read_boundary(other) for other in [*files.contacts, *files.grains]), None)
     style = " ".join(settings.get("atom_style", ()))
@@ -265,7 +300,12 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
     if not writes and any(_names(files, path, grains.name, BEGINNING) for path in sources):
         notes.append(Absent(f"{grains.name} is where the run began: it left no later state"))
     naming = [path for path in sources if _names(files, path, grains.name)]
-    doubts = [_mismatch(packing, run)] if run else []
+    doubts = [_mismatch(grains, packing, run)] if run else []
+    if run and not run.blocks and "reset_timestep" in run.met[USED] and len(files.packings) > 1:
+        doubts.append(
+            f"{run.source} sets the time step anew, and only its log.lammps says which of {len(files.packings)} files "
+            f"of grains is the newest: {grains.name} was taken; give the log, or the file itself"
+        )
     if len(sources) > 1 and not naming:
         several = ", ".join(path.name for path in sources[:3])
         doubts.append(
@@ -279,7 +319,7 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
     if any(law != laws[0] for law in laws):
         several = " and ".join(other.source for other in runs[:3])
         doubts.append(f"{several} name {grains.name} with different laws or fixes: keep one of them")
-    return [*notes, *(Obstacle(f"{UNDECIDED}{doubt}") for doubt in doubts if doubt)]
+    return [*notes, *map(Obstacle, filter(None, doubts))]
 
 
 def _differs(path: Path, files: Files, run: Run) -> bool:
@@ -288,14 +328,24 @@ def _differs(path: Path, files: Files, run: Run) -> bool:
     return path in files.restarts and bool(lammps_restart.compare_pair_style(path, given)[1])
 
 
-def _mismatch(packing: Packing, run: Run) -> str:
+def _dump_of(path: Path, run: Run | None) -> Dump | None:
+    """The last command that wrote a dump; None if it is not known."""
+    found = [dump for dump in run.dumps.values() if means(dump.file, path.name)] if run else []
+    return found[-1] if found else None
+
+
+def _mismatch(path: Path, packing: Packing, run: Run) -> str:
     """Sentence on a time step or a number of grains that the run of a log did not have; empty if there is none."""
     n = len(packing.arrays["radius"])
     if not run.has_step(packing.step):
         return f"the grains are of time step {packing.step}, {_steps_of(run)}: they are of another run"
-    if packing.ids is not None and packing.ids[-1] > n:  # of a group, which has a note of its own
-        return ""
-    count = run.atoms_at(packing.step)
+    count, dump = run.atoms, _dump_of(path, run)
+    if dump and dump.selection and count != n:
+        of = f", of {count} in the run of {run.source}" if count else ""
+        return (
+            f"{n} grains are in {path.name}{of}: `{dump.selection}` leaves others out, which may touch them; give a "
+            f"dump of all grains"
+        )
     return "" if count in (None, n) else f"{n} grains were read, and the run of {run.source} had {count} then"
 
 
@@ -317,16 +367,7 @@ def _contradictions(path: Path, run: Run, numbers: list[float]) -> list[str]:
 def _names(files: Files, path: Path, name: str, commands: tuple[str, ...] = FILING) -> bool:
     """Return True if a command in a log or script names a file, also by a pattern or as the beginning of a series."""
     lines = [words for words in files.words[path] if words[0] in commands]
-    return any(_means(word, name, series=words[0] == "restart") for words in lines for word in words[1:])
-
-
-def _means(word: str, name: str, *, series: bool = False) -> bool:
-    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes.
-
-    In a series, a time step follows the word.
-    """
-    word = Path(word.strip("\"'")).name.replace("%", "*")
-    return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
+    return any(means(word, name, series=words[0] == "restart") for words in lines for word in words[1:])
 
 
 def _newest_commands(files: Files, grains: Path, step: int) -> Path | None:

@@ -27,7 +27,7 @@ from ...core.measure import branch_vectors, contact_velocity, overlaps, touching
 from ...core.reading import Reader
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ...known import UNKNOWN, USED, group_of, plain_style
-from ..sample import UNDECIDED, Absent, Obstacle, PackingError, account_for
+from ..sample import FIXES, PAIRS, Absent, Note, Obstacle, PackingError, account_for
 from .content import HEAD, Packing, only_state, read_content
 from .lammps_laws import HISTORY as HISTORY_LAWS
 from .lammps_laws import SAME_UNITS, no_equal
@@ -59,7 +59,6 @@ FLAGS = {  # what follows the flags of a header
 UNITS, STEP, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 31, 32, 33, 34, 35
 MOST_GROUPS = 32
 LABELS = 72  # the flag before labels of types
-STORED = "fix "  # how notes on stored fixes begin
 NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
 
 
@@ -226,13 +225,13 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     stored = stored_fixes(content[:start])
     walls = [style for style in stored.values() if style.startswith(WALL)]
     left_out = [
-        f"{STORED}{name} ({style}) {'acts on the grains' if style in walls else 'is not understood'}: {NO_PLACE}"
+        f"fix {name} ({style}) {'acts on the grains' if style in walls else 'is not understood'}: {NO_PLACE}"
         for name, style in stored.items()
         if style in walls or group_of("fix", style) == UNKNOWN
     ]
+    notes = [*([] if walls else notes), *said, *(Obstacle(part, FIXES) for part in left_out)]
     if about[UNITS] not in SAME_UNITS:
-        left_out.append(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over")
-    notes = [*([] if walls else notes), *said, *(Obstacle(f"{UNDECIDED}{part}") for part in left_out)]
+        notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over"))
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
     return Packing(
         str(box.step),
@@ -336,18 +335,17 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
     style, at = _pair_style(head)
     if style not in ("none", "granular") and style.removeprefix("gran/") not in HISTORY_LAWS and style[:6] != "hybrid":
-        return None, [
-            Obstacle(f"{UNDECIDED}pair_style {style} of the restart file was not taken over: {no_equal(style)}")
-        ]
+        return None, [Obstacle(f"pair_style {style} of the restart file was not taken over: {no_equal(style)}", PAIRS)]
     if style.removeprefix("gran/") not in HISTORY_LAWS:
-        return None, [Absent(f"the coefficients of pair_style {style}: give the run's folder, or the law with --law")]
+        text = f"the coefficients of pair_style {style}: give the run's folder, or the law with --law"
+        return None, [Absent(text, PAIRS)]
     reader = Reader(head, at)
     (kn, kt, damping_n, damping_t, mu), flag = reader.array("<f8", 5).tolist(), reader.number("<i")
     law, damping = HISTORY_LAWS[style.removeprefix("gran/")]
     return {
         "law": law, "coulomb": "sharp", "kn": kn, "kt": kt, "mu": mu, "damping_n": damping_n,
         "damping_t": damping_t if flag else 0.0, "damping": damping,
-    }, [f"law from the restart file: pair_style {style}"]  # fmt: skip
+    }, [Note(f"law from the restart file: pair_style {style}", PAIRS)]  # fmt: skip
 
 
 def _stores(head: bytes) -> list[str]:

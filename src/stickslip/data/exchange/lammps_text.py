@@ -1,21 +1,33 @@
-"""Parsing of LAMMPS text files: data files of atom styles with radii, and dumps of `custom` and `local` style."""
+"""LAMMPS's text files: data files and dumps of `custom` and `local` style are parsed, and data files are written.
+
+A second file has the contacts as LAMMPS would dump them, whose memory it cannot import; `read_packing` takes it back.
+"""
 
 import re
+import shlex
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ...core.contacts.jacobian import linearise
+from ...core.laws.builtin import SHARP, damping_model
+from ...core.measure import contact_velocity, touching
+from ...core.readable import pluralize
+from ...core.state import SLIDE
 from ...core.text import parse_integer, parse_numbers
-from ...known import HARMLESS
-from ..sample import HUGE, Absent, Assumption, PackingError, account_for
-from .columns import at_rest, mass_note
+from ...known import HARMLESS, USED, group_of
+from ..atomic import replace_atomically
+from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
+from .columns import arrange_grains, identify_columns
 from .content import digits_note, first_lines, read_lines
+from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
 
 HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # of a section in a data file
+ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # of columns of contacts
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
-VELOCITY, SPIN, FORCE = ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz"), ("fx", "fy", "fz")
+FORCE = ("fx", "fy", "fz")
 STYLES = {  # columns of the section Atoms, which three whole numbers may follow
     "sphere": "id type diameter density x y z",
     "bpm/sphere": "id molecule type diameter density x y z",
@@ -35,6 +47,7 @@ STYLES = {  # columns of the section Atoms, which three whole numbers may follow
 MOST_IMAGES = 25  # periods of the box by which positions are unwrapped
 WHOLE = ("id", "molecule", "type", "flag")
 NO_WALLS = "the file contains no walls, and none were read; those of `fix wall/gran` are read from the run's folder"
+RENAMED = "`dump_modify colname` may have renamed them"
 SPHERES = "x y z, diameter and density"
 
 
@@ -48,13 +61,14 @@ class Table(NamedTuple):
     columns: dict[str, list[str]]  # words, one list per column
     grains: bool = True  # False for a dump of contacts
     items: tuple[str, ...] = ()  # headings other than the time step
+    file: str = ""  # its name, for messages
 
     def numbers(self, *names: str) -> np.ndarray:
         """(rows, len(names)) columns as numbers; (rows,) for a single name."""
         try:
             values = np.stack([parse_numbers(self.columns[name]) for name in names]).T
         except ValueError:
-            raise PackingError(f"column {' or '.join(names)} contains entries that are not numbers") from None
+            raise PackingError(f"{self.file}: column {' or '.join(names)} has entries that are not numbers") from None
         return np.ascontiguousarray(values[:, 0] if len(names) == 1 else values)
 
     def has(self, *names: str) -> bool:
@@ -74,15 +88,17 @@ def read_dump(path: Path, wanted: str | None = None) -> tuple[list[Table], list[
         if wanted not in (None, "all") and wanted not in map(str, steps):
             some = ", ".join(map(str, steps[:6])) + (" …" if len(steps) > 6 else "")
             raise PackingError(f"{path} has no time step {wanted}: it has {some}")
-        chosen = [k for k, s in enumerate(steps) if wanted == "all" or (wanted is not None and str(s) == wanted)]
-        return [parse_step(steps[k], pieces[k]) for k in (chosen or [len(pieces) - 1])], steps
+        last = [len(pieces) - 1]
+        if wanted is not None:  # the last of several with the same step, as after `reset_timestep`
+            last = [k for k, s in enumerate(steps) if wanted in ("all", str(s))][0 if wanted == "all" else -1 :]
+        return [parse_step(path, steps[k], pieces[k]) for k in last], steps
     except (ValueError, IndexError, KeyError) as problem:
         if isinstance(problem, PackingError):
             raise
         raise PackingError(f"{path} is truncated or not a LAMMPS dump ({problem})") from None
 
 
-def parse_step(step: int, piece: str) -> Table:
+def parse_step(path: Path, step: int, piece: str) -> Table:
     """Parse one time step; ValueError, IndexError or KeyError if it is truncated."""
     items = {}
     for item in piece.split("ITEM: ")[1:]:
@@ -102,7 +118,8 @@ def parse_step(step: int, piece: str) -> Table:
         column = tokens[k :: len(names)]
         if columns.setdefault(name, column) != column:
             raise ValueError(f"step {step} has two columns {name} with different numbers")
-    return Table(step, vectors, corner, periodic, columns, "ATOMS" in items, tuple(item.split()[0] for item in items))
+    named = tuple(item.split()[0] for item in items)
+    return Table(step, vectors, corner, periodic, columns, "ATOMS" in items, named, path.name)
 
 
 def _parse_bounds(head: str, body: str):
@@ -156,50 +173,34 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
         periodic, cell[2], cell[:2, 2] = periodic & [True, True, False], (0, 0, 1), 0
     if not periodic.all() and arrays.get("dim", 3) == 3:
         axes = " and ".join(np.array(["x", "y", "z"])[~periodic])
-        notes = [*notes, Absent(f"the box is open along {axes}: {NO_WALLS}")]
+        notes = [*notes, Absent(f"the box is open along {axes}: {NO_WALLS}", WALLS)]
     return arrays | ({"cell": cell, "periodic": periodic} if periodic.any() else {}), notes
 
 
 def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict, list[str]]:
     """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
-    arrays = {"position": _position(table, path)}
-    place = next(column for name, column in table.columns.items() if name in ("x", "xu", "xs", "xsu"))
-    notes: list[str] = digits_note(place)
-    names = [name for name in ("radius", "diameter", "c_radius", "c_diameter") if table.has(name)]
-    if not names:
+    used = [name for name in table.columns if group_of("column of a dump", name) == USED and name != "type"]
+    known, _ = identify_columns({name: table.numbers(name) for name in used})
+    known["position"] = _position(table, path)
+    if not {"radius", "diameter"} & set(known):
         raise PackingError(
             f"{path} has columns {' '.join(table.columns)}: radius or diameter is not among them; add one to the dump "
-            f"command, or convert the run's restart file with write_data"
+            f"command ({RENAMED}), or convert the run's restart file with write_data"
         )
-    arrays["radius"] = table.numbers(names[0]) / (1 if "radius" in names[0] else 2)
-    if table.has("mass"):
-        arrays["mass"] = table.numbers("mass")
-    elif table.has("density"):
-        arrays["mass"] = table.numbers("density") * VOLUME * arrays["radius"] ** 3
-    else:
-        notes.append(mass_note(path.name))
-        arrays["mass"] = VOLUME * arrays["radius"] ** 3
-    for name, columns in (("velocity", VELOCITY), ("spin", SPIN), ("force", FORCE)):
-        if table.has(*columns):
-            arrays[name] = table.numbers(*columns)
-    notes += at_rest(path.name, arrays)
-    notes += account_for("column of a dump", table.columns, path.name, _zero_charges(table))
-    notes += account_for("item of a dump", table.items, path.name)
+    known |= {"force": table.numbers(*FORCE)} if table.has(*FORCE) else {}
     if table.has("type") and all(word.isdecimal() for word in table.columns["type"]):
-        arrays["types"] = table.numbers("type").astype(np.int64) - 1
-    ids = table.numbers("id").astype(np.int64) if table.has("id") else None
+        known["types"] = table.numbers("type").astype(np.int64) - 1
+    ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
+    notes = digits_note(next(words for name, words in table.columns.items() if name in ("x", "xu", "xs", "xsu"))) + said
+    charges = {"q": HARMLESS} if table.has("q") and not table.numbers("q").any() else {}
+    notes += account_for("column of a dump", table.columns, path.name, charges)
+    notes += account_for("item of a dump", table.items, path.name)
     if ids is not None:
-        order = np.argsort(ids, kind="stable")
-        ids, arrays = ids[order], {name: column[order] for name, column in arrays.items()}
         check_ids(path, ids)
         if len(ids) and ids[-1] > len(ids):
             gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
-            notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group"))
+            notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group", GROUP))
     return ids, arrays, notes
-
-
-def _zero_charges(table: Table) -> dict[str, str]:
-    return {"q": HARMLESS} if table.has("q") and not table.numbers("q").any() else {}
 
 
 def check_ids(path: Path, ids: np.ndarray) -> None:
@@ -230,7 +231,7 @@ def _position(table: Table, path: Path) -> np.ndarray:
             place = corner + table.numbers(*(axis + mark for axis in AXES)) @ vectors
             return place + (whole if mark == "s" else 0.0)
     raise PackingError(
-        f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu"
+        f"{path} has columns {' '.join(table.columns)}: it needs x y z, xu yu zu, xs ys zs or xsu ysu zsu ({RENAMED})"
     )
 
 
@@ -258,31 +259,25 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
         names, notes = _columns_of_atoms(path, style, asked, rows, head)
         step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
     except (ValueError, IndexError, TypeError) as problem:
         if isinstance(problem, PackingError):
             raise
         raise PackingError(f"{path} is truncated or not a LAMMPS data file ({problem})") from None
-    at = {name: k for k, name in enumerate(names)}
-    radius = rows[:, at["diameter"]] / 2
-    arrays = {
-        "position": rows[:, at["x"] : at["x"] + 3],
-        "radius": radius,
-        "mass": rows[:, at["density"]] * VOLUME * radius**3,
-    }
-    arrays["types"] = rows[:, at["type"]].astype(np.int64) - 1
-    arrays["labels"] = {label: int(number) for label, number in labels.items()}
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    known = dict(zip(names, rows.T, strict=False))
+    known |= {"position": np.stack([known[axis] for axis in AXES], axis=1), "types": known["type"].astype(np.int64) - 1}
     if rows.shape[1] == len(names) + 3:
-        arrays["position"] = arrays["position"] + whole_periods(rows[:, -3:], vectors)
+        known["position"] += whole_periods(rows[:, -3:], vectors)
     if motion is not None:
         motion = motion[np.argsort(motion[:, 0], kind="stable")]
-        arrays |= {"velocity": motion[:, 1:4]} | ({"spin": motion[:, 4:7]} if motion.shape[1] >= 7 else {})
-    notes += at_rest(path.name, arrays)
-    notes += account_for("section", sections, path.name)
-    notes += account_for("heading of a data file", _headings(head), path.name)
+        known |= {"velocity": motion[:, 1:4]} | ({"spin": motion[:, 4:7]} if motion.shape[1] >= 7 else {})
     check_ids(path, rows[:, 0])
-    return rows[:, 0].astype(np.int64), arrays, box, notes
+    ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
+    arrays["labels"] = {label: int(number) for label, number in labels.items()}
+    notes += [*said, *account_for("section", sections, path.name)]
+    notes += account_for("heading of a data file", _headings(head), path.name)
+    return ids, arrays, box, notes
 
 
 def _headings(head: str) -> list[str]:
@@ -403,3 +398,93 @@ def _parse_data_box(head: str) -> tuple[np.ndarray, np.ndarray]:
     bounds = np.array([line(f"{axis}lo", f"{axis}hi") for axis in AXES])
     tilt = line("xy", "xz", "yz")
     return restricted_box(bounds[:, 1] - bounds[:, 0], *((0, 0, 0) if tilt is None else tilt)), bounds[:, 0]
+
+
+def contacts_path(path: Path) -> Path:
+    """Path of the contacts of a data file: packing.contacts.dump for packing.data."""
+    return path.with_name(f"{path.stem}.contacts.dump")
+
+
+def write_lammps(path: str | Path, frame: Frame) -> list[str]:
+    """Write a data file and its contacts; return notes on what they do not store."""
+    path, state = Path(path), frame.state
+    vectors, corner = bounding_box(state, "LAMMPS")
+    if state.cell.dim == 2:
+        vectors, corner = vectors.copy(), corner.copy()
+        vectors[2], corner[2] = (0, 0, 1), -0.5
+    notes = [f"LAMMPS data does not store {', '.join(lost)}" for lost in [list_losses(frame)] if lost]
+    if not state.cell.periodic[: state.cell.dim].all():
+        letters = "".join("p" if p else "f" for p in state.cell.periodic[: state.cell.dim]) + "p" * (3 - state.cell.dim)
+        notes.append(f"LAMMPS data does not store which directions are periodic: use `boundary {' '.join(letters)}`")
+    i0 = state.grains.inertia / (state.grains.mass * state.grains.radius**2)
+    if np.abs(i0 - 0.4).max() > 1e-12:
+        notes.append(
+            "LAMMPS uses the moment of inertia of spheres, 2/5 m R², or with `disc` 1/2 m R²: set it here with --i0"
+        )
+    if state.grains.angle.any():
+        notes.append("LAMMPS data does not store angles")
+    with replace_atomically(path) as part:
+        part.write_text(_format_data(frame, vectors, corner), encoding="utf-8")
+        notes += _write_contacts(contacts_path(path), frame, vectors, corner)
+    return notes
+
+
+def _format_rows(rows) -> list[str]:
+    """Format rows of numbers so that they can be read back exactly, to the last bit."""
+    return [" ".join(map(repr, row)) for row in rows]
+
+
+def _format_data(frame: Frame, vectors, corner) -> str:
+    state, grains = frame.state, frame.state.grains
+    inside, image = wrapped_into(grains.position, vectors, corner, state.cell.periodic)
+    size, tilt = np.diag(vectors), (vectors[1, 0], vectors[2, 0], vectors[2, 1])
+    density = grains.mass / (VOLUME * grains.radius**3)
+    numbers = _format_rows(np.column_stack([2 * grains.radius, density, inside]).tolist())
+    whole = _format_rows(image.tolist())
+    kinds = (grains.material + 1).tolist()
+    atoms = [f"{k} {t} {a} {b}" for k, (t, a, b) in enumerate(zip(kinds, numbers, whole, strict=True), 1)]
+    motion = _format_rows(np.hstack([grains.velocity, grains.spin]).tolist())
+    head = [f"LAMMPS data file of grains, timestep = 0, written by stickslip ({state.cell.dim} dimensions)", ""]
+    head += [f"{len(kinds)} atoms", f"{max(kinds)} atom types", ""]
+    head += [f"{float(c)!r} {float(c + s)!r} {a}lo {a}hi" for c, s, a in zip(corner, size, "xyz", strict=True)]
+    if any(tilt):
+        head.append(" ".join(repr(float(t)) for t in tilt) + " xy xz yz")
+    moving = ["", "Velocities", "", *(f"{k} {row}" for k, row in enumerate(motion, 1))]
+    return "\n".join([*head, "", "Atoms # sphere", "", *atoms, *moving, ""])
+
+
+def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
+    """Write the contacts between grains as `compute pair/local` does; return notes on what is not written."""
+    state, law = frame.state, frame.law
+    pairs, notes = without_walls(frame)
+    if law.coulomb != SHARP:
+        return [*notes, "LAMMPS has sharp friction, but this law is smooth: the memory of contacts is not written"]
+    rows = touching(state)
+    rows = rows[state.contacts.j[rows] < len(state.grains.radius)]
+    c = linearise(state, law)
+    vn, vt = contact_velocity(state, rows, c.normal[rows])
+    normal = (c.force_n[rows] - c.damping_n[rows] * vn)[:, None] * c.normal[rows]
+    tangential = pairs["tangential"] - c.damping_t[rows, None] * vt
+    length = np.linalg.norm(pairs["branch"], axis=1)
+    numbers = _format_rows(np.column_stack([length, pairs["branch"], normal, tangential]).tolist())
+    ends = zip((pairs["i"] + 1).tolist(), (pairs["j"] + 1).tolist(), numbers, strict=True)
+    flags = ["pp" if p else "ff" for p in state.cell.periodic]
+    xy, xz, yz = vectors[1, 0], vectors[2, 0], vectors[2, 1]
+    low, high = corner.copy(), corner + np.diag(vectors)
+    low[0] += min(0.0, xy, xz, xy + xz)
+    high[0] += max(0.0, xy, xz, xy + xz)
+    low[1] += min(0.0, yz)
+    high[1] += max(0.0, yz)
+    bounds = _format_rows(np.column_stack([low, high, (xy, xz, yz)]).tolist())
+    head = ["ITEM: TIMESTEP", "0", "ITEM: NUMBER OF ENTRIES", str(len(rows))]
+    head += [f"ITEM: BOX BOUNDS xy xz yz {' '.join(flags)}", *bounds, f"ITEM: ENTRIES {' '.join(ORDER)}"]
+    with replace_atomically(path) as part:
+        part.write_text("\n".join([*head, *(f"{i} {j} {row}" for i, j, row in ends), ""]), encoding="utf-8")
+    sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
+    if damping_model(law) and sliding:
+        notes.append(
+            f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored without the force carried by "
+            f"dashpots"
+        )
+    back = f"read it back with --contacts {shlex.quote(str(path))}"
+    return [*notes, f"LAMMPS cannot import the memory of contacts, which is in {path.name}: {back}"]

@@ -1,5 +1,10 @@
-"""Tables of grains and contacts as text: CSV, columns with or without names (PFC, YADE), and MercuryDPM's .data."""
+"""Tables of grains and contacts as text: CSV, columns with or without names, MercuryDPM's .data, extended XYZ.
 
+Extended XYZ, which ASE and OVITO read, has grains as atoms of species X, further columns, the cell, and the law. It is
+written without a library, because ASE would write only eight decimals.
+"""
+
+import json
 import re
 from pathlib import Path
 
@@ -9,10 +14,10 @@ from ...core.state import SLIDE
 from ...core.tables import write_table
 from ...core.text import parse_numbers
 from ..atomic import replace_atomically
-from ..sample import AssumedColumns, Assumption, PackingError
+from ..sample import COLUMNS, NO_CONTACTS, Assumption, PackingError
 from .columns import LENGTHS, NEEDED, TIMES, identify_columns, packing_of_columns, plain_name
-from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines
-from .frame import Frame, exported, list_losses
+from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines, split_frames
+from .frame import Frame, exported, law_from_dict, law_to_dict, list_losses
 
 MERCURY = {  # numbers in the header, and columns of a row
     8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
@@ -67,7 +72,7 @@ def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     names, notes = _names(lines[0]) if lines else None, []
     if names is None:
         names = ["x", "y", "z", "radius"]
-        notes = [AssumedColumns(f"{path.name} does not name its columns: x y z radius is assumed")]
+        notes = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed", COLUMNS)]
     else:
         lines = lines[1:]
     _check_names(path, names)
@@ -138,25 +143,8 @@ def recognize_mercury(head: bytes) -> bool:
 
 def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
     """Read time steps of a .data file of MercuryDPM, named by their number."""
-    lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
-    while at < len(lines):
-        size = _mercury_header(path, lines[at])
-        starts.append((at, size))
-        at += size + 1
-    if at > len(lines):
-        raise PackingError(f"{path} ends within time step {len(starts) - 1}: it is truncated, or still being written")
-    chosen = chosen_frames(path, [str(k) for k in range(len(starts))], frame)
-    return [_mercury_step(path, str(k), lines[starts[k][0] :][: starts[k][1] + 1]) for k in chosen]
-
-
-def _mercury_header(path: Path, line: str) -> int:
-    """Number of grains of a time step."""
-    fields = line.split()
-    if len(fields) not in MERCURY or not fields[0].isdecimal() or len(fields[0]) > 12:
-        raise PackingError(
-            f"{path} has {line[:60]!r} where a time step of MercuryDPM begins: N t and the domain are needed"
-        )
-    return int(fields[0])
+    steps = split_frames(path, frame, MERCURY, 1, "time step", "N t and the domain are needed, as in MercuryDPM")
+    return [_mercury_step(path, *step) for step in steps]
 
 
 def _mercury_step(path: Path, name: str, lines: list[str]) -> Packing:
@@ -201,3 +189,92 @@ def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
         parts = dict(zip("xyz", values.T, strict=True)) if values.ndim == 2 else {"": values}
         flat |= {"_".join(filter(None, (name, axis))): part.tolist() for axis, part in parts.items()}
     write_table(path, flat, zip(*flat.values(), strict=True), digits=None)
+
+
+PAIR = re.compile(r'(\w+)=("(?:[^"\\]|\\.)*"|\S+)')
+
+
+def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
+    """Write frames one after the other, with numbers exact to the last bit.
+
+    Return notes on what the format does not store.
+    """
+    with replace_atomically(Path(path)) as part, part.open("w", encoding="utf-8") as file:
+        for frame in frames:
+            file.write(_format_frame(frame))
+    lost = ["contacts and their memory", *list_losses(frames[0], law=False)]
+    return [f"extended XYZ does not store {', '.join(lost)}"]
+
+
+def _format_frame(frame: Frame) -> str:
+    grains, cell = frame.state.grains, frame.state.cell
+    named = {"pos": grains.position, "radius": grains.radius, "mass": grains.mass, "velo": grains.velocity}
+    named |= {"spin": grains.spin, "angle": grains.angle, "inertia": grains.inertia, "material": grains.material}
+    named |= exported(frame.grains)
+    columns, kinds = [], []
+    for name, values in named.items():
+        width = 1 if values.ndim == 1 else values.shape[1]
+        kinds.append(f"{name}:{'I' if values.dtype.kind in 'iu' else 'R'}:{width}")
+        columns.append([" ".join(map(repr, row)) for row in values.reshape(-1, width).tolist()])
+    lattice = " ".join(repr(v) for v in cell.vectors.ravel().tolist())
+    flags = " ".join("T" if p else "F" for p in cell.periodic)
+    law = json.dumps(json.dumps(law_to_dict(frame.law)))  # quoted, with inner quotes escaped
+    head = [f'Lattice="{lattice}"'] if cell.periodic.any() else []
+    head += [f'pbc="{flags}"', f"Properties=species:S:1:{':'.join(kinds)}"]
+    head += [f"time={frame.state.time!r}", f"dim={cell.dim}", f"law={law}"]
+    rows = (f"X {' '.join(row)}\n" for row in zip(*columns, strict=True))
+    return f"{len(grains.radius)}\n{' '.join(head)}\n{''.join(rows)}"
+
+
+def recognize_xyz(head: bytes) -> bool:
+    """Return True for extended XYZ: a count of grains, and a line that names the columns."""
+    lines = head_text(head).split("\n", 2)
+    return len(lines) > 1 and lines[0].strip().isdecimal() and "Properties=" in lines[1]
+
+
+def read_xyz(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read frames of extended XYZ, named by their number; the law is read if stickslip wrote it."""
+    frames = split_frames(path, frame, (1,), 2, "frame", "it is truncated or damaged")
+    return [_read_frame(path, *part) for part in frames]
+
+
+def _read_frame(path: Path, name: str, lines: list[str]) -> Packing:
+    about = dict(PAIR.findall(lines[1]))
+    try:
+        kinds = about["Properties"].strip('"').split(":")
+        columns = _columns(kinds, [line.split() for line in lines[2:]])
+        more, law = _box(about), law_from_dict(json.loads(json.loads(about["law"]))) if "law" in about else None
+    except (KeyError, ValueError, IndexError, TypeError) as problem:
+        raise PackingError(
+            f"{path} has a damaged frame {name} ({problem}): its second line must name its columns"
+        ) from None
+    packing = packing_of_columns(columns, path.name, name, **more)
+    notes = [*packing.notes, NO_CONTACTS] if law else packing.notes
+    return packing._replace(law=law, notes=notes if "cell" in more else [*notes, extent_note(path.name)])
+
+
+def _columns(kinds: list[str], rows: list[list[str]]) -> dict[str, np.ndarray]:
+    """Columns of numbers by their names in `Properties`."""
+    out, at = {}, 0
+    for name, kind, width in zip(kinds[::3], kinds[1::3], map(int, kinds[2::3]), strict=True):
+        if kind in "RI":
+            values = parse_numbers([word for row in rows for word in row[at : at + width]]).reshape(len(rows), width)
+            out[name] = values[:, 0] if width == 1 else values
+        elif name == "species" and len({row[at] for row in rows}) > 1:
+            out[name] = np.unique([row[at] for row in rows], return_inverse=True)[1].astype(float)
+        at += width
+    if any(len(row) != at for row in rows):
+        raise ValueError(f"rows that do not have {at} entries")
+    return out
+
+
+def _box(about: dict[str, str]) -> dict:
+    """Cell and its periodic flags, as arguments of `from_arrays`."""
+    if "Lattice" not in about:
+        return {}
+    flags = about.get("pbc", '"T T T"').strip('"').split()
+    more = {
+        "cell": parse_numbers(about["Lattice"].strip('"').split()).reshape(3, 3),
+        "periodic": [f in "T1" for f in flags],
+    }
+    return more | ({"dim": int(about["dim"])} if about.get("dim") in ("2", "3") else {})

@@ -1,7 +1,11 @@
-"""Swept keys: the entries of a [sweep] table, each a list of values or a table that describes them; and its options."""
+"""Swept keys: lists, spaced values, random points and tables of draws in a [sweep] table; and its options."""
 
+import math
+import warnings
+import zlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -9,8 +13,19 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from ...core.sizes import MOST
-from ...data.schema import LARGEST, Finite, Listed, Positive, ScenarioError, ScenarioTable, validate_table
-from .points import generator, quantiles
+from ...core.tables import read_table, split_label
+from ...core.text import parse_number
+from ...data.schema import (
+    LARGEST,
+    Finite,
+    Listed,
+    Positive,
+    ScenarioError,
+    ScenarioTable,
+    field_at,
+    split_unit,
+    validate_table,
+)
 
 SPACED, DRAWN = ("linspace", "geomspace"), ("uniform", "loguniform", "integers", "normal")
 KINDS = (*SPACED, *DRAWN, "column", "count")
@@ -168,7 +183,9 @@ def make_axis(key: str, entry: list | Values, seed, options: Options, draws: dic
     if number is None:
         raise ScenarioError(f"sweep.{key} has no number of values: give it, as in {{{kind} = …, number = 5}}")
     if kind in SPACED:
-        return Axis(key, _spaced_values(kind, *parameters, number), kind)
+        values = getattr(np, kind)(*map(float, parameters), number)
+        whole = all(isinstance(end, int) for end in parameters) and (values == np.round(values)).all()
+        return Axis(key, tuple((values.astype(int) if whole else values).tolist()), kind)
     share = generator(options.draw_seed, key).random(number)
     return Axis(key, quantiles(kind, parameters, np.sort(share) if options.mode == "grid" else share), kind)
 
@@ -181,7 +198,155 @@ def _seeds(key: str, first, count: int) -> tuple:
     return tuple(range(first, first + count))
 
 
-def _spaced_values(kind: str, first, last, number: int) -> tuple:
-    values = getattr(np, kind)(float(first), float(last), number)
-    whole = isinstance(first, int) and isinstance(last, int) and (values == np.round(values)).all()
-    return tuple((values.astype(int) if whole else values).tolist())
+FEWEST = 0.01  # share of accepted points below which drawing is given up
+LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # points drawn before that, and in all
+
+
+def generator(seed: int, name: str) -> np.random.Generator:
+    """Return the random generator of one key."""
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
+def latin_hypercubes(names, number: int, seed: int) -> Iterator[dict[str, np.ndarray]]:
+    """Yield Latin hypercubes of `number` points in the unit cube, {name: coordinates}, without end.
+
+    Each coordinate has `number` intervals of equal probability, with one point in each (McKay, Beckman and Conover
+    1979, doi:10.1080/00401706.1979.10489755).
+    """
+    generators = {name: generator(seed, name) for name in names}
+    while True:
+        yield {name: (rng.permutation(number) + rng.random(number)) / number for name, rng in generators.items()}
+
+
+def sobol_points(names, number: int, seed: int) -> Iterator[dict[str, np.ndarray]]:
+    """Yield successive `number` points of a scrambled Sobol' sequence in the unit cube, {name: coordinates}.
+
+    Each coordinate is scrambled by its own generator, so that it depends only on the seed, its name and its place
+    among the names (Owen 1998, doi:10.1006/jcom.1998.0487; Matoušek 1998, doi:10.1006/jcom.1998.0489).
+    """
+    from scipy.stats import qmc
+
+    sequences = [qmc.Sobol(k + 1, seed=generator(seed, name)) for k, name in enumerate(names)]
+    while True:
+        with warnings.catch_warnings():  # SciPy's advice on powers of two is in the documentation
+            warnings.simplefilter("ignore", UserWarning)
+            yield {name: sobol.random(number)[:, -1] for name, sobol in zip(names, sequences, strict=True)}
+
+
+BATCHES = {"latin-hypercube": latin_hypercubes, "sobol": sobol_points}
+
+
+def quantiles(kind: str, parameters, share: np.ndarray) -> tuple:
+    """Return the quantiles of a distribution at given probabilities; its parameters are two ends, or `Normal`."""
+    if kind == "normal":
+        from scipy.special import ndtri
+
+        return tuple((parameters.mean + parameters.sd * ndtri(np.clip(share, 1e-16, 1 - 1e-16))).tolist())
+    low, high = parameters
+    if kind == "integers":
+        return tuple(np.minimum(low + np.floor(share * (high - low + 1)), high).astype(int).tolist())
+    if kind in ("loguniform", "geomspace"):
+        return tuple(np.exp(math.log(low) + share * math.log(high / low)).tolist())
+    return tuple((low + share * (high - low)).tolist())
+
+
+def check_effort(accepted: int, tried: int, refused: dict[str, int]) -> None:
+    """Raise ScenarioError if conditions refuse so many points that drawing more is hopeless."""
+    few = accepted < FEWEST * tried and tried >= LEAST_TRIED
+    if few or tried > MOST_TRIED:
+        raise ScenarioError(
+            f"sweep.where refuses {tried - accepted} of {tried} points ({describe_refusals(refused)}): use a weaker "
+            "condition, or narrower distributions"
+        )
+
+
+def describe_refusals(refused: dict[str, int]) -> str:
+    """Return the conditions with the number of points that each of them refuses."""
+    return ", ".join(f"{count} by {text}" for text, count in refused.items() if count)
+
+
+MOST_ROWS = 100_000  # the values are part of the text of the sweep
+PLAIN = ("", "-", "1")  # units of numbers
+
+
+def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
+    """Return the columns of a table of draws that a sweep uses, {name: values}.
+
+    Parameters
+    ----------
+    draws : path of a CSV file with headers such as `dc [m]`, or {name: values}
+    entries : those of all swept keys
+    kind : class of the scenario; the unit in a header must be that of the key, unless the entry has a factor `times`
+    """
+    columns = {key: entry for key, entry in entries.items() if isinstance(entry, Values) and entry.column is not None}
+    if draws is None:
+        if columns:
+            raise ScenarioError(f"sweep.{next(iter(columns))} names a column: give the file with sweep.draws")
+        return {}
+    if not columns:
+        raise ScenarioError('sweep.draws was given, but no key uses it: give one, as "surface.a" = {column = "a"}')
+    of_file = isinstance(draws, str | Path)
+    table, out = _read_file(Path(draws)) if of_file else _check_table(draws), {}
+    for key, entry in columns.items():
+        name = entry.column
+        if name not in table:
+            raise ScenarioError(f"sweep.{key}: sweep.draws has no column {name!r}: its columns are {', '.join(table)}")
+        unit, out[name] = table[name]
+        if of_file and entry.times is None:
+            _check_unit(key, name, unit, field_at(kind, key).description)
+    lengths = {name: len(values) for name, values in out.items()}
+    if len(set(lengths.values())) > 1:
+        raise ScenarioError(f"the columns of sweep.draws have different lengths: {lengths}")
+    return out
+
+
+def _read_file(path: Path) -> dict[str, tuple[str, list[float]]]:
+    try:
+        (_, header), *rows = read_table(path)
+    except OSError as problem:
+        raise ScenarioError(f"sweep.draws = {path} cannot be read ({problem.strerror}): give a CSV file") from None
+    except ValueError as problem:
+        raise ScenarioError(f"sweep.draws: {problem}") from None
+    if not 1 <= len(rows) <= MOST_ROWS:
+        raise ScenarioError(f"sweep.draws = {path} has {len(rows)} rows: give 1 to {MOST_ROWS}")
+    names = [(name, unit or "") for name, unit in map(split_label, header)]
+    if len({name for name, _ in names}) < len(names):
+        raise ScenarioError(f"sweep.draws = {path} has two columns of the same name: keep one")
+    return {name: (unit, [_parse(path, row, k, name) for row in rows]) for k, (name, unit) in enumerate(names)}
+
+
+def _parse(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
+    number, fields = row
+    try:
+        value = parse_number(fields[k])
+    except ValueError:
+        value = np.nan
+    if not abs(value) <= LARGEST:
+        raise ScenarioError(
+            f"sweep.draws = {path}, line {number}: {name} is {fields[k][:40]!r}, not a finite number: remove the line"
+        )
+    return value
+
+
+def _check_table(draws) -> dict[str, tuple[str, list[float]]]:
+    out = {}
+    for name, values in draws.items() if isinstance(draws, dict) else ():
+        try:
+            column = np.asarray(values, float)
+        except (TypeError, ValueError):
+            column = np.array([np.nan])
+        if column.ndim != 1 or not 1 <= len(column) <= MOST_ROWS or not (np.abs(column) <= LARGEST).all():
+            raise ScenarioError(f"sweep.draws.{name} is not a list of 1 to {MOST_ROWS} finite numbers")
+        out[name] = ("", column.tolist())
+    if not out:
+        raise ScenarioError("sweep.draws must be the path of a CSV file, or a table of columns")
+    return out
+
+
+def _check_unit(key: str, name: str, unit: str, description: str | None) -> None:
+    wanted = split_unit(description)[1]
+    if unit != wanted and not (unit in PLAIN and wanted in PLAIN):
+        raise ScenarioError(
+            f"sweep.{key}: column {name!r} is in [{unit or '-'}] and the key in [{wanted or '-'}]: give the factor "
+            f'between them, as in {{column = "{name}", times = 1e-6}}'
+        )

@@ -1,6 +1,7 @@
 """Dataset of a sweep: swept keys are dimensions, and the measures of its members are variables with units.
 
-The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read.
+The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read. Members with
+stick–slip cycles also have a figure: slip since an event, and recurrence.
 """
 
 from pathlib import Path
@@ -11,10 +12,14 @@ import xarray as xr
 from ... import __version__
 from ...core.arguments import checked
 from ...core.reading import check_regular_file
-from ...data.dotted_keys import field_at
+from ...data import archive
+from ...data.checkpoint import MEMBERS
 from ...data.manifest import write_file
-from ...data.schema import split_unit
-from ...experiments.registry import scenario_class
+from ...data.run_files import NUMBERS
+from ...data.schema import field_at, split_unit
+from ...experiments.registry import EXPERIMENTS, scenario_class
+from ...figures.analyses import cycles
+from ...figures.saving import PLAIN, Look, render_all
 from .axes import Axis
 from .definition import Sweep
 
@@ -117,3 +122,31 @@ def _attributes(description: str | None) -> dict:
 
 def _value(output: dict | None, name: str) -> float:
     return output["measures"][name][0] if output and name in output["measures"] else np.nan
+
+
+FIGURE = "cycles.png"
+MOST = 500  # members that are drawn
+BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # times of the figure, in median recurrence times, and their number
+
+
+def write_cycles(
+    folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None], look: Look = PLAIN
+) -> Path | None:  # fmt: skip
+    """Write the figure into the folder of a sweep, if at least three members of its experiment have cycles."""
+    experiment = EXPERIMENTS[scenario_class(chosen.base).model_fields["experiment"].default]
+    if experiment.cycles is None:
+        return None
+    known = {name: _value(output, "recurrence") for name, output in zip(names, outputs, strict=True)}
+    known = {name: time for name, time in known.items() if np.isfinite(time)}
+    if len(known) < 3:
+        return None
+    recurrence = np.array(list(known.values()))
+    since = np.linspace(-BEFORE, SPAN, POINTS) * np.median(recurrence)
+    trees = (archive.read(folder / MEMBERS / name / NUMBERS) for name in list(known)[:MOST])
+    curves = [curve for tree in trees if (curve := experiment.cycles(tree, since)) is not None]
+    if len(curves) < 3:
+        return None
+    figure = cycles(since, np.array(curves), recurrence, without=len(names) - len(known))
+    for name, content in render_all(FIGURE, figure, look).items():
+        write_file(folder, name, content)
+    return folder / FIGURE

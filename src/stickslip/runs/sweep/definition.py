@@ -2,14 +2,17 @@
 
 A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
 `draw_seed` and their own key, so adding another key does not change them. Points that do not satisfy the conditions
-`where` are refused and counted.
+`where` are refused and counted: of Python's grammar these may contain names of swept keys, numbers, comparisons,
+arithmetic, and, or and not; everything else is refused before Python evaluates anything.
 """
 
+import ast
 import hashlib
 import json
 import math
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from functools import reduce
 from itertools import product
 from pathlib import Path
@@ -20,14 +23,24 @@ import numpy as np
 from ...core.arguments import checked
 from ...core.readable import format_value, pluralize, readable
 from ...core.sizes import Size, require_sizes
-from ...data.dotted_keys import field_at, with_value
+from ...core.text import shortened
 from ...data.law_file import trust_law_files, with_checksums
-from ...data.schema import ScenarioBase, ScenarioError, split_unit, validate_table
+from ...data.schema import LARGEST, ScenarioBase, ScenarioError, field_at, split_unit, validate_table, with_value
 from ...experiments.registry import read_tables, scenario, scenario_class
-from .axes import OPTIONS, Axis, Options, flatten, make_axis, parse_entry, swept_entries
-from .condition import find_broken, parse_conditions
-from .draws import read_draws
-from .points import BATCHES, check_effort, describe_refusals, quantiles
+from .axes import (
+    BATCHES,
+    OPTIONS,
+    Axis,
+    Options,
+    check_effort,
+    describe_refusals,
+    flatten,
+    make_axis,
+    parse_entry,
+    quantiles,
+    read_draws,
+    swept_entries,
+)
 
 FEWER = "use fewer values"
 
@@ -180,7 +193,9 @@ def member(chosen: Sweep, k: int) -> Member:
         validated = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
         raise ScenarioError(f"member {', '.join(f'{k} = {v}' for k, v in values.items())}: {problem}") from None
-    return Member(_member_name(values, validated), values, validated)
+    label = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
+    name = f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', label)[:80]}-{validated.digest[:10]}"
+    return Member(name, values, validated)
 
 
 def describe_differences(old: dict, new: dict) -> str:
@@ -205,11 +220,6 @@ def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
     table = tables.get("sweep", {})
     base = {"experiment": "disk-array"} | flatten({k: v for k, v in tables.items() if k != "sweep"})
     return base, list(swept_entries(table)), table.get("mode", "grid")
-
-
-def _member_name(values: dict, scenario: ScenarioBase) -> str:
-    label = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
-    return f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', label)[:80]}-{scenario.digest[:10]}"
 
 
 def _select_points(chosen: Sweep, options: Options) -> Sweep:
@@ -266,3 +276,138 @@ def _check_same_length(axes: tuple[Axis, ...]) -> None:
                 f"sweep.{side[0].key} has {len(side[0].values)} values and sweep.{axis.key} {len(axis.values)}: in "
                 "zip mode, all keys need the same number of values"
             )
+
+
+LONGEST, DEEPEST = 1000, 50  # characters of a condition, and levels of parentheses and operators
+ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
+COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
+POWER = "**"  # name of a function, which no key has
+ALLOWED = "use names of swept keys, numbers, comparisons, + - * / **, and, or, not"
+
+
+class Condition(NamedTuple):
+    """A condition; one that joins several by `and` is split into them."""
+
+    text: str
+    holds: Callable[[dict], bool]  # of {key: value}
+
+
+def parse_conditions(where, keys) -> tuple[Condition, ...]:
+    """Parse the conditions of a sweep, a text or a list of texts.
+
+    Parameters
+    ----------
+    keys : dotted names of the swept keys. A condition may use their last parts alone if these are unique; names that
+        Python cannot read, such as legs.2.velocity, are written in quotes
+
+    Examples
+    --------
+    >>> (above,) = parse_conditions("b > 1.2 * a", ("surface.a", "surface.b"))
+    >>> above.text, above.holds({"surface.a": 0.010, "surface.b": 0.013})
+    ('b > 1.2 * a', True)
+    """
+    texts = where if isinstance(where, list | tuple) else [where]
+    if not texts or not all(isinstance(text, str) for text in texts):
+        raise ScenarioError(f"sweep.where = {shortened(str(where))!r} was given: use a condition such as 'b > a'")
+    return tuple(part for text in texts for part in _parse(text, tuple(keys)))
+
+
+def find_broken(values: dict, conditions) -> str | None:
+    """Return the text of the first condition that a point does not satisfy, or None."""
+    return next((condition.text for condition in conditions if not condition.holds(values)), None)
+
+
+def _parse(text: str, keys: tuple[str, ...]) -> list[Condition]:
+    if len(text) > LONGEST:
+        raise ScenarioError(f"sweep.where has {len(text)} characters: at most {LONGEST} are allowed")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Python's remarks on odd expressions, which are refused below
+            tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise _refusal(text, "it cannot be read", ALLOWED) from None
+    parts = tree.values if isinstance(tree, ast.BoolOp) and isinstance(tree.op, ast.And) else [tree]
+    return [Condition(ast.unparse(part), _compile(_restrict(part, text, keys, bool), text)) for part in parts]
+
+
+def _compile(tree: ast.expr, text: str) -> Callable[[dict], bool]:
+    """Return a function of {key: value}, with one sentence for values at which it is not defined."""
+    code = compile(ast.fix_missing_locations(ast.Expression(tree)), "sweep.where", "eval")
+
+    def holds(values: dict) -> bool:
+        used = {key: values[key] for key in code.co_names if key != POWER}
+        for key, value in used.items():
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                problem = f"{key} has the value {shortened(str(value))!r}"
+                raise _refusal(text, problem, "only numbers can be compared")
+        try:
+            return eval(code, {"__builtins__": {}, POWER: math.pow}, {key: float(value) for key, value in used.items()})
+        except (ArithmeticError, ValueError):
+            where = ", ".join(f"{key} = {value}" for key, value in values.items())
+            raise _refusal(text, f"it is not defined at {shortened(where)}", "exclude that point") from None
+
+    return holds
+
+
+def _restrict(node: ast.expr, text: str, keys: tuple[str, ...], wanted: type, depth: int = 0) -> ast.expr:
+    """Copy of an expression that gives a truth value (bool) or a number (float), built from allowed parts alone."""
+    if depth > DEEPEST:
+        raise _refusal(text, "it is nested too deeply", f"at most {DEEPEST} levels are allowed")
+
+    def below(inner: ast.expr, kind: type = float) -> ast.expr:
+        return _restrict(inner, text, keys, kind, depth + 1)
+
+    if wanted is bool:
+        match node:
+            case ast.BoolOp():
+                return ast.BoolOp(node.op, [below(part, bool) for part in node.values])
+            case ast.UnaryOp(op=ast.Not()):
+                return ast.UnaryOp(node.op, below(node.operand, bool))
+            case ast.Compare() if all(isinstance(op, COMPARISONS) for op in node.ops):
+                return ast.Compare(below(node.left), node.ops, [below(side) for side in node.comparators])
+        raise _refusal(text, f"{_quoted(node)} is neither true nor false", "compare two numbers, as in 'b > a'")
+    match node:
+        case ast.Constant() if type(node.value) in (int, float):
+            if not abs(node.value) <= LARGEST:
+                raise _refusal(text, "it contains a number that is too large", f"use numbers up to {LARGEST:g}")
+            return ast.Constant(float(node.value))
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd()):
+            return ast.UnaryOp(node.op, below(node.operand))
+        case ast.BinOp(op=ast.Pow()):  # of negative numbers, Python's is complex
+            return ast.Call(ast.Name(POWER, ast.Load()), [below(node.left), below(node.right)], [])
+        case ast.BinOp() if isinstance(node.op, ARITHMETIC):
+            return ast.BinOp(below(node.left), node.op, below(node.right))
+    if (name := _dotted_name(node)) is not None:
+        return ast.Name(_find_key(name, text, keys), ast.Load())
+    raise _refusal(text, f"{_quoted(node)} is not a number or the name of a swept key", ALLOWED)
+
+
+def _dotted_name(node: ast.AST) -> str | None:
+    """Return a name, names joined by dots, or a text in quotes; None for anything else."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    parts = []
+    while isinstance(node, ast.Attribute):
+        parts.append(node.attr)
+        node = node.value
+    return ".".join([node.id, *reversed(parts)]) if isinstance(node, ast.Name) else None
+
+
+def _find_key(name: str, text: str, keys: tuple[str, ...]) -> str:
+    matches = [key for key in keys if key == name] or [key for key in keys if key.endswith(f".{name}")]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise _refusal(text, f"{name!r} may be {' or '.join(matches)}", "give the whole name")
+    raise _refusal(text, f"{shortened(name)!r} is not a swept key", f"the keys are {shortened(', '.join(keys))}")
+
+
+def _quoted(node: ast.AST) -> str:
+    try:
+        return repr(shortened(ast.unparse(node)))
+    except RecursionError:
+        return "an expression"
+
+
+def _refusal(text: str, problem: str, remedy: str) -> ScenarioError:
+    return ScenarioError(f"sweep.where = {shortened(text)!r} was given, but {problem}: {remedy}")

@@ -17,10 +17,8 @@ from ...data.run_files import OPTIONS, foreign_files_message
 from ...ensemble import Workers, reach
 from ...figures.saving import FORMATS, Look
 from ...reports.terminal import console, new_table, progress, show_table
-from ..folder import check_writable
-from ..resume import read_json
-from .cycles import FIGURE, write_cycles
-from .dataset import DATASET
+from ..folder import check_writable, read_json
+from .dataset import DATASET, FIGURE, write_cycles
 from .definition import Sweep, describe_differences, member
 from .run import MANY, SweepResult, estimate, is_same_sweep, read_finished, run_sweep, validate_members
 

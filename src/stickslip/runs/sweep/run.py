@@ -25,8 +25,7 @@ from ...experiments.experiment import named_measures
 from ...experiments.registry import experiment_of
 from ...figures.saving import PLAIN, Look
 from ...reports.terminal import format_duration
-from ..folder import staged_results
-from ..writer import write_numbers, write_result
+from ..folder import staged_results, write_numbers, write_result
 from .dataset import write_sweep
 from .definition import Sweep, member, sweep
 

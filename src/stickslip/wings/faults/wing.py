@@ -8,4 +8,8 @@ WING = Wing(
     experiments={"rate-state": "rate_state", "fault": "fault"},
     commands="commands",
     selfchecks="selfchecks.selfchecks",
-)
+    pages=(
+        "rate_and_state", "faults", "tutorials/laboratory_record", "tutorials/from_record_to_fault",
+        "theory/rate_and_state",
+    ),
+)  # fmt: skip

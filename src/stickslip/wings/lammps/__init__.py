@@ -1,6 +1,6 @@
 """LAMMPS as an engine: a State becomes its input, it runs in processes of its own, and its restart files become States.
 
-`leg` says what runs, `supported` what LAMMPS cannot do, `script` writes the input, `process` runs LAMMPS, and `run`
+`supported` says what LAMMPS cannot do, `cell` and `script` write the input of a leg, `process` runs LAMMPS, and `run`
 puts these together. `data.exchange.lammps_restart` reads and writes restart files, which hold the memory of contacts
 exactly.
 """

@@ -1,9 +1,9 @@
-"""Cells that follow a stress, or deform otherwise than in simple shear, in formulas that LAMMPS evaluates at each step.
+"""How a leg looks to LAMMPS: atom types, rigid groups, and a cell that follows a stress or deforms, as formulas.
 
-LAMMPS moves grains at their velocities u = v + L x in the laboratory, those of the middle of a step, where v are ours.
-What the cell does to them is therefore a force of `fix addforce`. With T and K = (1 − ½ dt L)⁻¹ of
-`core.dynamics.cell_motion`, κ = 1 − ½ dt ν and σ = 1/(1 + ½ dt ν) of the drag ν, it takes u of one step to that of the
-next (⁺) by way of v at the end of the step:
+LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. It moves grains at their velocities
+u = v + L x in the laboratory, those of the middle of a step, where v are ours. What the cell does to them is therefore
+a force of `fix addforce`. With T and K = (1 − ½ dt L)⁻¹ of `core.dynamics.cell_motion`, κ = 1 − ½ dt ν and
+σ = 1/(1 + ½ dt ν) of the drag ν, it takes u of one step to that of the next (⁺) by way of v at the end of the step:
 
     v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x).
 
@@ -16,10 +16,53 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import State
-from ...core.dynamics.cell_motion import cell_mass
-from ...core.dynamics.coefficients import driven_bodies
-from ...core.dynamics.engine import Leg
-from .leg import digits
+from ...kit import Leg, cell_mass, driven_bodies
+
+LOOSE = 1  # atom type of grains that belong to no rigid group; group g has type g + 2
+
+
+def warm_up(leg: Leg) -> int:
+    """Return the number of steps of duration zero before the first one."""
+    return 2 if leg.state.control.cell_rate.any() or leg.state.control.cell_free.any() else 0
+
+
+def digits(*numbers: float) -> str:
+    """Numbers with seventeen digits, from which they are read back exactly."""
+    return " ".join(f"{number:.17g}" for number in numbers)
+
+
+def atom_types(state: State) -> np.ndarray:
+    """Atom type of each grain, (N,)."""
+    group = state.control.group[: len(state.grains.radius)]
+    return np.where(group < 0, LOOSE, group + 2)
+
+
+def members_of(state: State) -> dict[int, np.ndarray]:
+    """Indices of the grains of each rigid group, by its number."""
+    group = state.control.group[: len(state.grains.radius)]
+    return {int(g): np.flatnonzero(group == g) for g in np.unique(group[group >= 0])}
+
+
+def is_held(state: State, members: np.ndarray) -> bool:
+    """Return True if no component of a rigid group is free."""
+    return not state.control.free[members[0], : state.cell.dim].any()
+
+
+def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times of the knots of a course from the start of a leg, with both ends, and its values there."""
+    control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
+    times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
+    return times, np.interp(times, control.knots, control.course[:, column])
+
+
+def inertia_factor(state: State) -> float:
+    """I0 of the grains that turn, NaN if they differ."""
+    grains, loose = state.grains, state.control.group[: len(state.grains.radius)] < 0
+    i0 = (grains.inertia / (grains.mass * grains.radius**2))[loose]
+    if not len(i0):
+        return 0.4
+    return float(i0[0]) if np.allclose(i0, i0[0], rtol=1e-9) else np.nan
+
 
 INSTANT = 1e-200  # duration of a step in which nothing moves; of zero, `fix langevin` makes NaN [time]
 AXES = "xyz"
@@ -122,11 +165,6 @@ def _turn(rate: Matrix, dt: float) -> Matrix:
     return _product(_inverse(_sum((1, ONE), (0.25 * dt, rate))), _sum((1, ONE), (-0.25 * dt, rate)))
 
 
-def _drag_factors(leg: Leg) -> tuple[float, float]:
-    """κ and σ."""
-    return 1 - 0.5 * leg.dt * leg.drag, 1 / (1 + 0.5 * leg.dt * leg.drag)
-
-
 def _stress_commands(leg: Leg) -> list[str]:
     """Variables of L̇, from contacts and from the energy of fixes of which each has Σ m v² along an axis."""
     state, lines = leg.state, []
@@ -141,7 +179,8 @@ def _stress_commands(leg: Leg) -> list[str]:
 
 def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):
     """Coefficients, fixes of Σ m v², and the fix of the forces on grains; `first`: velocities are at the start."""
-    dt, h, (keep, slow) = leg.dt, 0.5 * leg.dt, _drag_factors(leg)
+    dt, h = leg.dt, 0.5 * leg.dt
+    keep, slow = 1 - h * leg.drag, 1 / (1 + h * leg.drag)  # κ and σ
     half, turn = _inverse(_sum((1, ONE), (-h, later))), _turn(rate, dt)
     ahead = _product(half, _turn(later, dt))
     v, x, kick = _sum((slow, _product(turn, _sum((1, ONE), (h, rate))))), _sum((-slow, _product(turn, rate))), slow * h

@@ -66,11 +66,10 @@ def watch(
     check_choice("method", method, METHODS)
     if once and until_idle is not None:
         raise ValueError("--once was given with --until-idle: give one of them")
-    from ...data.exchange.follow import open_source
-    from ...reports import terminal
-    from .watch.record import watch_and_record
+    from ...kit import lammps_series, terminal
+    from .watch_record import watch_and_record
 
-    source = open_source(place, memory=not no_contacts, **options.values())
+    source = lammps_series.open_source(place, memory=not no_contacts, **options.values())
     table = out or source.folder / NAME
     with terminal.console_output(*output):
         done, stopped = watch_and_record(
@@ -82,7 +81,7 @@ def watch(
     paths = [table, table.with_suffix(".html")]
 
     def answer() -> dict:
-        from ...runs import json_output
+        from ...kit import json_output
 
         last = done.rows[max(done.rows)]
         more = {"frames": len(done.rows), "newest": last._asdict(), "notes": done.notes}

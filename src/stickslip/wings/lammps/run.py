@@ -5,32 +5,31 @@ import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from ... import OPEN, Law, State
-from ...core.control import factors_at
-from ...core.dynamics.coefficients import driven_bodies
-from ...core.dynamics.engine import Engine, Leg
-from ...core.dynamics.run import join_samples, sample
-from ...data.exchange.lammps_restart import (
-    Places,
-    Restart,
-    is_complete,
-    read_restart,
-    restore_memory,
-    rotations,
-    write_memory,
+from ...kit import (
+    LEGS,
+    Engine,
+    Leg,
+    ScenarioError,
+    checked,
+    driven_bodies,
+    factors_at,
+    join_samples,
+    lammps_restart,
+    read_dump,
+    run_files,
+    take_sample,
+    write_atomically,
 )
-from ...data.exchange.lammps_text import read_dump
-from ...experiments import ScenarioError
-from ...kit import checked
 from ...results import Record
-from .cell import needs_forces, read_cell
-from .leg import warm_up
+from .cell import leg_course, needs_forces, read_cell, warm_up
 from .process import LOG, error_line, last_error, require_lammps, run_lammps, start_lammps
-from .script import BEFORE, DATA, PLACES, PREPARE, SAMPLE, format_preparation, write_input
+from .script import BEFORE, DATA, INPUT, PLACES, PREPARE, SAMPLE, format_preparation, write_input
 from .supported import check_leg
 
 WAIT = 0.02  # between looks at the log [s]
@@ -122,22 +121,17 @@ def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Rec
         nothing = join_samples([], leg)
         yield from ((state, nothing) for state in states)
         return
-    end, samples = leg.state, [sample(leg.state, leg)]
+    end, samples = leg.state, [take_sample(leg.state, leg)]
     for end in states:
-        samples.append(sample(end, leg))
+        samples.append(take_sample(end, leg))
     yield end, join_samples(samples[: leg.steps // leg.every + 1], leg)
 
 
 def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
-    """Run a leg in a folder, and yield its states as they are written; closing the iterator ends LAMMPS.
-
-    Raises
-    ------
-    RuntimeError
-        If LAMMPS stopped; the message is one sentence.
-    """
+    """Run a leg in a folder, and yield its states as they are written; closing the iterator ends LAMMPS."""
     path = write_start(leg, folder)
-    clear_output(folder)
+    for old in (*folder.glob(SAMPLE), *folder.glob(PLACES), folder / LOG):  # of an earlier run of the same leg
+        old.unlink(missing_ok=True)
     child = start_lammps(path.name, folder=folder, ranks=leg.ranks)
     try:
         yield from _follow(leg, folder, child)
@@ -158,17 +152,11 @@ def write_start(leg: Leg, folder: Path) -> Path:
     made = run_lammps(PREPARE, folder=folder)
     if made.returncode:
         raise RuntimeError(f"LAMMPS stopped: {error_line(made)}")
-    write_memory(folder / BEFORE, folder / BEFORE, leg.state, leg.law)
+    lammps_restart.write_memory(folder / BEFORE, folder / BEFORE, leg.state, leg.law)
     path = write_input(leg, folder, begin=BEFORE)
     for name in (PREPARE, DATA):
         (folder / name).unlink()
     return path
-
-
-def clear_output(folder: Path) -> None:
-    """Remove the states and the log of an earlier run of the same leg."""
-    for path in (*folder.glob(SAMPLE), *folder.glob(PLACES), folder / LOG):
-        path.unlink(missing_ok=True)
 
 
 def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
@@ -177,29 +165,20 @@ def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
     while waiting:
         over = child.poll() is not None
         boxes = written_boxes(leg, folder)
-        while waiting and waiting[0] in boxes and is_complete(sample_path(leg, folder, waiting[0])):
+        while waiting and waiting[0] in boxes and lammps_restart.is_complete(restart_path(leg, folder, waiting[0])):
             step = waiting.pop(0)
             yield read_state(leg, folder, step, boxes[step])
         if waiting and over:
-            raise RuntimeError(f"LAMMPS stopped at step {max(boxes, default=0)} of {leg.steps}: {why_stopped(folder)}")
+            logs = [path for path in (folder / "err.txt", folder / LOG) if path.is_file()]
+            words = filter(None, (last_error(path.read_text(errors="replace")) for path in logs))
+            why = next(words, "without a message")
+            raise RuntimeError(f"LAMMPS stopped at step {max(boxes, default=0)} of {leg.steps}: {why}")
         if waiting and not over:
             time.sleep(WAIT)
 
 
-def why_stopped(folder: Path) -> str:
-    """Return LAMMPS's own words on why it stopped: its error message, or else the last line of its log."""
-    texts = [path.read_text(errors="replace") if path.is_file() else "" for path in (folder / "err.txt", folder / LOG)]
-    return last_error(texts[0]) or last_error(texts[1]) or "without a message"
-
-
 def read_leg(leg: Leg, folder: Path) -> Iterator[State]:
-    """Yield the states of a leg that LAMMPS has run elsewhere.
-
-    Raises
-    ------
-    ScenarioError
-        If a state is missing; the message is one sentence.
-    """
+    """Yield the states of a leg that LAMMPS has run elsewhere; raise ScenarioError if one is missing."""
     boxes = written_boxes(leg, folder)
     for step in leg.sample_steps:
         if step not in boxes:
@@ -217,17 +196,17 @@ def written_boxes(leg: Leg, folder: Path) -> dict[int, np.ndarray]:
     return {int(numbers[0]) - warm_up(leg): np.array(numbers[1:], float) for numbers in lines}
 
 
-def sample_path(leg: Leg, folder: Path, step: int) -> Path:
+def restart_path(leg: Leg, folder: Path, step: int) -> Path:
     """Path of the restart file of a step."""
     return folder / SAMPLE.replace("*", str(step + warm_up(leg)))
 
 
 def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     """Read the state at a step, with the memory of its contacts; angles are those at the start of the leg."""
-    state, path = leg.state, sample_path(leg, folder, step)
+    state, path = leg.state, restart_path(leg, folder, step)
     try:
-        places = Places.of(leg.law)
-        restart = read_restart(path, walls=len(state.walls.mass), values=places.size)
+        places = lammps_restart.Places.of(leg.law)
+        restart = lammps_restart.read_restart(path, walls=len(state.walls.mass), values=places.size)
         if len(restart.ids) != len(state.grains.radius):
             raise ValueError("a restart file that lacks grains")
     except (OSError, ValueError) as problem:
@@ -243,12 +222,14 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
     moved = state._replace(grains=grains, cell=cell, walls=walls_at(leg, elapsed), time=state.time + elapsed)
     imposed, n = driven_bodies(moved), len(grains.radius)
     grains = grains._replace(velocity=imposed.velocity[:n], spin=imposed.spin[:n])
-    more, wall_more = (rotations(values, *places[1:]) for values in (restart.more, restart.wall_more))
+    more, wall_more = (lammps_restart.rotations(values, *places[1:]) for values in (restart.more, restart.wall_more))
     restart = restart._replace(more=more, wall_more=wall_more)
-    return restore_memory(moved._replace(grains=grains), leg.law, restart)
+    return lammps_restart.restore_memory(moved._replace(grains=grains), leg.law, restart)
 
 
-def _read_motion(leg: Leg, folder: Path, step: int, restart: Restart, following: np.ndarray, rates: np.ndarray):
+def _read_motion(
+    leg: Leg, folder: Path, step: int, restart: lammps_restart.Restart, following: np.ndarray, rates: np.ndarray
+):
     """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
     state, rate = leg.state, leg.state.control.cell_rate
     dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
@@ -280,14 +261,71 @@ def walls_at(leg: Leg, elapsed: float):
 
 def _course(leg: Leg, column: int, elapsed: float) -> tuple[float, float]:
     """Integral of a course from the start of the leg, and its value."""
-    control, begin = leg.state.control, leg.state.time
+    begin = leg.state.time
     if column < 0:
         return elapsed, 1.0
     if wave := leg.waves.get(column):
         turn = 2 * np.pi * wave.frequency
         first, last = (turn * (t - wave.start) + wave.phase for t in (begin, begin + elapsed))
         return wave.amplitude / turn * (np.cos(first) - np.cos(last)), float(wave(begin + elapsed))
-    end = begin + elapsed
-    times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
-    values = np.interp(times, control.knots, control.course[:, column])
-    return float(np.trapezoid(values, times)), float(factors_at(control, end)[column])
+    times, values = leg_course(leg, column, elapsed)
+    return float(np.trapezoid(values, times)), float(factors_at(leg.state.control, times[-1])[column])
+
+
+SCRIPT, JOB = "run.sh", "job.slurm"
+RUN = """#!/bin/sh
+# runs the legs that have not finished; the argument is the command of LAMMPS
+LAMMPS=${{1:-mpirun -np {ranks} lmp}}
+cd "$(dirname "$0")/{legs}" || exit 1
+{runs}
+"""
+ONE = """if [ ! -f {leg}/{last} ]; then (cd {leg} && $LAMMPS -in {input} -log log.lammps) || exit 1; fi"""
+SLURM = """#!/bin/bash
+#SBATCH --job-name=stickslip
+#SBATCH --ntasks={ranks}
+#SBATCH --cpus-per-task=1
+#SBATCH --time=24:00:00
+# set the module, and the partition and account if needed; then: sbatch job.slurm
+module load lammps
+export OMP_NUM_THREADS=1
+sh run.sh "srun lmp"
+"""
+
+
+def leg_folder(folder: Path, number: int) -> Path:
+    """Folder of a leg in a folder written for a queue."""
+    return folder / LEGS / f"leg-{number + 1:02d}"
+
+
+def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
+    """Write the input of legs, each starting where the previous one ends, a script that runs them, and a job for SLURM.
+
+    The first leg starts without contact memory; errors as in `clear_legs`.
+    """
+    clear_legs(folder)
+    paths, ends, begin = [], [], DATA
+    for number, leg in enumerate(legs):
+        place = leg_folder(folder, number)
+        paths.append(write_input(leg._replace(number=number), place, begin=begin))
+        ends.append(restart_path(leg, place, leg.steps))
+        begin = f"../{place.name}/{ends[-1].name}"
+    return [*paths, *write_scripts(folder, ends, ranks)]
+
+
+def clear_legs(folder: Path) -> None:
+    """Remove legs that were written before; raise ScenarioError if LAMMPS has already run some in this folder."""
+    if any((folder / LEGS).rglob(SAMPLE)):
+        raise ScenarioError(
+            f"{folder} contains states that LAMMPS wrote: continue with {run_files.resume_command(folder)}, or choose "
+            f"another folder"
+        )
+    rmtree(folder / LEGS, ignore_errors=True)
+
+
+def write_scripts(folder: Path, ends: list[Path], ranks: int) -> list[Path]:
+    """Write a script that runs legs one after the other, and a job for SLURM; `ends` are the states that end them."""
+    runs = [ONE.format(leg=end.parent.name, last=end.name, input=INPUT) for end in ends]
+    texts = {SCRIPT: RUN.format(ranks=ranks, legs=LEGS, runs="\n".join(runs)), JOB: SLURM.format(ranks=ranks)}
+    for name, text in texts.items():
+        write_atomically(folder / name, text.encode())
+    return [folder / name for name in texts]

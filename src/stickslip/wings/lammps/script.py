@@ -5,14 +5,22 @@ from pathlib import Path
 import numpy as np
 
 from ... import Law
-from ...builtin_laws import BY_NAME
-from ...core.dynamics.coefficients import driven_bodies
-from ...core.dynamics.engine import Leg
-from ...core.laws.builtin import DAMPING, KEEPS_FORCE, NO_TENSION, ROLLING, parameter_names
-from ...data.exchange.frame import wrapped_into
-from ...data.exchange.lammps_laws import FORCE, MODELS, RESTITUTION, SDS, as_restitution
-from .cell import INSTANT, CellCommands, cell_commands, needs_forces, rates_in_log
-from .leg import LOOSE, atom_types, digits, inertia_factor, is_held, members_of, warm_up
+from ...kit import BY_NAME, Leg, builtin, driven_bodies, lammps_laws, wrapped_into
+from .cell import (
+    INSTANT,
+    LOOSE,
+    CellCommands,
+    atom_types,
+    cell_commands,
+    digits,
+    inertia_factor,
+    is_held,
+    leg_course,
+    members_of,
+    needs_forces,
+    rates_in_log,
+    warm_up,
+)
 from .supported import is_granular, is_linear, lacks_radius, name_with_radius, parameters_of
 
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"
@@ -36,21 +44,12 @@ def format_data(leg: Leg) -> str:
     motion = [f"{k + 1} {digits(*velocity[k], *spin[k])}" for k in range(len(density))]
     head = [
         "Grains: type 1 is loose, others are rigid groups", "", f"{len(density)} atoms",
-        f"{type_count(leg)} atom types", "",
+        f"{int(types.max(initial=LOOSE))} atom types", "",
         *(f"{digits(corner[k], corner[k] + size[k])} {a}lo {a}hi" for k, a in enumerate("xyz")),
     ]  # fmt: skip
-    if _is_triclinic(leg):
+    if np.tril(vectors, -1).any() or leg.state.control.cell_rate.any():
         head.append(f"{digits(vectors[1, 0], vectors[2, 0], vectors[2, 1])} xy xz yz")
     return "\n".join([*head, "", "Atoms # sphere", "", *atoms, "", "Velocities", "", *motion, ""])
-
-
-def type_count(leg: Leg) -> int:
-    """Number of atom types."""
-    return int(atom_types(leg.state).max(initial=LOOSE))
-
-
-def _is_triclinic(leg: Leg) -> bool:
-    return bool(np.tril(leg.state.cell.vectors, -1).any() or leg.state.control.cell_rate.any())
 
 
 def _box(leg: Leg):
@@ -87,9 +86,10 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 def format_input(leg: Leg, begin: str = DATA) -> str:
     """Commands of a leg, output and `run` included."""
     first = warm_up(leg)
+    times = f"every {leg.every} steps, and at the end" if leg.every else f"at {leg.samples} times"
     return f"""{contact_commands(leg, begin)}
 {motion_commands(leg)}
-# a state is written to a restart file and a line to the log {_times(leg)}
+# a state is written to a restart file and a line to the log {times}
 variable sample equal {_next_sample(leg, f"(step-{first})" if first else "step")}{f"+{first}" if first else ""}
 restart v_sample {SAMPLE}
 thermo_style custom step xlo xhi ylo yhi zlo zhi xy xz yz{rates_in_log(leg.state)}
@@ -97,11 +97,6 @@ thermo_modify format float %.17g flush yes norm no
 thermo v_sample
 {_place_commands(leg)}{_warm_up(leg) if first else ""}run {leg.steps}{" pre no" if first else ""}
 """
-
-
-def _times(leg: Leg) -> str:
-    """Describe how often a state is written."""
-    return f"every {leg.every} steps, and at the end" if leg.every else f"at {leg.samples} times"
 
 
 def _next_sample(leg: Leg, step: str) -> str:
@@ -143,7 +138,7 @@ def contact_commands(leg: Leg, begin: str = DATA) -> str:
         else f"# {state.cell.dim} dimensions"
     )
     load = f"read_data {DATA}" if new else f"read_restart {begin}"
-    order = "atom_modify sort 0 0\n" if leg.law.properties & ROLLING else ""  # memory would be reversed
+    order = "atom_modify sort 0 0\n" if leg.law.properties & builtin.ROLLING else ""  # memory would be reversed
     exclude = "".join(f" exclude type {g + 2} {g + 2}" for g in members_of(state))
     return f"""{read}
 {order}newton off
@@ -160,7 +155,7 @@ neigh_modify delay 0 every 1 check yes{exclude}
 def _coefficients(law: Law, q, radius: float) -> dict[str, float]:
     """Parameters by name, k_n and k_t as LAMMPS multiplies them, by √R_eff for Hertz's law."""
     share = np.sqrt(radius) if lacks_radius(law) else 1.0
-    values = dict(zip(parameter_names(law), q.tolist(), strict=True))
+    values = dict(zip(builtin.parameter_names(law), q.tolist(), strict=True))
     return values | {"kn": values["kn"] / share, "kt": values["kt"] / share}
 
 
@@ -176,7 +171,7 @@ def pair_commands(law: Law, leg: Leg) -> str:
 
 
 def _tension_option(law: Law) -> str:
-    return " limit_damping" if law.damping & NO_TENSION else ""
+    return " limit_damping" if law.damping & builtin.NO_TENSION else ""
 
 
 def _wall_commands(leg: Leg) -> str:
@@ -197,10 +192,10 @@ def _wall_commands(leg: Leg) -> str:
 def granular_style(law: Law, values: dict[str, float]) -> str:
     """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n and E that of grains with ν = 0."""
     name = name_with_radius(law)
-    (normal, tangential), damping_n, share = MODELS[name], values["damping_n"], values["damping_t"]
-    damping = next(word for word, model in DAMPING.items() if model == law.damping & ~NO_TENSION)
-    if damping in RESTITUTION:
-        damping_n, damping = as_restitution(name, law.damping, damping_n), "coeff_restitution"
+    (normal, tangential), damping_n, share = lammps_laws.MODELS[name], values["damping_n"], values["damping_t"]
+    damping = next(word for word, model in builtin.DAMPING.items() if model == law.damping & ~builtin.NO_TENSION)
+    if damping in lammps_laws.RESTITUTION:
+        damping_n, damping = lammps_laws.as_restitution(name, law.damping, damping_n), "coeff_restitution"
     else:
         if not is_granular(law) and not (damping_n or share):
             damping = BY_NAME[name].damping
@@ -208,16 +203,13 @@ def granular_style(law: Law, values: dict[str, float]) -> str:
     kn = [values["kn"], damping_n]
     if "work" in values:
         kn = [1.5 * values["kn"], damping_n, 0.0, values["work"] / 2]
-    force = FORCE if law.properties & KEEPS_FORCE else ""
+    force = lammps_laws.FORCE if law.properties & builtin.KEEPS_FORCE else ""
+    part, names = lammps_laws.SDS["rolling"]
+    rolling = f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
     return (
         f"{normal} {digits(*kn)} tangential {tangential}{force} {digits(values['kt'], share, values['mu'])} "
-        f"damping {damping}{_rolling_style(law, values)}{_tension_option(law)}"
+        f"damping {damping}{rolling}{_tension_option(law)}"
     )
-
-
-def _rolling_style(law: Law, values: dict[str, float]) -> str:
-    part, names = SDS["rolling"]
-    return f" rolling sds {digits(*(values[name] for name in names))}" if law.properties & part else ""
 
 
 def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str]]:
@@ -241,7 +233,7 @@ def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str
 
 def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step") -> str:
     """Displacement since the start of the leg as a function of the step."""
-    time, control, begin = f"({step}*dt)", leg.state.control, leg.state.time
+    time, begin = f"({step}*dt)", leg.state.time
     if column < 0:
         return f"{digits(rate)}*{time}"
     if wave := leg.waves.get(column):
@@ -249,10 +241,8 @@ def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step")
         phase = turn * (begin - wave.start) + wave.phase
         angle = f"({digits(turn)}*{time}+{digits(phase)})"
         return f"{digits(rate * wave.amplitude / turn)}*({digits(np.cos(phase))}-cos{angle})"
-    end = begin + leg.steps * leg.dt
-    inside = control.knots[(control.knots > begin) & (control.knots < end)]
-    edges = np.array([begin, *inside, end])
-    values = rate * np.interp(edges, control.knots, control.course[:, column])
+    edges, values = leg_course(leg, column, leg.steps * leg.dt)
+    values = rate * values
     parts = [f"{digits(values[0])}*{time}"]
     for a, b, low, high in zip(edges[:-1] - begin, edges[1:] - begin, values[:-1], values[1:], strict=True):
         slope = (high - low) / (b - a)
@@ -375,12 +365,9 @@ def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
 
 def lead_formula(leg: Leg, column: int) -> str:
     """Displacement of a spring's load point, which is linear between knots."""
-    control, begin, time = leg.state.control, leg.state.time, "(step*dt)"
     if column < 0:
         return "0.0"
-    inside = (control.knots > begin) & (control.knots < begin + leg.steps * leg.dt)
-    edges = np.array([begin, *control.knots[inside], begin + leg.steps * leg.dt])
-    values = np.interp(edges, control.knots, control.course[:, column])
+    time, begin, (edges, values) = "(step*dt)", leg.state.time, leg_course(leg, column, leg.steps * leg.dt)
     slopes = np.diff(values) / np.diff(edges)
     parts = [f"{digits(values[0])}+{digits(slopes[0])}*{time}"]
     for when, before, after in zip(edges[1:-1] - begin, slopes[:-1], slopes[1:], strict=True):

@@ -3,33 +3,18 @@
 import numpy as np
 
 from ... import Law, State
-from ...builtin_laws import BUILTIN_LAWS, NAMES
-from ...core.dynamics.engine import Leg
-from ...core.laws.builtin import (
-    DAMPING_N,
-    DAMPING_T,
-    KEEPS_FORCE,
-    LEVER,
-    MASS,
-    NO_TENSION,
-    RESTITUTION,
-    ROLLING,
-    SHARP,
-    TSUJI,
-    TWISTING,
-    VELOCITY,
-    VISCOELASTIC,
-    VISCOUS,
-    damping_model,
-    parameter_names,
-    rescales,
+from ...kit import (
+    BUILTIN_LAWS,
+    Kind,
+    Leg,
+    ScenarioError,
+    builtin,
+    critical_coefficient,
+    dashpot_coefficients,
+    lammps_laws,
+    restitution_of,
 )
-from ...core.laws.kinds import Kind
-from ...core.laws.restitution import critical_coefficient, dashpot_coefficients, restitution_of
-from ...data.exchange.lammps_laws import MODELS
-from ...experiments import ScenarioError
-from .cell import needs_forces, tilts_of
-from .leg import inertia_factor, is_held, members_of
+from .cell import inertia_factor, is_held, leg_course, members_of, needs_forces, tilts_of
 
 MAX_KNOTS = 64  # of the course of a velocity within one leg
 STAY = 'or use engine = "stickslip"'
@@ -47,9 +32,9 @@ def lacks_radius(law: Law) -> bool:
 
 def check_law(law: Law, state: State) -> None:
     """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
-    if isinstance(law.kind, Kind) or name_with_radius(law) not in MODELS:
+    if isinstance(law.kind, Kind) or name_with_radius(law) not in lammps_laws.MODELS:
         raise ScenarioError(f"LAMMPS was given a law that only stickslip evaluates here: {STAY[3:]}")
-    if law.coulomb != SHARP:
+    if law.coulomb != builtin.SHARP:
         raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:
         raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
@@ -61,70 +46,68 @@ def check_law(law: Law, state: State) -> None:
             f"LAMMPS multiplies Hertz's law by √R_eff, which is constant for grains of one size only: use "
             f"hertz_mindlin_reff, {STAY}"
         )
-    if rescales(law) and len(state.walls.mass):
+    if builtin.rescales(law) and len(state.walls.mass):
         raise ScenarioError(f"LAMMPS was given a rescaled law and walls, whose torques differ: {STAY[3:]}")
 
 
 def name_with_radius(law: Law) -> str:
     """Name of a law, with √R_eff if that is what it lacks."""
-    return NAMES[law.kind].replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else NAMES[law.kind]
+    name = BUILTIN_LAWS[law.kind].name
+    return name.replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else name
 
 
 def _check_memory(law: Law) -> None:
     """Raise ScenarioError if LAMMPS treats the memory of contacts otherwise."""
     if BUILTIN_LAWS[law.kind].bonds:
         raise ScenarioError(
-            f"LAMMPS was given {NAMES[law.kind]}, whose contacts it separates at 0.48 of the gap of pull-off: "
-            f"{STAY[3:]}"
+            f"LAMMPS was given {BUILTIN_LAWS[law.kind].name}, whose contacts it separates at 0.48 of the gap of "
+            f"pull-off: {STAY[3:]}"
         )
-    if law.properties & TWISTING:
+    if law.properties & builtin.TWISTING:
         raise ScenarioError(
             f"LAMMPS was given twisting moments, whose spring it turns round to the direction of the present rate "
             f"where their limit falls: {STAY[3:]}"
         )
     granular = law.properties or BUILTIN_LAWS[law.kind].parameters
-    if granular and not law.properties & LEVER:
+    if granular and not law.properties & builtin.LEVER:
+        names = {builtin.KEEPS_FORCE: "a memory of forces", builtin.ROLLING: "rolling moments"}
+        name = next((name for part, name in names.items() if law.properties & part), BUILTIN_LAWS[law.kind].name)
         raise ScenarioError(
-            f"LAMMPS was given {describe_properties(law)} with lever arms R, and has it with R - δ/2: use "
-            f'lever = "overlap", or laws.with_lever, {STAY}'
+            f'LAMMPS was given {name} with lever arms R, and has it with R - δ/2: use lever = "overlap", or '
+            f"laws.with_lever, {STAY}"
         )
-
-
-def describe_properties(law: Law) -> str:
-    """Name of a law that only `pair_style granular` has."""
-    names = {KEEPS_FORCE: "a memory of forces", ROLLING: "rolling moments"}
-    return next((name for part, name in names.items() if law.properties & part), NAMES[law.kind])
 
 
 def _check_moments(law: Law, q: np.ndarray) -> None:
     """Raise ScenarioError if LAMMPS has no such rolling moments."""
-    values = dict(zip(parameter_names(law), q.tolist(), strict=True))
-    if law.properties & ROLLING and (law.properties & VISCOUS or not values["k_roll"]):
+    values = dict(zip(builtin.parameter_names(law), q.tolist(), strict=True))
+    if law.properties & builtin.ROLLING and (law.properties & builtin.VISCOUS or not values["k_roll"]):
         raise ScenarioError(f'LAMMPS was given a rolling moment without a spring: use rolling = "spring", {STAY}')
-    if law.properties & ROLLING and not values["mu"]:
+    if law.properties & builtin.ROLLING and not values["mu"]:
         raise ScenarioError(f"LAMMPS was given rolling moments without friction: use mu > 0, {STAY}")
 
 
 def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
     """Raise ScenarioError if LAMMPS has no such dashpots, from the parameters of contacts between grains."""
-    model, rest, own = damping_model(law) & ~NO_TENSION, (TSUJI, RESTITUTION), BUILTIN_LAWS[law.kind]
-    usual = MASS if is_linear(law) else VISCOELASTIC
-    allowed = (VELOCITY, MASS, VISCOELASTIC, *rest) if law.properties & LEVER else (usual,)
+    model, own = builtin.damping_model(law) & ~builtin.NO_TENSION, BUILTIN_LAWS[law.kind]
+    rest, general = (builtin.TSUJI, builtin.RESTITUTION), (builtin.VELOCITY, builtin.MASS, builtin.VISCOELASTIC)
+    usual = builtin.MASS if is_linear(law) else builtin.VISCOELASTIC
+    allowed = (*general, *rest) if law.properties & builtin.LEVER else (usual,)
     if own.parameters:
-        allowed = VELOCITY, MASS, VISCOELASTIC
-    if (q[DAMPING_N] > 0 or q[DAMPING_T] > 0) and model not in allowed:
+        allowed = general
+    if (q[builtin.DAMPING_N] > 0 or q[builtin.DAMPING_T] > 0) and model not in allowed:
         raise ScenarioError(
-            f"LAMMPS was given dashpots that it does not have for {NAMES[law.kind]}: use hertz_mindlin_reff with "
-            f"viscoelastic dashpots, linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
+            f"LAMMPS was given dashpots that it does not have for {own.name}: use hertz_mindlin_reff with viscoelastic "
+            f"dashpots, linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
         )
-    if model == RESTITUTION and dashpot_coefficients(law).max() >= critical_coefficient(law.kind):
+    if model == builtin.RESTITUTION and dashpot_coefficients(law).max() >= critical_coefficient(law.kind):
         raise ScenarioError(
-            f"LAMMPS was given a restitution of {q[DAMPING_N]:g} with tension = false, which needs more than its "
-            f"strongest dashpots: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
+            f"LAMMPS was given a restitution of {q[builtin.DAMPING_N]:g} with tension = false, which needs more than "
+            f"its strongest dashpots: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
         )
-    if own.parameters and law.damping & NO_TENSION:
+    if own.parameters and law.damping & builtin.NO_TENSION:
         raise ScenarioError(f"LAMMPS was given tension = false with {own.name}, which it does not allow: {STAY[3:]}")
-    if (is_granular(law) or walls) and model not in rest and q[DAMPING_T] > 0 and not q[DAMPING_N] > 0:
+    if (is_granular(law) or walls) and model not in rest and q[builtin.DAMPING_T] > 0 and not q[builtin.DAMPING_N] > 0:
         raise ScenarioError(
             f"LAMMPS was given {'this law' if is_granular(law) else 'walls and a law'} with damping_t but without "
             f"damping_n, although it expresses damping_t as a multiple of damping_n: give both or neither"
@@ -133,7 +116,7 @@ def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
 
 def is_granular(law: Law) -> bool:
     """Return True if only `pair_style granular` of LAMMPS has a law, with lever arms R − δ/2."""
-    return bool(rescales(law) or law.properties)
+    return bool(builtin.rescales(law) or law.properties)
 
 
 def parameters_of(law: Law, state: State) -> np.ndarray:
@@ -162,7 +145,7 @@ def check_leg(leg: Leg) -> None:
 def _check_order(leg: Leg) -> None:
     """Raise ScenarioError if LAMMPS would reverse the memory of rolling."""
     periodic = leg.state.cell.periodic[: leg.state.cell.dim].any()
-    if leg.law.properties & ROLLING and (periodic or leg.ranks > 1):
+    if leg.law.properties & builtin.ROLLING and (periodic or leg.ranks > 1):
         raise ScenarioError(
             f"LAMMPS was given rolling moments, whose memory it reverses where grains cross a periodic side or go to "
             f"another process: use open sides and one process, {STAY}"
@@ -248,10 +231,9 @@ def _check_course(leg: Leg, column: int) -> None:
     """Raise ScenarioError if the course of a velocity has too many knots for a formula."""
     if column < 0 or column in leg.waves:
         return
-    begin, end = leg.state.time, leg.state.time + leg.steps * leg.dt
-    inside = (leg.state.control.knots > begin) & (leg.state.control.knots < end)
-    if inside.sum() > MAX_KNOTS:
+    inside = len(leg_course(leg, column, leg.steps * leg.dt)[0]) - 2
+    if inside > MAX_KNOTS:
         raise ScenarioError(
-            f"LAMMPS was given a velocity with {inside.sum()} knots in one leg, and evaluates it as a formula: use at "
-            f"most {MAX_KNOTS}, {STAY}"
+            f"LAMMPS was given a velocity with {inside} knots in one leg, and evaluates it as a formula: use at most "
+            f"{MAX_KNOTS}, {STAY}"
         )

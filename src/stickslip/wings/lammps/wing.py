@@ -7,4 +7,5 @@ WING = Wing(
     words="LAMMPS as an engine, and watching its runs",
     commands="commands",
     fault="process.load_error",
+    pages=("lammps",),
 )

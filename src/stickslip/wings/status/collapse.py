@@ -14,18 +14,22 @@ from scipy.linalg import LinAlgError, eig
 
 from ... import SLIDE, Control, Law, State, Status, accept, forces, freedom, newton, run
 from ...control import between, spring_forces
-from ...core.contacts.neighbors import body_positions, with_neighbor_list
-from ...core.laws.builtin import KT
-from ...core.measure import mean_normal_force, volume
-from ...core.scales import natural_scales
-from ...core.state import reset_reached, resting
-from ...kit import readable
+from ...kit import (
+    body_positions,
+    builtin,
+    mean_normal_force,
+    natural_scales,
+    near_zero,
+    readable,
+    reset_reached,
+    resting,
+    volume,
+    with_neighbor_list,
+)
 from ...measure import contact_forces, elastic_energy, rattlers, stable_time_step, touching
 from ...results import Factorisation
-from ...solve.spectrum import near_zero
-from .events import APEX
+from .events import APEX, gaps
 from .matrices import linear_system, stiffness_matrix
-from .rattling import gaps
 from .system import pinned_coordinates, roll_springs
 
 TIME_STEP = 0.1  # of dynamics, in units of the longest stable one, as in `slow_dynamics`
@@ -143,7 +147,7 @@ def run_to_rest(
         now = here.state.contacts
         rest = _still(here.state)._replace(contacts=reset_reached(now), time=state.time)
         end, outcome = newton(rest, law, tolerance=max(BALANCED, noise) * force, keep=Factorisation())
-        near = FAR * share * force / float(law.table[..., KT].min())
+        near = FAR * share * force / float(law.table[..., builtin.KT].min())
         if outcome.ok and np.abs(displacements(rest, end)[_held_bodies(rest)]).max(initial=0.0) < near:
             rest = end
             break
@@ -219,7 +223,7 @@ def stored_energy(state: State, law: Law) -> float:
     push, normal = contact_forces(state, law)[rows], gaps(state, rows)[0]
     along = push - np.einsum("ck,ck->c", push, normal)[:, None] * normal
     material = np.concatenate([state.grains.material, state.walls.material])
-    k_t = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]], KT]
+    k_t = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]], builtin.KT]
     return elastic_energy(state, law) + float(((along**2).sum(axis=1) / (2 * k_t)).sum())
 
 

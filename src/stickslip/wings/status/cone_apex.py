@@ -195,19 +195,15 @@ def follow_pieces(apex: Apex) -> StatusSolution:
         length, contact, to, inwards = _next_crossing(apex, here, move, now)
         if gain > 0 and share + length * gain >= 1:
             velocity = _velocity(apex, now)
-            return StatusSolution(now, velocity, "along the pieces") if _is_consistent(apex, now, velocity) else nothing
+            if velocity is None:
+                return nothing
+            fits = status_of_velocity(apex, velocity, now, SLACK * np.abs(velocity).max(initial=0.0))
+            return StatusSolution(now, velocity, "along the pieces") if np.array_equal(fits, now) else nothing
         if not np.isfinite(length):
             return nothing
         here, share, now = here + length * move, share + length * gain, now.copy()
         now[contact] = to
     return nothing
-
-
-def _is_consistent(apex: Apex, status: np.ndarray, velocity: np.ndarray | None) -> bool:
-    """Return True if the velocities of given statuses lie in the cells of these statuses."""
-    if velocity is None:
-        return False
-    return np.array_equal(status_of_velocity(apex, velocity, status, SLACK * np.abs(velocity).max(initial=0.0)), status)
 
 
 def _crossing_rate(bound, move: np.ndarray) -> float:
@@ -254,15 +250,7 @@ class AllStatuses(NamedTuple):
 
 
 def enumerate_statuses(apex: Apex) -> AllStatuses:
-    """Enumerate all combinations of statuses.
-
-    Combinations with the same velocities, which lie on a boundary of their cells, count once. Stable ones come first.
-
-    Raises
-    ------
-    ValueError
-        if there are more than 4096 combinations.
-    """
+    """Enumerate all combinations of statuses, as `consistent_statuses` does; stable ones come first."""
     if count_choices(apex) > ENUMERATED:
         raise ValueError(
             f"{len(apex.sign)} contacts with {count_choices(apex):.3g} combinations of statuses were given: at most "
@@ -278,9 +266,10 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
     good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
     kept = []
     for k in good:
-        if not any(_same_velocities(velocity[k], velocity[other]) for other in kept):
+        same = SAME * np.abs(velocity[k]).max(initial=0.0)  # as for statuses on either side of a cell boundary
+        if not any(np.abs(velocity[k] - velocity[other]).max(initial=0.0) <= same for other in kept):
             kept.append(k)
-    # a disk that slides or opens at two contacts and has no others is free: `opening` releases it as a body
+    # a disk that slides or opens at two contacts and has no others is free: `apex_status` releases it as a body
     free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
     open_ends = any(_has_solution(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
     return AllStatuses(
@@ -313,21 +302,96 @@ def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
     """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
 
-    Combinations with the same velocities, which lie on a boundary of their cells, count once.
+    Combinations with the same velocities, which lie on a boundary of their cells, count once. At most 4096 are allowed.
 
     Returns
     -------
     (K, E) statuses, bool
-
-    Raises
-    ------
-    ValueError
-        if there are more than 4096 combinations.
     """
     every = enumerate_statuses(apex)
     return every.status, every.coherent
 
 
-def _same_velocities(velocity: np.ndarray, other: np.ndarray) -> bool:
-    """Return True if two velocities are the same, as for statuses on either side of a cell boundary."""
-    return np.abs(velocity - other).max(initial=0.0) <= SAME * np.abs(velocity).max(initial=0.0)
+def force_change(apex: Apex, solution: StatusSolution) -> np.ndarray:
+    """(E, d) K (S − 1) V, what the statuses change in the force rates."""
+    if apex.velocity.shape[1] == 2:
+        return np.einsum("eab,eb->ea", stiffness_change(apex, solution.status), solution.velocity)
+    return np.einsum("eab,eb->ea", apex.springs, round_cone_stretch(apex, solution.velocity)[0] - solution.velocity)
+
+
+def round_cone_stretch(apex: Apex, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stretching of the springs at velocities in space: (E, 3) S V, its derivatives (E, 3, 3), and statuses (E,).
+
+    This is the rate of the return mapping: V_t is shortened to −m V_n at a contact without force, and its component
+    along the force to −m V_n at a contact on the cone.
+    """
+    touches, slope = apex.sign == 0, apex.slope
+    normal, size = velocity[:, 0], np.linalg.norm(velocity[:, 1:], axis=1)
+    slides = np.where(touches, slope * normal + size, slope * normal + apex.sign * velocity[:, 1]) > 0
+    opens = touches & (normal > 0)
+    by = np.tile(np.eye(3), (len(normal), 1, 1))
+    along = slides & ~touches
+    by[along, 1, 1], by[along, 1, 0] = 0.0, -(slope * apex.sign)[along]
+    turns = slides & touches & ~opens
+    hat = velocity[turns, 1:] / size[turns, None]
+    share = (-slope * normal)[turns] / size[turns]
+    by[turns, 1:, 0] = -slope[turns, None] * hat
+    by[turns, 1:, 1:] = share[:, None, None] * (np.eye(2) - hat[:, :, None] * hat[:, None, :])
+    by[opens] = 0.0
+    status = np.where(opens, OPENS, np.where(slides, np.where(apex.sign < 0, SLIDES_BACK, SLIDES), STICKS))
+    return np.einsum("eab,eb->ea", by, velocity), by, status  # S V is homogeneous of degree one
+
+
+def status_on_round_cones(apex: Apex) -> tuple[StatusSolution, int]:
+    """Search for statuses in space by Newton's method from several velocities.
+
+    Returns
+    -------
+    StatusSolution, int
+        verified: S V is the rate of the return mapping. The sign of the determinant of the derivative of g, which is
+        that of det k/det k₀; 0 if nothing is found, which proves nothing
+    """
+    count, touches = len(apex.sign), apex.sign == 0
+    starts = [apex.velocity]
+    for kept in (0.0, 1.0):  # all contacts without force open, or slide without friction
+        part = np.tile(np.eye(3), (count, 1, 1))
+        part[touches] = np.diag([kept, 0.0, 0.0])
+        start = solve_piece(_derivative(apex, part), apex.velocity.ravel())
+        starts += [] if start is None else [start.reshape(-1, 3)]
+    for start in starts:
+        velocity = _newton_on_round_cones(apex, start)
+        if velocity is not None:
+            _, by, status = round_cone_stretch(apex, velocity)
+            sign = int(np.linalg.slogdet(_derivative(apex, by))[0])
+            return StatusSolution(status, velocity, "Newton"), sign
+    return StatusSolution(None, None, "Newton"), 0
+
+
+def _derivative(apex: Apex, by: np.ndarray) -> np.ndarray:
+    """(3E, 3E) 1 + Z K (S′ − 1)."""
+    size = apex.velocity.size
+    change = np.einsum("eab,ebc->eac", apex.springs, by - np.eye(3))
+    columns = apex.compliance.reshape(size, -1, 3)
+    return np.eye(size) + np.einsum("aeb,ebc->aec", columns, change).reshape(size, size)
+
+
+def _newton_on_round_cones(apex: Apex, velocity: np.ndarray) -> np.ndarray | None:
+    """V with g(V) = V₀ by Newton's method with shorter steps where the residual would not fall; None if it fails."""
+
+    def rest(v: np.ndarray) -> np.ndarray:
+        lost = np.einsum("eab,eb->ea", apex.springs, round_cone_stretch(apex, v)[0] - v)
+        return v.ravel() + apex.compliance @ lost.ravel() - apex.velocity.ravel()
+
+    for _ in range(ROUNDS):
+        missed = rest(velocity)
+        if np.abs(missed).max(initial=0.0) <= SLACK * np.abs(velocity).max(initial=0.0):
+            return velocity
+        step = solve_piece(_derivative(apex, round_cone_stretch(apex, velocity)[1]), -missed)
+        if step is None:
+            return None
+        for length in 0.5 ** np.arange(12):
+            there = velocity + length * step.reshape(-1, 3)
+            if np.linalg.norm(rest(there)) < (1 - 1e-4 * length) * np.linalg.norm(missed):
+                break
+        velocity = there
+    return None

@@ -15,22 +15,16 @@ from scipy.linalg import LinAlgError
 
 from ... import FREE, HELD, OPEN, SLIDE, STICK, Control, Law, State, accept, forces
 from ...control import between
-from ...core.contacts.jacobian import linearise
-from ...core.contacts.neighbors import with_neighbor_list
-from ...core.laws.builtin import KN, KT, MU
+from ...kit import builtin, factorised, incidence, linearise, with_neighbor_list
 from ...measure import contact_forces, rattlers
 from ...modes import displaced, residual_vector
-from ...results import ContactLoads, Freedom
-from ...solve.freedom import incidence
-from ...solve.linear import factorised
+from .apex_status import decide_statuses
+from .complementarity import complementarity, inconsistent
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
-from .events import APEX, CLOSES, INCREMENT, REACHES, Event, Fork, next_event, open_pairs
-from .lcp import complementarity, inconsistent
+from .events import APEX, CLOSES, INCREMENT, NUDGE, REACHES, Event, Fork, gaps, next_event, open_pairs, with_modes
 from .matrices import LinearSystem, force_rates, linear_system
-from .opening import ApexStatuses, decide_statuses
-from .rattling import NUDGE, gaps, with_modes
 from .status import ContactStatus, Verdict, status_of_critical
-from .system import RESIDUAL, pinned_coordinates, regular_stiffness
+from .system import RESIDUAL, external_force, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
@@ -57,12 +51,6 @@ class PathState(NamedTuple):
     unique: bool  # whether the status was unique for every load when last tested
     looked: float  # load of the last test for uniqueness and for other statuses
     wedged: bool = False  # whether a rattler has just been wedged here
-
-
-def external_force(state: State, free: Freedom) -> np.ndarray:
-    """(n,) generalised external force on the free coordinates [force]."""
-    nothing = np.zeros((state.n_bodies, 3))
-    return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)
 
 
 class Increment:
@@ -108,7 +96,8 @@ class Increment:
         choice = decide_statuses(m, self.load, apex, geometric=self.geometric, wedged=place.wedged)
         self.unchecked += not choice.complete
         if choice.status is None or not choice.stable:
-            self.lost = _verdict_of_loss(choice)
+            absent = Verdict.UNSTABLE if choice.complete else Verdict.NOT_FOUND
+            self.lost = absent if choice.status is None else Verdict.NEGATIVE
             return
         if choice.others and (np.array(choice.others) != choice.status).any():
             self._record_fork(choice.status, choice.others)
@@ -157,7 +146,8 @@ class Increment:
     def run(self, start: float):
         """Run the increment; return the state at its end, the fraction of the leg that was used, and the verdict."""
         m = self.matrix
-        self._set_load(start)
+        self.events = [event._replace(load=start) for event in self.events]
+        self.forks = [fork._replace(load=start) for fork in self.forks]
         if self.lost is not None:
             return self.place, 0.0, self.lost
         force, slides, sign = m.force.copy(), m.limit.copy(), m.sign.copy()
@@ -220,10 +210,6 @@ class Increment:
         if not np.isfinite(rate).all() or inconsistent(slides[critical], rate).any():
             return None
         return ContactStatus(Verdict.CONSISTENT, slides, critical, velocity, rate, "as before", 1)
-
-    def _set_load(self, load: float) -> None:
-        self.events = [e._replace(load=load) for e in self.events]
-        self.forks = [f._replace(load=load) for f in self.forks]
 
     def _at_cone(self, force: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """(M,) mask of sticking contacts with a force that are on the cone to round-off."""
@@ -383,13 +369,6 @@ def _statuses_from_side(side: np.ndarray) -> np.ndarray:
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
 
 
-def _verdict_of_loss(choice: ApexStatuses) -> Verdict:
-    """Verdict if contacts at the apex have no consistent and stable combination of statuses."""
-    if choice.status is not None:
-        return Verdict.NEGATIVE
-    return Verdict.UNSTABLE if choice.complete else Verdict.NOT_FOUND
-
-
 def _make_solver(matrix: LinearSystem, slides, geometric: bool):
     """Return a function that solves k(S) v = f; it raises LinAlgError if k(S) is singular to round-off."""
     size = len(matrix.free)
@@ -416,8 +395,10 @@ def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
     material = np.concatenate([state.grains.material, state.walls.material])
     q = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]]]
     springs = np.zeros((len(rows), m.width, m.width))
-    springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1] = q[:, KN], q[:, KT], q[:, KT]
+    springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1] = q[:, builtin.KN], q[:, builtin.KT], q[:, builtin.KT]
     columns = (m.width * kept[:, None] + np.arange(m.width)).ravel()
     parts = {name: getattr(m, name)[kept] for name in ("rows", "frame", "damping", "sign", "force", "limit")}
-    slope = q[:, MU] * q[:, KN] / q[:, KT]
-    return m._replace(c=sparse.csr_array(m.c.tocsc()[:, columns]), springs=springs, mu=q[:, MU], slope=slope, **parts)
+    slope = q[:, builtin.MU] * q[:, builtin.KN] / q[:, builtin.KT]
+    return m._replace(
+        c=sparse.csr_array(m.c.tocsc()[:, columns]), springs=springs, mu=q[:, builtin.MU], slope=slope, **parts
+    )

@@ -14,6 +14,15 @@ In three dimensions, t is along the slip and t′ = n × t across it: F and V ha
 the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
 geometric stiffness, which is the same for all statuses, is what the Jacobian has beyond c K S cᵀ.
 
+Walls may rotate, with one additional coordinate each, arm × angle about its point. A disk at x_i and a wall with point
+p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point is at R − δ from
+the centre of the disk, while the disk itself has the lever arm R. If the wall rotates at the rate Ω, its surface at
+this point moves with velocity Ω a n. The torque of (F_n, F_t) on the wall is therefore −a F_n, without a contribution
+from F_t. n and t rotate with the wall, dn = −Ω t and dt = Ω n, and da = (v_i − v_w)·t + (R − δ) Ω; this is the
+contribution to the geometric stiffness −(dc/dt) F. `displaced` moves such walls, but does not rotate them. With lever
+arms R, the rigid rotation of the whole causes slip comparable to the overlap: vᵀkv/vᵀv is not zero, but of the order of
+the squared overlap over the squared size of the packing.
+
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III, with the errata given in the
 documentation.
 """
@@ -24,15 +33,25 @@ import numpy as np
 from scipy import sparse
 
 from ... import OPEN, SLIDE, STICK, Law, State, freedom
-from ...core.contacts.jacobian import Linearisation, blocks_of, linearise
-from ...core.laws.builtin import KEEPS_FORCE, SMOOTH
-from ...core.laws.properties import resists_rolling
-from ...kit import Numbers, check_types, checked, readable, require_shape
+from ...kit import (
+    Linearisation,
+    Numbers,
+    Positive,
+    blocks_of,
+    builtin,
+    check_types,
+    checked,
+    incidence,
+    linearise,
+    readable,
+    require_shape,
+    resists_rolling,
+    spring_stiffness,
+    stiffness_of,
+)
 from ...measure import branch_vectors, touching
 from ...measure import rattlers as loose_grains
 from ...results import Freedom
-from ...solve.freedom import incidence, spring_stiffness, stiffness_of
-from .walls import append_wall_rotations
 
 
 @readable
@@ -76,7 +95,7 @@ class LinearSystem(NamedTuple):
 
 @checked
 def linear_system(
-    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: float | None = None
+    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: Positive | None = None
 ) -> LinearSystem:
     """Compute the matrices of an accepted state.
 
@@ -86,7 +105,7 @@ def linear_system(
     law : Law with sharp Coulomb friction
     rattlers : whether rattlers and their contacts are included; or (N,) bool, the grains to exclude instead
     wall_arm : if given, every wall of a packing of disks may also rotate about its point: the last coordinates are this
-        arm times the angles of the walls [length]; see `walls`
+        arm times the angles of the walls [length]
 
     Raises
     ------
@@ -94,7 +113,12 @@ def linear_system(
         for a smooth law, under which contacts neither slide nor stick; for rolling resistance; or if walls cannot
         rotate.
     """
-    _check_supported(state, law)
+    if law.coulomb == builtin.SMOOTH:
+        raise ValueError(
+            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
+        )
+    if resists_rolling(law):
+        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
     rows, modes = touching(state), np.minimum(state.contacts.mode, STICK)
     stuck = state._replace(contacts=state.contacts._replace(mode=modes))
     line = linearise(stuck, law)
@@ -118,7 +142,7 @@ def linear_system(
     sign = np.where(slip < 0, -1.0, 1.0)
     force = np.zeros((len(rows), state.cell.dim))
     force[:, 0], force[:, 1] = line.force_n[rows], -sign * pull
-    by_overlap = line.slope_t[rows] * np.abs(slip) * (not law.properties & KEEPS_FORCE)
+    by_overlap = line.slope_t[rows] * np.abs(slip) * (not law.properties & builtin.KEEPS_FORCE)
     springs = np.zeros((len(rows), state.cell.dim, state.cell.dim))
     springs[:, 0, 0], springs[:, 1, 1], springs[:, -1, -1], springs[:, 1, 0] = k_n, k_t, k_t, -sign * by_overlap
     slope = np.divide(line.mu[rows] * k_n - by_overlap, k_t, out=np.zeros(len(rows)), where=k_t > 0)
@@ -130,15 +154,6 @@ def linear_system(
     dead = stuck._replace(control=stuck.control._replace(spring=np.zeros_like(stuck.control.spring)))
     matrix = matrix._replace(geometric=_geometric_stiffness(dead, law, line, matrix))
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
-
-
-def _check_supported(state: State, law: Law) -> None:
-    if law.coulomb == SMOOTH:
-        raise ValueError(
-            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
-        )
-    if resists_rolling(law):
-        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
 
 
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
@@ -279,3 +294,63 @@ def quadratic_form(matrix: LinearSystem, velocity: np.ndarray, sliding: Numbers 
     """Q = vᵀ k v without geometric stiffness; stability is assumed to mean Q > 0 for all v (Eq. 41)."""
     require_shape((len(matrix.free),), velocity=velocity)
     return float(velocity @ (stiffness_matrix(matrix, sliding, geometric=False) @ velocity))
+
+
+def append_wall_rotations(state: State, matrix, arm: float):
+    """Append the rotations of all walls, in the order of the walls, to the coordinates of a `LinearSystem`.
+
+    Parameters
+    ----------
+    matrix : LinearSystem of disks between walls that only translate
+    arm : factor on the angle of a wall [length]
+    """
+    _check_walls(state)
+    rows, c, free = matrix.rows, matrix.c, matrix.free
+    n, count = len(state.grains.radius), len(state.walls.mass)
+    mine = np.flatnonzero(state.contacts.j[rows] >= n)
+    body, wall = state.contacts.i[rows[mine]], state.contacts.j[rows[mine]]
+    normal = state.walls.normal[wall - n]
+    along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(mine))], axis=1)
+    apart = state.grains.position[body] - state.walls.point[wall - n]
+    lever, height = np.einsum("ck,ck->c", apart, along), np.einsum("ck,ck->c", apart, normal)
+    c_more = sparse.csr_array((-lever / arm, (wall - n, 2 * mine)), shape=(count, c.shape[1]))
+
+    f_n, f_t = matrix.force[mine].T
+    own, size, held = len(free) + wall - n, len(free) + count, np.append(free.place, -1)
+    entries = [(own, own, f_n * height / arm**2)]
+    for k in range(2):
+        bends = (f_n * along[:, k] - f_t * normal[:, k]) / arm
+        pulls = f_n * along[:, k] / arm
+        for end, sign in ((body, 1.0), (wall, -1.0)):
+            place = held[6 * end + k]
+            entries += [(place, own, sign * bends), (own, place, sign * pulls)]
+    row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
+    kept = (row >= 0) & (column >= 0)
+    more = sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(size, size))
+    still = sparse.csr_array((count, count))
+    # the rotation of each wall about z; the arm serves as its radius of gyration
+    component, held_at = 6 * (n + np.arange(count)) + 5, free.place.copy()
+    held_at[component] = len(free) + np.arange(count)
+    mass = np.append(free.mass, state.walls.mass)
+    padded, machine = (sparse.block_diag([a, still], format="csr") for a in (matrix.geometric, matrix.machine))
+    return matrix._replace(
+        c=sparse.csr_array(sparse.vstack([c, c_more])), geometric=sparse.csr_array(padded + more),
+        machine=sparse.csr_array(machine),
+        free=Freedom(np.append(free.component, component), mass, free.dim, held_at, free.length),
+    )  # fmt: skip
+
+
+def _check_walls(state: State) -> None:
+    n = len(state.grains.radius)
+    if state.cell.dim != 2:
+        raise ValueError(
+            "wall_arm was given for a packing in three dimensions, where walls only translate: leave it out"
+        )
+    if not len(state.walls.mass):
+        raise ValueError("wall_arm was given for a packing without walls: leave it out")
+    if state.cell.periodic.any():
+        raise ValueError("wall_arm was given in a periodic cell, where a wall cannot rotate: leave it out")
+    if (state.control.group[n:] >= 0).any():
+        raise ValueError(
+            "wall_arm was given for a wall in a rigid group, which cannot rotate: remove the wall from the group"
+        )

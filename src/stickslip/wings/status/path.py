@@ -13,20 +13,30 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import eigvals
 
 from ... import OPEN, SLIDE, STICK, Control, Law, State, accept, forces, freedom
 from ...control import between
-from ...core.contacts.neighbors import with_neighbor_list
-from ...core.measure import ROUND_OFF, mean_normal_force
-from ...kit import Report, checked, pluralize, readable, silent
+from ...kit import (
+    Report,
+    builtin,
+    checked,
+    mean_normal_force,
+    pluralize,
+    readable,
+    require_positive,
+    silent,
+    with_neighbor_list,
+)
+from ...laws import linear
 from ...measure import rattlers, touching
 from ...modes import residual_vector
 from .collapse import Collapse, describe_collapse, displacements, run_to_rest
-from .events import Event, Fork
-from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, external_force
-from .path_checks import check_dynamics, check_start
-from .rattling import gaps, move_aside, with_modes
+from .events import Event, Fork, gaps, move_aside, with_modes
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState
+from .matrices import LinearSystem, linear_system
 from .status import Verdict
+from .system import driven_motions, external_force, pinned_coordinates, regular_stiffness
 
 SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
@@ -35,6 +45,7 @@ RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics goes on without a collapse"
 OFFSET = 1e-4  # of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
 JUMP = 10.0  # motion over that before, for the same change of the load, from which it is a collapse
+PARTED = 1e-9  # share of a radius beyond which contacts at the apex have parted, the uncertainty of positions
 AGAIN = 5  # times that a disk is wedged on a path from which the path counts as dependent on the increment
 
 
@@ -148,7 +159,8 @@ def load_path(
     >>> path.verdict.name
     'CONSISTENT'
     """
-    here = _accept_forces(with_neighbor_list(state), law)
+    here = with_neighbor_list(state)
+    here = accept(here, forces(here, law)[1])
     check_start(here, law, legs, increment)
     if drag is not None:
         check_dynamics(state.control, drag, duration, travel)
@@ -220,13 +232,11 @@ class _PathRecord:
 
     def motion_before(self, load: float, width: float, held: np.ndarray) -> float:
         """Displacement of the given bodies per load, over the last `width` of the path [length]."""
-        earlier = [p for p in self.points if p.load <= load - width and not self._passed(p.load)]
+        since = self.collapses[-1].held if self.collapses else -np.inf
+        earlier = [p for p in self.points if since <= p.load <= load - width]
         begin = earlier[-1] if earlier else self.points[0]
         moved = displacements(begin.state, self.points[-1].state)[held, :3]
         return float(np.linalg.norm(moved) / (load - begin.load)) if load > begin.load else 0.0
-
-    def _passed(self, load: float) -> bool:
-        return bool(self.collapses) and load < self.collapses[-1].held
 
     def collapse(self, event: Collapse, point: PathPoint) -> None:
         self.points.append(point)
@@ -290,7 +300,9 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
         left = wedged - share if not len(wedge) else 0.0
         size = max(0.5 * left, SMALLEST) if left > SMALLEST else min(2 * size, increment)
-        report("load path", (leg.number + share) / leg.count, _progress_message(point))
+        slide = f"{point.sliding} of {point.contacts} contacts slide"
+        text = f"load {point.load:.4f}, {slide}, unbalanced {point.residual:.0e} of the mean force"
+        report("load path", (leg.number + share) / leg.count, text)
         if way.since > CROWD:
             return place, share, Verdict.NO_PROGRESS
     return place, share, Verdict.CONSISTENT
@@ -340,12 +352,10 @@ def _transfer_marks(mark: np.ndarray, before, after) -> np.ndarray:
     return out
 
 
-def _accept_forces(state: State, law: Law) -> State:
-    return accept(state, forces(state, law)[1])
-
-
 def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
-    state = _without_parted(place.state)
+    rows = touching(place.state)
+    parted = gaps(place.state, rows)[1] > PARTED * place.state.grains.radius.min()
+    state = with_modes(place.state, rows[parted], OPEN)
     loads, _ = forces(state, law)
     rows = touching(state)
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
@@ -355,14 +365,99 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     return PathPoint(load, state, sliding, len(rows), residual / mean if mean else np.inf)
 
 
-def _without_parted(state: State) -> State:
-    """State in which contacts at the apex that have parted by more than round-off are open."""
-    rows = touching(state)
-    return with_modes(state, rows[gaps(state, rows)[1] > ROUND_OFF * state.grains.radius.min()], OPEN)
+BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
+CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial state is checked
 
 
-def _progress_message(point: PathPoint) -> str:
-    return (
-        f"load {point.load:.4f}, {point.sliding} of {point.contacts} contacts slide, unbalanced "
-        f"{point.residual:.0e} of the mean force"
-    )
+def check_start(state: State, law: Law, legs, increment: float) -> None:
+    """Raise ValueError, with one sentence, if no path can begin in a state, or if a leg cannot be followed."""
+    if not legs:
+        raise ValueError("no leg was given: at least one Control is needed")
+    if law.kind != linear().kind or law.properties:
+        raise ValueError(
+            "a law that is not linear in the overlap was given, or other lever arms: paths are piecewise linear "
+            "only for `linear`"
+        )
+    if not law.table[..., builtin.KT].min() > 0:
+        raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
+    if not 0 < increment <= 1:
+        raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
+    for end in legs:
+        _check_leg(state.control, end)
+    matrix = linear_system(state, law)
+    if not len(matrix.free):
+        raise ValueError("the packing has only rattlers: a path needs grains that support each other")
+    mean = mean_normal_force(state, law)
+    residual = np.abs(residual_vector(state, forces(state, law)[0], matrix.free)).max()
+    if not residual < BALANCED * mean:
+        raise ValueError(
+            f"the packing is out of balance by {residual / mean:.1e} of its mean normal force: at most {BALANCED:g} is "
+            f"allowed; use `relax` or `equilibrate` first"
+        )
+    lowest = _lowest_eigenvalue(matrix)
+    if lowest < 0:
+        raise ValueError(
+            f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; bring the "
+            f"packing to rest under this control, with drag"
+        )
+    whole = freedom(state)
+    carried = np.isin(whole.component, matrix.free.component)
+    for end in legs:
+        at = state._replace(control=end)
+        for motion in driven_motions(matrix, external_force(at, matrix.free)):
+            axis, body = (values[motion != 0] for values in (matrix.free.axis, matrix.free.body))
+            whole = (axis == axis[0]).all()
+            load = (
+                f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
+            )
+            raise ValueError(f"a leg has a {load} that nothing balances: give loads without it")
+        pull = np.abs(external_force(state._replace(control=end), whole))
+        bad = np.flatnonzero((pull > 0) & ~carried)
+        if len(bad):
+            raise ValueError(
+                f"body {whole.body[bad[0]]} is loaded but is a rattler: load only bodies that are supported by others"
+            )
+
+
+def _lowest_eigenvalue(matrix: LinearSystem) -> float:
+    """Smallest real part of the eigenvalues of k while all contacts stick; 0 if none is negative, or if k is large.
+
+    If the symmetric part of k is positive, so are the real parts. Spins of spheres with two contacts do not count.
+    """
+    kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
+    if len(kept) > CHECKED_UP_TO:
+        return 0.0
+    part = regular_stiffness(matrix, np.zeros(matrix.count, bool), True)[kept][:, kept].toarray()
+    least = -1e-9 * np.abs(part).max()
+    if np.linalg.eigvalsh(0.5 * (part + part.T))[0] >= least:
+        return 0.0
+    lowest = float(eigvals(part).real.min())
+    return lowest if lowest < least else 0.0
+
+
+def check_dynamics(control: Control, drag: float, duration: float | None, travel: float | None) -> None:
+    """Raise ValueError, with one sentence, if dynamics cannot hold the load of a control."""
+    require_positive(drag=drag, **{k: v for k, v in (("duration", duration), ("travel", travel)) if v is not None})
+    if control.rate.any() or control.cell_rate.any() or control.course.any():
+        raise ValueError(
+            "a drag was given with bodies or a cell that move at a rate: dynamics holds the load, so all rates and "
+            "time profiles must be zero; pull with a spring whose anchor moves instead"
+        )
+
+
+def _check_leg(begin: Control, end: Control) -> None:
+    for name in ("free", "group", "cell_free"):
+        if not np.array_equal(getattr(end, name), getattr(begin, name)):
+            raise ValueError(
+                "the controls of the legs do not free the same components as the state's control: only loads may change"
+            )
+    for name in set(Control._fields) - {"free", "group", "cell_free", "force", "torque", "gravity", "stress", "anchor"}:
+        if not np.array_equal(getattr(end, name), getattr(begin, name)):
+            raise ValueError(
+                f"the controls of the legs change {name}: only forces, torques, gravity, stress and anchors of "
+                f"springs may change; to control a displacement, pull with a stiff spring, see `with_machine`"
+            )
+    if ((end.stress != begin.stress) & ~begin.cell_free).any():
+        raise ValueError(
+            "the legs change the stress of a cell component that is not free: free it with `stress_controlled`"
+        )

@@ -20,14 +20,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from ...kit import readable
-from ...solve.linear import one_thread
-from .absence import Absence, UnresistedMotion, farkas, farkas_ray, find_idle_motions, motion_of_ray
-from .enumeration import BLUR, MAPPED, Solution, enumerate_solutions
-from .lcp import (
+from ...kit import one_thread, readable
+from .complementarity import (
+    BLUR,
+    MAPPED,
     Complementarity,
+    Solution,
     complementarity_of_system,
     critical_numbers,
+    enumerate_solutions,
     inconsistent,
     lemke,
     principal_pivoting,
@@ -36,7 +37,19 @@ from .lcp import (
 )
 from .matrices import LinearSystem, force_rates, stiffness_matrix
 from .system import StatusSolver, driven_motions
-from .uniqueness import Uniqueness, certificate, is_regular, may_be_p_matrix, sign_of_minor
+from .uniqueness import (
+    Absence,
+    Uniqueness,
+    UnresistedMotion,
+    certificate,
+    farkas,
+    farkas_ray,
+    find_idle_motions,
+    is_regular,
+    may_be_p_matrix,
+    motion_of_ray,
+    sign_of_minor,
+)
 
 ROUNDS = 60  # largest number of rounds that flip all inconsistent contacts, before pivoting begins
 ALIKE = 1e-6  # share of the largest rate up to which two statuses have the same rates
@@ -133,56 +146,51 @@ def status_of_critical(
         )
     slides = np.ones(len(system.critical), bool) if start is None else np.asarray(start, bool)[system.critical]
     if len(driven := driven_motions(matrix, system.load, geometric)):
-        return _make_failure(matrix, system, Verdict.MECHANISM, _unbalanced_motion(matrix, system, driven, geometric))
+        return _make_failure(system, Verdict.MECHANISM, _unbalanced_motion(system, driven))
     unique = len(slides) <= MAPPED if unique is None else unique
     with one_thread():
-        return _search(matrix, system, slides, unique) or _search_without_idle_motions(
-            matrix, system, slides, unique, geometric
-        )
+        return _search(system, slides, unique) or _search_without_idle_motions(system, slides, unique)
 
 
-def _search(matrix: LinearSystem, system: StatusSolver, slides: np.ndarray, unique: bool) -> ContactStatus | None:
+def _search(system: StatusSolver, slides: np.ndarray, unique: bool) -> ContactStatus | None:
     """Search for a status; return None if k₀ is singular."""
     flipped = _flip_inconsistent(system, slides)
     if flipped is not None and not unique:
-        return _make_status(matrix, system, Verdict.CONSISTENT, flipped)
+        return _make_status(system, Verdict.CONSISTENT, flipped)
     try:
         problem = complementarity_of_system(system)
     except LinAlgError:
         return None
     if len(slides) <= MAPPED:
-        return _enumerate(matrix, system, problem, flipped)
-    return _search_many(matrix, system, problem, flipped, unique)
+        return _enumerate(system, problem, flipped)
+    return _search_many(system, problem, flipped, unique)
 
 
-def _search_without_idle_motions(
-    matrix: LinearSystem, system: StatusSolver, slides: np.ndarray, unique: bool, geometric
-) -> ContactStatus:
+def _search_without_idle_motions(system: StatusSolver, slides: np.ndarray, unique: bool) -> ContactStatus:
     """Search if k₀ is singular: its null motions are held fixed, unless the load drives them."""
     idle = find_idle_motions(system)
     if idle is not None and idle.motion is not None:
-        return _make_failure(matrix, system, Verdict.MECHANISM, idle.motion)
+        return _make_failure(system, Verdict.MECHANISM, idle.motion)
     if idle is not None:
-        held = StatusSolver(matrix, system.load, system.critical, geometric, idle.coordinates)
-        choice = _search(matrix, held, slides, unique)
+        held = StatusSolver(system.matrix, system.load, system.critical, system.geometric, idle.coordinates)
+        choice = _search(held, slides, unique)
         if choice is not None:
             return choice
     flipped = _flip_inconsistent(system, slides)
-    return _make_failure(matrix, system, Verdict.NOT_FOUND) if flipped is None else _make_status(
-        matrix, system, Verdict.CONSISTENT, flipped
+    return _make_failure(system, Verdict.NOT_FOUND) if flipped is None else _make_status(
+        system, Verdict.CONSISTENT, flipped
     )  # fmt: skip
 
 
-def _unbalanced_motion(
-    matrix: LinearSystem, system: StatusSolver, driven: np.ndarray, geometric: bool
-) -> UnresistedMotion:
+def _unbalanced_motion(system: StatusSolver, driven: np.ndarray) -> UnresistedMotion:
     """Translation of the whole packing, or rolling of a sphere, along which nothing balances the load."""
     balance = driven.T @ (driven @ system.load)
     move = balance / np.linalg.norm(balance)
     nothing = np.zeros(len(system.critical), bool)
-    turned = stiffness_matrix(matrix, np.zeros(matrix.count, bool), geometric=geometric) @ move
+    turned = stiffness_matrix(system.matrix, np.zeros(system.matrix.count, bool), geometric=system.geometric) @ move
     velocity = move.copy()
-    if matrix.free.dim == 3 and np.abs(turned).max() > 0:  # the forces of a sphere that rolls do not turn with it
+    # the forces of a sphere that rolls do not turn with it
+    if system.matrix.free.dim == 3 and np.abs(turned).max() > 0:
         system.factorise(nothing)
         velocity[system.kept] -= system.factor(turned[system.kept])
     power = float(move @ system.load) / np.linalg.norm(system.load)
@@ -190,29 +198,27 @@ def _unbalanced_motion(
 
 
 def _make_status(
-    matrix: LinearSystem, system: StatusSolver, verdict: Verdict, answer: VerifiedStatus, others=(), known=None
+    system: StatusSolver, verdict: Verdict, answer: VerifiedStatus, others=(), known=None
 ) -> ContactStatus:
     marginal = np.abs(answer.rate) <= sign_slack(answer.rate, system.round_off(answer.velocity))
-    also = tuple(Alternative(_expand_status(matrix, system, a.slides), a.velocity, a.rate, a.stable) for a in others)
+    also = tuple(Alternative(_expand_status(system, a.slides), a.velocity, a.rate, a.stable) for a in others)
     return ContactStatus(
-        verdict, _expand_status(matrix, system, answer.slides), system.critical, answer.velocity, answer.rate,
+        verdict, _expand_status(system, answer.slides), system.critical, answer.velocity, answer.rate,
         answer.method, system.solves, answer.stable, also, known, None, marginal,
     )  # fmt: skip
 
 
-def _make_failure(
-    matrix: LinearSystem, system: StatusSolver, verdict: Verdict, proof=None, known=None
-) -> ContactStatus:
+def _make_failure(system: StatusSolver, verdict: Verdict, proof=None, known=None) -> ContactStatus:
     unknown = np.full(len(system.critical), np.nan)
     return ContactStatus(
-        verdict, np.zeros(matrix.count, bool), system.critical, np.full(len(system.load), np.nan), unknown, "",
+        verdict, np.zeros(system.matrix.count, bool), system.critical, np.full(len(system.load), np.nan), unknown, "",
         system.solves, None, (), known, proof,
     )  # fmt: skip
 
 
-def _expand_status(matrix: LinearSystem, system: StatusSolver, slides: np.ndarray) -> np.ndarray:
+def _expand_status(system: StatusSolver, slides: np.ndarray) -> np.ndarray:
     """(M,) mask of sliding contacts from a status of the critical contacts."""
-    sliding = np.zeros(matrix.count, bool)
+    sliding = np.zeros(system.matrix.count, bool)
     sliding[system.critical] = slides
     return sliding
 
@@ -260,36 +266,34 @@ def _flip_inconsistent(system: StatusSolver, slides: np.ndarray) -> VerifiedStat
     return None
 
 
-def _enumerate(
-    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None
-) -> ContactStatus:
+def _enumerate(system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None) -> ContactStatus:
     """Find the status by enumeration, or directly for a P-matrix."""
     known = certificate(problem)
     if known.unique:
         flipped = flipped or _verify(system, principal_pivoting(problem)[0], "principal pivoting")
         if flipped is not None:
-            return _make_status(matrix, system, Verdict.UNIQUE, flipped._replace(stable=True), (), known)
+            return _make_status(system, Verdict.UNIQUE, flipped._replace(stable=True), (), known)
     every = enumerate_solutions(problem, lambda slides: _recompute_rates(system, slides))
     if not every.solutions:
         for ray in every.rays:
             motion = motion_of_ray(system, ray) if ray.drive else None
             if motion is not None:
-                return _make_failure(matrix, system, Verdict.MECHANISM, motion, known)
+                return _make_failure(system, Verdict.MECHANISM, motion, known)
         absent = Absence("enumeration", 1 << len(problem.vector))
-        return _make_failure(matrix, system, Verdict.UNSTABLE, absent, known)
+        return _make_failure(system, Verdict.UNSTABLE, absent, known)
     answers = [a for a in (_verify_solution(system, s) for s in every.solutions) if a is not None]
     if not answers:  # singular solutions that do not balance the load to the accuracy of k(S)
         if flipped is not None:
-            return _make_status(matrix, system, Verdict.CONSISTENT, flipped, (), known)
-        return _make_failure(matrix, system, Verdict.NOT_FOUND, None, known)
+            return _make_status(system, Verdict.CONSISTENT, flipped, (), known)
+        return _make_failure(system, Verdict.NOT_FOUND, None, known)
     # stable ones first, and of these the one found by flipping
     answers.sort(key=lambda a: (_stability_rank(a), not _same_rates(a, flipped)))
-    verdict, first, others = _verdict(matrix, system, problem, answers), answers[0], answers[1:]
+    verdict, first, others = _verdict(system, problem, answers), answers[0], answers[1:]
     if _same_rates(first, flipped):
         first = flipped._replace(stable=first.stable)
     elif verdict is Verdict.SINGULAR and flipped is not None and not any(_same_rates(a, flipped) for a in answers):
         first, others = flipped, answers  # between the ends of a face: contacts that slid keep sliding
-    return _make_status(matrix, system, verdict, first, others, known)
+    return _make_status(system, verdict, first, others, known)
 
 
 def _recompute_rates(system: StatusSolver, slides: np.ndarray):
@@ -331,9 +335,7 @@ def _same_rates(answer: VerifiedStatus, other: VerifiedStatus | None) -> bool:
     return bool(np.abs(answer.rate - other.rate).max(initial=0.0) <= ALIKE * np.abs(other.rate).max(initial=0.0))
 
 
-def _verdict(
-    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, answers: list[VerifiedStatus]
-) -> Verdict:
+def _verdict(system: StatusSolver, problem: Complementarity, answers: list[VerifiedStatus]) -> Verdict:
     """Verdict on all consistent statuses, which are listed best first.
 
     Two statuses have the same forces if A is singular on the union of their sliding contacts. A small difference in
@@ -346,29 +348,29 @@ def _verdict(
     here, slides = scale_problem(problem), answers[0].slides
     if any(is_regular(here, np.flatnonzero(slides | other.slides)) for other in answers[1:]):
         return Verdict.NOT_UNIQUE
-    forces = [force_rates(matrix, _expand_status(matrix, system, a.slides), a.velocity) for a in answers]
+    forces = [force_rates(system.matrix, _expand_status(system, a.slides), a.velocity) for a in answers]
     limit = SAME * max(np.abs(f).max() for f in forces)
     alike = all(np.abs(f - forces[0]).max() <= limit for f in forces)
     return Verdict.SINGULAR if alike else Verdict.NOT_UNIQUE
 
 
 def _search_many(
-    matrix: LinearSystem, system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None, unique: bool
+    system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None, unique: bool
 ) -> ContactStatus:
     """Try one algorithm after the other until a stable status is found; absence is reported only with a proof."""
     known = certificate(problem) if unique else None
     answers = _try_algorithms(system, problem, flipped)
     if answers:
-        verdict = _verdict(matrix, system, problem, answers)
+        verdict = _verdict(system, problem, answers)
         if verdict is Verdict.UNIQUE and not (known and known.unique):
             verdict = Verdict.CONSISTENT
-        return _make_status(matrix, system, verdict, answers[0], answers[1:], known)
+        return _make_status(system, verdict, answers[0], answers[1:], known)
     absent = farkas(problem)
     if absent is None:
-        return _make_failure(matrix, system, Verdict.NOT_FOUND, None, known)
+        return _make_failure(system, Verdict.NOT_FOUND, None, known)
     ray = farkas_ray(problem, absent)
     motion = ray and motion_of_ray(system, ray)
-    return _make_failure(matrix, system, Verdict.MECHANISM if motion else Verdict.UNSTABLE, motion or absent, known)
+    return _make_failure(system, Verdict.MECHANISM if motion else Verdict.UNSTABLE, motion or absent, known)
 
 
 def _try_algorithms(
@@ -376,8 +378,7 @@ def _try_algorithms(
 ) -> list[VerifiedStatus]:
     """Statuses found by flipping, pivoting and Lemke's algorithm, up to the first stable one; the best one first."""
     here, answers = scale_problem(problem), []
-    for way in (lambda: flipped, lambda: _try_pivoting(system, problem), lambda: _try_lemke(system, problem)):
-        answer = way()
+    for answer in _candidates(system, problem, flipped):
         if answer is None or any(_same_rates(answer, other) for other in answers):
             continue
         sign = sign_of_minor(here, np.flatnonzero(answer.slides))
@@ -387,13 +388,12 @@ def _try_algorithms(
     return sorted(answers, key=_stability_rank)
 
 
-def _try_pivoting(system: StatusSolver, problem: Complementarity) -> VerifiedStatus | None:
+def _candidates(system: StatusSolver, problem: Complementarity, flipped: VerifiedStatus | None):
+    """Yield the status of one algorithm after the other, None if it finds none."""
+    yield flipped
     slides, pivots = principal_pivoting(problem) if may_be_p_matrix(problem) else (None, 0)
     system.solves += pivots
-    return _verify(system, slides, "principal pivoting")
-
-
-def _try_lemke(system: StatusSolver, problem: Complementarity) -> VerifiedStatus | None:
+    yield _verify(system, slides, "principal pivoting")
     slip = lemke(problem)
     system.solves += len(problem.vector)
-    return None if slip is None else _verify(system, slip > 0, "Lemke")
+    yield None if slip is None else _verify(system, slip > 0, "Lemke")

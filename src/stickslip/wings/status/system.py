@@ -5,7 +5,10 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 from scipy.sparse.linalg import splu
 
-from ...solve.linear import factorised
+from ... import State
+from ...kit import factorised
+from ...modes import residual_vector
+from ...results import ContactLoads, Freedom
 from .matrices import LinearSystem, stiffness_matrix
 
 # changed contacts up to which a factor is corrected and beyond which it is recomputed; at 3000 disks 48 cost the same,
@@ -25,14 +28,7 @@ class StatusSolver:
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
         self.critical, self.solves = critical, 0
-        self.load = np.asarray(load, float)
-        if self.load.shape != (len(matrix.free),):
-            raise ValueError(
-                f"a load of shape {self.load.shape} was given: shape {(len(matrix.free),)} is needed, one component "
-                f"for each coordinate"
-            )
-        if not np.isfinite(self.load).all():
-            raise ValueError("a load that is not finite was given: every component must be a finite number")
+        self.matrix, self.geometric, self.load = matrix, geometric, load_of(matrix, load)
         order = elimination_order(matrix.c, matrix.free.body, matrix.width)
         self.kept = order[~np.isin(order, np.append(pinned_coordinates(matrix), np.asarray(held, np.int64)))]
         c = sparse.csr_array(matrix.c[self.kept])
@@ -73,10 +69,7 @@ class StatusSolver:
     def rates(self, slides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocities (n,) for a status, and Ṽ of the critical contacts.
 
-        Raises
-        ------
-        LinAlgError
-            if k(S) v does not balance the load because k(S) is singular to round-off.
+        LinAlgError is raised if k(S) v does not balance the load because k(S) is singular to round-off.
         """
         v = self._woodbury(slides)
         if v is None:
@@ -90,10 +83,7 @@ class StatusSolver:
     def rates_for_slip(self, slides: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocities (n,) and Ṽ for a status with given slip rates; k(S) may be singular.
 
-        Raises
-        ------
-        LinAlgError
-            if k(S) v does not balance the load.
+        LinAlgError is raised if k(S) v does not balance the load.
         """
         stuck = np.zeros(len(slides), bool)
         if self.factored is None or not np.array_equal(self.factored, stuck):
@@ -137,6 +127,18 @@ class StatusSolver:
         slip = np.where(slides, self.sees.T @ v, 0.0)
         missed = self.stuck @ v - self.pull @ slip - self.right
         return bool(np.abs(missed).max(initial=0.0) <= RESIDUAL * np.abs(self.right).max(initial=0.0))
+
+
+def load_of(matrix: LinearSystem, load) -> np.ndarray:
+    """(n,) load as an array; raises ValueError with one sentence if it is no finite number for each coordinate."""
+    load, size = np.asarray(load, float), len(matrix.free)
+    if load.shape != (size,):
+        raise ValueError(
+            f"a load of shape {load.shape} was given: shape {(size,)} is needed, one component for each coordinate"
+        )
+    if not np.isfinite(load).all():
+        raise ValueError("a load that is not finite was given: every component must be a finite number")
+    return load
 
 
 def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
@@ -228,3 +230,9 @@ def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
     graph.setdiag(1.0 + np.diff(graph.indptr))  # larger than the rest of its column, so that there is no pivoting
     rank = splu(graph, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).perm_c
     return np.argsort(rank[node], kind="stable")
+
+
+def external_force(state: State, free: Freedom) -> np.ndarray:
+    """(n,) generalised external force on the free coordinates [force]."""
+    nothing = np.zeros((state.n_bodies, 3))
+    return residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), free)

@@ -5,5 +5,7 @@ from ...wing import Wing
 WING = Wing(
     package=__package__,
     words="granular flows, thresholds of friction, a catalogue of events",
+    needs=("papers", "faults", "status", "lammps"),
     experiments={"flow": "flow", "threshold": "threshold", "catalogue": "catalogue"},
+    pages=("catalogue",),
 )

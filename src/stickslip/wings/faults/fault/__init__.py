@@ -2,9 +2,8 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....experiments.sources import STATE
-from ....kit import Paper, attach, lazy_function
+from ....kit import Experiment, Paper, attach, lazy_function
+from ..friction.laws import REFERENCES
 from .scenario import FaultScenario
 
 _here = partial(lazy_function, __name__)
@@ -17,7 +16,7 @@ def references(scenario: FaultScenario) -> dict[str, tuple[str, ...]]:
     form += ("Gu1984",) if scenario.fault.states > 1 else ()
     return {
         "earthquake cycles": ("Erickson2020", "Rice1993", "Rubin2005"),
-        "rate-and-state friction": STATE[scenario.friction.law] + form,
+        "rate-and-state friction": REFERENCES[scenario.friction.law] + form,
         "time stepping": ("Hairer1993",),
         **({"faults that dip": ("Erickson2023", "Head1953")} if scenario.fault.dips else {}),
         **({"normal stress that acts on the state": ("Linker1992",)} if scenario.friction.alpha else {}),
@@ -36,7 +35,7 @@ EXPERIMENT = Experiment(
     words="earthquake cycles on a straight fault",
     simulate=_here("simulate.simulate_cycles"),
     numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
+    measures=_here("report.MEASURES"),
     show=_here("report.show"),
     figures=_here("report.figures"),
     files=_here("report.files"),

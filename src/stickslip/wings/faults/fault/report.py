@@ -4,11 +4,11 @@ from functools import partial
 
 import numpy as np
 
-from ....kit import Fields, console, in_readable_units, new_table, show_table
-from ..friction.cycles import repeated_slip
+from ....kit import Fields, Measures, Quantity, console, in_readable_units, new_table, show_table
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import YEAR
+from ..friction.measure import repeated_slip
 from . import figures as figures_of
 from . import seas_files
 from .simulate import FaultResult
@@ -113,26 +113,31 @@ def cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
     return repeated_slip(time, series["max_velocity"], slip[:, int(np.argmax(uneven))], since)
 
 
-def measures(result: FaultResult) -> dict[str, tuple[float, str]]:
-    """Return {name: (value, unit)} for sweeps; averages are over settled events, and NaN without any."""
-    events, energy = result.late_events, result.history.energy
+def _of_events(name: str, unit: str, meaning: str, of=None) -> Quantity:
+    """Mean over settled events; NaN without any."""
 
-    def mean(values) -> float:
+    def mean(result: FaultResult) -> float:
+        values = of(result.late_events) if of else getattr(result.late_events, name)
         return float(np.mean(values)) if len(values) else np.nan
 
-    return {
-        "events": (len(result.history.events.start), "1"),
-        "first_event": (float(result.history.events.start[0]) if len(events.start) else np.nan, "s"),
-        "recurrence": (result.recurrence, "s"),
-        "surface_slip": (mean(events.surface_slip), "m"),
-        "max_slip": (mean(events.max_slip), "m"),
-        "max_velocity": (mean(events.max_velocity), "m/s"),
-        "duration": (mean(events.end - events.start), "s"),
-        "nucleation_depth": (mean(events.depth), "m"),
-        "nucleation_length": (mean(events.nucleation_length), "m"),
-        "rupture_bottom": (mean(events.bottom), "m"),
-        "moment": (mean(events.moment), "N"),
-        "radiated_fraction": (energy.radiated / energy.loading if energy.loading else np.nan, "1"),
-        "energy_residual": (energy.residual, "1"),
-        "crept_length": (result.crept_length, "m"),
-    }
+    return Quantity(name, unit, f"{meaning}, mean over settled events", mean)
+
+
+MEASURES = Measures([
+    Quantity("events", "1", "number of events", lambda r: len(r.history.events.start)),
+    Quantity("first_event", "s", "time of the first event",
+             lambda r: float(r.history.events.start[0]) if len(r.late_events.start) else np.nan),
+    Quantity("recurrence", "s", "mean time between the starts of settled events"),
+    _of_events("surface_slip", "m", "slip at the surface"),
+    _of_events("max_slip", "m", "largest slip"),
+    _of_events("max_velocity", "m/s", "largest slip velocity"),
+    _of_events("duration", "s", "duration", lambda events: events.end - events.start),
+    _of_events("nucleation_depth", "m", "depth at which an event nucleates", lambda events: events.depth),
+    _of_events("nucleation_length", "m", "length of the nucleation"),
+    _of_events("rupture_bottom", "m", "lower end of the rupture", lambda events: events.bottom),
+    _of_events("moment", "N", "moment for each unit of length along strike"),
+    Quantity("radiated_fraction", "1", "radiated energy over the work of loading",
+             lambda r: r.history.energy.radiated / r.history.energy.loading if r.history.energy.loading else np.nan),
+    Quantity("energy_residual", "1", "rest of the energy balance over the work", "history.energy.residual"),
+    Quantity("crept_length", "m", "length that slipped by D_c or more beyond plate motion; NaN at constant stress"),
+])  # fmt: skip

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from ....kit import YEAR, Finite, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size
 from ..friction.fault import Fault, check_normal, line_fault
-from ..friction.normal_stress import Injection, Oscillation, StressTable, read_stress_table
+from ..friction.stress_transfer import Injection, Oscillation, StressTable, read_stress_table
 
 STATIONS = (0.0, 2500.0, 5000.0, 7500.0, 10e3, 12.5e3, 15e3, 17.5e3, 20e3, 25e3, 30e3, 35e3)
 Point = Annotated[tuple[NotNegative, NotNegative], Listed]

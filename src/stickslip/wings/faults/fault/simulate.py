@@ -5,14 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....experiments import ScenarioError
-from ....kit import Report, checked, checkpoint_in, result_of, silent, within
+from ....kit import Report, ScenarioError, checked, checkpoint_in, result_of, silent, within
 from ..friction.fault import Fault, profile
 from ..friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
 from ..friction.fault_record import YEAR, FaultEvents, Recording
 from ..friction.fault_state import FaultState, initial_state
-from ..friction.fault_theory import Nucleation, nucleation
-from ..friction.normal_stress import Injection, Oscillation, StressTable
+from ..friction.stability import Nucleation, nucleation
+from ..friction.stress_transfer import Injection, Oscillation, StressTable
 from . import EXPERIMENT
 from .scenario import FaultScenario
 
@@ -71,7 +70,7 @@ def simulate_cycles(
     """
     fault, loading = scenario.fault, scenario.loading
     try:
-        stress = loading.stress
+        stress = loading.quasistatic
         if not (stress is None or isinstance(stress, str)):
             stress = profile("stress", stress, fault.depth)
         state = initial_state(fault, velocity=loading.velocity, stress=stress)

@@ -10,8 +10,16 @@ import numpy as np
 
 from ....kit import check_types, checked, quoted, readable, require_positive
 from .laws import EVOLUTIONS, FORMS, form_code
-from .normal_stress import INSTANTS, Injection, Oscillation, StressTable
-from .stress_transfer import BOUNDARIES, StressTransfer, image_nodes, stress_transfer
+from .stress_transfer import (
+    BOUNDARIES,
+    INSTANTS,
+    Injection,
+    Oscillation,
+    StressTable,
+    StressTransfer,
+    image_nodes,
+    stress_transfer,
+)
 
 SHEARS = ("antiplane", "in-plane")
 SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault

@@ -1,19 +1,21 @@
-"""Simulation of sequences of earthquakes and aseismic slip on a straight fault.
+"""Simulation of sequences of earthquakes and aseismic slip on a straight fault, and its history as a dataset.
 
 The time step follows from the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
 `python -m benchmarks fault` compares it with the solvers of SciPy at equal error.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ....kit import Report, check_types, checked, readable, require_positive, require_shape, silent
+from ....kit import Report, check_types, checked, readable, require_positive, require_shape, silent, units_of
 from .fault import Fault, check_fault, check_normal
 from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
-from .fault_state import FaultState, check_state, initial_state
-from .fault_step import EXPONENT, NUMBER, STAGES, Machine
+from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_state, initial_state
+
+if TYPE_CHECKING:
+    import xarray
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
 TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
@@ -160,7 +162,9 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     stages[0], powers[0], energy = state.rates, state.power, state.energy.copy()
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
-    now, breaks = _moment(fault, state), _breaks(fault)
+    now = _moment(fault, state)
+    # steps end where the normal stress is not smooth; the last one is infinite
+    breaks = np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
     longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
     while time < until or recorder.event is not None:
         w_trial[:] = w
@@ -208,11 +212,6 @@ def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
     return f"slip opens the fault at {place} after {time / YEAR:g} years: use a larger normal stress there"
 
 
-def _breaks(fault: Fault) -> np.ndarray:
-    """Times at which steps end, because the normal stress is not smooth there; the last one is infinite."""
-    return np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
-
-
 def _moment(fault: Fault, state: FaultState) -> Moment:
     fastest = fault.v0 * float(np.exp(state.log_velocity.max()))
     u, *states = state.unknowns
@@ -255,3 +254,49 @@ def join_histories(parts: list[FaultHistory]) -> FaultHistory:
         **along, events=events, energy=energy, state=last.state, steps=sum(p.steps for p in parts),
         rejected=sum(p.rejected for p in parts),
     )  # fmt: skip
+
+
+@checked
+def fault_dataset(history: FaultHistory) -> "xarray.Dataset":
+    """Convert a history to a dataset with units.
+
+    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), theta2 with two
+    states; normal (time, station) if the normal stress changes; horizontal, down and their velocities (time, surface)
+    beside a dipping fault; profile_slip (profile_time, profile_depth); columns of the events, with the prefix `event_`
+    (event).
+
+    Examples
+    --------
+    >>> from stickslip import friction
+    >>> fault = friction.line_fault(10e3, 100.0, a=0.02, b=0.015, dc=8e-3, normal=50e6)
+    >>> found = friction.simulate_fault(
+    ...     fault, 10.0, recording=friction.Recording(stations=(0.0, 5e3))
+    ... )
+    >>> dict(fault_dataset(found).sizes)["station"]
+    2
+    """
+
+    known = units_of(FaultEvents) | units_of(FaultHistory)
+
+    def units(name: str) -> dict[str, str]:
+        return {"units": known[name]} if name in known else {}
+
+    series, tables = ("max_velocity", "moment_rate"), ["slip", "velocity", "stress", "theta"]
+    tables += ["theta2"] if history.theta2 is not None else []
+    tables += ["normal"] if history.fault.changes or history.fault.dips else []
+    variables = {name: ("time", getattr(history, name), units(name)) for name in series}
+    variables |= {name: (("time", "station"), getattr(history, name), units(name)) for name in tables}
+    if len(history.surface):
+        moved = ("horizontal", "down", "horizontal_velocity", "down_velocity")
+        variables |= {name: (("time", "surface"), getattr(history, name), units(name)) for name in moved}
+    variables["profile_slip"] = (("profile_time", "profile_depth"), history.profile_slip, units("profile_slip"))
+    for name in ("profile_seismic", "profile_max_velocity"):
+        variables[name] = ("profile_time", getattr(history, name), units(name))
+    for name, values in history.events._asdict().items():
+        variables[f"event_{name}"] = ("event", values, units(name))
+    axes = ["time", "station", "profile_time", "profile_depth", *(["surface"] if len(history.surface) else [])]
+    coordinates = {name: (name, getattr(history, name), units(name)) for name in axes}
+    coordinates["event"] = ("event", np.arange(len(history.events.start)), {})
+    import xarray as xr
+
+    return xr.Dataset(variables, coordinates, attrs={"law": history.fault.law, "cell": history.fault.cell})

@@ -7,7 +7,7 @@ import numpy as np
 from ....kit import YEAR, pluralize, readable
 from .fault import Fault
 from .fault_state import frictional_stress
-from .half_space import surface_displacement
+from .stress_transfer import surface_displacement
 
 CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
@@ -146,14 +146,17 @@ class Recorder:
         """Record what an accepted step calls for."""
         seismic = now.fastest >= self.wanted.threshold
         if self.event is None:
-            self._quiet_profiles(before, now, self._crossing(before, now) if seismic else now.time)
+            pause, until = self.wanted.quiet_profiles, self._crossing(before, now) if seismic else now.time
+            self._profiles(before, now, (np.floor(before.time / pause) + 1) * pause, until, seismic=False)
             if seismic:
                 self._begin_event(before, now)
         else:
             np.maximum(self.event["peak"], now.log_velocity, out=self.event["peak"])
             self.event["fastest"] = max(self.event["fastest"], now.fastest)
         if self.event is not None:
-            self._seismic_profiles(before, now, self.event["start"])
+            pause, start = self.wanted.seismic_profiles, self.event["start"]
+            done = np.floor((before.time - start) / pause) + 1 if before.time >= start else 0
+            self._profiles(before, now, start + done * pause, now.time, seismic=True)
             if not seismic:
                 self._end_event(before, now)
         pause = self.wanted.seismic_sampling if seismic else self.wanted.quiet_sampling
@@ -167,7 +170,10 @@ class Recorder:
         every = fault.normal_at(now.time) + clamped
         normal = sum((change.change(at.depth, now.time) for change in fault.changes), at(fault.normal + clamped))
         states = now.log_states - fault.state_shift(every)
-        stress = self._strength(now, every, states)
+        stress = np.zeros(0)
+        if len(at.depth):
+            clamped_fault = fault._replace(normal=every)
+            stress = at(frictional_stress(clamped_fault, now.log_velocity, states, np.unique(at.cells)))
         rate = fault.shear_modulus * fault.cell * fault.v0 * float(np.exp(now.log_velocity).sum())
         slip = at(now.excess_slip) + fault.plate_rate * now.time
         slips = fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)
@@ -175,14 +181,6 @@ class Recorder:
         moved = self.surface(now.excess_slip, now.time), self.surface(now.rate, 1.0)
         self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, normal, *moved, thetas))
         self.sampled[:] = now.time, np.log10(now.fastest)
-
-    def _strength(self, now: Moment, normal: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Frictional stress at the stations."""
-        at = self.stations
-        if not len(at.depth):
-            return np.zeros(0)
-        fault = self.fault._replace(normal=normal)
-        return at(frictional_stress(fault, now.log_velocity, states, np.unique(at.cells)))
 
     def _add_profile(self, time: float, seismic: bool, fastest: float, excess: np.ndarray, rate: np.ndarray) -> None:
         """Append slip, and the stresses on a dipping fault."""
@@ -193,15 +191,6 @@ class Recorder:
             stress = at(self.prestress + shear - fault.damping * (rate + fault.plate_rate))
             normal = at(fault.normal_at(time) + clamped)
         self.profiles.append((time, seismic, fastest, at(excess) + fault.plate_rate * time, stress, normal))
-
-    def _quiet_profiles(self, before: Moment, now: Moment, until: float) -> None:
-        pause = self.wanted.quiet_profiles
-        self._profiles(before, now, (np.floor(before.time / pause) + 1) * pause, until, seismic=False)
-
-    def _seismic_profiles(self, before: Moment, now: Moment, start: float) -> None:
-        pause = self.wanted.seismic_profiles
-        done = np.floor((before.time - start) / pause) + 1 if before.time >= start else 0
-        self._profiles(before, now, start + done * pause, now.time, seismic=True)
 
     def _profiles(self, before: Moment, now: Moment, first: float, until: float, *, seismic: bool) -> None:
         """Append profiles at `first` and at the following intervals up to `until`, interpolated within the step."""

@@ -12,13 +12,32 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ....kit import checked, readable
-from .identifiability import Estimates, covariance, estimate, without_intervals
 from .laws import EVOLUTIONS, FORMS
-from .model import DEFAULTS, FIT, LINEAR, NAMES, OWN, PLAIN, Data, model_friction, prepare
-from .noise import WHITE, autoregression, effective_samples, log_head_volume, whitened
-from .outliers import TO_DEVIATION, find_spikes, noise_level, without
+from .model import (
+    DEFAULTS,
+    FIT,
+    LINEAR,
+    NAMES,
+    OWN,
+    PLAIN,
+    TO_DEVIATION,
+    WHITE,
+    Data,
+    autoregression,
+    effective_samples,
+    find_spikes,
+    log_head_volume,
+    model_friction,
+    noise_level,
+    prepare,
+    whitened,
+    without,
+)
 from .problem import (
+    Estimates,
     Task,
+    covariance,
+    estimate,
     filtered_residual,
     find_best,
     find_open_sides,
@@ -27,6 +46,7 @@ from .problem import (
     pieces,
     residual,
     solve,
+    without_intervals,
 )
 from .ratestate import RateState
 

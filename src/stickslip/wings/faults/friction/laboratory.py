@@ -1,5 +1,6 @@
 """Laboratory records, converted to metres, seconds and pascals on reading."""
 
+import contextlib
 import difflib
 import warnings
 from pathlib import Path
@@ -11,9 +12,8 @@ from ....core.tables import split_label
 from ....kit import check_types, checked, heading_of, parse_number, readable, require_filled, shortened, write_table
 from ....known import HARMLESS, UNKNOWN, USED, find_row
 from .fitting import Data
-from .load_history import contradiction, find_steps, stated_steps, with_normal
-from .loads import check_times, load_steps
-from .record_files import LENGTH, NUMBER, SPEED, STRESS, TIME, Sheet, read_sheet, unit_of
+from .loads import check_times, contradiction, find_steps, load_steps, stated_steps, with_normal
+from .record_files import LENGTH, NUMBER, SPEED, STRESS, TIME, Sheet, read_sheet, unit_of, unit_of_time
 
 COLUMNS = {  # where several columns of a file have names of one quantity, the first of these names is taken
     "time": (TIME, ("time", "t", "sample_time", "elapsed_time", "test_time", "time_elapsed")),
@@ -41,7 +41,7 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     "theta": (TIME, ("theta", "state")),
 }  # fmt: skip
 LEAST = 10  # rows
-LEAST_FRICTION, MOST_FRICTION = 0.005, 5.0  # beyond which a unit is doubted
+LEAST_FRICTION, MOST_FRICTION = 0.005, 3.0  # beyond which a unit is doubted
 ABSENT = (-9999.0, -999.0, -99999.0)  # written by some programs where there is no number
 CROOKED = 0.2  # straight legs per sample from which a displacement counts as noisy
 SHOWN = 8  # columns that a message lists
@@ -108,6 +108,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
             raise ValueError(f"{path}: normal_stress must be positive at every sample: remove samples before loading")
         values["friction"] = values["shear_stress"] / values["normal_stress"]
     _doubt_friction(path, values)
+    _doubt_time(path, sheet, places)
     values.pop("shear_stress", None)
     if (values["friction"] < 0).all():
         raise ValueError(f"{path}: friction is negative throughout: is its sign reversed? give positive values")
@@ -137,6 +138,38 @@ def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
                 f"is wrong",
                 stacklevel=3,
             )
+
+
+def _doubt_time(path: Path, sheet: Sheet, places: dict[str, tuple[int, float]]) -> None:
+    """Warn if a displacement over time is a velocity of the record times the ratio of two units of time."""
+    units = [unit_of(heading, (), {})[1] or unit for heading, unit in zip(sheet.headings, sheet.units, strict=True)]
+    taken = {k for k, _ in places.values()}
+    speeds = [places["velocity"]] if "velocity" in places else []
+    speeds += [(k, SPEED[unit]) for k, unit in enumerate(units) if unit in SPEED and k not in taken]
+    for name in ("load_point", "slip"):
+        for speed in speeds if name in places else ():
+            columns = [_loose_numbers(sheet, k) * factor for k, factor in (places["time"], places[name], speed)]
+            t, x, v = np.compress(np.isfinite(columns).all(axis=0), columns, axis=1)
+            way = float(np.trapezoid(v, t)) if len(t) > 1 else 0.0
+            ratio = abs(float(x[-1] - x[0]) / way) if way else 1.0
+            if unit := unit_of_time(ratio, places["time"][1]):
+                warnings.warn(
+                    f"{path}: {name} over time is {ratio:.3g} times {sheet.headings[speed[0]]!r}: times seem to be in "
+                    f"{unit}, unless the unit of the displacement or of the velocity is wrong",
+                    stacklevel=3,
+                )
+                return
+
+
+def _loose_numbers(sheet: Sheet, k: int) -> np.ndarray:
+    """Numbers of a column, NaN for what is none."""
+    if sheet.values is not None:
+        return sheet.values[k]
+    column = np.full(len(sheet.rows or ()), np.nan)
+    for row, (_, fields) in enumerate(sheet.rows or ()):
+        with contextlib.suppress(ValueError):
+            column[row] = parse_number(fields[k])
+    return np.where(_is_missing(column), np.nan, column)
 
 
 @checked
@@ -369,12 +402,10 @@ def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si
     given = "" if unit is None or (units is NUMBER and unit == ".") else unit.replace(" ", "")
     known = next((u for u in units if u == given), None) or next((u for u in units if u.lower() == given.lower()), None)
     if known is None:
-        raise ValueError(f"{path}: {word} has the unit {shortened(given)!r}: use {', '.join(_common_units(units))}")
+        raise ValueError(
+            f"{path}: {word} has the unit {shortened(given)!r}: use {', '.join(list(filter(None, units))[:SHOWN])}"
+        )
     return units[known]
-
-
-def _common_units(units: dict) -> list[str]:
-    return [unit for unit in units if unit][:8]
 
 
 def _check_columns(path: Path, header: list[str], known: dict, motion: bool) -> None:

@@ -1,10 +1,14 @@
-"""Load histories: legs of constant load-point velocity and constant normal stress."""
+"""Load histories: legs of constant velocity and normal stress, as they are stated, or found in a displacement."""
 
+import re
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ....kit import Series, checked, readable, require_positive, require_shape
+from .record_files import LENGTH, TIME, unit_of_time
 
 
 @readable
@@ -140,3 +144,220 @@ def check_times(time) -> None:
             f"time must increase, but sample {k + 2} ({time[k + 1]:g}) is not later than sample {k + 1} ({time[k]:g}): "
             "sort the samples and remove duplicates"
         )
+
+
+CANDIDATES, SEARCHED = 400, 4000  # times that are tried for a change of velocity, on so many samples at most
+MOST, ROUNDS = 60, 40  # changes, and iterations of their times
+CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
+REST, EXACT = 4.0, 1e-9  # standard errors, and share of the largest velocity, below which one counts as zero
+OFF, CLEARLY = 0.03, 6.0  # departure of a displacement from a stated leg: over its length, and over the noise
+_LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
+
+
+@readable
+class FoundSteps(NamedTuple):
+    """Steps of constant velocity that a noisy displacement contains."""
+
+    legs: tuple[LoadStep, ...]
+    noise: float  # standard deviation of the displacement about them [length]
+    sentence: str
+
+
+@checked
+def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
+    """Legs that the user states, as in "1e-6 until 120 s, then 1e-5"; the last ends with the record.
+
+    Parameters
+    ----------
+    text : velocities of the load point, with a unit or in m/s, each but the last until a time of the record
+    time : (N,) times of the samples [s]
+
+    Raises
+    ------
+    ValueError
+        with one sentence.
+
+    Examples
+    --------
+    >>> legs = stated_steps("1 um/s until 2 min, then 1e-5", [0, 200])
+    >>> [leg.duration for leg in legs]
+    [120.0, 80.0]
+    """
+    check_times(np.asarray(time, float))
+    parts, legs, start, end = text.split(","), [], float(time[0]), float(time[-1])
+    for k, part in enumerate(parts):
+        match, last = _LEG.fullmatch(part), k == len(parts) - 1
+        try:
+            number, length, span, until, unit = match.groups() if match else (None,) * 5
+            velocity = float(number) * LENGTH[length or "m"] / TIME[span or "s"]
+            stop = end if last and until is None else float(until) * TIME[unit or "s"]
+        except (TypeError, ValueError, KeyError):
+            raise ValueError(
+                f"--velocity: {part.strip()!r} was given: use velocities and times, as in '1e-6 until 120 s, then "
+                f"10 um/s'"
+            ) from None
+        if not start < stop <= end:
+            raise ValueError(
+                f"--velocity: a leg ends at {stop:g} s: it must end after {start:g} s, and the record ends at {end:g} s"
+            )
+        legs.append(LoadStep(stop - start, velocity))
+        start = stop
+    if start < end:
+        raise ValueError(
+            f"--velocity ends at {start:g} s, the record at {end:g} s: say what follows, or leave out 'until'"
+        )
+    return tuple(legs)
+
+
+@checked
+def find_steps(time: Series, load_point: Series) -> FoundSteps:
+    """Steps of constant velocity in a noisy displacement of the load point.
+
+    A continuous line of straight pieces is fitted by least squares; a change of velocity is added where it lowers the
+    sum of squares most, as long as it does so by far more than noise would. Then all times of change are refined
+    together. Velocities that are zero within their errors become holds.
+
+    Parameters
+    ----------
+    time : (N,) increasing [time]
+    load_point : (N,) [length]
+    """
+    time, place = np.asarray(time, float), np.asarray(load_point, float)
+    check_times(time)
+    thin = max(1, -(-len(time) // SEARCHED))
+    require_shape(np.shape(time), load_point=place)
+    sparse, rough = time[::thin], place[::thin]
+    worth = CERTAIN * np.log(len(time)) * float(np.mean(np.diff(place, 2) ** 2)) / 6
+    changes = np.zeros(0)
+    while len(changes) < MOST:
+        gain, best = _best_change(sparse, rough, changes)
+        if gain * thin < worth:
+            break
+        changes = _refine(sparse, rough, np.sort(np.append(changes, best)))
+    changes = _without_needless(time, place, _refine(time, place, changes) if thin > 1 else changes, worth)
+    basis = _pieces(time, changes)
+    slopes, *_ = np.linalg.lstsq(basis, place, rcond=None)
+    rest = place - basis @ slopes
+    noise = float(np.sqrt(rest @ rest / max(len(time) - 2 * len(changes) - 2, 1)))
+    error = noise * np.sqrt(np.diag(np.linalg.pinv(basis.T @ basis)))
+    least = np.maximum(REST * error[1:], EXACT * np.abs(slopes[1:]).max())
+    velocity = np.where(np.abs(slopes[1:]) < least, 0.0, slopes[1:])
+    legs = tuple(map(LoadStep, np.diff([time[0], *changes, time[-1]]).tolist(), velocity.tolist()))
+    text = steps_text(legs, time)
+    return FoundSteps(legs, noise, f'the load point has noise of {noise:.2g}; its velocity is taken as "{text}"')
+
+
+def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
+    """Legs as `stated_steps` reads them, on the clock of the samples."""
+    digits = max(0, 3 - int(np.floor(np.log10(np.median(np.diff(time))))))
+    ends = time[0] + np.cumsum([leg.duration for leg in legs])[:-1]
+    parts = [f"{leg.velocity:.6g} until {end:.{digits}f}" for leg, end in zip(legs, ends, strict=False)]
+    return ", then ".join([*parts, f"{legs[-1].velocity:.6g}"])
+
+
+def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray) -> str:
+    """Sentence on the stated leg that a measured displacement contradicts most; empty if it contradicts none.
+
+    It does if the displacement within a leg departs from the stated line by more than 3 % of the way, and by more than
+    its noise.
+    """
+    noise = float(np.sqrt(np.mean(np.diff(place, 2) ** 2) / 6)) if len(place) > 2 else 0.0
+    start, worst, told = float(time[0]), OFF, ""
+    for leg in legs:
+        end = start + leg.duration
+        rows = (time >= start) & (time <= end)
+        if rows.sum() > 1:
+            t, x = time[rows], place[rows] - place[rows][0]
+            apart = np.abs(x - leg.velocity * (t - t[0]))
+            way = max(abs(leg.velocity) * (t[-1] - t[0]), np.abs(x).max())
+            share = float(apart.max()) / way if apart.max() > CLEARLY * noise else 0.0
+            if share > worst:
+                k = int(apart.argmax())
+                said = f"--velocity says {leg.velocity:g} m/s from {start:g} to {end:g} s, but the load point"
+                way = leg.velocity * (t[k] - t[0])
+                worst, told = share, f"{said} moved by {x[k]:.4g} m until {t[k]:g} s instead of {way:.4g} m"
+                if way and (unit := unit_of_time(x[k] / way)):
+                    told += f", as if the times were in {unit}"
+        start = end
+    return told
+
+
+def _pieces(time: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Basis of continuous lines: the value at the start, and the time spent in each piece, (N, K + 2)."""
+    edges = np.array([time[0], *changes, time[-1]])
+    spent = [np.clip(time, low, high) - low for low, high in pairwise(edges)]
+    return np.stack([np.ones(len(time)), *spent], axis=1)
+
+
+def _best_change(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> tuple[float, float]:
+    """Largest fall of the sum of squares by one more change of velocity, and its time."""
+    q, _ = np.linalg.qr(_pieces(time, changes))
+    rest = place - q @ (q.T @ place)
+    tried = time[np.unique(np.linspace(2, len(time) - 3, CANDIDATES).astype(int))]
+    bends = np.maximum(time[:, None] - tried, 0.0)
+    bends -= q @ (q.T @ bends)
+    size = (bends**2).sum(axis=0)
+    gain = np.where(size > 1e-9 * size.max(initial=1e-300), (rest @ bends) ** 2 / np.maximum(size, 1e-300), 0.0)
+    return float(gain.max(initial=0.0)), float(tried[int(gain.argmax())])
+
+
+def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, worth: float) -> np.ndarray:
+    """Changes of velocity without those that a shift of their neighbours makes needless."""
+    while len(changes):
+        fewer = [_refine(time, place, np.delete(changes, k)) for k in range(len(changes))]
+        sums = [_misfit(time, place, rest) for rest in fewer]
+        least = int(np.argmin(sums))
+        if sums[least] - _misfit(time, place, changes) > worth:
+            break
+        changes = fewer[least]
+    return changes
+
+
+def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
+    """Sum of squares about the best line with given times of change."""
+    basis = _pieces(time, changes)
+    basis /= np.abs(basis).max(axis=0)
+    square = np.einsum("ni,nj->ij", basis, basis)  # a QR decomposition of so few columns takes many times longer
+    rest = place - basis @ np.linalg.solve(square, np.einsum("ni,n->i", basis, place))
+    return float(rest @ rest)
+
+
+def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Times of change at which the lines of neighbouring pieces meet, each fitted to its own samples.
+
+    They have the same limiting distribution as those of the best continuous line (Feder, doi:10.1214/aos/1176342999).
+    """
+    for _ in range(ROUNDS if len(changes) else 0):
+        edges = np.array([time[0], *changes, time[-1]])
+        room = 0.45 * np.minimum(np.diff(edges)[:-1], np.diff(edges)[1:])
+        piece = np.searchsorted(changes, time)
+        since = time - time[0]
+        sums = np.ones(len(time)), since, place, since**2, since * place
+        count, t, x, tt, tx = (np.bincount(piece, values, len(edges) - 1) for values in sums)
+        spread = count * tt - t**2
+        slope = np.divide(count * tx - t * x, spread, out=np.zeros_like(t), where=(count > 1) & (spread > 0))
+        height = np.divide(x - slope * t, count, out=np.zeros_like(t), where=count > 0)
+        bend, gap = np.diff(slope), -np.diff(height)
+        meets = time[0] + np.divide(gap, bend, out=changes - time[0], where=(bend != 0) & (np.diff(count > 1) == 0))
+        moved = np.clip(meets, changes - room, changes + room)
+        if np.allclose(moved, changes, rtol=1e-12, atol=0):
+            break
+        changes = moved
+    return changes
+
+
+def with_normal(legs: tuple[LoadStep, ...], time: np.ndarray, factor: np.ndarray) -> tuple[LoadStep, ...]:
+    """Legs that are cut where the normal stress changes, which is held from each sample to the next.
+
+    Parameters
+    ----------
+    time : (N,) from the start of the legs [time]
+    factor : (N,) normal stress over its reference
+    """
+    ends = np.cumsum([leg.duration for leg in legs])
+    cuts = time[1:][np.diff(factor) != 0]
+    edges = np.unique(np.concatenate([[0.0], ends, cuts[cuts < ends[-1]]]))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    velocity = [legs[min(k, len(legs) - 1)].velocity for k in np.searchsorted(ends, middle)]
+    held = factor[np.maximum(np.searchsorted(time, middle, side="right") - 1, 0)]
+    return tuple(map(LoadStep, np.diff(edges).tolist(), velocity, held.tolist()))

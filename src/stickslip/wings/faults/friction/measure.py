@@ -1,4 +1,4 @@
-"""Model-free measurements on a record: steady means with standard errors, peaks after holds, healing."""
+"""Model-free measurements on a record: steady means with standard errors, peaks after holds, healing, cycles."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -155,3 +155,45 @@ def _check_series(values, least: int) -> np.ndarray:
         raise ValueError(f"values have shape {x.shape}: give a one-dimensional array of at least {least}")
     require_not_negative(values=float(np.abs(x).max(initial=0.0)))
     return x
+
+
+CONTRAST = 100.0  # slip velocity of an event over the median one
+SKIPPED = 1  # first intervals between events, which depend on the start
+
+
+def passing_velocity(time, slip, velocity) -> np.ndarray:
+    """Slip velocity at samples, or the mean velocity up to the next sample if that is larger.
+
+    Events that begin and end between two samples appear in the mean velocity.
+    """
+    mean = np.append(np.diff(slip) / np.diff(time), velocity[-1])
+    return np.maximum(velocity, mean)
+
+
+def event_starts(velocity) -> np.ndarray:
+    """Indices of the samples at which events begin: the velocity rises above CONTRAST times its median."""
+    fast = velocity > CONTRAST * np.median(velocity)
+    return np.flatnonzero(fast[1:] & ~fast[:-1]) + 1
+
+
+def recurrence(time, velocity) -> float:
+    """Mean time between the starts of events, without the first interval; NaN with fewer than three events."""
+    intervals = np.diff(np.asarray(time)[event_starts(velocity)])[SKIPPED:]
+    return float(np.mean(intervals)) if len(intervals) else np.nan
+
+
+def repeated_slip(time, velocity, slip, since) -> np.ndarray | None:
+    """Slip since the start of an event, as the last complete cycle repeated; None without one.
+
+    Parameters
+    ----------
+    since : (N,) times since the start of the event; negative ones are before it
+    """
+    starts = event_starts(velocity)
+    if len(starts) < SKIPPED + 2:
+        return None
+    first, last = starts[-2], starts[-1]
+    period, jump = time[last] - time[first], slip[last] - slip[first]
+    count = np.floor(since / period)
+    part = slice(first, last + 1)
+    return count * jump + np.interp(since - count * period, time[part] - time[first], slip[part] - slip[first])

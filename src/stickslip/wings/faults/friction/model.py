@@ -1,13 +1,15 @@
-"""Data for fits, and model friction for given parameters."""
+"""Data for fits, model friction for given parameters, and noise: autoregressive models, whitening filters, spikes."""
 
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cholesky, toeplitz
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from ....kit import check_types, readable
+from .laws import DONE, build_slider, history, state_history
 from .loads import LoadStep, check_times, leg_arrays
-from .slider import DONE, build_slider, friction, history, state_history
 
 TOLERANCE = 1e-10
 NAMES = (
@@ -150,12 +152,12 @@ def model_friction(
         states = [np.full(len(case.time), start) for _ in range(2)]
         for state, dc in zip(states, (v["dc"], v["dc2"])[: 2 if v["b2"] else 1], strict=False):
             state[1:] = state_history(start, spans, mean, v["v0"], dc, law)
-        return friction(slider, np.stack([np.log(case.velocity / v["v0"]), *states], axis=1)) + trend
+        return slider.friction(np.stack([np.log(case.velocity / v["v0"]), *states], axis=1)) + trend
     w = np.log(case.before / v["v0"])
     out, code, _ = history(slider, (w, start, start), case.legs, case.time, tolerance)
     if code != DONE or not np.isfinite(out).all():
         return None
-    return friction(slider, out) + trend
+    return slider.friction(out) + trend
 
 
 def linear_column(case: Prepared, name: str) -> np.ndarray:
@@ -166,3 +168,169 @@ def linear_column(case: Prepared, name: str) -> np.ndarray:
 def _worn(place: np.ndarray, length: float) -> np.ndarray:
     """Displacement that a trend counts: all of it, or L (1 − exp(−x/L)), as while a surface wears in."""
     return place if np.isinf(length) else -length * np.expm1(-place / length)
+
+
+MOST = 4  # largest order
+WHITE = (np.zeros(0), np.zeros((0, 0)))
+
+
+def autocovariance(pieces, lags: int) -> np.ndarray:
+    """γ_l = Σ r_i r_{i+l} / N over pieces of a series, (lags + 1,); the biased form, which is positive definite."""
+    total = sum(len(r) for r in pieces)
+    return (
+        np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
+    )
+
+
+def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, with order selected by BIC, and the head of the whitening filter.
+
+    Uses Levinson's recursion on the autocovariance (Yule and Walker). Noise absorbed by a fit is added: residuals of
+    generalised least squares have the covariance Σ − J C Jᵀ, where C is that of the parameters, so the noise looks
+    less correlated than it is.
+
+    Parameters
+    ----------
+    pieces : residuals without gaps, each (n_i,)
+    taken : columns g, each in the same pieces, with Σ_k g_k g_kᵀ = J C Jᵀ; empty if the pieces are the noise itself
+
+    Returns
+    -------
+    φ : (p,)
+    head : (p, p) lower triangular matrix that whitens the first p values: L⁻¹, with LLᵀ their covariance over the
+        variance of e
+    """
+    total = sum(len(r) for r in pieces)
+    lags = min(most, max(total // 20, 0))
+    gamma = sum((autocovariance(column, lags) for column in taken), autocovariance(pieces, lags))
+    if gamma[0] <= 1e-300:
+        return np.zeros(0), np.zeros((0, 0))
+    phi, variance = np.zeros(0), gamma[0]
+    best, score = (phi, variance), total * np.log(variance)
+    for order in range(1, len(gamma)):
+        reflection = (gamma[order] - phi @ gamma[order - 1 : 0 : -1]) / variance
+        phi = np.append(phi - reflection * phi[::-1], reflection)
+        variance = max(variance * (1 - reflection**2), 1e-300)
+        bic = total * np.log(variance) + order * np.log(total)
+        if bic < score:
+            best, score = (phi, variance), bic
+    phi, variance = best
+    if len(phi) == 0:
+        return WHITE
+    return phi, np.linalg.inv(cholesky(toeplitz(gamma[: len(phi)]) / variance, lower=True))
+
+
+def whitened(rows, noise, pieces) -> np.ndarray:
+    """Rows (N, …) of a series, filtered so that the noise becomes white with the variance of e.
+
+    Parameters
+    ----------
+    noise : φ and head, from `autoregression`
+    pieces : slices of contiguous rows, which together cover all rows
+    """
+    phi, head = noise
+    out = np.array(rows, float)
+    for piece in pieces:
+        part = np.asarray(rows[piece], float)
+        done = part.copy()
+        for m, coefficient in enumerate(phi, start=1):
+            done[m:] -= coefficient * part[:-m]
+        n = min(len(phi), len(part))
+        if n:
+            done[:n] = head[:n, :n] @ part[:n]
+        out[piece] = done
+    return out
+
+
+def effective_samples(noise, total: int) -> float:
+    """Number of independent samples that carry the same information about a mean as `total` samples with this noise."""
+    phi, head = noise
+    if len(phi) == 0:
+        return float(total)
+    return min(total / head[0, 0] ** 2 * (1 - phi.sum()) ** 2, float(total))
+
+
+def log_head_volume(noise, pieces) -> float:
+    """Contribution of the heads of the pieces to the log-determinant of the noise."""
+    phi, head = noise
+    logs = -np.cumsum(np.log(np.diag(head))) if len(phi) else np.zeros(0)
+    return sum(float(logs[min(len(phi), piece.stop - piece.start) - 1]) for piece in pieces) if len(phi) else 0.0
+
+
+AROUND = 7  # samples of the running median with which each sample is compared
+FAR = 6.0  # standard deviations beyond which a sample is a spike; one Gaussian sample in 5e8 is
+MOST_SPIKES = 0.02  # share of the samples; more of them are noise with long tails
+LEAST_NOISE = 1e-6  # over the scatter of friction, below which a record has no noise but round-off
+TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
+SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over its own
+ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity and of the normal stress after which friction may peak
+BEFORE, AFTER = -1, 3  # samples next to such a change, of which none is a spike
+
+
+def find_spikes(case: Prepared) -> np.ndarray:
+    """Numbers of the samples that are spikes, from the record alone: they are the same for every law.
+
+    A spike is farther from the median of its neighbours than six standard deviations of the noise, and than this median
+    itself changes around it, so that neither a resolved peak nor a stress drop is one. At an abrupt change of the load
+    no sample is, because it may be the peak of the response.
+    """
+    middle = _middle(case)
+    apart = np.abs(case.friction - middle)
+    far = case.used & (apart / case.sigma > FAR * noise_level([case]))
+    if far.sum() > MOST_SPIKES * case.used.sum():
+        return np.zeros(0, int)
+    width = 2 * AROUND + 1
+    moves = maximum_filter1d(middle, width) - minimum_filter1d(middle, width)
+    return np.flatnonzero(far & (apart > moves) & ~_load_changes(case))
+
+
+def noise_level(cases: list[Prepared]) -> float:
+    """Standard deviation of the noise between neighbouring samples over `sigma`, from fourth differences of friction.
+
+    These vanish for smooth signals. It is that of the part of the noise that changes from sample to sample, of which
+    correlated noise has less.
+    """
+    runs = [(case.friction / case.sigma)[case.used][run] for case in cases for run in case.pieces]
+    fourth = np.abs(np.concatenate([np.diff(run, 4) for run in runs]))
+    if not len(fourth):
+        return 0.0
+    values = np.unique(np.concatenate(runs))
+    digit = np.diff(values).min(initial=np.inf) / np.sqrt(12.0)  # of numbers with few digits
+    size = max(TO_DEVIATION * float(np.median(fourth)) / SPREAD, digit if np.isfinite(digit) else 0.0)
+    return max(size, LEAST_NOISE * float(np.std(np.concatenate(runs))))
+
+
+def _middle(case: Prepared) -> np.ndarray:
+    """Running median of friction within runs of samples that are fitted; friction itself elsewhere."""
+    out = case.friction.copy()
+    rows = np.flatnonzero(case.used)
+    for run in case.pieces:
+        out[rows[run]] = median_filter(case.friction[rows[run]], AROUND, mode="nearest")
+    return out
+
+
+def _load_changes(case: Prepared) -> np.ndarray:
+    """Whether the load changes abruptly at each sample or just before it, where a peak may be that narrow."""
+    out = np.zeros(len(case.time), bool)
+    if case.legs is None:
+        first = np.flatnonzero(_abrupt(case.velocity)) + 1
+    else:
+        duration, velocity, normal = case.legs
+        changes = _abrupt(velocity) | (np.abs(np.diff(normal)) > STEP)
+        first = np.searchsorted(case.time, np.cumsum(duration)[:-1][changes])
+    for shift in range(BEFORE, AFTER + 1):
+        out[np.clip(first + shift, 0, len(out) - 1)] = True
+    return out
+
+
+def _abrupt(velocity: np.ndarray) -> np.ndarray:
+    """Whether each velocity differs much from the one before."""
+    size = np.abs(velocity)
+    return np.abs(np.diff(velocity)) > ABRUPT * np.maximum(size[1:], size[:-1])
+
+
+def without(used: np.ndarray, spikes: np.ndarray) -> np.ndarray:
+    """Mask of the samples that are fitted, without spikes."""
+    kept = used.copy()
+    kept[spikes] = False
+    return kept

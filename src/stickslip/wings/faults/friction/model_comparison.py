@@ -1,14 +1,19 @@
-"""Comparison of two fits to the same data."""
+"""Comparison of two fits to the same data, and remedies for fits that describe a record badly.
+
+Remedies, such as a trend that was left out or a stiffness in another unit, are measured by a second fit of the record.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ....kit import checked, readable
-from .fitting import Fit
+from .fitting import EXACT, Fit, Solution, build_fit, solve_fit
+from .model import LOGARITHMIC, WHITE, Data, Prepared, autoregression, effective_samples
+from .problem import pieces, residual, solve
 
 STRONG = 6.0  # smallest significant difference of AIC: a likelihood ratio of 20
-FAR = 1.96  # smallest significant value of Vuong's statistic, two-sided 95 %
+SIGNIFICANT = 1.96  # smallest significant value of Vuong's statistic, two-sided 95 %
 
 
 @readable
@@ -54,7 +59,7 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     numbers = f"ΔAIC = {abs(gap):.3g}, Vuong's z = {abs(z):.2g}"
     better = 0 if gap > 0 else 1
     fails = "" if first.adequate or second.adequate else "; neither describes the record"
-    if abs(gap) < STRONG or abs(z) < FAR or (z > 0) != (gap > 0):
+    if abs(gap) < STRONG or abs(z) < SIGNIFICANT or (z > 0) != (gap > 0):
         told = f"the data do not discriminate between the two{fails} ({numbers})"
         return LawComparison(None, abs(gap), ratio, z, told)
     if not (first, second)[better].adequate:
@@ -65,3 +70,164 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     return LawComparison(
         law, abs(gap), ratio, z, f"the data prefer the {names[better]} to the {names[1 - better]} ({numbers})"
     )
+
+
+LEAST_FALL = 0.05  # of the residuals, below which a trend changes little
+SURE = 16.0  # χ² of the trends, four standard errors for one of them
+STEEP = 3.0  # ratio of a stiffness to the steepest rise of friction, either way, beyond which both are compared closely
+FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses beyond which one contradicts the other; the latter beyond an interval
+CLEAR = 2.0  # half widths of the 95 % interval beyond which a stiffness contradicts an adequate fit
+NEAR = 1.3  # ratio within which a unit explains a stiffness
+BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
+BY_STRESS = {"Pa/m": 1.0, "kPa/m": 1e3, "MPa/m": 1e6, "GPa/m": 1e9}  # in Pa/m; GPa/m = MPa/mm
+NORMAL = 1e4, 1e9  # normal stresses in laboratories [Pa]
+USUAL = 1e7  # [Pa]
+PLAUSIBLE = 0.03, 3.0  # friction of faults
+
+
+class Gain(NamedTuple):
+    """What one more parameter for each record would change in a fit without it."""
+
+    values: tuple[float, ...]  # of the parameter, one for each record
+    shifts: dict[str, float]  # change of each other parameter, relative if it is positive
+    before: float  # root mean square of the residuals, without and with the parameter
+    after: float
+    helps: bool  # True if the residuals fall noticeably, and by more than noise explains
+
+    @property
+    def fall(self) -> float:
+        """Share by which the residuals fall."""
+        return 1 - self.after / self.before
+
+
+def gain_by(name: str, solution: Solution) -> Gain:
+    """Fit one more parameter of each record as well: "trend", or "theta" if it did not start in steady state.
+
+    The fall of the sum of squares is compared with the number of independent samples in the residuals that remain, so
+    that slow noise is not mistaken for a trend.
+    """
+    task, start = solution.task, solution.x
+    before = residual(task, start)
+    size, scatter = float(np.sqrt(np.mean(before**2))), task.scatter
+    if name in task.slots[0] or size < EXACT * scatter:
+        return Gain((0.0,) * len(task.cases), {}, size, size, helps=False)
+    count = len(start)
+    more = task._replace(
+        names=(*task.names, *(f"{name}[{k + 1}]" for k in range(len(task.cases)))),
+        slots=[slot | {name: count + k} for k, slot in enumerate(task.slots)],
+        fixed={key: value for key, value in task.fixed.items() if key != name},
+    )
+    x = solve(more, np.append(start, np.zeros(len(task.cases))), WHITE).x
+    after = residual(more, x)
+    independent = effective_samples(autoregression([after[run] for run in pieces(more)]), len(after))
+    rest = float(np.sqrt(np.mean(after**2)))
+    sure = (size**2 / max(rest, EXACT * scatter) ** 2 - 1) * independent > SURE
+    moved = np.where(task.logs, np.expm1(x[:count] - start), x[:count] - start)
+    values = np.exp(x[count:]) if name in LOGARITHMIC else x[count:]
+    shifts = dict(zip(task.names, moved.tolist(), strict=True))
+    return Gain(tuple(values.tolist()), shifts, size, rest, helps=sure and 1 - rest / size > LEAST_FALL)
+
+
+class StiffnessDoubt(NamedTuple):
+    """A given stiffness that contradicts the record, and the unit that it may have."""
+
+    given: float  # [1/m]
+    shown: float  # by the record, from a fit with the stiffness free [1/m]
+    interval: tuple[float, float]  # 95 %; NaN if unknown
+    unit: str  # a likelier unit of the number that was given; "" if none is known
+    value: float  # that number converted from it [1/m]
+    friction: float = np.nan  # median of the record
+    normal: float = np.nan  # normal stress with which `unit` would be right, if none was recorded [Pa]
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        other = self.other_columns()
+        between = f" (95 %: {low:.4g} to {high:.4g})" if np.isfinite(low) else ""
+        doubt = f"a stiffness of {self.given:g} 1/m contradicts the record, which shows {self.shown:.4g} 1/m{between}"
+        if not self.unit:
+            return f"{doubt}: check the value, or fit it with --free-stiffness{other}"
+        if np.isfinite(self.normal):
+            return (
+                f"{doubt}: is its unit right? {self.given:g} {self.unit} would be {self.shown:.4g} 1/m at a normal "
+                f"stress of {self.normal / 1e6:.2g} MPa: divide it by the normal stress, or use --free-stiffness{other}"
+            )
+        return (
+            f"{doubt}: is its unit right? {self.given:g} {self.unit} is {self.value:.6g} 1/m: give --stiffness "
+            f"{self.value:.6g}, or use --free-stiffness{other}"
+        )
+
+    def other_columns(self) -> str:
+        """Units of columns that explain the contradiction as well: a stiffness is friction over displacement."""
+        power = float(np.log10(self.shown / self.given))
+        if round(power) == 0 or abs(power - round(power)) > np.log10(NEAR):
+            return ""
+        factor, small = f"{10.0 ** abs(round(power)):g}", power > 0
+        size = "small" if small else "large"
+        said = f"; or displacements are {factor} times too {size} (the unit of load_point, or of --velocity)"
+        if np.isfinite(self.friction) and not PLAUSIBLE[0] < self.friction < PLAUSIBLE[1]:
+            said += (
+                f", or friction, {self.friction:.2g}, is {factor} times too {'large' if small else 'small'} (stresses)"
+            )
+        return f"{said}, and then the stiffness is right"
+
+
+def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:
+    """Compare a fixed stiffness with what the record shows; None if they agree, or if the record does not show it.
+
+    Friction rises with the displacement of the load point by at most k (1 − V/V_l), which is k after a hold or a large
+    step. If the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with
+    the stiffness free.
+
+    Parameters
+    ----------
+    normal : recorded normal stress [Pa]; None if it is unknown
+    """
+    task = solution.task
+    given = task.fixed.get("stiffness", np.nan)
+    (case,) = task.cases
+    if case.legs is None or "stiffness" in task.slots[0]:
+        return None
+    usual = _is_near(given, _steepest_rise(case), STEEP)
+    fixed = {name: value for name, value in task.fixed.items() if name != "stiffness" and np.isfinite(value)}
+    free = tuple(name for name in task.names if name not in ("a", "b", "dc", "mu0"))
+    again = build_fit(solve_fit(data, law=task.law, form=task.form, fixed=fixed, free=(*free, "stiffness")))
+    shown, interval = again.values["stiffness"], again.intervals["stiffness"]
+    if not np.isfinite(shown) or _is_near(given, shown, SURELY if again.adequate else FAR):
+        return None
+    if usual and not again.adequate:
+        return None
+    width = np.log(interval[1] / interval[0]) / 2
+    if again.adequate and np.isfinite(width):
+        if abs(np.log(given / shown)) < CLEAR * width:
+            return None
+    else:
+        before = np.sqrt(np.mean(residual(solution.task, solution.x) ** 2))
+        falls = np.std(again.residuals[0][case.used]) <= (1 - LEAST_FALL) * before
+        if interval[0] <= given <= interval[1] or not falls:
+            return None
+    unit, value, needed = _likelier_unit(given, shown, normal)
+    return StiffnessDoubt(given, shown, interval, unit, value, float(np.median(np.abs(case.friction))), needed)
+
+
+def _is_near(value: float, other: float, ratio: float) -> bool:
+    return abs(np.log(value / other)) < np.log(ratio)
+
+
+def _steepest_rise(case: Prepared) -> float:
+    """Steepest rise of friction over load-point displacement, over five samples to suppress noise."""
+    run, rise = case.place[4:] - case.place[:-4], case.friction[4:] - case.friction[:-4]
+    slopes = rise[run > 0] / run[run > 0]
+    return max(float(np.quantile(slopes, 0.98)), 1e-12) if len(slopes) else 1.0
+
+
+def _likelier_unit(given: float, shown: float, normal: float | None) -> tuple[str, float, float]:
+    """Unit in which the given number is what the record shows, its value [1/m], and the normal stress that it needs."""
+    known = dict(BY_LENGTH) | ({} if normal is None else {unit: size / normal for unit, size in BY_STRESS.items()})
+    unit = min(known, key=lambda symbol: abs(np.log(given * known[symbol] / shown)))
+    if _is_near(given * known[unit], shown, NEAR):
+        return unit, given * known[unit], np.nan
+    stresses = {unit: given * size / shown for unit, size in BY_STRESS.items()}
+    unit = min(stresses, key=lambda symbol: abs(np.log(stresses[symbol] / USUAL)))
+    if normal is None and not _is_near(given, shown, STEEP) and NORMAL[0] <= stresses[unit] <= NORMAL[1]:
+        return unit, shown, stresses[unit]
+    return "", np.nan, np.nan

@@ -1,14 +1,226 @@
-"""Least-squares problem of a fit: residuals, their Jacobian, and the search for the best minimum."""
+"""Least-squares problem of a fit: initial guesses, residuals, search for the best minimum, identifiability."""
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from .identifiability import WIDEST
-from .initial_guess import extended_guesses, initial_guesses
-from .model import DEFAULTS, LINEAR, LOGARITHMIC, Prepared, linear_column, model_friction
-from .noise import WHITE, whitened
+from .model import DEFAULTS, LINEAR, LOGARITHMIC, PLAIN, WHITE, Prepared, linear_column, model_friction, whitened
+
+SINGULAR = (
+    1e-5  # singular value of the scaled Jacobian, over the largest, below which it is an error of finite differences
+)
+WIDEST = np.log(10.0)  # half width of the interval of a logarithm above which its parameter is not determined
+PART = 0.25  # component of a parameter in a direction, over the largest, above which it is named
+
+
+class Estimates(NamedTuple):
+    """Fitted values, with NaN for those that the data do not determine."""
+
+    values: dict
+    errors: dict
+    intervals: dict
+    covariance: np.ndarray  # (m, m), NaN for undetermined parameters
+    identifiable: bool
+    sentence: str
+    gap: float  # a − b
+    error: float  # half width of its interval
+
+
+def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (JᵀJ)⁻¹ from singular values, and the parameters involved in directions that do not change the model.
+
+    Parameters
+    ----------
+    jacobian : (N, m) of filtered residuals over their size
+    """
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.maximum(size, SINGULAR**2 * max(size.max(), 1e-300))
+    _, singular, right = np.linalg.svd(jacobian / size, full_matrices=False)
+    floor = np.maximum(singular, SINGULAR * singular[0])
+    blind = np.zeros(len(size), bool)
+    for row in right[singular < SINGULAR * singular[0]]:
+        blind |= np.abs(row) > PART * np.abs(row).max()
+    return (right.T / floor**2) @ right / np.outer(size, size), blind
+
+
+def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Estimates:
+    """Values with intervals and identifiability.
+
+    A parameter is not determined if it is involved in a direction that does not change the model, if the 95 % interval
+    of its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit equally well.
+
+    Parameters
+    ----------
+    inner, blind : from `covariance`
+    x : (m,) logarithms where `logs`, else values
+    reach : Student t quantile
+    open_sides : name → (limit, "above" or "below") of parameters whose values fit equally well without bound
+    """
+    half = reach * np.sqrt(np.diag(inner))
+    unknown = blind | (logs & (half > WIDEST)) | np.array([name in open_sides for name in names])
+    raw = np.where(logs, np.exp(np.where(logs, x, 0.0)), x)
+    slope = np.where(logs, raw, 1.0)
+    full = inner * np.outer(slope, slope)
+    ratio = np.exp(np.minimum(half, 300.0) * logs)
+    low, high = np.where(logs, raw / ratio, x - half), np.where(logs, raw * ratio, x + half)
+    shown = [np.where(unknown, np.nan, column) for column in (raw, np.sqrt(np.diag(full)), low, high)]
+    cover = full.copy()
+    cover[unknown], cover[:, unknown] = np.nan, np.nan
+    values, errors = dict(zip(names, shown[0].tolist(), strict=True)), dict(zip(names, shown[1].tolist(), strict=True))
+    intervals = {name: (float(i), float(j)) for name, i, j in zip(names, shown[2], shown[3], strict=True)}
+    gap, error = difference(names, raw, full, reach)
+    if unknown.any() and not error < 0.5 * max((raw[k] for k, n in enumerate(names) if n in ("a", "b")), default=1.0):
+        gap, error = np.nan, np.nan
+    sentence = _sentence(names, unknown, inner, open_sides, (gap, error))
+    return Estimates(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
+
+
+def without_intervals(estimates: Estimates, reason: str) -> Estimates:
+    """Return the same values without errors and intervals, which are not known unless the noise is."""
+    nothing = dict.fromkeys(estimates.errors, np.nan)
+    sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence}"
+    return estimates._replace(
+        errors=nothing, intervals=dict.fromkeys(nothing, (np.nan, np.nan)), sentence=sentence, error=np.nan,
+        covariance=np.full_like(estimates.covariance, np.nan),
+    )  # fmt: skip
+
+
+def difference(names, raw, full, reach: float) -> tuple[float, float]:
+    """a − b of the free parameters (a fixed one counts as 0), and the half width of its interval."""
+    weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in names])
+    return float(weights @ raw), reach * float(np.sqrt(max(weights @ full @ weights, 0.0)))
+
+
+def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
+    if not unknown.any():
+        return "these data determine all parameters"
+    among = np.flatnonzero(unknown)
+    lost = ", ".join(names[k] for k in among)
+    _, vectors = np.linalg.eigh(inner[np.ix_(among, among)])
+    part = among[np.abs(vectors[:, -1]) > PART * np.abs(vectors[:, -1]).max()]
+    involved = [names[k] for k in part]
+    if open_sides:
+        limits = " and ".join(f"any {name} {side} {limit:.2g}" for name, (limit, side) in open_sides.items())
+        hint = f"{limits} fits equally well: fix {' or '.join(open_sides)}, or add data that depend on it"
+    elif len(part) == 1:
+        hint = f"{involved[0]} hardly affects the data: fix it, or add data that depend on it"
+    else:
+        hint = f"{' and '.join(involved)} trade off against each other: fix one of them, or add data that separate them"
+    if {"a", "b"} <= {names[k] for k in among} and np.isfinite(gap[1]):
+        hint = f"only a − b = {gap[0]:.3g} ± {gap[1]:.1g} is known; {hint}"
+    return f"these data do not determine {lost}: {hint}"
+
+
+RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
+SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
+LENGTHS = 9  # number of values of D_c, the smallest 1/300 of the length of a leg
+STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
+SECOND = (10.0, 0.1)  # D_c of a second state over that of the first
+SHARE = 0.3  # share of a second state in the evolution effect
+FAST = 10.0  # cut-off velocities over the greatest velocity
+BEST = 5  # number of guesses that are returned
+
+
+def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
+    """Best points of a grid, each with mu0, trend and drift from linear least squares, best first.
+
+    The search uses the logarithmic form, with one state and without cut-off velocities.
+    """
+    fixed = fixed | {name: value for name, value in PLAIN.items() if name in free}
+    grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
+    grid["b/a"] = RATIOS if "b" in free else (None,)
+    points = []
+    for a, length, k, ratio in product(grid["a"], grid["dc"], grid["stiffness"], grid["b/a"]):
+        values = {**fixed, "a": a, "dc": length, "stiffness": k, "b": fixed["b"] if ratio is None else a * ratio}
+        cost, linear = _cost(cases, law, values, free)
+        if np.isfinite(cost):
+            points.append((cost, values, linear))
+    points.sort(key=lambda point: point[0])
+    return [{**values, "linear": linear} for _, values, linear in points[:BEST]]
+
+
+def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
+    """Guesses for further parameters: a second state with a longer or a shorter D_c, and high cut-off velocities."""
+    fastest = max(float(np.abs(case.velocity if case.legs is None else case.legs[1]).max()) for case in cases)
+    more = {name: FAST * fastest for name in ("v1", "v2") if name in free}
+    if "trend_length" in free:
+        more["trend_length"] = max(float(np.ptp(case.place)) for case in cases) / 3
+    if not {"b2", "dc2"} & set(free):
+        return [{**guess, **more}]
+    if {"b", "b2"} <= set(free):
+        more |= {"b": (1 - SHARE) * guess["b"], "b2": SHARE * guess["b"]}
+    return [{**guess, **more} | ({"dc2": guess["dc"] * ratio} if "dc2" in free else {}) for ratio in SECOND]
+
+
+def _cost(cases, law: str, values: dict, free) -> tuple[float, list]:
+    """Sum of squares for the best mu0, trend and drift of each data set."""
+    cost, linear = 0.0, []
+    for case in cases:
+        model = model_friction(case, values, law, tolerance=1e-5)
+        if model is None:
+            return np.inf, []
+        use, weight = case.used, 1 / case.sigma[case.used]
+        basis = [linear_column(case, name)[use] for name in LINEAR if name in free]
+        rest = (case.friction[use] - model[use]) * weight
+        coefficients = np.zeros(0)
+        if basis:
+            columns = np.stack(basis, axis=1) * weight[:, None]
+            size = np.linalg.norm(columns, axis=0)
+            coefficients = np.linalg.lstsq(columns / size, rest, rcond=None)[0] / size
+            rest = rest - columns @ coefficients
+        linear.append(coefficients)
+        cost += float(rest @ rest)
+    return cost, linear
+
+
+def _grid(name: str, cases) -> tuple[float, ...]:
+    if name == "a":
+        return tuple(_direct_effect(cases) * size for size in SIZES)
+    if name == "dc":
+        longest = _slip_length(cases)
+        return tuple(np.geomspace(longest / 300, longest, LENGTHS))
+    return tuple(_steepest_slope(cases) * factor for factor in STIFFNESSES)
+
+
+def _direct_effect(cases) -> float:
+    """Range of friction divided by that of ln V, which is about 5 if the load point stops."""
+    sizes = []
+    for case in cases:
+        speed = np.abs(case.velocity if case.legs is None else np.r_[case.before, case.legs[1]])
+        spread = np.log(speed.max() / max(speed.min(), speed.max() * np.exp(-5.0)))
+        low, high = np.quantile(case.friction[case.used], (0.005, 0.995))
+        sizes.append((high - low) / max(spread, 0.5))
+    return max(float(np.median(sizes)), 1e-9)
+
+
+def _slip_length(cases) -> float:
+    """Typical displacement at one velocity: the median over moving legs, or a third of the total slip."""
+    longest = []
+    for case in cases:
+        if case.legs is None:
+            longest.append(case.place[-1] / 3)
+            continue
+        run = np.abs(case.legs[0] * case.legs[1])
+        whole = float(run.sum())
+        runs = run[run > 1e-3 * whole]
+        longest.append(float(np.median(runs)) if len(runs) else whole / 3)
+    return float(np.median(longest))
+
+
+def _steepest_slope(cases) -> float:
+    """Steepest slope of friction against load-point displacement, over five samples to suppress noise."""
+    steepest = []
+    for case in cases:
+        x, y = case.place, case.friction
+        span = np.abs(x[4:] - x[:-4])
+        moves = span > 1e-9 * max(span.max(), 1e-300)
+        slopes = np.abs(y[4:] - y[:-4])[moves] / span[moves]
+        slopes = slopes[np.isfinite(slopes)]
+        steepest.append(float(np.quantile(slopes, 0.98)) if len(slopes) else 1.0)
+    return max(float(np.median(steepest)), 1e-12)
+
 
 BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
 STEP = 1e-5  # step of logarithms for finite differences; the model is accurate to 1e-9
@@ -122,8 +334,9 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     guesses = initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed})
     for start in (more for guess in guesses for more in extended_guesses(guess, task.cases, free)):
         begin = _start_vector(task, start, free)
-        if _runs_away(task, begin):
-            continue
+        starts = [(case, parameters_of(task, begin, k)) for k, case in enumerate(task.cases)]
+        if any(model_friction(case, values, task.law, task.form) is None for case, values in starts):
+            continue  # the slider runs away
         solved = solve(task, begin, WHITE, most=25, close=1e-6)
         count += solved.nfev
         again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in minima)
@@ -135,14 +348,6 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     x = min(minima, key=lambda minimum: minimum[0])[1]
     solved = solve(task, with_states_in_order(task, x), WHITE)
     return solved.x, count + solved.nfev
-
-
-def _runs_away(task: Task, x) -> bool:
-    parameters = (parameters_of(task, x, k) for k in range(len(task.cases)))
-    return any(
-        model_friction(case, values, task.law, task.form) is None
-        for case, values in zip(task.cases, parameters, strict=True)
-    )
 
 
 def _start_vector(task: Task, start: dict, free) -> np.ndarray:

@@ -1,8 +1,10 @@
-"""Rate-and-state friction: a spring-slider under any load history, and friction at a prescribed slip velocity.
+"""Rate-and-state friction: a spring-slider under any load history, friction at a given slip velocity, closed forms.
 
 μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), where the state θ follows the aging law (Dieterich 1979,
 doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359). Variants: a second state
-variable, cut-off velocities, and a form that is regular at rest.
+variable, cut-off velocities, and a form that is regular at rest. Of the closed forms, for tests and for interpreting
+records by hand, `friction_of`, `steady_friction` and `stiff_step` are for all laws, the others for the usual one, after
+Ruina 1983 and Marone 1998 (doi:10.1146/annurev.earth.26.1.643). Those for holds are derived here.
 """
 
 from collections.abc import Iterable
@@ -12,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....kit import Series, check_types, checked, readable, require_positive
-from . import slider
+from . import laws
 from .laws import EVOLUTIONS, FORMS
 from .loads import LoadStep, check_times, leg_arrays
 
@@ -169,7 +171,7 @@ def spring_slider(
     ends = np.cumsum(duration)
     times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
     w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
-    out, code, reached = slider.history(slider_of(rs, spring), (w, f, f), arrays, times, tolerance)
+    out, code, reached = laws.history(slider_of(rs, spring), (w, f, f), arrays, times, tolerance)
     kept = ~np.isnan(out[:, 0])
     factor = normal[np.minimum(np.searchsorted(ends, times[kept]), len(ends) - 1)]
     place = np.interp(times[kept], np.r_[0.0, ends], np.r_[0.0, np.cumsum(duration * velocity)])
@@ -178,9 +180,9 @@ def spring_slider(
     return _build_history(rs, spring, at, place, rows, factor)._replace(end=tuple(End)[code], reached=reached)
 
 
-def slider_of(rs: RateState, spring: Spring) -> slider.Slider:
+def slider_of(rs: RateState, spring: Spring) -> laws.Slider:
     """Slider with a surface and a spring."""
-    return slider.build_slider({**rs._asdict(), **spring._asdict()}, rs.law, rs.form)
+    return laws.build_slider({**rs._asdict(), **spring._asdict()}, rs.law, rs.form)
 
 
 def check_spring(spring: Spring) -> None:
@@ -196,7 +198,7 @@ def _build_history(rs, spring, time, place, out, normal) -> SlipHistory:
 
     Slip follows from the balance of spring and friction.
     """
-    velocity, friction = rs.v0 * np.exp(out[:, 0]), slider.friction(slider_of(rs, spring), out)
+    velocity, friction = rs.v0 * np.exp(out[:, 0]), slider_of(rs, spring).friction(out)
     force = normal[0] * friction[0] + spring.damping * velocity[0]
     slip = place - (normal * friction + spring.damping * velocity - force) / spring.stiffness
     columns = time, place, slip, velocity, rs.dc / rs.v0 * np.exp(out[:, 1]), friction, normal
@@ -255,13 +257,123 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
         raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
     start = rs.dc / velocity[0] if theta is None else theta
     first = np.log(rs.v0 * start / rs.dc)
-    f, g = (slider.state_history(first, np.diff(time), velocity, rs.v0, dc, rs.law) for dc in (rs.dc, rs.dc2))
+    f, g = (laws.state_history(first, np.diff(time), velocity, rs.v0, dc, rs.law) for dc in (rs.dc, rs.dc2))
     slip = np.cumsum(np.diff(time) * velocity)
     w = np.log(np.where(velocity > 0, velocity, np.nan) / rs.v0)
-    mu = slider.friction(slider_of(rs, Spring(1.0)), np.stack([w, f, g], axis=1))
+    mu = slider_of(rs, Spring(1.0)).friction(np.stack([w, f, g], axis=1))
     if rs.form == "regularized":
         mu[velocity == 0] = 0.0
     return SlipHistory(
         time[1:], slip, slip, velocity, rs.dc / rs.v0 * np.exp(f), mu, np.ones(len(slip)), End.DONE, float(time[-1]),
         _second_state(rs, g),
     )  # fmt: skip
+
+
+def friction_of(rs: RateState, velocity, theta, theta2=None):
+    """Friction coefficient at a slip velocity and a state, in NumPy."""
+    check(rs)
+    v = np.asarray(velocity, float)
+    states = [(rs.b, rs.v0 * np.asarray(theta, float) / rs.dc)]
+    states += [(rs.b2, rs.v0 * np.asarray(theta2, float) / rs.dc2)] if theta2 is not None else []
+    if rs.form == "regularized":
+        scale = np.exp((rs.mu0 + sum(b * np.log(s) for b, s in states)) / rs.a)
+        return rs.a * np.arcsinh(v / (2 * rs.v0) * scale)
+    return rs.mu0 - rs.a * np.log(rs.v0 / v + rs.v0 / rs.v1) + sum(b * np.log(s + rs.v0 / rs.v2) for b, s in states)
+
+
+def steady_friction(rs: RateState, velocity):
+    """Steady friction, with θ_ss = D_c/V: μ0 + (a − b) ln(V/V0) for the usual law.
+
+    Regularized: a arcsinh[V/(2 V0) exp((μ0 − b ln(V/V0))/a)]. With cut-off velocities: μ0 + (a − b) ln(V/V0) − a ln(1 +
+    V/V1) + b ln(1 + V/V2). A second state adds b2 to b.
+
+    Examples
+    --------
+    >>> print(round(steady_friction(RateState(0.0247, 0.0178, 5.3e-3, 0.4, 0.02), 0.2) - 0.4, 5))
+    0.01589
+    """
+    check(rs)
+    v = np.asarray(velocity, float)
+    w, b = np.log(v / rs.v0), rs.b + rs.b2
+    if rs.form == "regularized":
+        return rs.a * np.arcsinh(v / (2 * rs.v0) * np.exp((rs.mu0 - b * w) / rs.a))
+    return rs.mu0 + (rs.a - b) * w - rs.a * np.log1p(v / rs.v1) + b * np.log1p(v / rs.v2)
+
+
+def stiff_step(rs: RateState, old: float, new: float, slip):
+    """Friction at slip x ≥ 0 after a step in slip velocity from V1 to V2, as with an infinitely stiff spring.
+
+    Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging law: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}]. Both start at
+    μ_ss(V1) + a ln(V2/V1). In other forms, friction is that of the states, which relax in the same way.
+
+    Parameters
+    ----------
+    old, new : velocities V1 and V2 [length/time]
+    slip : since the step [length]
+    """
+    if rs.form == "regularized" or not np.isinf(rs.v2):
+        states = [dc / new * np.exp(_above(rs, old, new, slip, dc)) for dc in (rs.dc, rs.dc2)]
+        return friction_of(rs, new, *states)
+    above = rs.b * _above(rs, old, new, slip, rs.dc) + rs.b2 * _above(rs, old, new, slip, rs.dc2)
+    return steady_friction(rs, new) + above
+
+
+def _above(rs: RateState, old: float, new: float, slip, dc: float):
+    """ln(θ V2/D_c) after slip x."""
+    fading = np.exp(-np.asarray(slip, float) / dc)
+    return np.log(new / old) * fading if rs.law == "slip" else np.log1p((new / old - 1) * fading)
+
+
+def stiff_healing(rs: RateState, velocity: float, hold):
+    """Peak above steady friction after a hold of duration t without slip, with sliding at V before and after it.
+
+    Aging law: b ln(1 + V t/D_c). Slip law: 0, because its state evolves only with slip.
+    """
+    _require_usual(rs)
+    hold = np.asarray(hold, float)
+    return rs.b * np.log1p(velocity * hold / rs.dc) if rs.law == "aging" else np.zeros_like(hold)
+
+
+def _require_usual(rs: RateState) -> None:
+    check(rs)
+    if rs.form != "logarithmic" or rs.b2 > 0 or not np.isinf([rs.v1, rs.v2]).all():
+        raise ValueError("this closed form is for the logarithmic form with one state and no cut-off velocities")
+
+
+def frozen_hold(a: float, stiffness: float, velocity: float, time):
+    """Slip velocity during a hold of the load point while the state is constant, V = V_i/(1 + k V_i t/a).
+
+    This follows from a V'/V = −k V. This is valid for slip well below D_c a/(k D_c + b), and for all times if b = 0.
+    Friction decreases by a ln(1 + k V_i t/a).
+
+    Parameters
+    ----------
+    stiffness : k per unit normal stress [1/length]
+    velocity : V_i at the start [length/time]
+    """
+    return velocity / (1 + stiffness * velocity * np.asarray(time, float) / a)
+
+
+def slip_law_hold(rs: RateState, stiffness: float, velocity: float, slip):
+    """Slip velocity after slip x during a hold of the load point that follows steady sliding at V_i, for the slip law.
+
+    With y = ln(θ V_i/D_c) and z = ln(V/V_i), the force balance is a z + b y = −k x and the law is dy/dx = −(z + y)/D_c,
+    hence dy/dx + λ y = k x/(a D_c) with λ = (a − b)/(a D_c). The solution is y = (k/(a D_c)) [x/λ − (1 − e^{−λx})/λ²],
+    or y = k x²/(2 a D_c) for a = b, and V = V_i e^{−(kx + by)/a}. Friction decreases by k x.
+
+    Parameters
+    ----------
+    stiffness : k per unit normal stress [1/length]
+    velocity : V_i [length/time]
+    slip : x ≥ 0 since the start of the hold [length]
+    """
+    _require_usual(rs)
+    if rs.law != "slip":
+        raise ValueError(f"law = {rs.law!r} was given: this closed form is for the slip law")
+    x = np.asarray(slip, float)
+    u = (rs.a - rs.b) / (rs.a * rs.dc) * x
+    near = np.abs(u) < 1e-4  # avoids cancellation; the series of (u − 1 + e^{−u})/u² is accurate to 1e-18
+    far = np.where(near, 1.0, u)
+    shape = np.where(near, 0.5 - u / 6 + u**2 / 24 - u**3 / 120, (far + np.expm1(-far)) / far**2)
+    y = stiffness / (rs.a * rs.dc) * x**2 * shape
+    return velocity * np.exp(-(stiffness * x + rs.b * y) / rs.a)

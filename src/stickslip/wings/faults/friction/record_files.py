@@ -20,6 +20,7 @@ REMEDY = "give a table as text, an HDF5 or a MATLAB file"
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
+SIMILAR = 0.1  # relative deviation within which a ratio is that of two units
 LEAST = 3  # rows that a first column must number
 
 DAY = 86400.0
@@ -247,3 +248,14 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
             if found or mark == "/":
                 return alias, found or rest
     return word, None
+
+
+def unit_of_time(ratio: float, stated: float = 1.0) -> str:
+    """Unit in which times seem to be that are too short by a ratio; empty if that is not the ratio of two units.
+
+    Parameters
+    ----------
+    stated : length of their unit [s]
+    """
+    near = [unit for unit in ("s", "min", "h", "d", "ms") if abs(TIME[unit] / stated / ratio - 1) < SIMILAR]
+    return near[0] if ratio > 0 and near and TIME[near[0]] != stated else ""

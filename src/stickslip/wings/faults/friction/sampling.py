@@ -18,10 +18,8 @@ import numpy as np
 from ....core.arguments import Seed
 from ....kit import Report, Size, checked, readable, require, require_options, require_sizes, silent
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
-from .identifiability import covariance
-from .model import Data
-from .noise import whitened
-from .problem import MAX_SHIFT, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
+from .model import Data, whitened
+from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
 
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
 LONG = 50.0  # autocorrelation times that a chain must have
@@ -52,7 +50,7 @@ class Posterior(NamedTuple):
 
 @checked
 def posterior(
-    data: Data | list[Data], *, walkers: int = 32, steps: int = 4000, seed: int = 0, report: Report = silent, **options
+    data: Data | list[Data], *, walkers: int = 32, steps: int = 4000, seed: Seed = 0, report: Report = silent, **options
 ) -> Posterior:
     """Sample the posterior distribution of the parameters of a fit.
 
@@ -94,13 +92,17 @@ def posterior(
     >>> found.names, bool(abs(found.percentiles["b"][2] - 0.006) < 1e-4)
     (('b', 'mu0'), True)
     """
-    _check_options(walkers, steps, seed, report)
+    sizes = (walkers, "walkers"), (steps, "time steps"), (walkers * steps, "samples")
+    require_sizes(Size("the chains are of", number, kind, "use fewer") for number, kind in sizes)
     require_options(solve_fit, options)
     emcee = require("emcee", "posterior")
     solution = solve_fit(data, **options)
     fit = build_fit(solution)
     m = len(fit.names)
-    _check(walkers, steps, m)
+    if walkers < 2 * m or walkers % 2:
+        raise ValueError(f"walkers = {walkers} was given: use an even number of at least {2 * m} for {m} parameters")
+    if steps < 2 * BLOCK:
+        raise ValueError(f"steps = {steps} was given: use at least {2 * BLOCK}")
     if not (fit.identifiable and fit.adequate):
         raise RuntimeError(f"there is no posterior to sample: {fit.sentence}")
     density, proposal, draw = _target(solution)
@@ -125,20 +127,6 @@ def posterior(
         )
     chain = sampler.get_chain(discard=sampler.iteration - length)
     return _summary(fit, solution, chain, tau, acceptance)
-
-
-@checked
-def _check_options(walkers: int, steps: int, seed: Seed, report: Report) -> None:
-    """Check the options that `fit` does not have."""
-    sizes = (walkers, "walkers"), (steps, "time steps"), (walkers * steps, "samples")
-    require_sizes(Size("the chains are of", number, kind, "use fewer") for number, kind in sizes)
-
-
-def _check(walkers: int, steps: int, m: int) -> None:
-    if walkers < 2 * m or walkers % 2:
-        raise ValueError(f"walkers = {walkers} was given: use an even number of at least {2 * m} for {m} parameters")
-    if steps < 2 * BLOCK:
-        raise ValueError(f"steps = {steps} was given: use at least {2 * BLOCK}")
 
 
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:

@@ -2,9 +2,8 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....experiments.sources import STATE
-from ....kit import attach, lazy_function
+from ....kit import Experiment, attach, lazy_function
+from ..friction.laws import REFERENCES
 from .scenario import RateStateScenario
 
 _here = partial(lazy_function, __name__)
@@ -17,7 +16,7 @@ def references(scenario: RateStateScenario) -> dict[str, tuple[str, ...]]:
     more += ("Rice2001",) if surface.form == "regularized" else ()
     more += ("Okubo1989",) if surface.v1 or surface.v2 else ()
     more += ("Gu1984",) if surface.b2 else ()
-    return {"rate-and-state friction": STATE[surface.law] + more}
+    return {"rate-and-state friction": REFERENCES[surface.law] + more}
 
 
 EXPERIMENT = Experiment(
@@ -25,7 +24,7 @@ EXPERIMENT = Experiment(
     words="a spring-slider with rate-and-state friction",
     simulate=_here("simulate.simulate_slider"),
     numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
+    measures=_here("report.MEASURES"),
     show=_here("report.show"),
     figures=_here("report.figures"),
     references=references,

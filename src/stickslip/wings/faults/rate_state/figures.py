@@ -5,8 +5,21 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from ....figures.style import PAGE
-from ....kit import BLACK, BLUE, GREEN, ORANGE, SKY, WIDTH, Result, Series, column_axes, label_axes, styled, subplots
+from ....kit import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PAGE,
+    SKY,
+    WIDTH,
+    Result,
+    Series,
+    column_axes,
+    label_axes,
+    styled,
+    subplots,
+)
 
 LAW_COLORS = {"aging": BLUE, "slip": ORANGE}
 GREY = "0.6"

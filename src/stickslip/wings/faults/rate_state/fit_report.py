@@ -27,15 +27,13 @@ from ....known import UNKNOWN, with_keys
 from ..friction.fitting import Fit, Solution, build_fit, solve_fit
 from ..friction.laboratory import LabRecord, read_record, record_columns, record_data
 from ..friction.model import Data
-from ..friction.model_comparison import LawComparison, compare_laws
-from ..friction.remedies import gain_by, stiffness_doubt
+from ..friction.model_comparison import LawComparison, compare_laws, gain_by, stiffness_doubt
 from ..friction.sampling import PERCENTS, Posterior, posterior
 from . import figures as figures
 
 NUMBERS, FIGURE = "fit.json", "fit.png"
 DRAWS, CORNER = "posterior.csv", "posterior.png"
 FILES = (NUMBERS, DRAWS, *(name.replace("png", kind) for name in (FIGURE, CORNER) for kind in FORMATS))
-HIGHEST = 3.0  # friction above which the stresses seem to be in different units
 CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
 UNITS = {
     "dc": "m",
@@ -103,8 +101,6 @@ def fit_record(
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[str, ...]:
     """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
-    if (level := float(np.median(np.abs(record.friction)))) > HIGHEST:
-        out.append(f"friction is {level:.3g}: check the units of shear and normal stress, in the headings or --columns")
     found = [stiffness_doubt(record, solution, normal) for solution in solutions]
     known = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
     for solution, doubt in zip(solutions, found, strict=True):

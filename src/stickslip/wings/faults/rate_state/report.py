@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.run_files import SERIES
-from ....kit import archive_fields, console, new_table, show_table
-from ..friction.closed_forms import steady_friction
-from ..friction.cycles import passing_velocity, recurrence, repeated_slip
+from ....kit import Measures, Quantity, archive_fields, console, new_table, show_table
 from ..friction.laboratory import LabRecord, write_csv
+from ..friction.measure import passing_velocity, recurrence, repeated_slip
+from ..friction.ratestate import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
 
@@ -21,7 +20,7 @@ def figures(result: SliderResult):
 
 def files(result: SliderResult):
     """Yield (file name, function that writes it) for the time series as CSV, which `stickslip fit` reads."""
-    yield SERIES, partial(_write_series, result)
+    yield "series.csv", partial(_write_series, result)
 
 
 def _write_series(result: SliderResult, path: Path) -> None:
@@ -61,24 +60,29 @@ def cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
     return repeated_slip(time, passing_velocity(time, slip, velocity), slip, since)
 
 
-def measures(result: SliderResult) -> dict[str, tuple[float, str]]:
-    """Return {name: (value, unit)} for sweeps; stability is that of the last moving leg.
+def _moving_velocity(result: SliderResult) -> float:
+    """Velocity of the last moving leg."""
+    return [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
 
-    The critical stiffness is 0 if sliding is stable with any spring: no stiffness is negative.
 
-    The recurrence time is given if there are at least three events.
-    """
-    h, surface = result.history, result.scenario.surface.rate_state
-    velocity = [leg.velocity for leg in result.legs if leg.velocity > 0][-1]
+def _recurrence(result: SliderResult) -> float | None:
+    """Recurrence time of at least three events, else None."""
+    h = result.history
     period = recurrence(h.time, passing_velocity(h.time, h.slip, h.velocity))
-    return {
-        "final_friction": (h.friction[-1], "1"),
-        "final_velocity": (h.velocity[-1], "m/s"),
-        "least_friction": (h.friction.min(), "1"),
-        "greatest_friction": (h.friction.max(), "1"),
-        "steady_friction": (float(steady_friction(surface, velocity)), "1"),
-        "critical_stiffness": (max(result.sliding[-1].critical, 0.0), "1/m"),
-        "growth_rate": (result.sliding[-1].growth_rate, "1/s"),
-        "stable": (result.sliding[-1].stable, "1"),
-        "reached": (h.reached, "s"),
-    } | ({"recurrence": (period, "s")} if np.isfinite(period) else {})
+    return period if np.isfinite(period) else None
+
+
+MEASURES = Measures([
+    Quantity("final_friction", "1", "friction at the end", lambda r: r.history.friction[-1]),
+    Quantity("final_velocity", "m/s", "slip velocity at the end", lambda r: r.history.velocity[-1]),
+    Quantity("least_friction", "1", "least friction", lambda r: r.history.friction.min()),
+    Quantity("greatest_friction", "1", "greatest friction", lambda r: r.history.friction.max()),
+    Quantity("steady_friction", "1", "steady friction at the velocity of the last moving leg",
+             lambda r: float(steady_friction(r.scenario.surface.rate_state, _moving_velocity(r)))),
+    Quantity("critical_stiffness", "1/m", "stiffness below which sliding is unstable; 0: none",
+             lambda r: max(r.sliding[-1].critical, 0.0)),
+    Quantity("growth_rate", "1/s", "growth rate of a small disturbance", lambda r: r.sliding[-1].growth_rate),
+    Quantity("stable", "1", "1 if sliding in the last moving leg is stable", lambda r: r.sliding[-1].stable),
+    Quantity("reached", "s", "end of the history", "history.reached"),
+    Quantity("recurrence", "s", "recurrence time, with at least three events", _recurrence),
+])  # fmt: skip

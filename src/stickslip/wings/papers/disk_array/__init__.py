@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function
 from .scenario import DiskArrayScenario
 
 _here = partial(lazy_function, __name__)
@@ -41,8 +40,8 @@ EXPERIMENT = Experiment(
             "time units instead of 60000; sliding for 25000 instead of 40000 (quarter: 60000 instead of 80000); 8 "
             "kicked runs at each of 4 pushes instead of 20 at 8"
         ),
-        scenario=_here("paper.paper_scenario"),
-        reproduce=_here("paper.reproduce"),
+        scenario=_here("claims.paper_scenario"),
+        reproduce=_here("claims.reproduce"),
         shows=_here("claims.shows"),
         numbers=_here("report.paper_numbers"),
         figures=_here("report.paper_figures"),

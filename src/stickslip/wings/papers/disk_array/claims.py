@@ -1,28 +1,252 @@
-"""Evaluation of the claims of Charan et al. 2020, doi:10.48550/arXiv.1908.11724, including its supplement."""
+"""Reproduction of Charan et al. 2020: the transition from static to dynamic friction in an array of disks.
+
+Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724, with its supplement. Units: 2R = m =
+k_n = 1, forces in the paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), time in √(m/(k_n √(2R))).
+
+There are two scenarios. `main` is the printed model with I0 = 1/2, the value for a disk. `quarter` is a hypothesis
+found by a search, with no documented justification: the disk–disk normal stiffness is a quarter of the printed one, and
+I0 = 1. It is labelled as a hypothesis everywhere.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Claim, Report, Task, Workers, claim, pluralize, run_realizations, silent, within
+from .... import NotInEquilibriumError
+from ....kit import (
+    ALWAYS,
+    UNFINISHED,
+    Checkpoint,
+    Claim,
+    Family,
+    Report,
+    Task,
+    Workers,
+    claim,
+    make_law,
+    note_quick_run,
+    open_device,
+    pluralize,
+    run_realizations,
+    silent,
+    statement,
+    validate_scenario,
+    within,
+)
 from ....protocols import stable_window
 from ....results import KineticThreshold
-from .arrest import ARREST_LOADS, Arrest
-from .claims_of_fronts import backward_claims, evaluate_fronts
-from .claims_of_modes import evaluate_modes
-from .claims_of_motion import evaluate_motion, sliding_claims
-from .measures import LATE, growth_error, growth_factor, late_birth, saturation_error
-from .printed import (
+from .claims_of_motion import (
     BISECTED,
     COARSER,
     FRONT_LOADS,
     GROWTH_LOADS,
     IM_LAMBDA,
+    LINE_TOP,
+    MODE_LOAD,
     RISE,
     SHOWS,
     STABLE_LOAD,
     TOLERANCE,
     UNSTABLE,
+    backward_claims,
+    evaluate_fronts,
+    evaluate_motion,
+    sliding_claims,
 )
-from .simulate import DiskArrayResult, make_protocol, point_at_load, push_disk_array
+from .measures import (
+    ARREST_LOADS,
+    LATE,
+    Arrest,
+    find_arrests,
+    growth_error,
+    growth_factor,
+    kick_array,
+    late_birth,
+    saturation_error,
+    wave_power,
+    y_mode,
+)
+from .scenario import DiskArrayScenario
+from .simulate import (
+    BIRTHS,
+    FREE,
+    RAMP,
+    DiskArrayResult,
+    add_sliding,
+    make_protocol,
+    open_checkpoint,
+    point_at_load,
+    press,
+    push_disk_array,
+    simulate_before_sliding,
+)
+
+VARIED = (  # changes of the printed model, one at a time
+    {"array": {"disks": 2}}, {"array": {"disks": 5}}, {"array": {"disks": 20}}, {"law": {"mu": 0.95}},
+    {"law": {"mu": 1.05}}, {"law": {"mu": 3.0}}, {"law": {"kt": 0.01}}, {"law": {"kt": 0.6}}, {"load": {"press": 0.01}},
+    {"load": {"press": 1.0}},
+)  # fmt: skip
+PUSHES = np.arange(1, 81) / 40  # in units of F_y
+STEPS = 100_000  # of the search for an equilibrium; where there is one, a tenth of them are enough
+BEFORE = 2e-6, 3.2e-5  # distances in F_x from a birth, at which Im λ and the gap of the real eigenvalues are compared
+SQUARE_ROOT = 0.05  # of the exponent 1/2: an eigenvalue that jumps has 0, two that cross have 1
+PURE = 1 - TOLERANCE["share"]  # share in y from which a mode counts as a pure y mode
+UNIT = "sqrt(k_n (2R)^1/2/m)"
+
+
+def first_pair(**change) -> float | None:
+    """Push, in units of F_y, at which the first pair exists; 0 without equilibrium at any push, None if none is met."""
+    chosen = validate_scenario(DiskArrayScenario, dynamics={"loads": ()}, relaxation={"steps": STEPS}, **change)
+    state, law = press(chosen)
+    protocol = make_protocol(chosen, law)
+    for push in PUSHES:
+        try:
+            point = protocol.step(state, push * chosen.load.press)
+        except NotInEquilibriumError:
+            return 0.0 if push == PUSHES[0] else None
+        if len(point.spectrum.pairs):
+            return float(push)
+        state = point.state
+    return None
+
+
+def _variants() -> Claim:
+    births = {", ".join(f"{k} {v:g}" for table in change.values() for k, v in table.items()): first_pair(**change)
+              for change in VARIED}  # fmt: skip
+    lost, never = ([name for name, push in births.items() if push == value] for value in (0.0, None))
+    reached = ", ".join(f"{push:g} with {name}" for name, push in births.items() if push)
+    note = f"pair at F_x/F_y = {reached}, the printed model changed in one quantity at a time"
+    if never:
+        note += f"; no pair up to {PUSHES[-1]:g} with {', '.join(never)}"
+    if lost:
+        note += (
+            f". Counterexample: with {' or '.join(lost)} no push has an equilibrium, as the last disk touches one "
+            f"neighbour only: its torque and force along the row balance if |F_t| = F_n there, which needs mu >= 1"
+        )
+    return statement(
+        "always-a-threshold",
+        'Fig 2: "by increasing the external force F_x we always reach a threshold value of this force where a pair '
+        'of complex eigenvalues is born"', False if lost else None if never else True, note, quantifier=ALWAYS,
+    )  # fmt: skip
+
+
+def _births(main: DiskArrayResult) -> list[Claim]:
+    """Claims about the number of births, about the death of the first pair, and about pairs above 0.082."""
+    born = sorted((f for f in main.families if f.birth), key=lambda f: f.birth.load)
+    events = [f.birth.load for f in born if f.birth.load <= LINE_TOP]
+    quiet = not any(free.slid for load, free in main.free_runs.items() if load < STABLE_LOAD)
+    death = born[0].death.load if born and born[0].death else np.inf
+    above = [p for p in main.path if p.load > 0.082]
+    without = [p.load for p in above if not len(p.spectrum.pairs)]
+    return [
+        claim("births-of-pairs", 'Fig 2: "this figure exhibits two events of birth of a complex conjugate pair"', 2,
+              len(events), "births", TOLERANCE["pairs"],
+              f"up to F_x = {LINE_TOP:g}: {', '.join(f'{load:.5f}' for load in events) or 'none'}", error=0.0),
+        statement(
+            "first-pair-dies", 'Fig 2: "the first complex pair dies out with increasing F_x without triggering a '
+            'transition to dynamical friction"', bool(death < STABLE_LOAD and quiet) if born else None,
+            f"it lives from {born[0].birth.load:.5f} to {death:.5f}" if born else "no pair",
+        ),
+        statement(
+            "unstable-above-0.082", UNSTABLE, not without if above else None,
+            f"{len(above)} equilibria up to {main.path[-1].load:g}; without a pair: {without or 'none'}",
+            quantifier=ALWAYS,
+        ),
+    ]  # fmt: skip
+
+
+def birth_exponents(family: Family, main: DiskArrayResult) -> tuple[float, float]:
+    """Exponents of the gap of the two real eigenvalues before a birth, and of Im λ after it, against the distance.
+
+    The gap is that of the two neighbouring real eigenvalues which are nearest to the pair.
+    """
+    start = max((p for p in main.path if p.load <= family.birth.below), key=lambda p: p.load).state
+    protocol, gaps, heights = make_protocol(main.scenario, main.law), [], []
+    for distance in BEFORE:
+        after = protocol.step(start, family.birth.above + distance).spectrum.pairs
+        pair = after[np.argmin(np.abs(after.real - family.eigenvalues[0].real))]
+        values = protocol.step(start, family.birth.below - distance).spectrum.eigenvalues
+        real = np.sort(values[values.imag == 0].real)
+        k = np.argmin(np.abs(0.5 * (real[1:] + real[:-1]) - pair.real))
+        gaps.append(real[k + 1] - real[k])
+        heights.append(pair.imag)
+    span = np.log(BEFORE[1] / BEFORE[0])
+    return tuple(float(np.log(a[1] / a[0]) / span) for a in (gaps, heights))
+
+
+def _coalescence(main: DiskArrayResult) -> Claim:
+    loads = np.array([p.load for p in main.path])  # a birth needs room after the point of the path before it
+    born = [f for f in main.families if f.birth]
+    room = [f for f in born if f.birth.below - loads[loads <= f.birth.below].max() > BEFORE[1]]
+    exponents = np.array([birth_exponents(f, main) for f in room]).reshape(-1, 2)
+    listed = ", ".join(f"{gap:.3f} and {height:.3f}" for gap, height in exponents)
+    return statement(
+        "real-pair-coalesces",
+        'Fig 2: "A pair of real eigenvalues coalesces when the pair of imaginary eigenvalues bifurcates"',
+        bool((np.abs(exponents - 0.5) < SQUARE_ROOT).all()) if len(room) else None,
+        f"exponents of the gap between two real eigenvalues below the birth, and of Im λ above it, against the "
+        f"distance in F_x, at {pluralize(len(room), 'birth')}: {listed}; both are 1/2 where two real eigenvalues meet",
+    )  # fmt: skip
+
+
+def _growing(main: DiskArrayResult) -> Claim:
+    """Claim that Im λ grows with the push over the loads of the fronts."""
+    points = [p for p in main.path if p.load >= FRONT_LOADS[0]]
+    largest = np.array([p.spectrum.im_lambda.max() for p in points])
+    printed = np.array([p.load for p in points]) <= FRONT_LOADS[-1] + 1e-12
+    note = (
+        f"largest Im λ at {printed.sum()} equilibria between {FRONT_LOADS[0]:g} and {FRONT_LOADS[-1]:g}; up to "
+        f"{points[-1].load:g} it falls at {(np.diff(largest) <= 0).sum()} of {len(points) - 1} steps"
+    )
+    return statement(
+        "im-lambda-grows", 'Fig 5: "the imaginary part of the eigenvalues grows with increasing F_x"',
+        bool((np.diff(largest[printed]) > 0).all()), note,
+    )  # fmt: skip
+
+
+def _mode_claims(main: DiskArrayResult) -> list[Claim]:
+    modes = point_at_load(main.path, MODE_LOAD).spectrum
+    k, shares = y_mode(modes), modes.shares()
+    others = f"x {shares[k, 0]:.1%}, rotation {shares[k, 5]:.1%}, at F_x = {MODE_LOAD}"
+    press = main.scenario.load.press * main.scenario.load.unit
+    return [
+        claim("y-mode-share", 'Fig 6: "no projection on either longitudinal or angular degrees of freedom"', 1.0,
+              float(shares[k, 1]), "fraction", TOLERANCE["share"], others, error=0.0),
+        claim("y-mode-frequency", 'Fig 6: "an eigen-frequency ω ≈ 0.235"', 0.235, float(modes.frequency[k]), UNIT,
+              TOLERANCE["frequency"], "mode with the largest share in y", error=0.0),
+        claim("wall-mode-frequency", "Fig 6: not printed; the same mode before any push", None,
+              float(main.pressed_spectrum.frequency[y_mode(main.pressed_spectrum)]), UNIT, TOLERANCE["closed form"],
+              "checks the units", error=0.0, reference=float(np.sqrt(1.5 * press ** (1 / 3))),
+              reference_source="closed form sqrt(1.5 sqrt(δ_w)), δ_w = (F_y/k_n)^(2/3)"),
+    ]  # fmt: skip
+
+
+def _wave_claims(main: DiskArrayResult) -> list[Claim]:
+    """Claims about the paper's explanation of the backward front: one pure y mode of wavelength 2, and its speed."""
+    modes = point_at_load(main.path, MODE_LOAD).spectrum
+    pure, k = modes.shares()[:, 1] > PURE, y_mode(modes)
+    wave, power = wave_power(modes)
+    best = int(np.argmax(power[-1] * modes.shares()[:, 1]))
+    strongest, speed = float(wave[np.argmax(power[:, k])]), modes.frequency / wave[-1]
+    counts = {f"{p.load:g}": int((p.spectrum.shares()[:, 1] > PURE).sum()) for p in main.path[:: len(main.path) // 8]}
+    shares = ", ".join(f"{share:.2f} at {q:.2f}" for q, share in zip(wave, power[:, k], strict=True))
+    with np.errstate(divide="ignore"):
+        measured = float(np.divide(modes.frequency[k], strongest))
+    return [
+        claim("pure-y-modes", 'Fig 6: "one identifies only one which consists of a pure y transverse wave"', 1,
+              int(pure.sum()), "modes", TOLERANCE["pairs"],
+              f"modes with more than {PURE:.0%} in y at F_x = {MODE_LOAD}; along the push: "
+              f"{', '.join(f'{n} at {load}' for load, n in counts.items())}", error=0.0),
+        claim("y-mode-wave-number", 'Fig 6: "a wavelength of approximately 2. Thus the associated k vector is k ≈ π"',
+              float(np.pi), strongest, "1/length", TOLERANCE["wave number"],
+              f"strongest Fourier component of y in the mode with the largest share in y; shares by wave number: "
+              f"{shares}", error=0.0),
+        claim("y-wave-speed", 'Fig 6: "determining a velocity V_2 ≈ 0.235/π ≈ 0.075"', 0.075, measured, "length/time",
+              TOLERANCE["front"],
+              f"frequency over wave number of the same mode; the mode with most power at wavelength 2, "
+              f"{power[-1, best]:.0%} of its motion along y, has ω = {modes.frequency[best]:.4f} and ω/π = "
+              f"{speed[best]:.4f}", error=0.0),
+    ]  # fmt: skip
 
 
 def evaluate_claims(
@@ -43,9 +267,11 @@ def evaluate_claims(
     ]
     ramps = run_realizations(_spectrum_claims, tasks, stage="claims", workers=workers, report=report)
     printed_spectra, quarter_spectra = ramps.complete
-    printed = printed_spectra + _dynamics_claims(main)
+    printed = printed_spectra + [_growth(main, load) for load in GROWTH_LOADS] + [_stability(main, "")]
+    printed += [*(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]
     printed += [row for arrest in arrests for row in _arrest_claims(arrest)] + _threshold_claims(threshold)
-    printed += evaluate_fronts(main) + evaluate_modes(main) + evaluate_motion(main, arrests)
+    printed += [*evaluate_fronts(main), _variants(), *_births(main), _coalescence(main), _growing(main)]
+    printed += [*_mode_claims(main), *_wave_claims(main), *evaluate_motion(main, arrests)]
     return [
         *printed, *quarter_spectra, _stability(quarter, suffix), *backward_claims(quarter, suffix),
         *sliding_claims(quarter, suffix),
@@ -114,11 +340,6 @@ def _im_lambda(load: float, result: DiskArrayResult, coarse, born: float | None,
     )  # fmt: skip
 
 
-def _dynamics_claims(main: DiskArrayResult) -> list[Claim]:
-    return [*(_growth(main, load) for load in GROWTH_LOADS), _stability(main, ""),
-            *(_saturation(main, load) for load in (0.030, 0.040)), _sliding_onset(main)]  # fmt: skip
-
-
 def _growth(main: DiskArrayResult, load: float) -> Claim:
     free = main.free_runs[load]
     ratio, error, note = None, None, f"predicted {free.predicted_growth:.4e}"
@@ -144,10 +365,9 @@ def _stability(result: DiskArrayResult, suffix: str) -> Claim:
             f"mean M in the last 1/{LATE} of {free.time[-1]:.0f} time units over that in the first: {rise:.2g}; "
             f"M at the end: {free.msd[-1]:.1e}; fastest growth rate of the spectrum: {free.predicted_growth:.1e}"
         )
-    return claim(
+    return statement(
         f"stable-msd-{STABLE_LOAD:.3f}{suffix}",
-        'Fig 3: "for F_x = 0.062 the system is stable and M(t) remains minute", "never increases"', True, measured, "",
-        0.0, note,
+        'Fig 3: "for F_x = 0.062 the system is stable and M(t) remains minute", "never increases"', measured, note,
     )  # fmt: skip
 
 
@@ -173,7 +393,7 @@ def _sliding_onset(main: DiskArrayResult) -> Claim:
             f"contact {i + 1:.0f}–{j + 1:.0f} is the first at the limit; disk {first} is the first among wall contacts"
         )
     said = 'Fig 3: at 0.083 "the oscillatory instability triggers the transition", "the Coulomb law is breached"'
-    return claim("sliding-0.083", said, True, free.slid, "", 0.0, note)
+    return statement("sliding-0.083", said, free.slid, note)
 
 
 def _arrest_claims(arrest: Arrest) -> list[Claim]:
@@ -219,10 +439,10 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
             TOLERANCE["threshold"], f"{note}; 95 % between {low:.4f} and {high:.4f}; {stops}",
             error=(high - low) / 3.92 if known else None,
         ),
-        claim(
+        statement(
             "threshold-between-arrest-and-sliding",
             'Fig 3: "the MSD becomes stationary" at 0.03 and 0.04, sliding at 0.083',
-            True, bool(max(ARREST_LOADS) < low and high < top) if known else None, "", 0.0,
+            bool(max(ARREST_LOADS) < low and high < top) if known else None,
             f"whether the kinetic threshold, {low:.4f} to {high:.4f} (95 %), lies between 0.04 and {top:g}",
         ),
     ]  # fmt: skip
@@ -231,3 +451,88 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
 def shows() -> dict[str, tuple[str, str]]:
     """Figures of the paper, each with its content and the identifier of the claim to quote."""
     return SHOWS
+
+
+MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # the name of a stage
+SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # of the work before sliding, in a quick run
+
+
+class Reproduction(NamedTuple):
+    """Results of both scenarios and the evaluated claims."""
+
+    main: DiskArrayResult
+    quarter: DiskArrayResult
+    arrests: list[Arrest]  # of the main scenario
+    threshold: KineticThreshold  # likewise
+    claims: list[Claim]
+
+
+def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
+    """Return the scenario of the printed model: N = 10, μ = 10, k_t = 2/7 k_n, smooth Coulomb, F_y = 0.1."""
+    return validate_scenario(
+        DiskArrayScenario,
+        seed=seed,
+        load={"push": (0.0, 0.12), "step": 5e-4},
+        dynamics={"duration": 30_000.0 if quick else 60_000.0, "watch": 0.083},
+        sliding={
+            "loads": (*FRONT_LOADS, 0.095, 0.1, 0.12),
+            "realizations": 16 if quick else 200,
+            "duration": 25_000.0 if quick else 40_000.0,
+        },
+    )
+
+
+def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
+    """Return the hypothetical scenario: disk–disk normal stiffness divided by four, I0 = 1, the rest as printed."""
+    main = paper_scenario(quick=quick, seed=seed)
+    return validate_scenario(
+        DiskArrayScenario,
+        seed=seed,
+        array={"i0": 1.0},
+        law={"kn": 0.25, "wall": {"kn": 1.0}},
+        load=main.load.model_dump(),
+        dynamics={"loads": (STABLE_LOAD,), "duration": main.dynamics.duration},
+        sliding=main.sliding.model_dump()
+        | {
+            "loads": (*FRONT_LOADS, 0.1),
+            "realizations": 8 if quick else 100,
+            "duration": 60_000.0 if quick else 80_000.0,
+        },
+    )
+
+
+def reproduce(
+    *, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, device: str | None = None,
+    report: Report = silent,
+) -> Reproduction:  # fmt: skip
+    """Run both scenarios and evaluate every claim of the paper.
+
+    Parameters
+    ----------
+    quick : use fewer realizations and shorter runs
+    seed : seed of all random velocities
+    workers : number of processes for the realizations, or the address of a Dask scheduler
+    device : "cuda": realizations of sliding run on a graphics processor; see `simulate_disk_array` for errors
+    report : called as report(stage, share done, text)
+    """
+    ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)
+    where = device and open_device(device, make_law(ones[0].law))
+    folders = folder, folder and folder / UNFINISHED / "quarter"
+    kept = [open_checkpoint(*here) for here in zip(folders, ones, strict=True)]
+    tasks = [Task(name, (name, *case), name, None) for name, *case in zip(MODELS, ones, kept, strict=True)]
+    report(PUSHED, 0.0, f"models: {', '.join(MODELS)}")
+    main, quarter = run_realizations(_before_sliding, tasks, stage=PUSHED, workers=workers, report=report).complete
+    main = add_sliding(main, kept[0], workers, report, where)
+    quarter = add_sliding(quarter, kept[1], workers, within(report, prefix="quarter: "), where)
+    threshold = kick_array(main, quick=quick, folder=folder, workers=workers, report=report)
+    arrests = find_arrests(main, folder)
+    report("claims", 0.0, "births by bisection, for four load steps")
+    claims = evaluate_claims(main, quarter, arrests, threshold, workers, report)
+    return Reproduction(main, quarter, arrests, threshold, note_quick_run(claims) if quick else claims)
+
+
+def _before_sliding(name: str, scenario: DiskArrayScenario, kept: Checkpoint | None, report: Report) -> DiskArrayResult:
+    def tell(stage: str, share: float, text: str) -> None:
+        within(report, *SHARES[stage], prefix=f"{name}: ")(stage, share, text)
+
+    return simulate_before_sliding(scenario, kept, report=tell)

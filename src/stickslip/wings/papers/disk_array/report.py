@@ -5,15 +5,13 @@ from functools import partial
 import numpy as np
 
 from .... import Outcome
-from ....data.run_files import MOVIE
-from ....figures import static_and_kinetic
-from ....kit import Fields, archive_fields, console, new_table
-from ....loading.protocols import Family
+from .... import figures as common_figures
+from ....kit import Family, Fields, archive_fields, console, new_table, run_files
 from ....results import Spectrum
 from . import figures as figures_of
+from .claims import Reproduction
+from .claims_of_motion import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .measures import backward_front, forward_front, velocity_line, y_mode
-from .paper import Reproduction
-from .printed import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
 from .simulate import DiskArrayResult, point_at_load
 
 FIGURES = (
@@ -29,7 +27,9 @@ FIGURES = (
 
 def figures(result: DiskArrayResult):
     """Yield (file name, Figure) for each figure of a run."""
-    slid = _loads_to_show(result)
+    slid = [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
+    if result.trajectory:
+        slid = [result.trajectory.load]
     yield FIGURES[0], figures_of.complex_pairs({"": result})
     point = point_at_load(result.path, slid[0]) if slid else result.path[-1]
     loads, line = list(result.sliding)[:4], velocity_line(result)
@@ -39,7 +39,7 @@ def figures(result: DiskArrayResult):
 def files(result: DiskArrayResult):
     """Yield (file name, function that writes it) for the animation of the transition."""
     if result.trajectory:
-        yield MOVIE, partial(figures_of.transition_movie, result)
+        yield run_files.MOVIE, partial(figures_of.transition_movie, result)
 
 
 def failures(result: DiskArrayResult) -> tuple[str, ...]:
@@ -54,7 +54,7 @@ def paper_figures(reproduction: Reproduction):
     yield FIGURES[0], figures_of.complex_pairs(both, IM_LAMBDA)
     point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
-    yield FIGURES[6], static_and_kinetic(reproduction.threshold, label="$F_x$")
+    yield FIGURES[6], common_figures.static_and_kinetic(reproduction.threshold, label="$F_x$")
 
 
 def paper_numbers(reproduction: Reproduction) -> dict:
@@ -69,13 +69,6 @@ def paper_numbers(reproduction: Reproduction) -> dict:
 def paper_failures(reproduction: Reproduction) -> tuple[str, ...]:
     """One sentence for each failed realization of either model."""
     return failures(reproduction.main) + failures(reproduction.quarter)
-
-
-def _loads_to_show(result: DiskArrayResult) -> list[float]:
-    """Loads whose free runs are shown, starting with the load that has a trajectory."""
-    if result.trajectory:
-        return [result.trajectory.load]
-    return [load for load, free in result.free_runs.items() if free.slid] or list(result.free_runs)
 
 
 def _figures(result: DiskArrayResult, point, front_loads, line, *, center_load: float | None, printed=None):
@@ -194,14 +187,9 @@ def measures(result: DiskArrayResult) -> dict[str, tuple[float, str]]:
     }
     if result.free_runs:
         out["first_load_that_slides"] = min(slid, default=np.nan), pushed
-        out["fitted_growth_rate"] = _growth_at_largest_load(result), "1/time"
+        fitted = {load: free.growth.growth_rate for load, free in result.free_runs.items() if free.growth}
+        out["fitted_growth_rate"] = fitted[max(fitted)] if fitted else np.nan, "1/time"  # at the largest load
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]
         out[f"sliding_velocity@{load:g}"] = good.mean() if len(good) else np.nan, "length/time"
     return out
-
-
-def _growth_at_largest_load(result: DiskArrayResult) -> float:
-    """Growth rate fitted to the free run at the largest load for which a fit succeeded."""
-    fitted = {load: free.growth.growth_rate for load, free in result.free_runs.items() if free.growth}
-    return fitted[max(fitted)] if fitted else np.nan

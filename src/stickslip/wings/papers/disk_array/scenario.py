@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from ....core.sizes import STATE
 from ....kit import (
     Duration,
     Finite,
@@ -20,6 +19,7 @@ from ....kit import (
     Seed,
     Several,
     Size,
+    sizes,
 )
 
 
@@ -105,6 +105,11 @@ class Dynamics(ScenarioTable):
     drag: NotNegative = Field(0.0, description="drag on translations per unit mass [1/time]")
     spin_drag: NotNegative | None = Field(None, description="drag on rotations; default: same as `drag` [1/time]")
 
+    @property
+    def options(self) -> dict:
+        """Time step and drags, as options of a free run."""
+        return self.model_dump(include={"dt", "drag", "spin_drag"})
+
 
 class Sliding(ScenarioTable):
     """Many realizations of the transition at loads where the array slides, for fronts and the sliding velocity."""
@@ -141,7 +146,7 @@ class DiskArrayScenario(ScenarioBase):
         load, disks, dt = self.load, self.array.disks, self.dynamics.dt
         steps = sum(abs(b - a) for a, b in pairwise(load.push)) / load.step
         yield Size("load.push takes", steps, "load steps", "use a larger load.step")
-        memory = steps * (16 * (3 * disks) ** 2 + STATE * disks)
+        memory = steps * (16 * (3 * disks) ** 2 + sizes.STATE * disks)
         yield Size("spectra along the path take", memory, "bytes", "use a larger load.step")
         yield Size("relaxation.steps allows", self.relaxation.steps, "time steps", "use fewer")
         for name, table in (("dynamics", self.dynamics), ("sliding", self.sliding)):

@@ -7,14 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import Law, Outcome, State, Status, spectrum
-from ....core.dynamics.batch import Device
 from ....kit import (
+    Change,
     Checkpoint,
+    Device,
+    Family,
+    Growth,
     Report,
     Task,
     Workers,
     checked,
     checkpoint_in,
+    equilibrium,
     load_or_compute,
     make_law,
     open_device,
@@ -23,13 +27,12 @@ from ....kit import (
     silent,
     within,
 )
-from ....loading.protocols import Change, Family, Growth, equilibrium
 from ....modes import track_pairs
 from ....packings import disk_array, with_push
 from ....protocols import Protocol, load_path, ramp
 from ....results import Equilibrium, Spectrum
 from . import EXPERIMENT, fronts
-from .free_runs import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
+from .fronts import FreeRun, Trajectory, check_time_step, fastest_period, resample_transition, run_free
 from .scenario import DiskArrayScenario
 
 RAMP, BIRTHS, FREE = "quasi-static ramp", "births and deaths of pairs", "free runs"  # names of stages
@@ -88,7 +91,10 @@ def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
 
 def press(scenario: DiskArrayScenario) -> tuple[State, Law]:
     """Bring the array to equilibrium under its normal load."""
-    state, law = build_array(scenario)
+    array, load, law = scenario.array, scenario.load, make_law(scenario.law)
+    state = disk_array(
+        array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
+    )
     return equilibrium(state, law, what="the normal load alone", **_damping(scenario))[0], law
 
 
@@ -127,38 +133,19 @@ def point_at_load(path: list[Equilibrium], load: float) -> Equilibrium:
 
 
 def run_sliding(
-    points: list[Equilibrium],
-    law: Law,
-    scenario: DiskArrayScenario,
-    workers: Workers,
-    report: Report = silent,
-    *,
-    kept: Checkpoint | None = None,
-    device: Device | None = None,
-) -> dict[float, Ensemble]:
+    points: list[Equilibrium], law: Law, scenario: DiskArrayScenario, workers: Workers, report: Report = silent, *,
+    kept: Checkpoint | None = None, device: Device | None = None,
+) -> dict[float, Ensemble]:  # fmt: skip
     """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
     how, dynamics = scenario.sliding, scenario.dynamics
-    options = {
-        "velocity": dynamics.seed_velocity,
-        "duration": how.duration,
-        "dt": dynamics.dt,
-        "thresholds": how.thresholds,
-        "drag": dynamics.drag,
-        "spin_drag": dynamics.spin_drag,
-    }
+    options = {"velocity": dynamics.seed_velocity, "duration": how.duration, "thresholds": how.thresholds}
     for point in points:
         check_time_step(point, dynamics.dt)
     seeds = [scenario.seed + 1 + k for k in range(how.realizations)]
-    tasks = [
-        Task(
-            f"seed {seed}",
-            (p.state, law, p.load, seed, options | {"sample": fastest_period(p) / 10}),
-            f"{p.load!r}-{seed}",
-            kept,
-        )
-        for p in points
-        for seed in seeds
-    ]
+    tasks = []
+    for p in points:
+        options |= dynamics.options | {"sample": fastest_period(p) / 10}
+        tasks += [Task(f"seed {s}", (p.state, law, p.load, s, dict(options)), f"{p.load!r}-{s}", kept) for s in seeds]
     runs = run_realizations(
         _transition_task, tasks, stage="realizations of sliding", workers=workers, device=device, report=report,
         describe=_describe_member,
@@ -191,14 +178,9 @@ def _transition_task(state, law, load, seed, options, report, engine=None):
 
 @checked
 def simulate_disk_array(
-    scenario: DiskArrayScenario,
-    *,
-    folder: Path | None = None,
-    workers: Workers = None,
-    device: str | None = None,
-    sensitivity: bool = False,
-    report: Report = silent,
-) -> DiskArrayResult:
+    scenario: DiskArrayScenario, *, folder: Path | None = None, workers: Workers = None, device: str | None = None,
+    sensitivity: bool = False, report: Report = silent,
+) -> DiskArrayResult:  # fmt: skip
     """Run a scenario from beginning to end.
 
     Parameters
@@ -292,15 +274,6 @@ def add_sliding(
         points, result.law, scenario, workers, report, kept=kept and kept.of("sliding"), device=device
     )
     return result._replace(sliding=sliding)
-
-
-def build_array(scenario: DiskArrayScenario) -> tuple[State, Law]:
-    """Build the array of a scenario before equilibration (with its normal load but no push), and its law."""
-    array, load = scenario.array, scenario.load
-    state = disk_array(
-        array.disks, array.radius, press=load.press * load.unit, mass=array.mass, i0=array.i0, gap=array.gap
-    )
-    return state, make_law(scenario.law)
 
 
 def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:

@@ -2,9 +2,8 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....experiments.sources import CONTACT, STATE
-from ....kit import Paper, attach, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function
+from ...faults.friction.laws import REFERENCES
 from .scenario import GougeScenario
 
 _here = partial(lazy_function, __name__)
@@ -14,8 +13,8 @@ def references(scenario: GougeScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
     return {
         "the experiment (from the supplement to the first)": ("Ferdowsi2021", "Ferdowsi2020"),
-        "contact law": CONTACT["hertz_mindlin_reff"],
-        "rate-and-state friction, for comparison": STATE["aging"],
+        "contact law": law_references("hertz_mindlin_reff"),
+        "rate-and-state friction, for comparison": REFERENCES["aging"],
     }
 
 
@@ -46,7 +45,7 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     references=references,
     files=_here("report.files"),
-    export=_here("queue.export"),
+    export=_here("simulate.export"),
     announce=_here("report.announce"),
     device=True,
     smallest=(SMALLEST,),

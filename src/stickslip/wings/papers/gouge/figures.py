@@ -4,27 +4,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ....kit import (
-    BLACK,
-    BLUE,
-    COLORS,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RED,
-    WIDTH,
-    Requirement,
-    Result,
-    Series,
-    column_axes,
-    draw_grains_by_speed,
-    label_axes,
-    legend_above,
-    plot_fast,
-    require_filled,
-    styled,
-    subplots,
-)
+from ....kit import Requirement, Result, Series, draw_grains_by_speed, require_filled, style
 from ....measure import wrapped
 
 HELD = ("time held", "s")  # quantity and unit
@@ -38,7 +18,7 @@ _Number = Annotated[Any, Result("Number", ("value", "half"))]
 _Panel = tuple[list[_Curve], dict[str, Any]]
 
 
-@styled
+@style.styled
 def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diameter: float):
     """Friction and thickness against slip for all realizations, from rest to steady sliding.
 
@@ -47,38 +27,38 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
     realizations : of a `GougeResult`
     diameter : D, the unit of slip and thickness [m]
     """
-    figure, (above, below) = column_axes(2, 3.4, sharex=True)
+    figure, (above, below) = style.column_axes(2, 3.4, sharex=True)
     for number, realization in enumerate(realizations):
-        series, color = realization.tests[0].series, COLORS[number % len(COLORS)]
-        plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realization {number + 1}")
-        plot_fast(below, series.slip / diameter, series.thickness / diameter, color=color)
-    label_axes(above, y=FRICTION)
-    label_axes(below, x="slip of the upper plate / $D$", y="thickness / $D$")
+        series, color = realization.tests[0].series, style.COLORS[number % len(style.COLORS)]
+        style.plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realization {number + 1}")
+        style.plot_fast(below, series.slip / diameter, series.thickness / diameter, color=color)
+    style.label_axes(above, y=FRICTION)
+    style.label_axes(below, x="slip of the upper plate / $D$", y="thickness / $D$")
     if len(realizations) <= MOST_NAMED:
-        legend_above(above)
+        style.legend_above(above)
     return figure
 
 
-@styled
+@style.styled
 def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
     The reference is a copy without the step (`twins`) or the mean in steady sliding at the old velocity.
     """
-    figure, axes = column_axes(1, 2.4)
+    figure, axes = style.column_axes(1, 2.4)
     for number, curve in enumerate(curves):
-        _plot_band(axes, curve, COLORS[2 * number % len(COLORS)], errors=True)
-    axes.axhline(0, color=BLACK, lw=0.5)
-    label_axes(
+        _plot_band(axes, curve, style.COLORS[2 * number % len(style.COLORS)], errors=True)
+    axes.axhline(0, color=style.BLACK, lw=0.5)
+    style.label_axes(
         axes, x="slip of the load point / $D$",
         y=r"$\Delta\mu$, step minus no step" if twins else r"$\mu - \mu_{ss}$ after the step",
     )  # fmt: skip
     _name_band(axes, "mean ± two standard errors")
-    legend_above(axes)
+    style.legend_above(axes)
     return figure
 
 
-@styled
+@style.styled
 def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
     """Change in friction during holds against time, mean and 2σ over branches, with the predictions of both laws.
 
@@ -86,20 +66,20 @@ def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
     ----------
     panels : pairs of curves (each a `Curve`) and predictions, {law: (times, change in friction)}
     """
-    figure, rows = column_axes(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
+    figure, rows = style.column_axes(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
     for axes, (curves, laws) in zip(rows[:, 0], panels, strict=True):
         for number, curve in enumerate(curves):
-            _plot_band(axes, curve, (BLUE, ORANGE, RED)[number % 3])
-        for (law, (time, change)), color in zip(laws.items(), (PURPLE, GREEN), strict=False):
+            _plot_band(axes, curve, (style.BLUE, style.ORANGE, style.RED)[number % 3])
+        for (law, (time, change)), color in zip(laws.items(), (style.PURPLE, style.GREEN), strict=False):
             axes.plot(time, change, color=color, label=f"{law} law", ls="--")
         axes.set_xscale("log")
-        label_axes(axes, x=HELD if axes is rows[-1, 0] else None, y=r"$\mu - \mu(0)$")
+        style.label_axes(axes, x=HELD if axes is rows[-1, 0] else None, y=r"$\mu - \mu(0)$")
         _name_band(axes, "two standard deviations")
         axes.legend(loc="lower left")
     return figure
 
 
-@styled
+@style.styled
 def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float):
     """Kinetic over elastic energy, and velocity of the plate, against the hold time.
 
@@ -108,22 +88,22 @@ def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float)
     ratios, creep : one `Curve` per damping
     sliding : kinetic over elastic energy in steady sliding before the holds
     """
-    figure, (above, below) = column_axes(2, 3.6, sharex=True)
+    figure, (above, below) = style.column_axes(2, 3.6, sharex=True)
     for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
-        color = (BLUE, ORANGE, RED)[number % 3]
+        color = (style.BLUE, style.ORANGE, style.RED)[number % 3]
         above.plot(ratio.x, ratio.mean, color=color)
         below.plot(velocity.x, np.where(velocity.mean > 0, velocity.mean, np.nan), color=color, label=ratio.label)
-    above.axhline(sliding, color=BLACK, lw=0.7, ls=":")
+    above.axhline(sliding, color=style.BLACK, lw=0.7, ls=":")
     above.text(1, sliding, "steady sliding ", ha="right", va="top", transform=above.get_yaxis_transform())
     for axes in (above, below):
         axes.set(xscale="log", yscale="log")
-    label_axes(above, y="kinetic / elastic energy")
-    label_axes(below, x=HELD, y=("creep of the plate", "m/s"))
+    style.label_axes(above, y="kinetic / elastic energy")
+    style.label_axes(below, x=HELD, y=("creep of the plate", "m/s"))
     figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
     return figure
 
 
-@styled
+@style.styled
 def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: _Number | None, offset: float):
     """Friction after holds for each velocity, with two standard errors; the same divided by C + ln(V_r/V_i); its peak.
 
@@ -136,30 +116,30 @@ def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: 
     offset : C, for which the curves collapse
     """
     rows = 3 if len(ratios) > 1 else 2
-    figure, panels = column_axes(rows, 1.7 * rows + 0.4)
+    figure, panels = style.column_axes(rows, 1.7 * rows + 0.4)
     above, below = panels[:2]
     for number, (curve, ratio) in enumerate(zip(curves, ratios, strict=True)):
-        color = COLORS[2 * number % len(COLORS)]
+        color = style.COLORS[2 * number % len(style.COLORS)]
         above.plot(curve.x, curve.mean, color=color, label=f"$V_r/V_i$ = {ratio:.3g}")
         width = 2 * np.nan_to_num(curve.error)
         above.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.15, lw=0)
         if offset + np.log(ratio) > 0.1 * offset:  # otherwise the collapse is meaningless
             below.plot(curve.x, curve.mean / (offset + np.log(ratio)), color=color)
-    label_axes(above, y=r"$\mu - \mu_{ss}$")
+    style.label_axes(above, y=r"$\mu - \mu_{ss}$")
     _name_band(above, "mean ± two standard errors")
-    legend_above(above)
-    label_axes(below, x="slip of the load point / $D$", y=rf"$(\mu - \mu_{{ss}})/({offset:.2g} + \ln V_r/V_i)$")
+    style.legend_above(above)
+    style.label_axes(below, x="slip of the load point / $D$", y=rf"$(\mu - \mu_{{ss}})/({offset:.2g} + \ln V_r/V_i)$")
     if rows == 3:
         x, y = np.log(ratios), [p.value for p in peaks]
-        panels[2].errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLACK, lw=0.7)
+        panels[2].errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=style.BLACK, lw=0.7)
         label = f"slope {slope.value:.3f}" + (f" ± {slope.half:.3f}" if np.isfinite(slope.half) else "")
-        panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=RED, lw=0.8, label=label)
-        label_axes(panels[2], x=r"$\ln V_r/V_i$", y=r"peak of $\mu - \mu_{ss}$")
-        legend_above(panels[2])
+        panels[2].plot(x, np.mean(y) + slope.value * (x - x.mean()), color=style.RED, lw=0.8, label=label)
+        style.label_axes(panels[2], x=r"$\ln V_r/V_i$", y=r"peak of $\mu - \mu_{ss}$")
+        style.legend_above(panels[2])
     return figure
 
 
-@styled
+@style.styled
 def healing(times: Series, peaks: list[_Number], slope: _Number, b: float, thickness: _Curve):
     """Peak friction after holds against hold time, with the slopes b and b/2, and thickness during holds.
 
@@ -171,26 +151,26 @@ def healing(times: Series, peaks: list[_Number], slope: _Number, b: float, thick
     b : parameter of rate-and-state friction
     thickness : `Curve` of the change in thickness over D during holds
     """
-    figure, (above, below) = column_axes(2, 3.8, sharex=True)
+    figure, (above, below) = style.column_axes(2, 3.8, sharex=True)
     x, y = np.asarray(times), np.array([p.value for p in peaks])
-    above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=BLUE, label="peak")
+    above.errorbar(x, y, yerr=np.nan_to_num([p.half for p in peaks]), fmt="o", color=style.BLUE, label="peak")
     middle = np.exp(np.log(x).mean())
-    for rate, label, color, style in (
-        (slope.value, "fit", BLUE, "-"), (b, "$b$", ORANGE, "--"), (b / 2, "$b/2$", ORANGE, ":")
+    for rate, label, color, dash in (
+        (slope.value, "fit", style.BLUE, "-"), (b, "$b$", style.ORANGE, "--"), (b / 2, "$b/2$", style.ORANGE, ":")
     ):  # fmt: skip
-        above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=style, label=label)
-    _plot_band(below, thickness, GREEN)
-    _name_band(below, "thickness, two standard deviations", GREEN)
+        above.plot(x, y.mean() + rate * np.log(x / middle), color=color, ls=dash, label=label)
+    _plot_band(below, thickness, style.GREEN)
+    _name_band(below, "thickness, two standard deviations", style.GREEN)
     for axes in (above, below):
         axes.set_xscale("log")
-    label_axes(above, y=r"$\mu_{peak} - \mu_{ss}$")
-    label_axes(below, x=HELD, y=r"$\Delta H/D$")
-    legend_above(above, ncol=4)
+    style.label_axes(above, y=r"$\mu_{peak} - \mu_{ss}$")
+    style.label_axes(below, x=HELD, y=r"$\Delta H/D$")
+    style.legend_above(above, ncol=4)
     below.legend(loc="lower left")
     return figure
 
 
-@styled
+@style.styled
 def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScenario", ("cell",))]):
     """Sample in steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
     state = realization.states["steady"]
@@ -198,7 +178,7 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
     place, radius = wrapped(state), float(state.grains.radius.max())
     low, high = 1e3 * (place[:, 1].min() - 1.2 * radius), 1e3 * (place[:, 1].max() + 1.2 * radius)
     length = 1e3 * scenario.cell.length
-    figure, axes = subplots(figsize=(WIDTH, 0.8 * WIDTH * (high - low) / length + 0.7))
+    figure, axes = style.subplots(figsize=(style.WIDTH, 0.8 * style.WIDTH * (high - low) / length + 0.7))
     speed = np.linalg.norm(state.grains.velocity[loose], axis=1)
     shown = state._replace(
         grains=state.grains._replace(radius=1e3 * state.grains.radius),
@@ -206,9 +186,9 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
     )
     drawn = draw_grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
     axes.set(xlim=(0, length), ylim=(low, high), aspect="equal")
-    label_axes(axes, x=("$x$", "mm"), y=("$y$", "mm"))
+    style.label_axes(axes, x=("$x$", "mm"), y=("$y$", "mm"))
     axes.set_title("grey: grains of the plates", fontsize=7)
-    label_axes(
+    style.label_axes(
         figure.colorbar(drawn, ax=axes, location="bottom", shrink=0.8, aspect=30, extend="max").ax, x=("speed", "m/s")
     )
     return figure
@@ -221,12 +201,12 @@ def _plot_band(axes, curve, color, *, errors: bool = False):
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)
 
 
-def _name_band(axes, label: str, color=BLACK) -> None:
+def _name_band(axes, label: str, color=style.BLACK) -> None:
     """Add a band to the legend."""
     axes.fill_between([], [], color=color, alpha=0.2, lw=0, label=label)
 
 
-@styled
+@style.styled
 def stick_slip(
     realization: Annotated[Any, Result("realization of a GougeResult", ("of", "seed"))],
     slips: Annotated[Any, Result("result of find_slips", ("realization", "load_point", "drop", "velocity"))],
@@ -240,24 +220,24 @@ def stick_slip(
     slips : of `find_slips`; those of this realization are marked
     diameter : D, the unit of displacements [m]
     """
-    figure, (above, below) = column_axes(2, 3.6, sharex=True)
+    figure, (above, below) = style.column_axes(2, 3.6, sharex=True)
     below.set_yscale("log")
     for test in realization.of("slide"):
         x = test.series.load_point / diameter
-        above.plot(x, test.series.friction, color=BLUE, lw=0.6)
-        plot_fast(below, x, np.abs(test.series.velocity), color=BLUE)
-        below.plot(x[[0, -1]], [test.velocity] * 2, "--", color=BLACK, lw=0.8)
+        above.plot(x, test.series.friction, color=style.BLUE, lw=0.6)
+        style.plot_fast(below, x, np.abs(test.series.velocity), color=style.BLUE)
+        below.plot(x[[0, -1]], [test.velocity] * 2, "--", color=style.BLACK, lw=0.8)
     mine = slips.realization == realization.seed
     x = slips.load_point[mine] / diameter
     start = np.interp(x, *_joined_slides(realization, diameter))
-    above.vlines(x, start - slips.drop[mine], start, color=RED, lw=0.8, label="drop in a slip")
-    below.plot(x, slips.velocity[mine], ".", color=RED, ms=4, label="largest velocity of a slip")
-    below.plot([], [], "--", color=BLACK, lw=0.8, label="load point")
-    label_axes(above, y=FRICTION)
-    label_axes(below, x="displacement of the load point / $D$", y=("velocity of the plate", "m/s"))
+    above.vlines(x, start - slips.drop[mine], start, color=style.RED, lw=0.8, label="drop in a slip")
+    below.plot(x, slips.velocity[mine], ".", color=style.RED, ms=4, label="largest velocity of a slip")
+    below.plot([], [], "--", color=style.BLACK, lw=0.8, label="load point")
+    style.label_axes(above, y=FRICTION)
+    style.label_axes(below, x="displacement of the load point / $D$", y=("velocity of the plate", "m/s"))
     below.set_ylim(bottom=0.1 * min(test.velocity for test in realization.of("slide") if test.velocity > 0))
-    legend_above(above)
-    legend_above(below)
+    style.legend_above(above)
+    style.legend_above(below)
     return figure
 
 

@@ -1,6 +1,7 @@
 """Measures of gouge experiments: friction, thickness and energies in holds, after holds, and after velocity steps."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -58,7 +59,7 @@ def mean_friction(result: GougeResult, velocity: float) -> Number:
 
     The error is based on the scatter between samples. With only one sample, it is the error of that sample's mean.
     """
-    means = _steady_levels(result, velocity)
+    means = [steady_friction(sample, velocity, _window(result)) for sample in result.realizations]
     friction = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
     return friction._replace(error=means[0].error) if len(means) == 1 else friction
 
@@ -91,11 +92,6 @@ def _seeds(result: GougeResult) -> np.ndarray:
     return np.array([sample.seed for sample in result.realizations])
 
 
-def _steady_levels(result: GougeResult, velocity: float) -> list[Mean]:
-    """Steady friction of every realization at a velocity."""
-    return [steady_friction(sample, velocity, _window(result)) for sample in result.realizations]
-
-
 @checked
 def steps(result: GougeResult) -> list[tuple[float, float]]:
     """Distinct velocity steps (before, after) of the protocol."""
@@ -111,28 +107,35 @@ def step_curve(
     With `twin`, the change is relative to the copy that continued at the old velocity; otherwise, it is relative to the
     mean of the sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
     """
-    pairs = []
-    for sample in result.realizations:
-        for test in sample.of("step"):
-            if (test.before, test.velocity) == (before, after):
-                pairs.append((sample, test, _find_twin(sample, test) if twin else None))
-    if not pairs or (twin and any(copy is None for _, _, copy in pairs)):
+
+    def level(sample: Realization) -> float:
+        return np.concatenate(_steady_pieces(sample, before, _window(result), column)).mean()
+
+    tests = [
+        (sample, test)
+        for sample in result.realizations
+        for test in sample.of("step")
+        if (test.before, test.velocity) == (before, after)
+    ]
+    return _change(result, tests, None if twin else level, column, f"{before:g} → {after:g} m/s")
+
+
+def _change(
+    result: GougeResult, tests: list[tuple[Realization, Test]], level: Callable | None, column: str, label: str
+) -> Curve | None:
+    """Change in a column in tests against the slip of the load point [D], relative to level(sample) or to their twins.
+
+    The grid of slips is fine enough for a mean over slips up to `EARLY`. None without tests or without a twin.
+    """
+    chains = [[test] if level else [test, _find_twin(sample, test)] for sample, test in tests]
+    if not tests or any(None in chain for chain in chains):
         return None
-    grid = _grid(_load_point_slip(result, test)[-1] for _, *both in pairs for test in both if test is not None)
-    rows = []
-    for sample, test, copy in pairs:
-        row = np.interp(grid, _load_point_slip(result, test), getattr(test.series, column))
-        if copy is not None:
-            rows.append(row - np.interp(grid, _load_point_slip(result, copy), getattr(copy.series, column)))
-        else:
-            rows.append(row - np.concatenate(_steady_pieces(sample, before, _window(result), column)).mean())
-    return Curve(grid, np.array(rows), np.array([sample.seed for sample, *_ in pairs]), f"{before:g} → {after:g} m/s")
-
-
-def _grid(ends) -> np.ndarray:
-    """Make a grid of slips up to the smallest of `ends` [D], fine enough for a mean over slips up to `EARLY`."""
-    end = float(min(ends))
-    return np.linspace(0, end, max(POINTS, int(20 * end / EARLY)))
+    end = float(min(_load_point_slip(result, test)[-1] for chain in chains for test in chain))
+    grid, rows = np.linspace(0, end, max(POINTS, int(20 * end / EARLY))), []
+    for (sample, _), chain in zip(tests, chains, strict=True):
+        row, *copy = (np.interp(grid, _load_point_slip(result, t), getattr(t.series, column)) for t in chain)
+        rows.append(row - (copy[0] if copy else level(sample)))
+    return Curve(grid, np.array(rows), np.array([sample.seed for sample, _ in tests]), label)
 
 
 def _find_twin(sample: Realization, test: Test) -> Test | None:
@@ -220,23 +223,18 @@ def hold_curve(result: GougeResult, before: float, column: str = "friction") -> 
         pairs += [(sample, t) for t in tests if _hold_time(result, t)[-1] > longest * (1 - 1e-6)]
     times = [_hold_time(result, test) for _, test in pairs]
     grid = np.geomspace(max(t[0] for t in times), min(t[-1] for t in times), POINTS)
-    rows = [
-        np.interp(np.log(grid), np.log(time), getattr(test.series, column))
-        - _mean_before_hold(result, sample, test, column)
-        for (sample, test), time in zip(pairs, times, strict=True)
-    ]
+    rows = []
+    for (sample, test), time in zip(pairs, times, strict=True):
+        before_it = sample.slide_to(test).series
+        near = before_it.load_point > before_it.load_point[-1] - BEFORE * result.scenario.grains.mean
+        start = float(getattr(before_it, column)[near].mean())
+        rows.append(np.interp(np.log(grid), np.log(time), getattr(test.series, column)) - start)
     return Curve(grid, np.array(rows), np.array([sample.seed for sample, _ in pairs]), f"$V_i$ = {before:g} m/s")
 
 
 def _hold_time(result: GougeResult, test: Test) -> np.ndarray:
     """Time since a test began [s]; the first sample is one interval after the start."""
     return test.series.time - test.series.time[0] + result.scenario.interval
-
-
-def _mean_before_hold(result: GougeResult, sample: Realization, hold: Test, column: str) -> float:
-    series = sample.slide_to(hold).series
-    near = series.load_point > series.load_point[-1] - BEFORE * result.scenario.grains.mean
-    return float(getattr(series, column)[near].mean())
 
 
 @checked
@@ -296,20 +294,18 @@ def reslide_curve(result: GougeResult, before: float, hold: float, after: float,
     The change is relative to the steady friction of each sample before the hold or, with `twin`, to the copy that
     continued without a hold. Returns None if there is no such slide or copy.
     """
-    slides = []
-    for sample, level in zip(result.realizations, (m.mean for m in _steady_levels(result, before)), strict=True):
-        for test in sample.of("reslide"):
-            if (test.before, test.hold, test.velocity) == (before, hold, after):
-                slides.append((sample, level, test, _find_twin(sample, test) if twin else None))
-    if not slides or (twin and any(copy is None for *_, copy in slides)):
-        return None
-    grid = _grid(_load_point_slip(result, test)[-1] for _, _, *both in slides for test in both if test is not None)
-    rows = []
-    for _, level, test, copy in slides:
-        less = level if copy is None else np.interp(grid, _load_point_slip(result, copy), copy.series.friction)
-        rows.append(np.interp(grid, _load_point_slip(result, test), test.series.friction) - less)
-    seeds = np.array([sample.seed for sample, *_ in slides])
-    return Curve(grid, np.array(rows), seeds, f"$V_r$ = {after:g} m/s, $t$ = {hold:g} s")
+
+    def level(sample: Realization) -> float:
+        return steady_friction(sample, before, _window(result)).mean
+
+    tests = [
+        (sample, test)
+        for sample in result.realizations
+        for test in sample.of("reslide")
+        if (test.before, test.hold, test.velocity) == (before, hold, after)
+    ]
+    label = f"$V_r$ = {after:g} m/s, $t$ = {hold:g} s"
+    return _change(result, tests, None if twin else level, "friction", label)
 
 
 @checked

@@ -11,9 +11,8 @@ from typing import NamedTuple
 from ....kit import Claim, Report, Workers, note_quick_run, silent, validate_scenario, within
 from .claims import evaluate_claims
 from .report import announce, announce_samples
-from .samples import Sample, check_folder, read_samples
 from .scenario import GougeScenario
-from .simulate import GougeResult, simulate_gouge
+from .simulate import GougeResult, Sample, check_folder, read_samples, simulate_gouge
 
 SLOW, PAPER = 0.03, 0.02  # velocities before holds; the latter is that of Fig S2 [m/s]
 DAMPINGS = {  # keys are the names used in claims and figures
@@ -46,25 +45,13 @@ class Reproduction(NamedTuple):
 
 
 def paper_scenario(
-    *,
-    quick: bool = False,
-    paper_size: bool = False,
-    realizations: int | None = None,
-    samples: Path | None = None,
-    seed: int = 0,
-    damping: str = MAIN,
-) -> GougeScenario:
+    *, quick: bool = False, paper_size: bool = False, realizations: int | None = None, samples: Path | None = None,
+    seed: int = 0, damping: str = MAIN,
+) -> GougeScenario:  # fmt: skip
     """Return the scenario of holds after sliding at 0.03 m/s, followed by slides, or that of the paper's own size.
 
-    Holds with other damping values are shorter. Without a number of realizations, it is that of the stored samples.
-
-    Raises
-    ------
-    ValueError
-        If realizations or samples are given without the paper's size, if there are no stored samples, or if samples are
-        to be added to a folder that cannot be written.
-    ArchiveError
-        If a stored sample belongs to another scenario or version; see `samples.read_samples`.
+    Holds with other damping values are shorter. Without a number of realizations, it is that of the stored samples,
+    which `read_samples` checks.
     """
     if not paper_size and (realizations or samples):
         raise ValueError("realizations or samples were given, but only the paper's size has them: add paper_size")
@@ -130,26 +117,13 @@ def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | 
 
 
 def stored_samples(folder: Path) -> dict[str, dict[int, Sample]]:
-    """Return the samples of the paper's own size in a folder, by damping and seed.
-
-    Raises
-    ------
-    ValueError
-        If there are none with the paper's damping.
-    ArchiveError
-        As in `samples.read_samples`.
-    """
+    """Return the samples of the paper's own size in a folder, by damping and seed; errors as in `read_samples`."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is not a folder: give the folder of stored samples")
     stored = read_samples(folder, {name: paper_size_scenario(damping=name) for name in (MAIN, LOW)})
     if not stored[MAIN]:
         raise ValueError(f"{folder} has no samples with {MAIN}: add --realizations N to compute N of them")
     return stored
-
-
-def _stored_result(samples: dict[int, Sample], scenario: GougeScenario) -> GougeResult:
-    """Return the result of stored samples."""
-    return GougeResult(scenario, tuple(one.realization for one in samples.values()), (), len(samples))
 
 
 def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, **more) -> GougeScenario:
@@ -162,18 +136,10 @@ def _scenario(quick: bool, seed: int, runs: int, damping: str, protocol: list, *
 
 
 def reproduce(
-    *,
-    quick: bool = False,
-    full: bool = False,
-    paper_size: bool = False,
-    realizations: int | None = None,
-    samples: Path | None = None,
-    seed: int = 0,
-    folder: Path | None = None,
-    workers: Workers = None,
-    device: str | None = None,
-    report: Report = silent,
-) -> Reproduction:
+    *, quick: bool = False, full: bool = False, paper_size: bool = False, realizations: int | None = None,
+    samples: Path | None = None, seed: int = 0, folder: Path | None = None, workers: Workers = None,
+    device: str | None = None, report: Report = silent,
+) -> Reproduction:  # fmt: skip
     """Run the scenarios and evaluate the claims; other arguments as in `simulate_gouge`.
 
     Parameters
@@ -202,7 +168,11 @@ def reproduce(
             run(name, one)
         stored = stored_samples(samples)
         announce_samples(samples, stored, before)
-        holds = {name: _stored_result(mine, chosen[name]) for name, mine in stored.items() if mine}
+        holds = {
+            name: GougeResult(chosen[name], tuple(one.realization for one in mine.values()), (), len(mine))
+            for name, mine in stored.items()
+            if mine
+        }
     else:
         holds = {name: run(name, scenario) for name, scenario in chosen.items()}
     rest = {name: run(name, scenario) for name, scenario in more.items()}

@@ -1,7 +1,8 @@
 """One realization of a gouge experiment: a trunk that slides steadily, and tests that branch off from its states.
 
 The trunk is prepared, slid until friction is steady, and taken through the slides of the protocol. Steps and holds
-start from copies of its state, so they can run in parallel.
+start from copies of its state, so they can run in parallel. Slips are times of a slide through a soft spring at which
+the upper plate runs ahead.
 """
 
 from functools import partial
@@ -10,14 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import State, run
-from ....core.control import factors_at
-from ....core.dynamics.engine import Engine, Leg
-from ....kit import Checkpoint, Report, load_or_compute, within
+from ....kit import Checkpoint, Engine, Leg, Report, factors_at, load_or_compute, within
 from ....measure import elastic_energy, overlaps, stable_time_step, touching
 from ....results import Record
 from ...faults.friction.measure import steady_mean
-from .dimensionless import Range, make_range, stiffness
-from .sample import BOTTOM, TOP, Gouge, attach_spring, gouge_law, prepare_sample
+from .sample import BOTTOM, TOP, Gouge, Range, attach_spring, gouge_law, make_range, prepare_sample, stiffness
 from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 
 DECADE = 20  # samples of a hold in each decade of time
@@ -151,13 +149,7 @@ def slide_trunk(
 def run_branch(
     scenario: GougeScenario, start: Branch, engine: Engine, report: Report, kept: Checkpoint | None = None
 ) -> tuple[Test, ...]:
-    """Run the tests that start from one state of the trunk; arguments as in `run_trunk`.
-
-    Raises
-    ------
-    RuntimeError
-        If the sample becomes unstable.
-    """
+    """Run the tests that start from one state of the trunk; arguments and errors as in `run_trunk`."""
     kept = kept and kept._replace(nouns=(Gouge, Series))
     part = scenario.protocol[start.part]
     duration, name = sum(part.branch(start.before, scenario.grains.mean)), f"branch-{start.part}-{start.number}"
@@ -172,8 +164,8 @@ def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) ->
     fastest = max(test.velocity for test in everything)
     state, thickness = trunk.states["steady"], float(trunk.tests[0].series.thickness[-1])
     overlap = _mean_overlap(state) / scenario.grains.mean
-    law = gouge_law(scenario, scenario.law.mu)
-    good = make_range(scenario, fastest, thickness, overlap, stable_time_step(state, law))
+    stable = stable_time_step(state, gouge_law(scenario, scenario.law.mu))
+    good = make_range(scenario, fastest, thickness, overlap, stable)
     return Realization(seed, good, everything, trunk.states, trunk.ledger)
 
 
@@ -182,10 +174,8 @@ def _slide_to_steadiness(legs: "_LegRunner", place):
     chosen = legs.scenario.preparation
     if not chosen.steady:
         seconds = chosen.slip * legs.scenario.grains.mean / chosen.velocity
-        place, series, elastic = legs.run(place, chosen.velocity, seconds, "preparation")
-        return place, Test("steady", 0.0, chosen.velocity, 0.0, series, elastic=elastic)
-    reached = _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)
-    if reached is None:
+        reached = legs.run(place, chosen.velocity, seconds, "preparation")
+    elif not (reached := _run_until_steady(legs, place, chosen.velocity, chosen.slip, chosen.longest)):
         raise RuntimeError(
             f"the sample was not steady after a slip of {chosen.longest:g} D: raise preparation.change or "
             f"preparation.longest"
@@ -263,15 +253,7 @@ def _log_binned(series: Series) -> Series:
 class _LegRunner:
     """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
 
-    def __init__(
-        self,
-        scenario: GougeScenario,
-        engine: Engine,
-        report: Report,
-        kept: Checkpoint | None,
-        duration: float,
-        name: str,
-    ):
+    def __init__(self, scenario: GougeScenario, engine: Engine, report: Report, kept, duration: float, name: str):
         self.scenario, self.engine, self.report, self.kept, self.name = scenario, engine, report, kept, name
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
@@ -313,12 +295,11 @@ class _LegRunner:
         self.done += steps
         self.total = max(self.total, self.done)
         self.report(
-            stage,
-            self.done / self.total,
+            stage, self.done / self.total,
             f"load point {series.load_point[-1] * 1e3:.2f} mm, friction {series.friction[-1]:.3f}, "
             f"kinetic energy {series.kinetic_energy[-1]:.1e} J, thickness {series.thickness[-1] * 1e3:.2f} mm, "
             f"{series.sliding_fraction[-1]:.0%} of contacts slide",
-        )
+        )  # fmt: skip
 
 
 def _concatenate(parts: list[Series]) -> Series:
@@ -378,23 +359,84 @@ def measure_series(record: Record, gouge: Gouge) -> Series:
     velocity, force = record.group_velocity[:, TOP], record.group_force[:, TOP]
     flux = record.momentum_flux[:, 1, 1] + record.momentum_flux[:, 2, 2] - moved * velocity[:, 1] ** 2
     return Series(
-        record.time,
-        load_point,
-        record.group_position[:, TOP, 0] - gouge.state.control.anchor[top, 0].mean(),
-        velocity[:, 0],
-        record.group_pull[:, TOP, 0] / whole,
-        -force[:, 0] / whole,
-        force[:, 1] / whole,
+        record.time, load_point, record.group_position[:, TOP, 0] - gouge.state.control.anchor[top, 0].mean(),
+        velocity[:, 0], record.group_pull[:, TOP, 0] / whole, -force[:, 0] / whole, force[:, 1] / whole,
         record.group_position[:, TOP, 1] - record.group_position[:, BOTTOM, 1],
-        record.kinetic_energy - 0.5 * moved * (velocity**2).sum(axis=1),
-        flux / (2 * loose),
-        record.held_coordination,
-        record.sliding_fraction,
-        record.fabric,
-    )
+        record.kinetic_energy - 0.5 * moved * (velocity**2).sum(axis=1), flux / (2 * loose), record.held_coordination,
+        record.sliding_fraction, record.fabric,
+    )  # fmt: skip
 
 
 def _mean_overlap(state: State) -> float:
     """Mean overlap of all contacts [m]."""
     rows = touching(state)
     return float(overlaps(state)[rows].mean()) if len(rows) else 0.0
+
+
+JOINED = 0.01  # displacement of the load point within which rebounds after a slip belong to it [D]
+
+
+class Slips(NamedTuple):
+    """Slips in slides at constant velocity of the load point, K rows.
+
+    A slip begins with the first sample at which the plate moves faster than `threshold` times the load point, and ends
+    with the first one at which it is no longer faster than the load point. Rebounds that begin before the load point
+    has moved on by 0.01 D belong to the slip. Slips that a slide does not contain from beginning to end are left out.
+    """
+
+    realization: np.ndarray  # (K,) seed
+    load_velocity: np.ndarray  # (K,) velocity of the load point [m/s]
+    time: np.ndarray  # (K,) of the last sample before the slip, from the start of sliding [s]
+    load_point: np.ndarray  # (K,) displacement of the load point at that time [m]
+    duration: np.ndarray  # (K,) [s]
+    slip: np.ndarray  # (K,) displacement of the plate [m]
+    drop: np.ndarray  # (K,) decrease of the friction, which is the force of the spring over σ A [1]
+    velocity: np.ndarray  # (K,) largest velocity of the plate [m/s]
+
+
+def find_slips(realizations: tuple[Realization, ...], threshold: float, diameter: float) -> Slips:
+    """Find the slips in all slides of several realizations.
+
+    Parameters
+    ----------
+    threshold : velocity of the plate over that of the load point
+    diameter : D [m]
+    """
+    rows = [
+        (sample.seed, test.velocity, *_measure(test, begin, end))
+        for sample in realizations
+        for test in sample.of("slide")
+        if test.velocity > 0
+        for begin, end in _slips_of(test, threshold, JOINED * diameter)
+    ]
+    return Slips(*np.array(rows, float).reshape(-1, len(Slips._fields)).T)
+
+
+def _slips_of(test: Test, threshold: float, joined: float) -> list[tuple[int, int]]:
+    """Return the first fast sample of each slip, and the first one after the slip; the load point is `joined` apart."""
+    series, last = test.series, len(test.series.time)
+    fast = np.flatnonzero(series.velocity > threshold * test.velocity)
+    slow = np.flatnonzero(series.velocity <= test.velocity)
+    out: list[tuple[int, int]] = []
+    for begin in fast:
+        if out and begin < out[-1][1]:
+            continue
+        later = slow[slow > begin]
+        end = int(later[0]) if len(later) else last
+        if out and series.load_point[begin] - series.load_point[min(out[-1][1], last - 1)] < joined:
+            begin = out.pop()[0]
+        out.append((int(begin), end))
+    return [(begin, end) for begin, end in out if begin > 0 and end < last]
+
+
+def _measure(test: Test, begin: int, after: int) -> tuple:
+    """Return time, load point, duration, slip, drop and largest velocity of one slip."""
+    series, before = test.series, begin - 1
+    return (
+        series.time[before],
+        series.load_point[before],
+        series.time[after] - series.time[before],
+        series.slip[after] - series.slip[before],
+        series.friction[before] - series.friction[after],
+        series.velocity[begin:after].max(),
+    )

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.run_files import CURVES, SERIES, SLIPS
 from ....kit import (
     archive_fields,
     console,
@@ -14,6 +13,7 @@ from ....kit import (
     new_table,
     pluralize,
     power_of_ten,
+    run_files,
     show_table,
     units_of,
     write_table,
@@ -21,13 +21,10 @@ from ....kit import (
 from ...faults.friction.laboratory import LabRecord, write_csv
 from . import figures as figures_of
 from . import measures as measured
-from .curves import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
-from .dimensionless import inertial_numbers, normalised_hold, normalised_stiffness, stiffness
-from .protocol import Series
-from .sample import damping
-from .samples import Sample
-from .simulate import GougeResult
-from .slips import Slips, find_slips
+from .claims import healing_peaks, holds_with_common_velocity, predict_hold, reslides_after_longest
+from .protocol import Series, Slips, find_slips
+from .sample import damping, inertial_numbers, normalised_hold, normalised_stiffness, stiffness
+from .simulate import GougeResult, Sample
 from .statistics import slope
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
@@ -89,17 +86,18 @@ def _slips(result: GougeResult) -> Slips:
 
 def files(result: GougeResult):
     """Yield (file name, function that writes it) for the series, slips, and laboratory records of velocity steps."""
-    yield SERIES, partial(_write_series, result)
+    yield run_files.SERIES, partial(_write_series, result)
     if len((slips := _slips(result)).time):
-        yield SLIPS, partial(_write_slips, slips)
+        names, rows = _labels(slips._fields, units_of(Slips)), list(zip(*slips, strict=True))
+        yield run_files.SLIPS, partial(write_table, headings=names, rows=rows, digits=7)
     yield from _step_files(result)
 
 
 def paper_files(reproduction):
     """Yield (file name, function that writes it) for the paper's experiments."""
-    yield SERIES, partial(_write_series, reproduction.main)
+    yield run_files.SERIES, partial(_write_series, reproduction.main)
     yield from _step_files(reproduction.more.get("steps", reproduction.main))
-    yield CURVES, partial(_write_curves, reproduction)
+    yield run_files.CURVES, partial(_write_curves, reproduction)
 
 
 def paper_failures(reproduction) -> tuple[str, ...]:
@@ -113,17 +111,14 @@ def paper_figures(reproduction):
     yield "fig1_steady_sliding.png", figures_of.steady_sliding(main.realizations, main.scenario.grains.mean)
     if "steps" in reproduction.more:
         yield from _step_figures(reproduction.more["steps"])
-    labelled = [(_damping_label(r, name), r) for name, r in reproduction.holds.items()]
+    gammas = {name: power_of_ten(damping(r.scenario)) for name, r in reproduction.holds.items()}
+    labelled = [(f"{name}: $\\gamma_n$ = {gammas[name]}", r) for name, r in reproduction.holds.items()]
     curves = [measured.hold_curve(r, before)._replace(label=label) for label, r in labelled]
     yield "fig3_holds.png", figures_of.holds([(curves, predict_hold(main, before, curves[0].x))])
     yield "fig4_rest.png", _rest_figure({label: (r, before) for label, r in labelled})
     yield from _reslide_figures(reproduction.more.get("reslides", main), main)
     if main.realizations[0].states:  # stored samples have none
         yield "fig7_sample.png", figures_of.sample(main.realizations[0], main.scenario)
-
-
-def _damping_label(result: GougeResult, name: str) -> str:
-    return f"{name}: $\\gamma_n$ = {power_of_ten(damping(result.scenario))}"
 
 
 def _step_figures(result: GougeResult):
@@ -143,29 +138,19 @@ def _rest_figure(runs: dict):
 
 def _reslide_figures(result: GougeResult, healing: GougeResult):
     """Yield figures of slides at several velocities after one hold, and at one velocity after several holds."""
-    before = {v for v, _, _ in measured.reslides(result)}
-    if before:
-        yield (
-            "fig5_reslides.png",
-            _reslide_figure(result, max(before, key=lambda v: len(reslides_after_longest(result, v)[0]))),
-        )
-    before = {v for v, _, _ in measured.reslides(healing)}
-    most = max(before, key=lambda v: len(holds_with_common_velocity(healing, v)[0]), default=None)
-    if most and len(holds_with_common_velocity(healing, most)[0]) > 1:
-        yield "fig6_healing.png", _healing_figure(healing, most)
-
-
-def _reslide_figure(result: GougeResult, before: float):
-    curves, after, peaks, _ = reslides_after_longest(result, before)
-    ratios = after / before
-    fitted = slope(np.log(ratios), peaks) if len(ratios) > 1 else None
-    return figures_of.reslides(curves, ratios, peaks, fitted, COLLAPSE)
-
-
-def _healing_figure(result: GougeResult, before: float):
-    curve = measured.hold_curve(result, before, "thickness")
-    thinner = curve._replace(rows=curve.rows / result.scenario.grains.mean)
-    return figures_of.healing(*healing_peaks(result, before), result.scenario.scales.b, thinner)
+    slides = {v: reslides_after_longest(result, v) for v in {v for v, _, _ in measured.reslides(result)}}
+    if slides:
+        before = max(slides, key=lambda v: len(slides[v][0]))
+        curves, after, peaks, _ = slides[before]
+        fitted = slope(np.log(after / before), peaks) if len(after) > 1 else None
+        yield "fig5_reslides.png", figures_of.reslides(curves, after / before, peaks, fitted, COLLAPSE)
+    times = {v: holds_with_common_velocity(healing, v)[0] for v in {v for v, _, _ in measured.reslides(healing)}}
+    most = max(times, key=lambda v: len(times[v]), default=None)
+    if most and len(times[most]) > 1:
+        curve = measured.hold_curve(healing, most, "thickness")
+        thinner = curve._replace(rows=curve.rows / healing.scenario.grains.mean)
+        shown = figures_of.healing(*healing_peaks(healing, most), healing.scenario.scales.b, thinner)
+        yield "fig6_healing.png", shown
 
 
 def numbers(result: GougeResult) -> dict:
@@ -205,11 +190,6 @@ def _write_series(result: GougeResult, path: Path) -> None:
 
 def _labels(names, units: dict[str, str]) -> list[str]:
     return [heading_of(name, units.get(name, "1").replace("^", "")) for name in names]
-
-
-def _write_slips(slips: Slips, path: Path) -> None:
-    """Write one row for each slip."""
-    write_table(path, _labels(slips._fields, units_of(Slips)), zip(*slips, strict=True), digits=7)
 
 
 def _write_curves(reproduction, path: Path) -> None:

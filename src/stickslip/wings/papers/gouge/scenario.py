@@ -11,7 +11,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import MOST, STATE
 from ....kit import (
     LawTable,
     Listed,
@@ -26,6 +25,7 @@ from ....kit import (
     Sized,
     allow_laws,
     require_lammps_for_ranks,
+    sizes,
 )
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -38,7 +38,7 @@ FASTEST = 1e7  # grain-steps per second and process, for the estimate before the
 class GougeGrains(ScenarioTable):
     """Spheres with diameters distributed uniformly between two sizes."""
 
-    number: Annotated[int, Field(ge=20, le=MOST)] = Field(500, description="approximate number of mobile grains")
+    number: Annotated[int, Field(ge=20, le=sizes.MOST)] = Field(500, description="approximate number of mobile grains")
     diameter: Annotated[tuple[Positive, Positive], Listed] = Field(
         (2e-3, 4e-3), description="smallest and largest diameter [m]"
     )
@@ -352,7 +352,7 @@ class GougeScenario(ScenarioBase):
         )
         branches = sum(part.branches * len(part.starts) for part in self.protocol)
         yield Size("the protocol makes", branches, "branches", "use fewer in each of its entries")
-        memory = STATE * (self.grains.number + 2 * self.plate_grains) * branches
+        memory = sizes.STATE * (self.grains.number + 2 * self.plate_grains) * branches
         yield Size("states at the branches take", memory, "bytes", "use fewer branches or grains")
         if self.steps <= self.most_steps:  # the limit for time steps; beyond it, a message estimates the time
             yield Size("sample_every makes", self.steps / self.sample_every, "samples", "use a larger one")

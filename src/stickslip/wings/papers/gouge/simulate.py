@@ -1,35 +1,282 @@
-"""Simulation of gouge experiments in parallel processes; finished realizations are saved and not run again."""
+"""Simulation of gouge experiments in parallel processes, samples as files, and legs that are written for a queue.
 
+Finished realizations are saved and not run again.
+
+The file of a sample has the series of one realization, compact enough to be kept and exchanged. It contains its
+scenario, and can be evaluated together with files of the same scenario and other seeds. It contains no states; that at
+the end of the trunk, from which further tests can start, is written to a file of its own. All columns except times and
+displacements of the load point are rounded to single precision.
+
+For a queue, the protocol runs once with an engine that writes legs instead of running them, and once more with one that
+reads what LAMMPS made of them. A leg is identified by its name.
+"""
+
+import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from tempfile import TemporaryFile
+from typing import Any, NamedTuple
 
-from .... import __version__
-from ....core.dynamics.batch import Device
-from ....core.dynamics.engine import Engine
-from ....core.dynamics.run import own_engine
-from ....data import archive
+import numpy as np
+
+from .... import State, __version__
 from ....kit import (
+    LEGS,
+    SI,
+    ArchiveError,
     Checkpoint,
+    Device,
+    Engine,
+    Leg,
     Realizations,
     Report,
+    ScenarioError,
     Task,
     Workers,
+    archive,
     checked,
     checkpoint_in,
+    given_keys,
+    join_samples,
+    lammps_restart,
     open_device,
+    own_engine,
     result_of,
     run_realizations,
+    shortened,
     silent,
+    take_sample,
     within,
 )
+from ....results import Record
+from ...lammps.process import require_lammps
+from ...lammps.run import (
+    clear_legs,
+    lammps_engine,
+    leg_folder,
+    read_leg,
+    restart_path,
+    with_records,
+    write_scripts,
+    write_start,
+)
+from ...lammps.script import write_input
+from ...lammps.supported import check_leg
 from . import EXPERIMENT
-from .dimensionless import Range
-from .protocol import TRUNK, Branch, Realization, Series, Test, Trunk, make_realization, run_branch, run_trunk
-from .sample import Gouge, gouge_law
-from .samples import check_folder, read_sample, sample_path, write_sample
+from .protocol import (
+    TRUNK,
+    Branch,
+    Realization,
+    Series,
+    Test,
+    Trunk,
+    make_realization,
+    run_branch,
+    run_trunk,
+    settled_sample,
+    slide_trunk,
+)
+from .sample import Gouge, Range, gouge_law
 from .scenario import GougeScenario
+
+PHYSICS = 1  # increase it whenever a change of the preparation, law, integrator or protocol changes the statistics
+EXACT = ("time", "load_point")  # columns whose small differences matter
+STATES = "states"  # folder of the states, next to the samples
+_FREE = {"seed", "realizations"}  # keys that differ between samples of one result
+
+
+class Sample(NamedTuple):
+    """A stored sample."""
+
+    path: Path
+    scenario: GougeScenario  # of this sample alone
+    realization: Realization
+    version: str  # of the package that computed it
+
+
+def sample_path(folder: Path, scenario: GougeScenario) -> Path:
+    """Return the path of a sample, named after its damping and seed."""
+    law = scenario.law
+    kind = f"damping-{law.damping_n:g}" if law.restitution is None else f"{law.reading}-{law.restitution:g}"
+    return folder / f"{kind}-seed-{scenario.seed:04d}.h5"
+
+
+def check_folder(folder: Path) -> None:
+    """Create the folder of samples if it does not exist; raise ValueError if it cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as problem:
+        raise ValueError(f"the folder {folder} cannot be written ({problem.strerror}): choose another one") from None
+
+
+def write_sample(folder: Path, scenario: GougeScenario, realization: Realization) -> None:
+    """Write a sample, and the state at the end of its trunk; `scenario` is that of this sample alone."""
+    path = sample_path(folder, scenario)
+    (folder / STATES).mkdir(parents=True, exist_ok=True)
+    about: dict[str, Any] = {"scenario": scenario.text, "version": __version__, "units": SI}
+    archive.write(folder / STATES / path.name, {"physics": PHYSICS, "end": realization.states["end"]}, **about)
+    tests = tuple(
+        t._replace(series=Series(*(c if n in EXACT else c.astype(np.float32) for n, c in t.series._asdict().items())))
+        for t in realization.tests
+    )
+    archive.write(path, {"physics": PHYSICS, "sample": realization._replace(tests=tests, states={})}, **about)
+
+
+def read_samples(folder: Path, scenarios: dict[str, GougeScenario]) -> dict[str, dict[int, Sample]]:
+    """Read all samples of a folder, sorted by scenario and seed.
+
+    Parameters
+    ----------
+    scenarios : by name; seeds and numbers of realizations do not matter
+
+    Raises
+    ------
+    ArchiveError
+        If a file is not a sample, if it belongs to none of the scenarios or to another version of the physics, or if
+        two files have the same scenario and seed.
+    """
+    found: dict[str, dict[int, Sample]] = {name: {} for name in scenarios}
+    for path in sorted(folder.glob("*.h5")):
+        sample = read_sample(path, *scenarios.values())
+        mine = next(found[name] for name, one in scenarios.items() if not _differences(sample.scenario, one))
+        if other := mine.get(sample.scenario.seed):
+            raise ArchiveError(f"{other.path} and {path} are the same sample: remove one of them")
+        mine[sample.scenario.seed] = sample
+    return {name: dict(sorted(mine.items())) for name, mine in found.items()}
+
+
+REMEDY = (
+    "give a folder that has only samples, which `stickslip reproduce gouge --paper-size` writes in its folder samples"
+)
+
+
+def read_sample(path: Path, *scenarios: GougeScenario) -> Sample:
+    """Read a sample of one of several scenarios.
+
+    Raises
+    ------
+    ArchiveError
+        If the file is not a sample, or belongs to another scenario or version of the physics.
+    """
+    content = archive.read(path, nouns=(Realization, Range, Test, Series), remedy=REMEDY)
+    about = archive.attributes(path)
+    sample, physics = content.get("sample"), content.get("physics")
+    if not isinstance(sample, Realization):
+        raise ArchiveError(f"{path} is not a sample of gouge: move it to another folder")
+    if physics != PHYSICS:
+        raise ArchiveError(
+            f"{path} was computed with version {physics} of the physics of gouge, and this is version {PHYSICS}: "
+            f"compute it again in another folder"
+        )
+    try:
+        scenario = GougeScenario.model_validate_json(about["scenario"])
+    except ValueError:
+        raise ArchiveError(
+            f"{path} has a scenario that this version does not know: use the version that wrote it"
+        ) from None
+    fewest = min((_differences(scenario, one) for one in scenarios), key=len)
+    if fewest:
+        raise ArchiveError(
+            f"{path} is a sample of another scenario ({'; '.join(fewest[:3])}): move it to another folder"
+        )
+    tests = tuple(t._replace(series=Series(*(np.asarray(c, float) for c in t.series))) for t in sample.tests)
+    return Sample(path, scenario, sample._replace(tests=tests), about["stickslip"])
+
+
+def _differences(one: GougeScenario, other: GougeScenario) -> list[str]:
+    """Name each key in which two scenarios differ, with both values; seeds and numbers of realizations may differ."""
+    a, b = ({key: value for key, value, *_ in given_keys(scenario) if key not in _FREE} for scenario in (one, other))
+    return [
+        f"{key} = {shortened(str(a.get(key, 'default')))} instead of {shortened(str(b.get(key, 'default')))}"
+        for key in sorted(a.keys() | b.keys())
+        if a.get(key) != b.get(key)
+    ]
+
+
+TABLE = "legs.json"
+
+
+def export(scenario: GougeScenario, folder: Path) -> list[Path]:
+    """Write a folder that LAMMPS runs without this package, and from which `stickslip resume` reads the result.
+
+    Samples settle here, and LAMMPS is needed here to write the memory of their contacts.
+
+    Raises
+    ------
+    ScenarioError
+        If a leg ends when friction is steady, or if LAMMPS has already run legs in this folder.
+    MissingExtraError
+        If LAMMPS is missing.
+    """
+    if scenario.preparation.steady or any(part.kind == "slide" and part.steady for part in scenario.protocol):
+        raise ScenarioError(
+            "--export was given with fault gouge that slides until the measured friction is steady, so that its legs "
+            "cannot be written in advance: set preparation.steady = false and leave steady = true out of slides, or "
+            "run stickslip with --engine lammps inside the job"
+        )
+    require_lammps()
+    clear_legs(folder)
+    written = _Legs(folder, scenario.ranks)
+    engine = Engine(written.pieces)
+    for seed in range(scenario.seed, scenario.seed + scenario.realizations):
+        single = scenario.model_copy(update={"realizations": 1, "seed": seed})
+        kept = checkpoint_in(folder, scenario, Gouge).of(single.digest).of(TRUNK)
+        gouge = settled_sample(single, seed, silent, kept)
+        bare = single.model_copy(update={"ledger_steps": 0})
+        trunk = slide_trunk(bare, gouge, engine, silent)
+        for start in trunk.branches:
+            run_branch(bare, start, engine, silent)
+    (folder / LEGS / TABLE).write_text(json.dumps(written.table, indent=1), encoding="utf-8")
+    return [*written.paths, folder / LEGS / TABLE, *write_scripts(folder, written.ends, scenario.ranks)]
+
+
+def queued_engine(folder: Path) -> Engine:
+    """Return an Engine that reads the legs that LAMMPS has run in a folder written by `export`.
+
+    Raises
+    ------
+    ScenarioError
+        If a leg has not finished.
+    """
+    path = folder / LEGS / TABLE
+    try:
+        legs = json.loads(path.read_text(encoding="utf-8")).items()
+        table = {name: (leg_folder(folder, int(number)), Path(end).name) for name, (number, end) in legs}
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        raise ScenarioError(f"{path} is damaged: write it again with --export") from None
+    for place, end in table.values():
+        if not lammps_restart.is_complete(place / end):
+            raise ScenarioError(
+                f"LAMMPS has not finished in {place}: let it finish there first, for example with sh run.sh"
+            )
+    return Engine(lambda leg: with_records(leg, read_leg(leg, table[leg.name][0])), stops=False)
+
+
+class _Legs:
+    """Legs that have been written."""
+
+    def __init__(self, folder: Path, ranks: int):
+        self.folder, self.ranks = folder, ranks
+        self.table, self.paths, self.ends = {}, [], []
+
+    def pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
+        """Write a leg; yield its end, where grains have not moved."""
+        check_leg(leg)
+        target, leg = leg_folder(self.folder, len(self.ends)), leg._replace(ranks=self.ranks)
+        if leg.after:
+            number, last = self.table[leg.after]
+            self.paths.append(write_input(leg, target, begin=f"../{leg_folder(self.folder, number).name}/{last}"))
+        else:
+            self.paths.append(write_start(leg, target))
+        end = restart_path(leg, target, leg.steps)
+        self.table[leg.name] = len(self.ends), end.name
+        self.ends.append(end)
+        still = join_samples([take_sample(leg.state, leg)] * 2, leg)
+        yield leg.state._replace(time=leg.state.time + leg.steps * leg.dt), still
+
 
 MEMBERS = "realizations"  # folder next to the results
 
@@ -46,14 +293,9 @@ class GougeResult(NamedTuple):
 
 @checked
 def simulate_gouge(
-    scenario: GougeScenario,
-    *,
-    folder: Path | None = None,
-    workers: Workers = None,
-    device: str | None = None,
-    samples: Path | None = None,
-    report: Report = silent,
-) -> GougeResult:
+    scenario: GougeScenario, *, folder: Path | None = None, workers: Workers = None, device: str | None = None,
+    samples: Path | None = None, report: Report = silent,
+) -> GougeResult:  # fmt: skip
     """Run all realizations of a scenario.
 
     Parameters
@@ -79,7 +321,12 @@ def simulate_gouge(
     """
     if samples:
         check_folder(samples)
-    where = _open_device(device, scenario) if device else find_engine(scenario, folder) and None
+    if device and scenario.engine != "stickslip":
+        raise ValueError(
+            f'device = "{device}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
+        )
+    law = gouge_law(scenario, scenario.law.mu)
+    where = open_device(device, law) if device else find_engine(scenario, folder) and None
     if workers is None and scenario.ranks > 1:
         workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
@@ -88,7 +335,12 @@ def simulate_gouge(
     missing = [k for k, member in enumerate(realizations) if member is None]
     failures = {}
     if missing:
-        ensemble = _Ensemble(scenario, [alone[k] for k in missing], folder, samples, workers, where, report)
+        kept, rest = checkpoint_in(folder, scenario), [alone[k] for k in missing]
+        if kept:
+            for member in rest:
+                kept.of(member.digest).check()
+            kept.announce()
+        ensemble = _Ensemble(scenario, rest, kept, folder, samples, workers, where, report)
         for k, member in zip(missing, ensemble.run(), strict=True):
             realizations[k], failures[seeds[k]] = (None, member) if isinstance(member, str) else (member, "")
     sentences = tuple(f"realization {seed} failed: {failure}" for seed, failure in failures.items() if failure)
@@ -98,27 +350,22 @@ def simulate_gouge(
     return GougeResult(scenario, done, sentences, len(alone) - len(missing))
 
 
-class _Ensemble:
+class _Ensemble(NamedTuple):
     """Run unfinished realizations: all their trunks in parallel, then all branches of the trunks."""
 
-    def __init__(
-        self,
-        scenario: GougeScenario,
-        alone: list,
-        folder: Path | None,
-        samples: Path | None,
-        workers: Workers,
-        device: Device | None,
-        report: Report,
-    ):
-        self.scenario, self.alone, self.folder, self.samples = scenario, alone, folder, samples
-        self.workers, self.device, self.report = workers, device, report
-        self.kept = checkpoint_in(folder, scenario)
-        self.first = scenario.trunk_duration / scenario.duration  # share of the work done by the trunks
-        if self.kept:
-            for member in alone:
-                self.kept.of(member.digest).check()
-            self.kept.announce()
+    scenario: GougeScenario
+    alone: list[GougeScenario]  # of each realization
+    kept: Checkpoint | None
+    folder: Path | None
+    samples: Path | None
+    workers: Workers
+    device: Device | None
+    report: Report
+
+    @property
+    def first(self) -> float:
+        """Share of the work done by the trunks."""
+        return self.scenario.trunk_duration / self.scenario.duration
 
     def run(self) -> list[Realization | str]:
         """Return each realization, or one sentence that says why it failed."""
@@ -175,33 +422,10 @@ class _Ensemble:
 
 
 def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
-    """Return the engine that a scenario names; it reads legs that were written to the folder for a queue.
-
-    Raises
-    ------
-    RuntimeError
-        If it is not installed. The message says how to install it.
-    ScenarioError
-        If a leg has not run in the queue.
-    """
+    """Return the engine that a scenario names; it reads legs that were written to the folder for a queue."""
     if scenario.engine == "stickslip":
         return own_engine(threads=1)
-    from . import queue
-
-    if folder and queue.is_written(folder):
-        return queue.engine(folder)
-    from ...lammps.run import lammps_engine
-
-    return lammps_engine(scenario.ranks)
-
-
-def _open_device(name: str, scenario: GougeScenario) -> Device:
-    """Return the device that runs a scenario; see `simulate_gouge` for errors."""
-    if scenario.engine != "stickslip":
-        raise ValueError(
-            f'device = "{name}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
-        )
-    return open_device(name, gouge_law(scenario, scenario.law.mu))
+    return queued_engine(folder) if folder and (folder / LEGS / TABLE).is_file() else lammps_engine(scenario.ranks)
 
 
 def _trunk_task(text: str, kept: Checkpoint | None, report: Report, engine: Engine | None = None) -> Trunk:
@@ -229,19 +453,14 @@ def _find_realization(member: GougeScenario, folder: Path | None, samples: Path 
     """Return a realization that has finished earlier, among the samples or in the run folder; None if there is none."""
     if samples and (path := sample_path(samples, member)).exists():
         return read_sample(path, member).realization
-    found = _read_realization(_realization_path(member, folder))
+    path, found = _realization_path(member, folder), None
+    if path and path.exists():
+        if (version := archive.attributes(path)["stickslip"]) != __version__:
+            raise ArchiveError(
+                f"{path} was computed by stickslip {version}, but this is version {__version__}, whose numbers may "
+                f"differ: move the file away to compute it again"
+            )
+        found = archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]
     if samples and found:
         write_sample(samples, member, found)
     return found
-
-
-def _read_realization(path: Path | None) -> Realization | None:
-    """Read a realization that has already finished; None if there is none."""
-    if path is None or not path.exists():
-        return None
-    if (version := archive.attributes(path)["stickslip"]) != __version__:
-        raise archive.ArchiveError(
-            f"{path} was computed by stickslip {version}, but this is version {__version__}, whose numbers may differ: "
-            f"move the file away to compute it again"
-        )
-    return archive.read(path, nouns=(Realization, Range, Test, Series))["realization"]

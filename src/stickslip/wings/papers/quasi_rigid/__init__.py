@@ -2,9 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....experiments.sources import CONTACT
-from ....kit import Paper, attach, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function
 from .scenario import QuasiScenario
 
 _here = partial(lazy_function, __name__)
@@ -12,7 +10,7 @@ _here = partial(lazy_function, __name__)
 
 def references(scenario: QuasiScenario) -> dict[str, tuple[str, ...]]:
     """Keys of references.bib, grouped by purpose."""
-    return {"the experiment and its method": ("McNamara2006",), "contact law": CONTACT["linear"]}
+    return {"the experiment and its method": ("McNamara2006",), "contact law": law_references("linear")}
 
 
 SMALLEST = {
@@ -46,8 +44,8 @@ EXPERIMENT = Experiment(
             "3e4, 1e5, 3e5 and 1e6; load increments of 2e-3 instead of 1e-3; 60 constructed cases of each"
             " kind instead of 500"
         ),
-        scenario=_here("paper.paper_scenario"),
-        reproduce=_here("paper.reproduce"),
+        scenario=_here("claims.paper_scenario"),
+        reproduce=_here("claims.reproduce"),
         shows=_here("claims.shows"),
     ),
 )

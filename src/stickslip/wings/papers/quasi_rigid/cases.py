@@ -1,18 +1,30 @@
-"""Test cases for McNamara & Herrmann 2006, constructed from states of real packings.
+"""Cases for McNamara & Herrmann 2006: constructed statuses, growth of the motion of one disk, and sliding contacts.
 
-The cases have randomly drawn critical contacts, or contacts at the apex of the friction cone.
+Constructed cases come from states of real packings and have randomly drawn critical contacts, or contacts at the apex
+of the friction cone. One disk moves through a mechanism, and through an instability, with growth that can be computed
+beforehand. Sliding contacts of packings are examined for their statuses, stability, share of Q, and vibrations.
+
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. III D and E, V A.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError
+from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
+from .... import SLIDE, Law, State, accept, assembly, box, disks, flat_walls, forces, run
+from ....control import loads
+from ....laws import linear
+from ....modes import residual_vector
+from ....packings import TOP, biaxial_box
+from ....quasirigid import with_load
+from ...status.apex_status import contact_status, reduce_to_contacts
+from ...status.complementarity import MAPPED, complementarity, status_map
 from ...status.cone_apex import STATUS_NAMES, Apex, consistent_statuses
-from ...status.enumeration import status_map
-from ...status.lcp import complementarity
-from ...status.matrices import LinearSystem, linear_system
-from ...status.opening import reduce_to_contacts
+from ...status.matrices import LinearSystem, linear_system, statuses, stiffness_matrix
+from ...status.path import load_path
+from ...status.system import pinned_coordinates
 from ...status.uniqueness import certificate
 from .simulate import QuasiResult
 
@@ -97,3 +109,228 @@ def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
         count += [coherent, coherent and number != 1, not coherent and number > 1, not (coherent or number)]
         drawn += 1
     return ApexCases(cases, *(int(c) for c in count), counterexample())
+
+
+RADIUS, OVERLAP = 0.5, 1e-4  # of the disk [length]; mass, kn and twice the radius are 1
+KT, STEEP, FRICTION = 0.5, 20.0, 0.8  # kt; elevation of the normals of a groove in which det k(S) < 0 [degrees]; μ
+PUSH = 1e-6  # change of the load, relative to the force of a contact
+DT, EVERY = 0.02, 10
+DECADES = 3.0  # of velocity over which a rate is fitted
+
+
+class Growth(NamedTuple):
+    """Speed of one disk against time, and the exponents of its growth."""
+
+    time: np.ndarray  # (T,)
+    speed: np.ndarray  # (T,) of all coordinates together [length/time]
+    power: float  # d ln(speed)/d ln(time)
+    rate: float  # d ln(speed)/d(time) over the last `DECADES` decades [1/time]
+    predicted: float  # √−λ of the lowest eigenvalue λ of m⁻¹k, 0 without a negative one [1/time]
+
+
+def disk_between_floors(mu: float = FRICTION) -> tuple[State, Law]:
+    """Disk between two parallel floors with both contacts at the Coulomb limit, in balance."""
+    return _disk_at_limit(np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([1.0, -1.0]), np.ones(2, bool), mu)
+
+
+def disk_in_groove(mu: float = FRICTION, steep: float = STEEP, make: Callable = linear) -> tuple[State, Law]:
+    """Disk in a groove, in balance; one contact is at the Coulomb limit, and det k(S) < 0 for the default angle."""
+    x, y = np.cos(np.radians(steep)), np.sin(np.radians(steep))
+    normals = np.array([[x, y], [-x, y]])
+    return _disk_at_limit(normals, np.array([0.0, 1.0]), np.array([False, True]), mu, make)
+
+
+def _disk_at_limit(
+    normals: np.ndarray, sign: np.ndarray, slides: np.ndarray, mu: float, make: Callable = linear
+) -> tuple[State, Law]:
+    """Disk that touches walls with the given normals (2, 2); contact slips are `sign` times the limit."""
+    law = make(1.0, KT, mu, coulomb="sharp")
+    walls = flat_walls(-(RADIUS - OVERLAP) * normals, normals)
+    state = assembly(disks([[0.0, 0.0]], RADIUS, mass=1.0), walls, box(dim=2), loads(1, 2))
+    state = accept(state, forces(state, law)[1])
+    contacts = state.contacts
+    along = np.stack([normals[:, 1], -normals[:, 0], np.zeros(2)], axis=1)[contacts.j[:2] - 1]
+    slip, mode = contacts.slip.copy(), contacts.mode.copy()
+    slip[:2] = (sign * mu * OVERLAP / KT)[contacts.j[:2] - 1, None] * along
+    mode[:2][slides[contacts.j[:2] - 1]] = SLIDE
+    state = state._replace(contacts=contacts._replace(slip=slip, mode=mode), instant=None)
+    force, torque = state.control.force.copy(), state.control.torque.copy()
+    x, y, turn = residual_vector(state, forces(state, law)[0], linear_system(state, law, rattlers=True).free)
+    force[0, :2], torque[0, 2] = (-x, -y), -turn * RADIUS
+    return state._replace(control=state.control._replace(force=force, torque=torque)), law
+
+
+def follow_motion(state: State, law: Law, push: np.ndarray, time: float) -> Growth:
+    """Change the load on a disk in balance and follow its motion without any damping.
+
+    Parameters
+    ----------
+    push : (2,) change of the force on the disk [force]
+    """
+    m = linear_system(state, law, rattlers=True)
+    lowest = float(eigvals(stiffness_matrix(m).toarray() / m.free.mass[:, None]).real.min())
+    force = state.control.force.copy()
+    force[0, :2] += push
+    here, elapsed, speed = state._replace(control=state.control._replace(force=force)), [], []
+    for count in range(1, round(time / DT / EVERY) + 1):
+        here, _, _ = run(here, law, EVERY, DT)
+        elapsed.append(count * EVERY * DT)
+        speed.append(float(np.hypot(np.linalg.norm(here.grains.velocity[0]), RADIUS * here.grains.spin[0, 2])))
+    t, v = np.array(elapsed), np.array(speed)
+    late = v > v[-1] / 10**DECADES
+    return Growth(
+        t, v, _slope(np.log(t), np.log(v)), _slope(t[late], np.log(v[late])), float(np.sqrt(max(-lowest, 0.0)))
+    )  # fmt: skip
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    return float(np.polyfit(x, y, 1)[0])
+
+
+def through_mechanism() -> Growth:
+    """Growth of a disk between two floors that is pushed along them."""
+    return follow_motion(*disk_between_floors(), PUSH * OVERLAP * np.array([1.0, 0.0]), 100.0)
+
+
+def through_instability() -> Growth:
+    """Growth of a disk in a groove that is lifted a little: the contact at the limit must slide."""
+    return follow_motion(*disk_in_groove(), PUSH * OVERLAP * np.array([0.0, 1.0]), 30.0)
+
+
+SOLVED = 6  # critical contacts up to which the eigenvalues of all statuses are computed
+SLACK = 1e-9  # relative difference up to which two statuses are equally stable
+KICK = 1e-2  # random velocities, in overlaps per time of a contact
+TIME, LOOKS, DRAG = 200.0, 200, 0.02  # duration of vibrations, looks at the statuses, drag as in slow dynamics
+BURST = 10.0  # kinetic energy over that of the kick that counts as a collapse
+PRESSURES = (1e-5, 1e-4, 1e-3)
+SMALL = 30  # disks of the packings at several pressures
+
+
+class SlidingState(NamedTuple):
+    """Critical contacts of one state under a load and under its reverse."""
+
+    critical: int
+    slide: int  # critical contacts that slide under the load
+    reverse: int  # those that slide under the reverse load
+    least_eigenvalue: bool | None  # no status has a smaller eigenvalue of sym k than the one in which all slide
+    least_determinant: bool | None  # nor a smaller det k
+    shares: np.ndarray  # contribution of every sliding contact to Q(v), over Q, for v under the load
+
+
+def sliding_state(state: State, law: Law, load: np.ndarray) -> SlidingState | None:
+    """Compare the statuses of a state; None without critical contacts, or without a consistent status.
+
+    Parameters
+    ----------
+    load : (n,) rate of the external load [force/time]
+    """
+    m = linear_system(state, law)
+    if not m.limit.any():
+        return None
+    forth, back = (contact_status(m, sign * load) for sign in (1, -1))
+    if not (forth.ok and back.ok):
+        return None
+    critical = int(m.limit.sum())
+    return SlidingState(
+        critical, int(forth.sliding.sum()), int(back.sliding.sum()), least_eigenvalue(m),
+        least_determinant(m, load), sliding_shares(m, forth.velocity, forth.sliding),
+    )  # fmt: skip
+
+
+def sliding_shares(m: LinearSystem, velocity: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+    """Contributions Vᵀ K S V of the sliding contacts to Q(v), over Q (Eq 43)."""
+    relative = (m.c.T @ velocity).reshape(-1, 2)
+    parts = np.einsum("ma,mab,mb->m", relative, m.springs @ statuses(m, sliding), relative)
+    return parts[sliding] / parts.sum()
+
+
+def least_eigenvalue(m: LinearSystem) -> bool | None:
+    """Whether the status in which all critical contacts slide has the smallest eigenvalue of the symmetric part of k.
+
+    None beyond `SOLVED` contacts.
+    """
+    critical = np.flatnonzero(m.limit)
+    if len(critical) > SOLVED:
+        return None
+    kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
+
+    def lowest(bits: int) -> float:
+        sliding = np.zeros(m.count, bool)
+        sliding[critical] = (bits >> np.arange(len(critical))) & 1
+        k = stiffness_matrix(m, sliding, geometric=False)[kept][:, kept].toarray()
+        return float(eigvalsh(0.5 * (k + k.T), subset_by_index=[0, 0])[0])
+
+    values = [lowest(bits) for bits in range(1 << len(critical))]
+    return bool(values[-1] <= min(values) + SLACK * abs(min(values)))
+
+
+def least_determinant(m: LinearSystem, load: np.ndarray) -> bool | None:
+    """Whether the status in which all critical contacts slide has the smallest det k(S); None beyond `MAPPED`."""
+    if m.limit.sum() > MAPPED:
+        return None
+    a = complementarity(m, load).matrix
+    bits = (np.arange(1 << len(a))[:, None] >> np.arange(len(a))) & 1 > 0
+    minors = np.array([np.linalg.det(a[np.ix_(s, s)]) for s in bits])  # det k(S)/det k(nothing slides)
+    return bool(minors[-1] <= minors.min() + SLACK * abs(minors.min()))
+
+
+class Vibration(NamedTuple):
+    """Statuses of the critical contacts of a state that is set vibrating."""
+
+    critical: int
+    kicked: float  # switches of each of these contacts between sliding and sticking
+    still: float  # the same without a kick
+    energy: float  # largest kinetic energy after the kick, over that of the kick
+
+
+def vibrate(state: State, law: Law, seed: int = 0) -> Vibration:
+    """Give all disks random velocities under a constant load, and watch the contacts that were critical."""
+    m, grains = linear_system(state, law), state.grains
+    stiff = m.springs[:, 0, 0] > 0
+    overlap, stiffness = (m.force[stiff, 0] / m.springs[stiff, 0, 0]).mean(), m.springs[stiff, 0, 0].mean()
+    size = KICK * float(overlap * np.sqrt(stiffness / grains.mass.mean()))
+    velocity = np.zeros_like(grains.velocity)
+    velocity[:, :2] = size * np.random.default_rng(seed).normal(size=(len(velocity), 2))
+    kicked, keys = state._replace(grains=grains._replace(velocity=velocity)), state.contacts.key[m.rows[m.limit]]
+    (switches, energy), (still, _) = _watch(kicked, law, keys), _watch(state, law, keys)
+    return Vibration(len(keys), switches, still, energy)
+
+
+def _watch(state: State, law: Law, keys: np.ndarray) -> tuple[float, float]:
+    """Switches of each contact, and the largest kinetic energy over that at the start."""
+    start, dt, last, switches = _kinetic_energy(state), 0.1, None, 0
+    most = start
+    for _ in range(LOOKS):
+        state, _, _ = run(state, law, round(TIME / LOOKS / dt), dt, drag=DRAG)
+        alive = state.contacts.key[: int(state.contacts.count[0])]
+        rows = np.minimum(np.searchsorted(alive, keys), len(alive) - 1)
+        slides = (state.contacts.mode[rows] == SLIDE) & (alive[rows] == keys)
+        switches += 0 if last is None else int((slides != last).sum())
+        last, most = slides, max(most, _kinetic_energy(state))
+    return switches / len(keys), most / start if start > 0 else 0.0
+
+
+def _kinetic_energy(state: State) -> float:
+    grains = state.grains
+    return float(0.5 * (grains.mass * (grains.velocity**2).sum(axis=1)).sum())
+
+
+def geometric_slope(seed: int, disks: int = SMALL) -> float:
+    """Slope of ln(|geometric stiffness|/|k|) against ln(largest overlap), from packings of one seed at three pressures.
+
+    The norms are the largest singular values.
+    """
+    rows = []
+    for pressure in PRESSURES:
+        m = linear_system(*biaxial_box(disks, pressure=pressure, seed=seed))
+        k, g = (x.toarray() for x in (stiffness_matrix(m, geometric=False), m.geometric))
+        rows.append([(m.force[:, 0] / m.springs[:, 0, 0]).max(), np.linalg.norm(g, 2) / np.linalg.norm(k, 2)])
+    overlap, ratio = np.log(rows).T
+    return float(np.polyfit(overlap, ratio, 1)[0])
+
+
+def most_critical(disks: int, seed: int, increment: float = 5e-3) -> tuple[int, float]:
+    """Largest number of critical contacts along a path under a growing force on the lid, and the load at its end."""
+    state, law = biaxial_box(disks, seed=seed)
+    path = load_path(state, law, with_load(state.control, disks + TOP, 4.0), increment=increment)
+    return max(point.sliding for point in path.points), float(path.points[-1].load)

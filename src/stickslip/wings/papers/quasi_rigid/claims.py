@@ -1,21 +1,237 @@
-"""Evaluation of the claims of McNamara & Herrmann 2006.
+"""Reproduction of McNamara & Herrmann 2006, Quasi-rigidity: some uniqueness issues.
 
-The paper contains proofs and prints no numbers, so its statements are compared with the results.
+The paper contains proofs and prints no numbers, so its statements are compared with the results. Its biaxial test is
+run here with the linear law, K_t = K_n/2 and μ = 1/2 at P/K_n = 1e-4. Units: K_n = 1, mean diameter 1, and a disk
+density of 4/π.
 """
 
 import numpy as np
 from scipy.stats import binomtest
 
 from .... import State, spectrum
-from ....kit import Claim, claim, median_error, pluralize
+from ....kit import (
+    ALWAYS,
+    CAN,
+    Claim,
+    Report,
+    Reproduction,
+    Workers,
+    claim,
+    median_error,
+    note_quick_run,
+    pluralize,
+    silent,
+    standard_error,
+    statement,
+    validate_scenario,
+)
+from ....laws import hertz_mindlin
 from ....modes import damped_growth
 from ....packings import TOP
-from ....reports.claims import ALWAYS
-from ...status.matrices import linear_system
-from ...status.null_modes import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
-from .cases import ApexCases, StatusCases, apex_cases, status_cases
-from .claims_of_motion import evaluate_motion
-from .simulate import QuasiResult, SampleResult, table_one
+from ...status.matrices import linear_system, stiffness_matrix
+from ...status.rigidity import DRIVEN, IDLE, RATTLER, RIGID, mechanisms
+from .cases import (
+    BURST,
+    ApexCases,
+    SlidingState,
+    StatusCases,
+    apex_cases,
+    disk_in_groove,
+    geometric_slope,
+    most_critical,
+    sliding_state,
+    status_cases,
+    through_instability,
+    through_mechanism,
+    vibrate,
+)
+from .scenario import QuasiScenario
+from .simulate import QuasiResult, SampleResult, simulate_quasi, table_one
+
+LOOKS = 8  # states of each path, before its last tenth
+EXPONENT = 0.02  # tolerance of a closed form: t and t^1.02 differ by 10 % over two decades
+SLOPE = 0.25  # tolerance: half the distance to the next half-integer order
+RATE = 0.02  # as EXPONENT
+LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
+BALANCED = 1e-6  # share of a load without balance; round-off of k is 1e-10
+HUNDREDS, DISKS = 100, 1600
+MOTION = 1e-10  # of `table_one` for one disk, a millionth of its overlap
+
+
+def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
+    """Evaluate the statements; a quick run leaves out other pressures and the packing of 1600 disks."""
+    pairs = [(sample, state) for sample in main.tested for state in _sliding_states(sample)]
+    loads = [_lid_load(main, state, sample) for sample, state in pairs]
+    states = [
+        (sample.seed, made)
+        for (sample, state), load in zip(pairs, loads, strict=True)
+        if (made := sliding_state(state, sample.law, load))
+    ]
+    return [
+        *_growth(), _null_modes(main), _geometric(main, quick), _critical_contacts(main, quick), _least_stable(states),
+        _shares(states), _sliding_share(states), *_vibrations(pairs[::LOOKS] if quick else pairs), _linear_law(),
+    ]  # fmt: skip
+
+
+def _sliding_states(sample: SampleResult) -> list[State]:
+    """States with sliding contacts before the last tenth of a path."""
+    points = [p for p in sample.path.points if p.sliding and p.load <= 0.9 * sample.path.points[-1].load]
+    chosen = np.unique(np.linspace(0, len(points) - 1, LOOKS).round().astype(int)) if points else []
+    return [points[k].state for k in chosen]
+
+
+def _lid_load(main: QuasiResult, state: State, sample: SampleResult, rattlers: bool = False) -> np.ndarray:
+    free = linear_system(state, sample.law, rattlers=rattlers).free
+    return -((free.body == main.scenario.disks.number + TOP) & (free.axis == 1)).astype(float)
+
+
+def _growth() -> list[Claim]:
+    slow, fast = through_mechanism(), through_instability()
+    ratio = fast.rate / fast.predicted
+    decades = np.log10(fast.speed[-1] / fast.speed[0])
+    return [
+        claim(
+            "growth-through-mechanism", "Sec. III E: Eq 40, |v| ∝ t |f_ext|/|m| without damping", 1.0, slow.power, "1",
+            EXPONENT,
+            f"exponent of speed against time of a disk between two floors, both of whose contacts are at the limit, "
+            f"after a small push: {slow.power:.6f}", error=0.0,
+        ),
+        statement(
+            "growth-through-instability", 'Sec. III D: "v_0 grows exponentially on a short time scale"',
+            abs(ratio - 1) < RATE,
+            f"a disk in a groove with one contact at the limit and det k(S) < 0: rate {fast.rate:.5f}, √−λ of m⁻¹k "
+            f"{fast.predicted:.5f}, over {decades:.1f} decades of speed",
+        ),
+    ]  # fmt: skip
+
+
+def _null_modes(main: QuasiResult) -> Claim:
+    """Claim that each null mode is either driven by the load, which then has no balance, or irrelevant."""
+    driven = irrelevant = wrong = 0
+    for sample in main.tested:
+        for state in (sample.path.states[0], *_sliding_states(sample)[-1:]):
+            m = linear_system(state, sample.law, rattlers=True)
+            load = _lid_load(main, state, sample, rattlers=True)
+            for sliding in (m.limit, np.ones(m.count, bool)):
+                modes = mechanisms(state, sample.law, load, sliding=sliding)
+                k = stiffness_matrix(m, sliding, geometric=False).toarray()
+                rest = k @ np.linalg.lstsq(k, load, rcond=1e-10)[0] - load
+                drives = [mode for mode in modes if mode.kind == DRIVEN]
+                wrong += bool(drives) != (np.linalg.norm(rest) > BALANCED * np.linalg.norm(load))
+                driven, irrelevant = driven + len(drives), irrelevant + len(modes) - len(drives)
+    return statement(
+        "null-mode-classes", 'Sec. III E: "null eigenvalues of k can always be put into one of two classes"', not wrong,
+        f"{driven} null modes that the load drives, {irrelevant} that it does not, with the statuses of the packings "
+        f"and with all contacts sliding; in {wrong} cases they contradict the residual of k v = load, found by least "
+        f"squares", quantifier=ALWAYS,
+    )  # fmt: skip
+
+
+def _geometric(main: QuasiResult, quick: bool) -> Claim:
+    id, source = "geometric-stiffness-slope", "Sec. III D: Eq 33, the neglected term is O(D/R)"
+    if quick:
+        return claim(id, source, 1.0, None, "1", SLOPE, "needs packings at three pressures")
+    slopes = [geometric_slope(sample.seed) for sample in main.tested]
+    return claim(
+        id, source, 1.0, float(np.mean(slopes)), "1", SLOPE,
+        "slope of the logarithm of |geometric stiffness|/|k| against that of the largest overlap, from packings at "
+        f"P/K_n = 1e-5, 1e-4 and 1e-3: {', '.join(f'{s:.3f}' for s in slopes)}", error=standard_error(slopes),
+    )  # fmt: skip
+
+
+def _critical_contacts(main: QuasiResult, quick: bool) -> Claim:
+    id = "hundreds-of-critical-contacts"
+    source = 'Sec. II C: "it is common to have hundreds of critical contacts" with "thousands of particles"'
+    if quick:
+        return statement(id, source, None, f"needs a path of {DISKS} disks", quantifier=CAN)
+    count, load = most_critical(DISKS, main.scenario.seed)
+    return statement(
+        id, source, count >= HUNDREDS, f"up to {count} in one path of {DISKS} disks, which ends at load {load:.3g}",
+        quantifier=CAN,
+    )  # fmt: skip
+
+
+def _least_stable(states: list[tuple[int, SlidingState]]) -> Claim:
+    by_value = [s.least_eigenvalue for _, s in states if s.critical > 1 and s.least_eigenvalue is not None]
+    by_det = [s.least_determinant for _, s in states if s.critical > 1 and s.least_determinant is not None]
+    return statement(
+        "all-sliding-least-stable",
+        'Sec. V A: "most likely to be unstable is the one where all M_c critical contacts are sliding"',
+        sum(by_value) > len(by_value) / 2 if by_value else None,
+        f"holds in most states: among all statuses, it has the smallest eigenvalue of the symmetric part of k in "
+        f"{sum(by_value)} of {len(by_value)} states with 2 to 6 critical contacts, and the smallest det k in "
+        f"{sum(by_det)} of {len(by_det)} with 2 to 14",
+    )  # fmt: skip
+
+
+def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
+    """Claim about the mean share of sliding contacts in Q; its error is that between samples."""
+    seeds = sorted({seed for seed, _ in states})
+    means = [float(np.mean(np.concatenate([s.shares for k, s in states if k == seed]))) for seed in seeds]
+    shares = np.concatenate([s.shares for _, s in states]) if states else np.zeros(0)
+    error = standard_error(means)
+    mean = float(np.mean(means)) if means else 0.0
+    decided = error is not None and abs(mean) > 2 * error
+    return statement(
+        "sliding-contributions-negative",
+        'Sec. V A: "the contributions of sliding contacts to the quadratic form are on the average negative"',
+        mean < 0 if decided else None,
+        f"{(shares < 0).mean() if len(shares) else 0:.0%} of {len(shares)} are negative; mean over samples of the "
+        f"share of one contact in Q {mean:.4f} ± {2 * (error or 0):.4f}, for v under the load; more "
+        f"samples would decide it",
+    )  # fmt: skip
+
+
+def _sliding_share(states: list[tuple[int, SlidingState]]) -> Claim:
+    """Claim that nearly all critical contacts slide; the reversal of the load is a counterexample."""
+    share = np.array([s.slide / s.critical for _, s in states])
+    back = [(s.reverse / s.critical, seed, s.critical, s.reverse) for seed, s in states if s.critical > 1]
+    lowest = min(back, default=None)
+    note = f"under the load, {share.min(initial=1):.0%} to {share.max(initial=0):.0%} of the critical contacts slide"
+    if lowest:
+        note += (
+            f"; under the reverse load {np.mean([b[0] for b in back]):.0%} on average. Counterexample: in sample "
+            f"{lowest[1]}, {lowest[3]} of {lowest[2]} slide when the load is reversed, before the others leave the cone"
+        )
+    holds = bool(share.min() > 0.5 and (lowest is None or lowest[0] > 0.5)) if states else None
+    return statement(
+        "close-to-all-sliding", 'Sec. V A: "the packing is always close to this state", where all critical contacts '
+        "slide", holds, note, quantifier=ALWAYS,
+    )  # fmt: skip
+
+
+def _vibrations(pairs: list[tuple[SampleResult, State]]) -> list[Claim]:
+    made = [vibrate(state, sample.law) for sample, state in pairs]
+    kicked, still = ([getattr(v, name) for v in made] for name in ("kicked", "still"))
+    most = max((v.energy for v in made), default=0.0)
+    switches = f"median switches of a critical contact {np.median(kicked):.2g}" if made else "no state"
+    return [
+        statement(
+            "vibrations-switch-statuses",
+            'Sec. V A: "the contact status will therefore switch between non-sliding and sliding"',
+            None if not made or np.median(still) else bool(np.median(kicked)),
+            f"after random velocities of 1e-2 overlaps per time of a contact, {switches} in 200 looks during 200 time "
+            f"units; without them {np.median(still) if made else 0:.2g}. States whose contacts keep their status "
+            f"without a kick would decide it",
+        ),
+        statement(
+            "vibrations-collapse", 'Sec. V A: "if it finds an unstable one, it may collapse"', most > BURST,
+            f"largest kinetic energy of {len(made)} states: {most:.2g} times that of the kick, {BURST:g} being a "
+            f"collapse; kicks at loads closer to the end of the path would decide it", quantifier=CAN,
+        ),
+    ]  # fmt: skip
+
+
+def _linear_law() -> Claim:
+    errors = table_one(*disk_in_groove(make=hertz_mindlin), size=MOTION)
+    return statement(
+        "linear-law-is-no-restriction", 'Sec. V A: "one could always linearize the force law"',
+        max(errors.values()) < LINEARISED,
+        f"Table I with Hertz–Mindlin linearised at a point, at the limit: relative errors up to "
+        f"{max(errors.values()):.0e}. K then has the entry −φ' below its diagonal, and a sticking contact contributes "
+        f"a positive amount to Q only if μ² < 24 k_t/k_n",
+    )  # fmt: skip
+
 
 CASES = 500
 RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, which is the size of neglected terms
@@ -52,9 +268,8 @@ def _table_one(main: QuasiResult) -> Claim:
     errors = [table_one(_most_sliding_state(sample), sample.law) for sample in main.tested]
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
     listed = ", ".join(f"{name} to {value:.0e}" for name, value in worst.items())
-    return claim(
-        "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", True, max(worst.values()) < RELATIONS, "",
-        0.0,
+    return statement(
+        "table-I-relations", "Table I: f = cF, F = −KD, dD/dt = SV, V = cᵀv", max(worst.values()) < RELATIONS,
         f"compared with the engine's forces in states with sliding contacts; relative errors: {listed} (steps of 1e-7 "
         f"radii)",
     )  # fmt: skip
@@ -78,19 +293,18 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
     ends = sum(sample.looks.consistent[-1] == 0 for sample in main.tested)
     example = drawn.none > 0 and drawn.several > 0
     return [
-        claim(
+        statement(
             "status-map-bijective",
-            'Eq 5: "the mapping C is bijective", if "all possible states lead to a stable packing"', True,
-            bool(bijective and drawn.agree == drawn.total), "", 0.0,
+            'Eq 5: "the mapping C is bijective", if "all possible states lead to a stable packing"',
+            bool(bijective and drawn.agree == drawn.total),
             f"tested where A is a P-matrix, which follows from that premise: in all such states on the paths; in "
             f"{drawn.agree} of {drawn.total} constructed cases the map is bijective if and only if A is a P-matrix; "
             f"regardless of the premise, the map is bijective in {whole} of {number} states with 1 to 10 critical "
-            f"contacts, by enumeration of all statuses",
-            quantifier=ALWAYS,
+            f"contacts, by enumeration of all statuses", quantifier=ALWAYS,
         ),
-        claim(
-            "one-consistent-state", 'Sec. II D: "always one, and only one choice of contact status"', True,
-            not wrong if checked else None, "", 0.0,
+        statement(
+            "one-consistent-state", 'Sec. II D: "always one, and only one choice of contact status"',
+            not wrong if checked else None,
             f"{f'not in {wrong[0]}, elsewhere ' if wrong else ''}exactly one under the load of the test in each of "
             f"{checked} states with 1 to 10 critical contacts that are stable (the premise); {number - checked} more "
             f"have an eigenvalue of k that is not positive, for example where rattlers have just been wedged; no "
@@ -114,7 +328,7 @@ def _slow_error(main: QuasiResult) -> Claim:
     source = "Sec. III D: quasi-static balance as the limit of Newton's second law"
     if not compared:
         note = "no sample has slow dynamics at every duration"
-        return claim("path-vs-dynamics-error", source, True, None, "", 0.0, note)
+        return statement("path-vs-dynamics-error", source, None, note)
     errors = np.array([[run.error for run in sorted(sample.slow, key=lambda r: r.time)] for sample in compared])
     middle = np.median(errors, axis=0)
     listed = ", ".join(
@@ -123,8 +337,8 @@ def _slow_error(main: QuasiResult) -> Claim:
     )
     falls, left = int((errors[:, -1] < errors[:, 0]).sum()), len(main.tested) - len(compared)
     rest = f"; {pluralize(left, 'sample')} without dynamics at every duration" if left else ""
-    return claim(
-        "path-vs-dynamics-error", source, True, sign_test(falls, len(errors)), "", 0.0,
+    return statement(
+        "path-vs-dynamics-error", source, sign_test(falls, len(errors)),
         f"largest difference of strain up to 95 % of the load, over the last strain, median and range for each "
         f"duration of the whole load: {listed}; smaller at the slowest load than at the fastest in {falls} of "
         f"{len(errors)} samples{rest}",
@@ -206,8 +420,8 @@ def _premise(main: QuasiResult) -> Claim:
             f"eigenvalue of the symmetric part of k is {shown.looks.symmetric[k]:.1e} K_n) and a unique status for "
             f"every load, and the path continues to {shown.looks.load[-1]:.4g}"
         )
-    return claim(
-        "stability-premise", f"Sec. V A: {YIELD}", True, shown is None, "", 0.0,
+    return statement(
+        "stability-premise", f"Sec. V A: {YIELD}", shown is None,
         f"{note}; Q > 0 for all v first fails at {min(premise):.3g} to {max(premise):.3g} of the load at which the "
         f"path ends, median {np.median(premise):.3g}; the status stays unique up to {min(unique):.3g} to "
         f"{max(unique):.3g} (not known at {unknown} of {points} points): the premise is sufficient but much too "
@@ -236,18 +450,17 @@ def _flutter(main: QuasiResult) -> Claim:
     source = 'Sec. III D: "if vᵀkv > 0 then ... v undergoes damped oscillations"'
     if best is None:
         note = f"none of {seen} states with Q > 0 has a complex pair of m⁻¹k"
-        return claim("flutter-example", source, True, True if seen else None, "", 0.0, note, quantifier=ALWAYS)
+        return statement("flutter-example", source, True if seen else None, note, quantifier=ALWAYS)
     k, sample = best
     state = sample.path.states[int(np.argmin(np.abs(sample.path.load - sample.looks.load[k])))]
     modes = spectrum(state, sample.law, modes=False)
     growth = float(modes.growth_rate[modes.pair_indices].max(initial=0.0))
-    return claim(
-        "flutter-example", source, True, not growth > 0, "", 0.0,
+    return statement(
+        "flutter-example", source, not growth > 0,
         f"does not hold if k is not symmetric; counterexample among {seen} states with Q > 0: sample {sample.seed} at "
         f"load {sample.looks.load[k]:.4g} has Q > 0 for all v and a complex pair of m⁻¹k, which grows at a rate of "
         f"{growth:.2e} without dashpots, and therefore also with weak ones; with the dashpots of the samples the "
-        f"largest growth rate is {damped_growth(state, sample.law)[0].real.max():.2e}",
-        quantifier=ALWAYS,
+        f"largest growth rate is {damped_growth(state, sample.law)[0].real.max():.2e}", quantifier=ALWAYS,
     )  # fmt: skip
 
 
@@ -291,3 +504,28 @@ def _mechanisms(main: QuasiResult) -> Claim:
 def shows() -> dict[str, tuple[str, str]]:
     """Figures of the paper, each with its content and the identifier of the claim to quote."""
     return SHOWS
+
+
+QUICK_CASES = 60
+
+
+def paper_scenario(*, quick: bool = False, seed: int = 0) -> QuasiScenario:
+    """Return the biaxial test: the force on the lid grows, at most fourfold, until stability is lost."""
+    loading = {"test": "biaxial", "factor": 4.0, "increment": 2e-3 if quick else 1e-3, "unload": True}
+    if quick:
+        return validate_scenario(
+            QuasiScenario, seed=seed, samples=2, disks={"number": 60}, loading=loading,
+            dynamics={"times": (1e4, 2e4, 4e4)},
+        )  # fmt: skip
+    return validate_scenario(
+        QuasiScenario, seed=seed, samples=5, disks={"number": 100}, loading=loading,
+        dynamics={"times": (3e4, 1e5, 3e5, 1e6)},
+    )  # fmt: skip
+
+
+def reproduce(*, quick: bool = False, seed: int = 0, folder=None, workers: Workers = None, report: Report = silent):
+    """Run the paper's scenario and evaluate its claims; arguments as in `simulate_quasi`. Returns a Reproduction."""
+    main = simulate_quasi(paper_scenario(quick=quick, seed=seed), folder=folder, workers=workers, report=report)
+    report("constructed cases", 0.0, "statuses and the apex")
+    claims = evaluate_claims(main, cases=QUICK_CASES if quick else CASES, quick=quick)
+    return Reproduction(main, note_quick_run(claims) if quick else claims)

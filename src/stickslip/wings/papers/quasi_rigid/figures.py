@@ -9,28 +9,20 @@ from matplotlib.lines import Line2D
 
 from .... import State
 from ....control import spring_forces
-from ....core.contacts.neighbors import body_positions
-from ....core.measure import Committed
-from ....figures.grains import bare_frame, contact_segments, layout_of, start_drawing
 from ....kit import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    WIDTH,
+    Committed,
     Requirement,
     Result,
+    bare_frame,
+    body_positions,
     checked,
-    column_axes,
-    label_axes,
-    legend_above,
+    contact_segments,
+    layout_of,
     require_filled,
     require_index,
     require_shape,
-    styled,
+    start_drawing,
+    style,
 )
 
 _KIND = "sample of a QuasiResult"
@@ -39,13 +31,21 @@ SHOWN = 6  # number of contacts in the cone
 GREY = "#bbbbbb"
 ENDS = {True: "x", False: "o"}  # marks of ends of paths, by whether stability is lost there
 ENDS_WORDS = {True: "stability is lost", False: "ends for another reason"}
-COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)  # of samples, with contrast between neighbours
+COLORS = (
+    style.BLUE,
+    style.ORANGE,
+    style.GREEN,
+    style.RED,
+    style.PURPLE,
+    style.SKY,
+    style.BLACK,
+)  # of samples, with contrast between neighbours
 
 
-@styled
+@style.styled
 def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], test: str):
     """Stress ratio and volumetric strain against strain, for the path, slow dynamics and unloading."""
-    figure, (top, bottom) = column_axes(2, 4.4, sharex=True)
+    figure, (top, bottom) = style.column_axes(2, 4.4, sharex=True)
     for color, sample in zip(cycle(COLORS), tested, strict=False):
         for axes, name in ((top, "ratio"), (bottom, "volumetric")):
             axes.plot(sample.curve.strain, getattr(sample.curve, name), color=color, lw=1.2)
@@ -59,20 +59,20 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
             if sample.slow:
                 slow = max(sample.slow, key=lambda run: run.time).curve
                 near = slow.load <= sample.curve.load[-1]
-                axes.plot(slow.strain[near], getattr(slow, name)[near], "--", color=BLACK, lw=0.6)
+                axes.plot(slow.strain[near], getattr(slow, name)[near], "--", color=style.BLACK, lw=0.6)
         top.plot([], [], color=color, label=f"sample {sample.seed}")
     if any(sample.slow for sample in tested):
-        top.plot([], [], "--", color=BLACK, lw=0.6, label="slow dynamics")
+        top.plot([], [], "--", color=style.BLACK, lw=0.6, label="slow dynamics")
     if any(sample.back is not None for sample in tested):
-        top.plot([], [], ":", color=BLACK, lw=0.9, label="unloading")
+        top.plot([], [], ":", color=style.BLACK, lw=0.9, label="unloading")
     for lost, mark in ENDS.items():
         if lost in {sample.path.loses_stability for sample in tested if not sample.path.complete}:
-            top.plot([], [], mark, mfc="none", color=BLACK, ms=5, label=ENDS_WORDS[lost])
+            top.plot([], [], mark, mfc="none", color=style.BLACK, ms=5, label=ENDS_WORDS[lost])
     if any(collapses_of(sample) for sample in tested):
-        top.plot([], [], "v", mfc="none", color=BLACK, ms=4, label="collapse")
-    label_axes(top, y="stress ratio" if test == "biaxial" else "shear stress / pressure")
-    label_axes(bottom, x="axial strain" if test == "biaxial" else "shear strain", y="volumetric strain")
-    legend_above(top, ncol=2)
+        top.plot([], [], "v", mfc="none", color=style.BLACK, ms=4, label="collapse")
+    style.label_axes(top, y="stress ratio" if test == "biaxial" else "shear stress / pressure")
+    style.label_axes(bottom, x="axial strain" if test == "biaxial" else "shear strain", y="volumetric strain")
+    style.legend_above(top, ncol=2)
     return figure
 
 
@@ -82,7 +82,7 @@ def collapses_of(sample: Annotated[Any, Result("SampleResult", ("path",))]) -> l
     return [event for event in sample.path.collapses if not event.quiet]
 
 
-@styled
+@style.styled
 def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("points", "collapses"))]], wall: int):
     """Force on a wall against its displacement along several load paths, with their collapses.
 
@@ -91,7 +91,7 @@ def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("poin
     paths : results of `load_path` by name
     wall : body number
     """
-    figure, axes = column_axes(1, 2.6)
+    figure, axes = style.column_axes(1, 2.6)
     for color, (name, path) in zip(cycle(COLORS), paths.items(), strict=False):
         number = wall - len(path.states[0].grains.radius)
         normal, start = path.states[0].walls.normal[number], path.states[0].walls.point[number]
@@ -101,9 +101,9 @@ def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("poin
         at = [np.flatnonzero(path.load <= event.load)[-1] for event in path.collapses if not event.quiet]
         axes.plot(moved[at], force[at], "v", mfc="none", color=color, ms=4)
     if any(not event.quiet for path in paths.values() for event in path.collapses):
-        axes.plot([], [], "v", mfc="none", color=BLACK, ms=4, label="collapse")
-    label_axes(axes, x=("displacement of the wall", "length"), y=("force on the wall", "force"))
-    legend_above(axes, ncol=3)
+        axes.plot([], [], "v", mfc="none", color=style.BLACK, ms=4, label="collapse")
+    style.label_axes(axes, x=("displacement of the wall", "length"), y=("force on the wall", "force"))
+    style.legend_above(axes, ncol=3)
     return figure
 
 
@@ -114,10 +114,10 @@ def force_on(state: State, body: int) -> np.ndarray:
     return state.control.force[body] + spring_forces(state.control, body_positions(state), state.time)[body]
 
 
-@styled
+@style.styled
 def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
     """Contact forces along the path in the Coulomb cone, for the contacts that move farthest across it (Fig 3)."""
-    figure, axes = column_axes(1, 3.0)
+    figure, axes = style.column_axes(1, 3.0)
     force = one.forces / one.forces[0, :, 0].mean()
     mobilised = np.abs(force[..., 1]) / (mu * np.maximum(force[..., 0], 1e-12))
     reach = np.where(force[..., 0].min(axis=0) > 0.05, np.ptp(mobilised, axis=0), 0.0)
@@ -130,51 +130,53 @@ def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
         axes.plot(force[:, k, 0], force[:, k, 1], color=color, lw=1.0, label=f"{one.pairs[k, 0]}–{one.pairs[k, 1]}")
         axes.plot(*force[0, k], "o", color=color, ms=2.5)
         axes.plot(*force[-1, k], "x", color=color, ms=4)
-    axes.plot([], [], "o", color=BLACK, ms=2.5, label="start")
-    axes.plot([], [], "x", color=BLACK, ms=4, label="end")
+    axes.plot([], [], "o", color=style.BLACK, ms=2.5, label="start")
+    axes.plot([], [], "x", color=style.BLACK, ms=4, label="end")
     axes.set_xlim(0, far)
-    label_axes(axes, x=r"$F_n/\langle F_n\rangle_0$", y=r"$F_t/\langle F_n\rangle_0$")
-    legend_above(axes, ncol=4, title=f"sample {one.seed}: contacts in the Coulomb cone")
+    style.label_axes(axes, x=r"$F_n/\langle F_n\rangle_0$", y=r"$F_t/\langle F_n\rangle_0$")
+    style.legend_above(axes, ncol=4, title=f"sample {one.seed}: contacts in the Coulomb cone")
     return figure
 
 
-@styled
+@style.styled
 def stiffness(one: Annotated[Any, Result(_KIND, ("path", "looks", "seed"))]):
     """Number of sliding contacts, smallest eigenvalues and complex pairs along a path."""
-    figure, (top, middle, bottom) = column_axes(3, 5.0, sharex=True)
+    figure, (top, middle, bottom) = style.column_axes(3, 5.0, sharex=True)
     load = one.path.load
-    top.step(load, [p.sliding for p in one.path.points], where="post", color=RED)
-    label_axes(top, y="sliding contacts", whole="y")
+    top.step(load, [p.sliding for p in one.path.points], where="post", color=style.RED)
+    style.label_axes(top, y="sliding contacts", whole="y")
     looks = one.looks
-    middle.plot(looks.load, looks.lowest, color=BLUE, label=r"smallest Re of $\mathbf{k}$")
-    middle.plot(looks.load, looks.symmetric, color=ORANGE, label=r"smallest of sym $\mathbf{k}$: $Q > 0$?")
+    middle.plot(looks.load, looks.lowest, color=style.BLUE, label=r"smallest Re of $\mathbf{k}$")
+    middle.plot(looks.load, looks.symmetric, color=style.ORANGE, label=r"smallest of sym $\mathbf{k}$: $Q > 0$?")
     middle.axhline(0, color=GREY, lw=0.6)
     middle.set_yscale("symlog", linthresh=1e-3)
-    label_axes(middle, y=("eigenvalue", "$K_n$"))
-    legend_above(middle, ncol=2)
-    bottom.step(looks.load, looks.pairs, where="mid", color=GREEN)
-    label_axes(bottom, x="load (fraction of the path)", y="complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$", whole="y")
+    style.label_axes(middle, y=("eigenvalue", "$K_n$"))
+    style.legend_above(middle, ncol=2)
+    bottom.step(looks.load, looks.pairs, where="mid", color=style.GREEN)
+    style.label_axes(
+        bottom, x="load (fraction of the path)", y="complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$", whole="y"
+    )
     top.set_title(f"sample {one.seed}")
     return figure
 
 
-@styled
+@style.styled
 def errors(tested: list[Annotated[Any, Result(_KIND, ("slow", "seed"))]]):
     """Difference between path and dynamics against the duration of loading."""
-    figure, axes = column_axes(1, 2.4)
+    figure, axes = style.column_axes(1, 2.4)
     for color, sample in zip(cycle(COLORS), tested, strict=False):
         runs = sorted(sample.slow, key=lambda run: run.time)
         time, error = [r.time for r in runs], [r.error for r in runs]
         axes.loglog(time, error, "o-", color=color, label=f"sample {sample.seed}")
-    label_axes(axes, x=("duration of loading", r"$\sqrt{m/K_n}$"), y="difference of strain")
+    style.label_axes(axes, x=("duration of loading", r"$\sqrt{m/K_n}$"), y="difference of strain")
     axes.legend(loc="best", ncol=2)
     return figure
 
 
-@styled
+@style.styled
 def rigid_clusters(
     state: Committed, clusters: Annotated[Any, Result("RigidClusters", ("body", "contact", "overconstrained"))],
-    *, width: float = WIDTH,
+    *, width: float = style.WIDTH,
 ):  # fmt: skip
     """Draw the contacts of each rigid cluster in a colour, hinges dotted; thick lines are overconstrained.
 
@@ -194,11 +196,11 @@ def rigid_clusters(
     colors = np.array(COLORS[:-1])[np.where(number > 0, 1 + (number - 1) % (len(COLORS) - 2), 0)]
     thick = np.where(clusters.overconstrained, 1.8, 0.8)
     axes.add_collection(LineCollection(lines[~hinge], colors=colors[~hinge], linewidths=thick[~hinge], zorder=60))
-    axes.add_collection(LineCollection(lines[hinge], colors=BLACK, linewidths=0.8, linestyles=":", zorder=61))
+    axes.add_collection(LineCollection(lines[hinge], colors=style.BLACK, linewidths=0.8, linestyles=":", zorder=61))
     handles = [
-        Line2D([], [], color=BLUE, lw=0.8, label="largest rigid cluster"),
-        Line2D([], [], color=BLUE, lw=1.8, label="overconstrained"),
-        Line2D([], [], color=BLACK, lw=0.8, ls=":", label=f"hinges ({np.count_nonzero(hinge)})"),
+        Line2D([], [], color=style.BLUE, lw=0.8, label="largest rigid cluster"),
+        Line2D([], [], color=style.BLUE, lw=1.8, label="overconstrained"),
+        Line2D([], [], color=style.BLACK, lw=0.8, ls=":", label=f"hinges ({np.count_nonzero(hinge)})"),
     ]
-    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=3 if width > WIDTH else 2)
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=3 if width > style.WIDTH else 2)
     return figure

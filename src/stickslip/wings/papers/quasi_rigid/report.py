@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....data.run_files import COLLAPSES, SERIES
-from ....figures import packing
-from ....kit import Fields, archive_fields, console, new_table, show_table, units_of, write_table
+from .... import figures as common_figures
+from ....kit import Fields, archive_fields, console, new_table, run_files, show_table, units_of, write_table
 from ...status.collapse import Collapse
 from . import figures as figures_of
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
@@ -19,7 +18,7 @@ def figures(result: QuasiResult):
     yield "fig1_curves.png", figures_of.curves(result.tested, result.scenario.loading.test)
     end = longest.path.points[-1]
     title = f"sample {longest.seed} where its path ends, load {end.load:.4g}"
-    yield "fig2_statuses.png", packing(end.state, longest.law, title=title)
+    yield "fig2_statuses.png", common_figures.packing(end.state, longest.law, title=title)
     if len(longest.pairs):
         yield "fig3_cone.png", figures_of.cone(longest, result.scenario.law.mu)
     yield "fig4_stiffness.png", figures_of.stiffness(longest)
@@ -29,9 +28,9 @@ def figures(result: QuasiResult):
 
 def files(result: QuasiResult):
     """Yield (file name, function that writes it) for the curves and collapses as CSV."""
-    yield SERIES, partial(_write_curves, result)
+    yield run_files.SERIES, partial(_write_curves, result)
     if result.scenario.loading.collapses:
-        yield COLLAPSES, partial(_write_collapses, result)
+        yield run_files.COLLAPSES, partial(_write_collapses, result)
 
 
 def numbers(result: QuasiResult) -> dict:
@@ -45,6 +44,8 @@ def numbers(result: QuasiResult) -> dict:
 
 def _sample(sample: SampleResult) -> dict:
     path, events = sample.path, sample.path.events
+    columns = {name: np.array([getattr(event, name) for event in path.collapses]) for name in Collapse._fields}
+    reasons = "\n".join(columns.pop("reason").tolist())
     out = {
         "law": sample.law,
         "path": {
@@ -59,7 +60,7 @@ def _sample(sample: SampleResult) -> dict:
             "kind": "\n".join(e.kind for e in events),
             "bodies": np.array([[e.i, e.j] for e in events]).reshape(-1, 2),
         },
-        "collapses": _collapses(path.collapses),
+        "collapses": Fields(columns | {"reason": reasons}, Collapse),
         "curve": archive_fields(sample.curve),
         "looks": archive_fields(sample.looks),
         "slow": {
@@ -76,13 +77,6 @@ def _sample(sample: SampleResult) -> dict:
     if sample.collapse is not None:
         out["collapse"] = sample.collapse
     return out
-
-
-def _collapses(events: tuple[Collapse, ...]) -> Fields:
-    """Fields of all collapses of a path, one row each."""
-    columns = {name: [getattr(event, name) for event in events] for name in Collapse._fields}
-    reasons = "\n".join(columns.pop("reason"))
-    return Fields({name: np.array(column) for name, column in columns.items()} | {"reason": reasons}, Collapse)
 
 
 def _write_collapses(result: QuasiResult, path: Path) -> None:
@@ -121,8 +115,7 @@ def show(result: QuasiResult) -> None:
         )  # fmt: skip
     show_table(table)
     for sample in result.tested:
-        end = sample.path.summary
-        console.print(f"  sample {sample.seed}: {end}")
+        console.print(f"  sample {sample.seed}: {sample.path.summary}")
     if result.scenario.loading.collapses:
         _show_collapses(result)
     for failure in result.failures:
@@ -130,18 +123,10 @@ def show(result: QuasiResult) -> None:
 
 
 def _show_collapses(result: QuasiResult) -> None:
-    names = (
-        "sample",
-        "load",
-        "largest motion",
-        "along the load",
-        "released",
-        "participation",
-        "lost",
-        "gained",
-        "mode",
+    along = ("largest motion", "along the load", "released", "participation", "lost", "gained", "mode")
+    table = new_table(
+        "sample", "load", *along, title="Collapses, with the overlap of their motion with what nothing resists before"
     )
-    table = new_table(*names, title="Collapses, with the overlap of their motion with what nothing resists before")
     for sample in result.tested:
         for event in sample.path.collapses:
             if not event.quiet:

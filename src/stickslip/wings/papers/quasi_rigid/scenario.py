@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import STATE
-from ....kit import LawTable, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size, allow_laws
+from ....kit import LawTable, Listed, NotNegative, Positive, ScenarioBase, ScenarioTable, Seed, Size, allow_laws, sizes
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Times = Annotated[tuple[Positive, ...], Listed]
@@ -100,7 +99,7 @@ class QuasiScenario(ScenarioBase):
         """Iterate over load increments, and the memory of the states along a path."""
         steps = 1 / self.loading.increment
         yield Size("loading.increment makes", steps, "load steps", "use a larger increment")
-        memory = STATE * self.disks.number * steps
+        memory = sizes.STATE * self.disks.number * steps
         yield Size("states along a path take", memory, "bytes", "use a larger loading.increment")
 
     @model_validator(mode="after")

@@ -9,36 +9,34 @@ from scipy.linalg import LinAlgError, eigvals, eigvalsh
 
 from .... import HELD, Control, Law, State, forces
 from ....control import between, spring_forces, stress_controlled
-from ....core.contacts.neighbors import body_positions
-from ....core.laws.builtin import KN
 from ....kit import (
     Checkpoint,
     Report,
     Task,
     Workers,
+    body_positions,
+    builtin,
     checked,
     checkpoint_in,
     load_or_compute,
     result_of,
     run_realizations,
     silent,
+    suitable_threads,
     within,
 )
 from ....measure import branch_vectors, contact_forces, touching
 from ....modes import displaced, residual_vector
 from ....packings import BOTTOM, LEFT, RIGHT, TOP, biaxial_box, sheared_box
 from ....quasirigid import slow_dynamics, with_load, with_machine, with_travel  # fmt: skip
-from ....results import Freedom, SlowRun
-from ....solve.linear import suitable_threads
+from ....results import SlowRun
 from ...status.collapse import Collapse
-from ...status.enumeration import status_map
+from ...status.complementarity import complementarity, status_map
 from ...status.events import Event, Fork
-from ...status.increment import external_force
-from ...status.lcp import complementarity
-from ...status.matrices import LinearSystem, linear_system, statuses, stiffness_matrix
+from ...status.matrices import LinearSystem, force_rates, linear_system, stiffness_matrix
 from ...status.path import LoadPath, PathPoint, load_path
 from ...status.status import Verdict
-from ...status.system import pinned_coordinates
+from ...status.system import external_force, pinned_coordinates
 from ...status.uniqueness import certificate
 from . import EXPERIMENT
 from .scenario import QuasiScenario
@@ -123,21 +121,8 @@ def simulate_quasi(
     workers : number of processes, one sample each, or the address of a Dask scheduler; the results do not depend on it
     report : called as report(stage, share done, text)
     """
-    kept = checkpoint_in(
-        folder,
-        scenario,
-        SampleResult,
-        LoadPath,
-        PathPoint,
-        Event,
-        Fork,
-        Collapse,
-        Verdict,
-        Curve,
-        PathStiffness,
-        SlowDynamics,
-        SlowRun,
-    )
+    path = (LoadPath, PathPoint, Event, Fork, Collapse, Verdict)
+    kept = checkpoint_in(folder, scenario, SampleResult, *path, Curve, PathStiffness, SlowDynamics, SlowRun)
     seeds = [scenario.seed + k for k in range(scenario.samples)]
     tasks = [
         Task(f"sample {seed}", (scenario, seed, kept and kept.of(f"sample-{seed}")), f"sample-{seed}", kept)
@@ -151,13 +136,8 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
     """Return a sample in equilibrium, its law, and the control at the end of the load."""
     disks, load = scenario.disks, scenario.loading
     make = biaxial_box if load.test == "biaxial" else sheared_box
-    state, law = make(
-        disks.number,
-        pressure=disks.pressure,
-        radius=disks.radius,
-        seed=seed,
-        **scenario.law.model_dump(exclude={"kind"}),
-    )
+    options = scenario.law.model_dump(exclude={"kind"})
+    state, law = make(disks.number, pressure=disks.pressure, radius=disks.radius, seed=seed, **options)
     if load.test == "biaxial":
         wall = disks.number + (TOP if load.wall == "top" else RIGHT)
         if load.machine:
@@ -270,10 +250,11 @@ def stiffness_at(state: State, law: Law, begin: Control, end: Control) -> tuple:
     """Return the fields of PathStiffness after `load` for one state."""
     m = linear_system(state, law)
     kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
-    k, scale = stiffness_matrix(m)[kept][:, kept].toarray(), float(law.table[0, 0, KN])
+    k, scale = stiffness_matrix(m)[kept][:, kept].toarray(), float(law.table[0, 0, builtin.KN])
     squares = eigvals(k / m.free.mass[kept][:, None])
     rates = np.sqrt(squares.astype(complex)).imag[squares.imag > PAIR * np.abs(squares).max()]
-    unique, consistent, bijective = _uniqueness(m, load_rate(state, begin, end, m.free))
+    load = external_force(state._replace(control=end), m.free) - external_force(state._replace(control=begin), m.free)
+    unique, consistent, bijective = _uniqueness(m, load)
     return (
         int(m.limit.sum()), float(eigvals(k).real.min()) / scale, eigvalsh(0.5 * (k + k.T))[0] / scale, len(rates),
         float(np.abs(rates).max(initial=0.0)), unique, consistent, bijective,
@@ -294,11 +275,6 @@ def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
         return unique, -1, -1
     mapped = status_map(problem)
     return unique, len(mapped.consistent), int(mapped.bijective)
-
-
-def load_rate(state: State, begin: Control, end: Control, free: Freedom) -> np.ndarray:
-    """Change in the external load on the free coordinates from one control to the other, shape (n,) [force]."""
-    return external_force(state._replace(control=end), free) - external_force(state._replace(control=begin), free)
 
 
 def force_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
@@ -337,12 +313,13 @@ def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict
     outer = np.random.default_rng(seed)
     v = outer.normal(size=len(m.free)) * size
     moved = displaced(state, m.free, v)
-    inner = residual_vector(state._replace(control=_without_loads(state.control)), loads, m.free)
+    bare = state.control._replace(
+        force=0 * state.control.force, torque=0 * state.control.torque, gravity=np.zeros(3), stress=np.zeros((3, 3))
+    )
+    inner = residual_vector(state._replace(control=bare), loads, m.free)
     trial = forces(moved, law, memory=HELD)[1]
     before, after = force_components(state, law, m.rows), force_components(moved._replace(contacts=trial), law, m.rows)
-    relative = (m.c.T @ v).reshape(-1, 2)
-    stretched = np.einsum("mab,mb->ma", statuses(m, m.limit), relative)
-    predicted = -np.einsum("mab,mb->ma", m.springs, stretched)
+    relative, predicted = (m.c.T @ v).reshape(-1, 2), force_rates(m, m.limit, v)
     turned = branch_vectors(moved)[m.rows] - branch_vectors(state)[m.rows]
     normal = branch_vectors(state)[m.rows]
     closing = np.einsum("ck,ck->c", turned, normal / np.linalg.norm(normal, axis=1, keepdims=True))
@@ -356,10 +333,3 @@ def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict
         "dD = SV dt": far(after - before, predicted),
         "V = c'v": far(relative[:, 0], closing),
     }
-
-
-def _without_loads(control: Control) -> Control:
-    return control._replace(
-        force=np.zeros_like(control.force), torque=np.zeros_like(control.torque), gravity=np.zeros(3),
-        stress=np.zeros((3, 3)),
-    )  # fmt: skip

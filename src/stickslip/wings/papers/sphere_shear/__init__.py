@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import Paper, attach, law_references, lazy_function
+from ....kit import Experiment, Paper, attach, law_references, lazy_function
 from .scenario import ShearScenario
 
 _here = partial(lazy_function, __name__)
@@ -38,8 +37,8 @@ EXPERIMENT = Experiment(
             "2e-3; Newtonian runs of 25 growth times (at least 2e4 time units) instead of 45 (5e4); 12 spectra per run "
             "instead of 40"
         ),
-        scenario=_here("paper.paper_scenario"),
-        reproduce=_here("paper.reproduce"),
+        scenario=_here("claims.paper_scenario"),
+        reproduce=_here("claims.reproduce"),
         shows=_here("claims.shows"),
     ),
 )

@@ -6,8 +6,19 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ....core.sizes import STATE
-from ....kit import Duration, Loads, Packing, PackingLaw, Positive, ScenarioBase, ScenarioTable, Seed, Several, Size
+from ....kit import (
+    Duration,
+    Loads,
+    Packing,
+    PackingLaw,
+    Positive,
+    ScenarioBase,
+    ScenarioTable,
+    Seed,
+    Several,
+    Size,
+    sizes,
+)
 
 
 class Shear(ScenarioTable):
@@ -81,5 +92,7 @@ class ShearScenario(ScenarioBase):
         shear, release = self.shear, self.release
         steps = sum(abs(b - a) / d for (a, b), d in zip(pairwise(shear.strain), shear.steps, strict=True))
         yield Size("shear takes", steps, "load steps", "use a larger shear.step")
-        yield Size("states along a path take", STATE * self.packing.grains * steps, "bytes", "use a larger shear.step")
+        yield Size(
+            "states along a path take", sizes.STATE * self.packing.grains * steps, "bytes", "use a larger shear.step"
+        )
         yield Size("release.duration takes", release.duration / release.dt, "time steps", "use a longer release.dt")

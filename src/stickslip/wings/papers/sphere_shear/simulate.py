@@ -3,22 +3,26 @@
 import warnings
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from .... import Law, NotInEquilibriumError, Outcome, State, Status, spectrum
-from ....core.contacts.jacobian import linearise
 from ....kit import (
     Checkpoint,
+    Growth,
+    LeftPathError,
     Member,
     Realizations,
     Report,
     Task,
     Workers,
+    bisect_change,
     checked,
     checkpoint_in,
+    linearise,
     load_or_compute,
     make_law,
     make_packing,
@@ -27,12 +31,10 @@ from ....kit import (
     run_realizations,
     silent,
 )
-from ....loading.protocols import Growth, bisect_change
 from ....measure import pressure, stress, touching
 from ....modes import UnstableEquilibriumWarning
 from ....protocols import Protocol, aqs, load_path, release
 from ....results import Equilibrium, PackingInfo, Released
-from ....solve.equilibrate import LeftPathError
 from . import EXPERIMENT
 from .scenario import ShearScenario
 
@@ -104,10 +106,8 @@ class ShearResult(NamedTuple):
 
 def strain_path(scenario: ShearScenario) -> np.ndarray:
     """Return all strains of a path, each leg with its own step."""
-    turns, out = scenario.shear.strain, [np.zeros(1)]
-    for a, b, step in zip(turns[:-1], turns[1:], scenario.shear.steps, strict=True):
-        out.append(load_path([a, b], step)[1:])
-    return np.concatenate(out)
+    legs = zip(pairwise(scenario.shear.strain), scenario.shear.steps, strict=True)
+    return np.concatenate([np.zeros(1), *(load_path(ends, step)[1:] for ends, step in legs)])
 
 
 class Step(NamedTuple):
@@ -156,7 +156,12 @@ def shear_packing(
         raise RuntimeError(stopped)
     numbers = [step.row[0] for step in path]
     born = next((k for k, pairs in enumerate(numbers) if pairs), 0)
-    onset = find_onset(_equilibrium(path[born - 1], protocol), path[born].strain, protocol) if born else None
+    onset = None
+    if born:
+        last = path[born - 1]
+        modes = spectrum(last.state, law, modes=protocol.modes)
+        clean = Equilibrium(last.strain, last.state, modes, Outcome(Status.CONVERGED, last.row[-1], 0))
+        onset = find_onset(clean, path[born].strain, protocol)
     two = next((k for k, pairs in enumerate(numbers) if pairs > 1), len(path))
     single = max((step for step in path[:two] if step.row[0]), key=lambda step: step.row[3], default=None)
     return ShearPath(
@@ -170,18 +175,9 @@ def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the steps are counted
         point = protocol.step(state, strain)
-    size = np.abs(point.spectrum.eigenvalues)
-    zeros = int((size < 1e-9 * size.max()).sum())
-    how = point.outcome
-    return Step(
-        float(strain), point.state, _path_columns(point, protocol.law), zeros, how.fallback, how.unstable, how.left
-    )
-
-
-def _equilibrium(step: Step, protocol: Protocol) -> Equilibrium:
-    """Convert a point of a path to an Equilibrium, which includes its spectrum."""
-    modes = spectrum(step.state, protocol.law, modes=protocol.modes)
-    return Equilibrium(step.strain, step.state, modes, Outcome(Status.CONVERGED, step.row[-1], 0))
+    size, how = np.abs(point.spectrum.eigenvalues), point.outcome
+    zeros, row = int((size < 1e-9 * size.max()).sum()), _path_columns(point, protocol.law)
+    return Step(float(strain), point.state, row, zeros, how.fallback, how.unstable, how.left)
 
 
 def _path_columns(point: Equilibrium, law: Law) -> tuple:
@@ -271,10 +267,8 @@ def simulate_shear(
     released: list[Released | None] = [None] * len(starts)
     for k, result in zip(wanted, runs.results, strict=True):
         released[k] = result
-    failures = sheared.failures + runs.failures
-    return ShearResult(
-        scenario, make_law(scenario.law), paths, released[: len(paths)], released[len(paths) :], failures
-    )
+    single, later = released[: len(paths)], released[len(paths) :]
+    return ShearResult(scenario, make_law(scenario.law), paths, single, later, sheared.failures + runs.failures)
 
 
 def _describe_member(member: Member) -> str:
@@ -293,16 +287,6 @@ def _describe_member(member: Member) -> str:
 
 
 def _release(scenario: ShearScenario, seed: int, state: State, strain: float, report) -> Released:
-    how = scenario.release
-    return release(
-        state,
-        make_law(scenario.law),
-        seed=seed,
-        e_folds=how.e_folds,
-        least=how.least,
-        duration=how.duration,
-        dt=how.dt,
-        velocity=how.seed_velocity,
-        snapshots=how.snapshots,
-        report=report,
-    )._replace(strain=strain)
+    how = scenario.release.model_dump()
+    made = release(state, make_law(scenario.law), seed=seed, velocity=how.pop("seed_velocity"), report=report, **how)
+    return made._replace(strain=strain)

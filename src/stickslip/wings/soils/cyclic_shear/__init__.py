@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function
 from .scenario import CyclicShearScenario
 
 _here = partial(lazy_function, __name__)
@@ -22,7 +21,7 @@ EXPERIMENT = Experiment(
     words="cyclic shear of soils: modulus reduction, damping ratio, hysteresis loops",
     simulate=_here("simulate.simulate_cyclic_shear"),
     numbers=_here("report.numbers"),
-    measures=_here("measures.measures"),
+    measures=_here("measures.MEASURES"),
     show=_here("report.show"),
     figures=_here("report.figures"),
     references=references,

@@ -24,9 +24,9 @@ from ....kit import (
     styled,
     subplots,
 )
+from .measures import CYCLE
 
 _Table = Annotated[Any, Result("table of the last cycles", keys=("amplitude", "G_ratio", "damping"))]
-AMPLITUDE = r"amplitude of the shear strain $\gamma_0$"
 PARTS = {
     "sliding": BLUE, "rolling": GREEN, "dashpots": ORANGE, "drag": RED, "nonpotential": PURPLE, "stored": SKY,
     "normal": "0.6", "residual": BLACK,
@@ -82,8 +82,8 @@ def modulus_and_damping(tables: list[_Table], sands: dict | None = None):
             label = "grains" if k == 0 else None
             axes.plot(table["amplitude"], table[name], "o-", color=color, label=label)
         axes.set_xscale("log")
-    label_axes(panels[0], y=r"$G/G_\mathrm{max}$")
-    label_axes(panels[1], x=AMPLITUDE, y=r"damping ratio $D$")
+        label_axes(axes, y=CYCLE[name].axis)
+    label_axes(panels[1], x=CYCLE["amplitude"].axis)
     panels[1].yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
     panels[0].set_ylim(0, None)
     panels[0].legend(loc="lower left")
@@ -95,13 +95,13 @@ def complex_modulus(tables: list[_Table], scales: list[float]):
     """G′ and G″ over Gmax against the amplitude; `scales` are Gmax of the samples."""
     figure, axes = column_axes()
     for k, (table, scale) in enumerate(zip(tables, scales, strict=True)):
-        for name, color, marker, label in (("storage", BLUE, "o", "$G'$"), ("loss", RED, "s", "$G''$")):
-            values = np.where(table[name] > 0, table[name], np.nan) / scale
+        for name, color, marker in (("storage", BLUE, "o"), ("loss", RED, "s")):
+            values, label = np.where(table[name] > 0, table[name], np.nan) / scale, CYCLE[name].label
             axes.plot(table["amplitude"], values, f"{marker}-", color=color, label=label if k == 0 else None)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(1e-4, 2)
-    label_axes(axes, x=AMPLITUDE, y=r"modulus$/G_\mathrm{max}$")
+    label_axes(axes, x=CYCLE["amplitude"].axis, y=r"modulus$/G_\mathrm{max}$")
     axes.legend()
     return figure
 
@@ -122,7 +122,7 @@ def work(table: _Table, parts: tuple[str, ...]):
         )
         above, below = above + np.maximum(share, 0), below + np.minimum(share, 0)
     axes.axhline(0, color=BLACK, lw=0.5)
-    label_axes(axes, x=AMPLITUDE, y="share of the area of the loop")
+    label_axes(axes, x=CYCLE["amplitude"].axis, y="share of the area of the loop")
     axes.set_xticks(place, [f"{amplitude:g}" for amplitude in table["amplitude"][clear]])
     axes.set_xlim(-0.6, max(len(place), 1) - 0.4)
     axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))

@@ -1,4 +1,4 @@
-"""Numbers of cyclic shear: secant modulus, damping ratio, G′ and G″, split of the work, and return of the grains.
+"""Quantities of cyclic shear: secant modulus, damping ratio, G′ and G″, split of the work, and return of the grains.
 
 With the amplitudes γ_a and τ_a = G γ_a between the turns of a loop, the damping ratio is D = ΔW/(4π W) with the area ΔW
 of the loop and W = ½ τ_a γ_a. ΔW is the work of the shear stress, which the ledger also adds up within steps in which
@@ -6,10 +6,13 @@ grains rearrange. G′ and G″ are the first Fourier coefficients of τ over γ
 to the trapezia between equilibria.
 """
 
+from functools import cached_property
+from typing import NamedTuple
+
 import numpy as np
 
+from ....kit import Measures, Quantities, Quantity, estimate
 from ....results import Ledger
-from ..element_test.measures import Estimate, estimate
 from .sands import band
 from .scenario import CyclicShearScenario
 from .simulate import CyclicRun, CyclicShearResult, Response
@@ -17,78 +20,155 @@ from .simulate import CyclicRun, CyclicShearResult, Response
 ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
 RETURNED = 1e-2  # rms displacement over γ₀ D, below which a sample has returned
 CLEAR = 1e-5  # damping ratio from which the work is split: the area of a loop below is lost in round-off
-KINDS = ("elastic", "reversible", "periodic", "irreversible", "undecided")
 OFF = 0.02  # relative difference of G at the smallest amplitude from the tangent modulus, above which it is said
 NAN = float("nan")
 
+
+class Loop:
+    """Cycle k of a response; its quantities are those of `CYCLE`."""
+
+    def __init__(self, response: Response, k: int, run: CyclicRun | None = None):
+        self.response, self.k, self.run = response, k % len(response.gamma), run
+
+    @cached_property
+    def turns(self) -> tuple[float, float]:
+        """G and γ_a between the turns [force/length^(dim−1), 1]."""
+        quarter = (self.response.gamma.shape[1] - 1) // 4
+        turns = [quarter, 3 * quarter]
+        tau, gamma = (-np.diff(v[self.k][turns])[0] / 2 for v in (self.response.tau, self.response.gamma))
+        return float(tau / gamma), float(gamma)
+
+    @cached_property
+    def harmonics(self) -> tuple[float, float]:
+        """G′ and G″ [force/length^(dim−1)]."""
+        tau = self.response.tau[self.k]
+        theta = np.linspace(0, 2 * np.pi, len(tau))
+        return tuple(
+            float(np.trapezoid(tau * wave(theta), theta)) / (np.pi * self.response.amplitude)
+            for wave in (np.sin, np.cos)
+        )
+
+    @cached_property
+    def book(self) -> Ledger:
+        """Energies of the cycle, whose columns are (T + 1,) [energy/length^dim]."""
+        return Ledger(*self.response.energies[self.k].T)
+
+    @cached_property
+    def normal_work(self) -> float:
+        """Work of σ_yy [energy/length^dim]."""
+        height = self.response.height[self.k]
+        return float(np.trapezoid(self.response.normal[self.k] * np.exp(-height), height))
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the loop: work of the shear stress [energy/length^dim]."""
+        return float(self.book.external[-1] - self.book.external[0]) - self.normal_work
+
+    @cached_property
+    def damping(self) -> float:
+        """Damping ratio D."""
+        g, amplitude = self.turns
+        return self.area / (2 * np.pi * g * amplitude**2)
+
+    @cached_property
+    def shares(self) -> dict[str, float]:
+        """Shares of the area: what is dissipated and stored, less the work of σ_yy, and the residual.
+
+        `drawn` is the excess of the polygon through the equilibria.
+        """
+        spent = {name: float(column[-1] - column[0]) for name, column in self.book._asdict().items()}
+        shares = {
+            "sliding": spent["coulomb"], "rolling": spent["rolling"], "dashpots": spent["viscous"],
+            "drag": spent["drag"], "nonpotential": -spent["nonpotential"],
+            "stored": spent["normal"] + spent["tangential"], "normal": -self.normal_work,
+        }  # fmt: skip
+        shares["residual"] = self.area - sum(shares.values())
+        shares["drawn"] = float(np.trapezoid(self.response.tau[self.k], self.response.gamma[self.k])) - self.area
+        return {name: value / self.area for name, value in shares.items()}
+
+    @property
+    def in_rearrangements(self) -> float:
+        """Share of the dissipation in steps in which grains rearrange; NaN if nothing is dissipated."""
+        book, moved = self.book, self.response.rearranged[self.k][1:]
+        dissipated = np.diff(book.coulomb + book.rolling + book.viscous + book.drag)
+        total = dissipated.sum()
+        return float(dissipated[moved].sum() / total) if total else NAN
+
+    @property
+    def clear(self) -> bool:
+        """Whether the work can be split."""
+        return abs(self.damping) >= CLEAR
+
+
 STRESS, WORK = "force/length^(dim-1)", "energy/length^dim"
-PARTS = ("sliding", "rolling", "dashpots", "drag", "nonpotential", "stored", "normal", "residual")
-CYCLE_UNITS = {
-    "amplitude": "1", "cycle": "1", "G": STRESS, "G_ratio": "1", "damping": "1", "storage": STRESS, "loss": STRESS,
-    "area": WORK, **dict.fromkeys(PARTS, "1"), "drawn": "1", "in_rearrangements": "1", "busiest": "1", "strong": "1",
-    "rearranged": "1", "pressure": STRESS, "volumetric_strain": "1", "returned": "1",
-}  # fmt: skip
-UNITS = {
-    "G0": STRESS, "G_smallest": STRESS, "gamma_half": "1", "gamma_elastic": "1", "gamma_returns": "1",
-    "residual": "1", "in_band": "1",
-}  # fmt: skip
-MEANING = {
-    "G0": "tangent modulus of the sample, from its elastic moduli", "G_smallest": "G at the smallest amplitude",
-    "gamma_half": "amplitude at which G is half of Gmax",
-    "gamma_elastic": "largest amplitude up to which cycles are elastic",
-    "gamma_returns": "largest amplitude up to which grains return",
-    "residual": "largest residual of a loop, over its area",
-    "in_band": "share of amplitudes with G/Gmax and damping of sands",
-    "G_ratio": "G/Gmax at an amplitude", "damping": "damping ratio at an amplitude",
+PARTS = {
+    "sliding": "sliding contacts", "rolling": "rolling friction", "dashpots": "dashpots", "drag": "drag",
+    "nonpotential": "changes of the tangential springs", "stored": "energy stored in contacts",
+    "normal": "work of σ_yy, negative", "residual": "rest that the ledger does not explain",
 }  # fmt: skip
 
 
-def units_of(scenario: CyclicShearScenario) -> dict[str, str]:
-    """Units of the numbers of a sample, with those at each amplitude, such as `damping@0.001`."""
-    at = [f"@{amplitude:g}" for amplitude in scenario.cycles.amplitudes]
-    return UNITS | {f"{name}{place}": "1" for name in ("G_ratio", "damping") for place in at}
+def _share(name: str, meaning: str) -> Quantity:
+    return Quantity(name, "1", meaning, lambda loop: loop.shares[name] if loop.clear else NAN)
+
+
+CYCLE = Quantities([
+    Quantity("sample", "1", "seed of the sample", "run.seed"),
+    Quantity("kind", "1", "kind of cycles that the amplitude ends in", lambda loop: kind_of(loop.response)),
+    Quantity("amplitude", "1", "amplitude γ₀", "response.amplitude", r"amplitude of the shear strain $\gamma_0$"),
+    Quantity("cycle", "1", "number of the cycle", lambda loop: loop.k + 1),
+    Quantity("G", STRESS, "secant modulus between the turns", lambda loop: loop.turns[0]),
+    Quantity("G_ratio", "1", "G/Gmax", lambda loop: loop.turns[0] / largest_modulus(loop.run), r"$G/G_\mathrm{max}$"),
+    Quantity("damping", "1", "damping ratio", label="damping ratio $D$"),
+    Quantity("storage", STRESS, "G′, storage modulus", lambda loop: loop.harmonics[0], "$G'$"),
+    Quantity("loss", STRESS, "G″, loss modulus", lambda loop: loop.harmonics[1], "$G''$"),
+    Quantity("area", WORK, "area of the loop, the work of the shear stress"),
+    *(_share(name, f"share of the area: {words}") for name, words in PARTS.items()),
+    _share("drawn", "excess of the polygon through the equilibria, over the area"),
+    Quantity("in_rearrangements", "1", "share of the dissipation in steps in which grains rearrange",
+             lambda loop: loop.in_rearrangements if loop.clear else NAN),
+    Quantity("busiest", "1", "share of sliding in the tenth of the contacts that dissipates most",
+             lambda loop: loop.response.busiest[loop.k] if loop.clear else NAN),
+    Quantity("strong", "1", "share of sliding in contacts with more than the mean force",
+             lambda loop: loop.response.strong[loop.k] if loop.clear else NAN),
+    Quantity("rearranged", "1", "share of the steps in which grains rearrange",
+             lambda loop: float(loop.response.rearranged[loop.k][1:].mean())),
+    Quantity("pressure", STRESS, "pressure at the end", lambda loop: float(loop.response.pressure[loop.k][-1])),
+    Quantity("volumetric_strain", "1", "volumetric strain at the end, compression positive",
+             lambda loop: float(loop.response.height[loop.k][-1])),
+    Quantity("returned", "1", "rms displacement of grains in the cycle, over γ₀ D",
+             lambda loop: float(loop.response.distance[loop.k + 1][loop.k])),
+])  # fmt: skip
+
+LOOP = Quantities([
+    *(CYCLE[name] for name in ("sample", "amplitude", "cycle")),
+    Quantity("gamma", "1", "shear strain", lambda loop: loop.response.gamma[loop.k], r"$\gamma/\gamma_0$"),
+    Quantity("tau", STRESS, "shear stress, −σ_xy", lambda loop: loop.response.tau[loop.k]),
+    Quantity("normal", STRESS, "σ_yy", lambda loop: loop.response.normal[loop.k]),
+    Quantity("pressure", STRESS, "pressure", lambda loop: loop.response.pressure[loop.k]),
+    Quantity("height", "1", "ε_yy, compression positive", lambda loop: loop.response.height[loop.k]),
+    Quantity("rearranged", "1", "1 where grains rearranged", lambda loop: loop.response.rearranged[loop.k]),
+])  # fmt: skip
+
+
+def loops_of(result: CyclicShearResult) -> list[Loop]:
+    """All cycles of all samples."""
+    return [
+        Loop(response, k, run)
+        for run in result.runs
+        for response in run.responses
+        for k in range(len(response.gamma))
+    ]  # fmt: skip
+
+
+def last_cycles(run: CyclicRun) -> dict[str, np.ndarray]:
+    """Quantities of the last cycle at each amplitude: columns by name."""
+    return CYCLE.columns(Loop(response, -1, run) for response in run.responses)
 
 
 def largest_modulus(run: CyclicRun) -> float:
     """Gmax of a sample: its tangent modulus or, if that is not known, G at the smallest amplitude."""
-    return run.modulus if np.isfinite(run.modulus) else secant(run.responses[0], -1)[0]
-
-
-def secant(response: Response, k: int) -> tuple[float, float]:
-    """G and γ_a of cycle k, between its turns [force/length^(dim−1), 1]."""
-    quarter = (response.gamma.shape[1] - 1) // 4
-    turns = [quarter, 3 * quarter]
-    tau, gamma = (-np.diff(values[k][turns])[0] / 2 for values in (response.tau, response.gamma))
-    return float(tau / gamma), float(gamma)
-
-
-def harmonics(response: Response, k: int) -> tuple[float, float]:
-    """G′ and G″ of cycle k [force/length^(dim−1)]."""
-    tau = response.tau[k]
-    theta = np.linspace(0, 2 * np.pi, len(tau))
-    return tuple(
-        float(np.trapezoid(tau * wave(theta), theta)) / (np.pi * response.amplitude) for wave in (np.sin, np.cos)
-    )
-
-
-def split(response: Response, k: int) -> dict[str, float]:
-    """Shares of the area of loop k: what is dissipated and stored, less the work of σ_yy, and the residual.
-
-    `drawn` is the excess of the polygon through the equilibria.
-    """
-    area, book, moved = area_of(response, k), Ledger(*response.energies[k].T), response.rearranged[k][1:]
-    spent = {name: float(column[-1] - column[0]) for name, column in book._asdict().items()}
-    dissipated = np.diff(book.coulomb + book.rolling + book.viscous + book.drag)
-    shares = {
-        "sliding": spent["coulomb"], "rolling": spent["rolling"], "dashpots": spent["viscous"], "drag": spent["drag"],
-        "nonpotential": -spent["nonpotential"], "stored": spent["normal"] + spent["tangential"],
-        "normal": -_normal_work(response, k),
-    }  # fmt: skip
-    shares["residual"] = area - sum(shares.values())
-    shares["drawn"] = float(np.trapezoid(response.tau[k], response.gamma[k])) - area
-    shares = {name: value / area for name, value in shares.items()}
-    total = dissipated.sum()
-    return shares | {"in_rearrangements": float(dissipated[moved].sum() / total) if total else NAN}
+    return run.modulus if np.isfinite(run.modulus) else Loop(run.responses[0], -1).turns[0]
 
 
 def period(response: Response) -> int:
@@ -109,108 +189,71 @@ def kind_of(response: Response) -> str:
         return "undecided"
     n = period(response)
     if n == 1:
-        return "elastic" if abs(damping(response, -1)) < ELASTIC else "reversible"
+        return "elastic" if abs(Loop(response, -1).damping) < ELASTIC else "reversible"
     return "periodic" if n else "irreversible"
 
 
-def area_of(response: Response, k: int) -> float:
-    """Area of loop k: work of the shear stress [energy/length^dim]."""
-    external = Ledger(*response.energies[k].T).external
-    return float(external[-1] - external[0]) - _normal_work(response, k)
+class Sample(NamedTuple):
+    """Cycles of a sample, and their scenario."""
+
+    run: CyclicRun
+    scenario: CyclicShearScenario
+    table: dict[str, np.ndarray]  # last cycles
+
+    def at_amplitudes(self, name: str) -> dict[float, float]:
+        """Values of the last cycles by amplitude; NaN at amplitudes that were not reached."""
+        known = dict(zip(self.table["amplitude"], self.table[name], strict=True))
+        return {amplitude: known.get(amplitude, NAN) for amplitude in self.scenario.cycles.amplitudes}
+
+    def up_to(self, *kinds: str) -> float:
+        """Largest amplitude up to which cycles are of some kinds; NaN if the first is not."""
+        count = next((k for k, kind in enumerate(self.table["kind"]) if kind not in kinds), len(self.table["kind"]))
+        return self.run.responses[count - 1].amplitude if count else NAN
+
+    @property
+    def gamma_half(self) -> float:
+        """Amplitude at which G/Gmax first falls to 1/2, between two amplitudes on a logarithmic axis."""
+        gamma, ratio = np.log(self.table["amplitude"]), self.table["G_ratio"]
+        below = np.flatnonzero(ratio <= 0.5)
+        if not len(below) or below[0] == 0:
+            return NAN
+        k = below[0]
+        return float(np.exp(np.interp(-0.5, -ratio[k - 1 : k + 1], gamma[k - 1 : k + 1])))
+
+    @property
+    def residual(self) -> float:
+        """Largest residual of a loop; NaN if no work can be split."""
+        residual = np.abs(self.table["residual"])
+        return float(np.nanmax(residual)) if np.isfinite(residual).any() else NAN
 
 
-def _normal_work(response: Response, k: int) -> float:
-    """Work of σ_yy in cycle k [energy/length^dim]."""
-    height = response.height[k]
-    return float(np.trapezoid(response.normal[k] * np.exp(-height), height))
+MEASURES = Measures(
+    [
+        Quantity("G0", STRESS, "tangent modulus of the sample, from its elastic moduli", "run.modulus"),
+        Quantity("G_smallest", STRESS, "G at the smallest amplitude", lambda sample: sample.table["G"][0]),
+        Quantity("gamma_half", "1", "amplitude at which G is half of Gmax"),
+        Quantity("gamma_elastic", "1", "largest amplitude up to which cycles are elastic",
+                 lambda sample: sample.up_to("elastic")),
+        Quantity("gamma_returns", "1", "largest amplitude up to which grains return",
+                 lambda sample: sample.up_to("elastic", "reversible", "periodic")),
+        Quantity("residual", "1", "largest residual of a loop, over its area"),
+        Quantity("in_band", "1", "share of amplitudes with G/Gmax and damping of sands",
+                 lambda sample: float(in_band(sample.scenario, sample.table).mean())),
+        Quantity("G_ratio", "1", "G/Gmax at an amplitude", lambda sample: sample.at_amplitudes("G_ratio")),
+        Quantity("damping", "1", "damping ratio at an amplitude", lambda sample: sample.at_amplitudes("damping")),
+    ],
+    samples=lambda result: [Sample(run, result.scenario, last_cycles(run)) for run in result.runs],
+    over=estimate,
+)  # fmt: skip
 
 
-def damping(response: Response, k: int) -> float:
-    """Damping ratio D of cycle k."""
-    g, amplitude = secant(response, k)
-    return area_of(response, k) / (2 * np.pi * g * amplitude**2)
-
-
-def cycle_numbers(run: CyclicRun, response: Response, k: int) -> dict[str, float]:
-    """Numbers of cycle k by name."""
-    (g, _), (storage, loss) = secant(response, k), harmonics(response, k)
-    d, number = damping(response, k), k % len(response.gamma) + 1
-    clear = abs(d) >= CLEAR
-    shares = split(response, k) if clear else {}
-    return dict.fromkeys(CYCLE_UNITS, NAN) | shares | {
-        "amplitude": response.amplitude, "cycle": number, "G": g, "G_ratio": g / largest_modulus(run), "damping": d,
-        "storage": storage, "loss": loss, "area": area_of(response, k),
-        "busiest": response.busiest[k] if clear else NAN, "strong": response.strong[k] if clear else NAN,
-        "rearranged": float(response.rearranged[k][1:].mean()),
-        "pressure": float(response.pressure[k][-1]), "volumetric_strain": float(response.height[k][-1]),
-        "returned": float(response.distance[number][number - 1]),
-    }  # fmt: skip
-
-
-def last_cycles(run: CyclicRun) -> dict[str, np.ndarray]:
-    """Numbers of the last cycle at each amplitude: columns by name."""
-    rows = [cycle_numbers(run, response, -1) for response in run.responses]
-    return {name: np.array([row[name] for row in rows]) for name in CYCLE_UNITS}
-
-
-def numbers_of(run: CyclicRun, result: CyclicShearResult) -> dict[str, float]:
-    """Numbers of one sample by name; NaN where its cycles do not give them."""
-    table, kinds = last_cycles(run), [kind_of(response) for response in run.responses]
-    residual = np.abs(table["residual"])
-    each = {
-        f"{name}@{amplitude:g}": value
-        for name in ("G_ratio", "damping")
-        for amplitude, value in zip(table["amplitude"], table[name], strict=True)
-    }
-    return dict.fromkeys(units_of(result.scenario), NAN) | each | {
-        "G0": run.modulus, "G_smallest": table["G"][0], "gamma_half": _crossing(table, 0.5),
-        "gamma_elastic": _up_to(run, kinds, ("elastic",)),
-        "gamma_returns": _up_to(run, kinds, ("elastic", "reversible", "periodic")),
-        "residual": float(np.nanmax(residual)) if np.isfinite(residual).any() else NAN,
-        "in_band": float(in_band(result, table).mean()),
-    }  # fmt: skip
-
-
-def _crossing(table: dict[str, np.ndarray], level: float) -> float:
-    """Amplitude at which G/Gmax first falls to a level, between two amplitudes on a logarithmic axis."""
-    gamma, ratio = np.log(table["amplitude"]), table["G_ratio"]
-    below = np.flatnonzero(ratio <= level)
-    if not len(below) or below[0] == 0:
-        return NAN
-    k = below[0]
-    return float(np.exp(np.interp(-level, -ratio[k - 1 : k + 1], gamma[k - 1 : k + 1])))
-
-
-def _up_to(run: CyclicRun, kinds: list[str], allowed: tuple[str, ...]) -> float:
-    """Largest amplitude up to which cycles are of some kinds; NaN if the first is not."""
-    count = next((k for k, kind in enumerate(kinds) if kind not in allowed), len(kinds))
-    return run.responses[count - 1].amplitude if count else NAN
-
-
-def in_band(result: CyclicShearResult, table: dict[str, np.ndarray]) -> np.ndarray:
+def in_band(scenario: CyclicShearScenario, table: dict[str, np.ndarray]) -> np.ndarray:
     """(2, A) for G/Gmax and damping, 1 where a sample of spheres lies in the band of sands; NaN for disks."""
-    sample, gamma = result.scenario.sample, table["amplitude"]
-    if sample.dim == 2 or result.scenario.units != "SI":
+    gamma = table["amplitude"]
+    if scenario.sample.dim == 2 or scenario.units != "SI":
         return np.full((2, len(gamma)), NAN)
-    limits = band(sample.pressure, gamma)
+    limits = band(scenario.sample.pressure, gamma)
     return np.array([(low <= table[name]) & (table[name] <= high) for name, (low, high) in limits.items()], float)
-
-
-def estimates(result: CyclicShearResult) -> dict[str, Estimate]:
-    """Estimates of all numbers that the cycles of every sample give."""
-    rows = [numbers_of(run, result) for run in result.runs]
-    numbers = {name: estimate(np.array([row[name] for row in rows])) for name in units_of(result.scenario)}
-    return {name: number for name, number in numbers.items() if np.isfinite(number.mean)}
-
-
-def measures(result: CyclicShearResult) -> dict[str, tuple[float, str]]:
-    """Return {name: (value, unit)} for sweeps: means over samples, and halves of their 95 % intervals."""
-    numbers, nothing = estimates(result), Estimate(NAN, NAN, NAN)
-    out = {}
-    for name, unit in units_of(result.scenario).items():
-        number = numbers.get(name, nothing)
-        out |= {name: (number.mean, unit), f"{name}_error": (number.half_width, unit)}
-    return out
 
 
 def sentences(result: CyclicShearResult) -> list[str]:
@@ -228,20 +271,20 @@ def _kinds(result: CyclicShearResult) -> list[str]:
 
 def _missing(result: CyclicShearResult) -> list[str]:
     out = [f"Sample {run.seed}: {run.ended}." for run in result.runs if run.ended]
-    if any(not np.isfinite(run.modulus) for run in result.runs):
+    known = [run for run in result.runs if np.isfinite(run.modulus)]
+    if len(known) < len(result.runs):
         out.append("Samples without elastic moduli take G at the smallest amplitude as Gmax.")
-    off = [abs(secant(run.responses[0], -1)[0] / run.modulus - 1) for run in result.runs if np.isfinite(run.modulus)]
-    if max(off, default=0.0) > OFF:
+    off = max((abs(Loop(run.responses[0], -1).turns[0] / run.modulus - 1) for run in known), default=0.0)
+    if off > OFF:
         out.append(
-            f"G at the smallest amplitude differs by {max(off):.1%} from the tangent modulus: contacts slide or open "
+            f"G at the smallest amplitude differs by {off:.1%} from the tangent modulus: contacts slide or open "
             f"there, as in samples that hardly bear their pressure; use smaller amplitudes, or less sample.friction."
         )
     return out
 
 
 def _band(result: CyclicShearResult) -> list[str]:
-    tables = [last_cycles(run) for run in result.runs]
-    inside = np.concatenate([in_band(result, table) for table in tables], axis=1)
+    inside = np.concatenate([in_band(result.scenario, last_cycles(run)) for run in result.runs], axis=1)
     if not np.isfinite(inside).all():
         return ["Curves of sands are for spheres in SI units."]
     ratio, d = (f"{int(row.sum())} of {len(row)}" for row in inside)

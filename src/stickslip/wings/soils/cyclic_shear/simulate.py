@@ -7,25 +7,27 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import Law, NotInEquilibriumError, State
-from ....core.dynamics.ledger import Account
-from ....core.measure import least_supports, volume
 from ....kit import (
     Checkpoint,
+    PathLedger,
     Report,
     Task,
     Workers,
     checked,
     checkpoint_in,
+    compression_scales,
+    least_supports,
     load_or_compute,
     make_law,
     readable,
     result_of,
     run_realizations,
+    servo_mass,
     silent,
+    strain_step,
+    volume,
     within,
 )
-from ....loading.compression import compression_scales
-from ....loading.settling import servo_mass, strain_step
 from ....measure import contact_forces, dissipation, pressure, rattlers, stress
 from ....modes import elastic_moduli
 from ....results import Factorisation, PackingInfo
@@ -187,7 +189,7 @@ def shear_sample(
 def shear_once(rig: Rig, state: State, amplitude: float, report: Report = silent) -> Cycle:
     """Shear a sample through one cycle, from the strain of the prepared sample."""
     p, area = rig.scenario.sample.pressure, float(2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
-    tolerance, keep, account = BALANCED * p * area, Factorisation(), Account(state, rig.law)
+    tolerance, keep, account = BALANCED * p * area, Factorisation(), PathLedger(state, rig.law)
     scales = compression_scales(rig.sample, rig.law, p, tolerance)
     state = controlled(state, rig.drive, np.full(3, p), servo_mass(rig.sample, p, scales))
     rows, work = [_measure(rig, state, account, False)], SlidingWork()
@@ -203,7 +205,7 @@ def shear_once(rig: Rig, state: State, amplitude: float, report: Report = silent
     return Cycle(**columns, busiest=work.busiest, strong=work.strong, end=state)
 
 
-def _measure(rig: Rig, state: State, account: Account, rearranged: bool) -> dict:
+def _measure(rig: Rig, state: State, account: PathLedger, rearranged: bool) -> dict:
     """Return one row of a cycle."""
     sigma, strain = stress(state, rig.law), strain_of(state.cell.vectors, rig.sample.cell.vectors)
     return {

@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function
 from .scenario import ElementTestScenario
 
 _here = partial(lazy_function, __name__)
@@ -29,7 +28,7 @@ EXPERIMENT = Experiment(
     words="element tests of soils: triaxial, oedometric, undrained, simple shear",
     simulate=_here("simulate.simulate_element_test"),
     numbers=_here("report.numbers"),
-    measures=_here("measures.measures"),
+    measures=_here("measures.MEASURES"),
     show=_here("report.show"),
     figures=_here("report.figures"),
     references=references,

@@ -8,16 +8,19 @@ from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
 from ....kit import BLACK, BLUE, COLORS, RED, Result, column_axes, label_axes, legend_above, styled
+from .measures import SERIES, STRESS
 
-STRAINS = {
-    "axial_strain": r"axial strain $\varepsilon_a$", "gamma": r"shear strain $\gamma$",
-    "volumetric_strain": r"volumetric strain $\varepsilon_v$",
-}  # fmt: skip
 HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
 FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
+
+
+def _axis(name: str, unit: str) -> str | tuple[str, str]:
+    """Words of an axis; stresses have the unit of figures."""
+    quantity = SERIES[name]
+    return (quantity.label, unit) if quantity.unit == STRESS else quantity.axis
 
 
 def _lines(axes, tables, x: str, y: str) -> None:
@@ -41,19 +44,15 @@ def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table |
     halved : series of the first sample in steps, or at a rate, half as large
     """
     figure, panels = column_axes(2, 3.8, sharex=True)
-    quantities = {"q": ("$q$", unit), "volumetric_strain": STRAINS["volumetric_strain"]}
-    if "pore_pressure" in tables[0]:
-        quantities = {"q": ("$q$", unit), "pore_pressure": ("excess pore\npressure $\\Delta u$", unit)}
-    if strain == "volumetric_strain":
-        quantities = {"p": ("$p$", unit), "void_ratio": "void ratio $e$"}
-    for axes, (name, words) in zip(panels, quantities.items(), strict=True):
+    names = "q", "pore_pressure" if "pore_pressure" in tables[0] else "volumetric_strain"
+    for axes, name in zip(panels, ("p", "void_ratio") if strain == "volumetric_strain" else names, strict=True):
         _lines(axes, tables, strain, name)
         if halved is not None:
             axes.plot(halved[strain], halved[name], "--", color=RED, label="first sample, half the step or rate")
         if name != "void_ratio":
             axes.axhline(0, color=BLACK, lw=0.4)
-        label_axes(axes, y=words)
-    label_axes(panels[-1], x=STRAINS[strain])
+        label_axes(axes, y=_axis(name, unit))
+    label_axes(panels[-1], x=SERIES[strain].axis)
     legend_above(panels[0])
     return figure
 
@@ -64,7 +63,7 @@ def stress_path(tables: list[_Table], unit: str):
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
     largest = max(np.abs(table["p"]).max() for table in tables)
-    label_axes(axes, x=("$p$", unit), y=("$q$", unit), least={"x": HELD * largest})
+    label_axes(axes, x=_axis("p", unit), y=_axis("q", unit), least={"x": HELD * largest})
     legend_above(axes)
     return figure
 
@@ -77,7 +76,7 @@ def void_ratio(tables: list[_Table], unit: str):
     _lines(axes, tables, "p", "void_ratio")
     low, high = (bound([bound(table["p"]) for table in tables]) for bound in (np.min, np.max))
     axes.set_xscale("log" if high > 3 * low else "linear")
-    label_axes(axes, x=("$p$", unit), y="void ratio $e$")
+    label_axes(axes, x=_axis("p", unit), y=SERIES["void_ratio"].axis)
     legend_above(axes)
     return figure
 
@@ -86,14 +85,10 @@ def void_ratio(tables: list[_Table], unit: str):
 def contacts(tables: list[_Table], strain: str):
     """Contact number, anisotropy of the fabric, and share of sliding contacts against the imposed strain."""
     figure, panels = column_axes(3, 4.6, sharex=True)
-    words = {
-        "coordination": "contact number", "fabric_anisotropy": "fabric\nanisotropy",
-        "sliding_fraction": "share of\nsliding contacts",
-    }  # fmt: skip
-    for axes, (name, label) in zip(panels, words.items(), strict=True):
+    for axes, name in zip(panels, ("coordination", "fabric_anisotropy", "sliding_fraction"), strict=True):
         _lines(axes, tables, strain, name)
-        label_axes(axes, y=label)
-    label_axes(panels[-1], x=STRAINS[strain])
+        label_axes(axes, y=SERIES[name].axis)
+    label_axes(panels[-1], x=SERIES[strain].axis)
     legend_above(panels[0])
     return figure
 
@@ -148,7 +143,7 @@ def failure_directions(
     label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
     figure.colorbar(drawn, ax=[above, below], label=label, aspect=40, pad=0.02)
     label_axes(above, y=r"$\phi$ [°]")
-    label_axes(below, x=STRAINS[strain], y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
+    label_axes(below, x=SERIES[strain].axis, y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
     below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))
     legend_above(above, ncol=1, fontsize="x-small")
     return figure

@@ -1,57 +1,34 @@
-"""Numbers that soil engineers read off an element test, with their intervals over samples.
+"""Quantities that soil engineers read off an element test.
 
 p and q are those of the critical-state literature: p = tr σ/3 and q = √(3 J₂) for spheres, p = (σ₁ + σ₂)/2 and
 q = σ₁ − σ₂ for disks. q is negative in extension, and for negative γ. Angles are in degrees.
 """
 
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
-from ....core.scales import clear_round_off
-from .probes import describe_direction, directions_seen, first_seen
+from ....kit import Measures, Quantities, Quantity, clear_round_off, estimate
+from .probes import SIGNS, ProbedState, first_seen
 from .scenario import ElementTestScenario
-from .simulate import MODULI_UP_TO, ElementRun, ElementSeries, ElementTestResult
+from .simulate import ElementRun, ElementSeries
 
 STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
 PEAK = 0.1  # share of the leg around the peak from which the dilatancy there is fitted
 BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
 FEW = 5  # rows that a slope needs
 NAN = float("nan")
-
-PARTIAL = ("G0", "E0", "nu0", "strain_at_cone", "cone_direction")  # numbers that some samples may lack
 STRESS = "force/length^(dim-1)"
-UNITS = {
-    "e0": "1", "coordination": "1", "G0": STRESS, "E0": STRESS, "nu0": "1", "E50": STRESS, "phi_peak": "degrees",
-    "strain_at_peak": "1", "psi": "degrees", "phi_residual": "degrees", "e_critical": "1", "p_critical": STRESS,
-    "K0": "1", "compression_index": "1", "phi_rowe": "degrees", "rowe_correlation": "1", "largest_unbalanced": "1",
-    "rearranged_share": "1", "strain_at_cone": "1", "cone_direction": "degrees", "u_at_peak": STRESS, "skempton": "1",
-}  # fmt: skip
-MEANING = {
-    "e0": "void ratio of the sample", "coordination": "mean contact number of the sample",
-    "G0": "shear modulus at small strain", "E0": "Young's modulus at small strain",
-    "nu0": "Poisson's ratio at small strain", "E50": "secant modulus at half of the largest q",
-    "phi_peak": "largest angle of friction", "strain_at_peak": "strain at the peak",
-    "psi": "angle of dilatancy at the peak", "phi_residual": "angle of friction at the critical state",
-    "e_critical": "void ratio at the critical state", "p_critical": "mean stress at the critical state",
-    "K0": "lateral over axial stress", "compression_index": "−de/d log10 p", "phi_rowe": "angle of Rowe's relation",
-    "rowe_correlation": "correlation of σ₁/σ₃ and 1 − dε_v/dε₁", "largest_unbalanced": "unbalanced over contact forces",
-    "rearranged_share": "share of steps in which grains rearranged",
-    "strain_at_cone": "strain at which second-order work is first seen to be negative, first sample",
-    "cone_direction": "direction in which it is; 0 is axial compression, 90 lateral",
-    "u_at_peak": "excess pore pressure at the peak, at constant lateral pressure",
-    "skempton": "Skempton's A at the peak: excess pore pressure over q",
-}  # fmt: skip
 
 
-def face_stress(series: ElementSeries, kind: str) -> np.ndarray:
+def face_stress(stress: np.ndarray, kind: str) -> np.ndarray:
     """Stress (T, 3, 3) from which p, q and angles follow: what acts on the faces of the cell, as in a test machine.
 
     Shear stresses on the faces, which scatter about zero, are left out unless the path is simple shear.
     """
-    return series.stress if kind == "simple-shear" else series.stress * np.eye(3)
+    return stress if kind == "simple-shear" else stress * np.eye(3)
 
 
 def volumetric_strain(series: ElementSeries) -> np.ndarray:
@@ -144,235 +121,232 @@ def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
     moves = np.flatnonzero(way)
     turns = moves[1:][np.diff(way[moves]) != 0]
     edges = [0, *turns, len(series.load) - 1]
-    stress = face_stress(series, kind)
+    stress = face_stress(series.stress, kind)
     columns = (series.load, series.strain, *invariants(stress, dim), friction_angle(stress, dim), series.void_ratio)
     return [Leg(*(column[a : b + 1] for column in columns)) for a, b in pairwise(edges) if b > a] or [Leg(*columns)]
 
 
-def numbers_of(run: ElementRun, scenario: ElementTestScenario) -> dict[str, float]:
-    """Numbers of one sample by name; NaN where the path does not give them."""
-    series, dim, kind = run.series, scenario.sample.dim, scenario.path.kind
-    legs, out = legs_of(series, dim, kind), dict.fromkeys(UNITS, NAN)
-    out |= {
-        "e0": float(series.void_ratio[0]), "coordination": float(series.coordination[0]), "G0": run.elastic.shear,
-        "E0": run.elastic.young, "nu0": run.elastic.poisson, "largest_unbalanced": float(series.unbalanced.max()),
-        "rearranged_share": float(series.rearranged[1:].mean()) if len(series.load) > 1 else NAN,
-    }  # fmt: skip
-    if (cone := first_seen(run.probes)["negative work"]) is not None:
-        out |= {"strain_at_cone": abs(cone.load), "cone_direction": float(np.degrees(cone.weakest))}
-    if kind in ("isotropic", "oedometric"):
-        return out | _compression(legs[0], series, dim, kind)
-    if kind == "undrained":
-        top = int(legs[0].angle.argmax())
-        u, q = float(pore_pressure(series, dim)[top]), float(legs[0].q[top])
-        out |= {"u_at_peak": u, "skempton": u / q if q else NAN}
-    return out | _peak(legs[0], dim, kind) | _critical(legs[-1], dim) | _rowe(legs[0], kind)
+class LoadedSample:
+    """One sample and its scenario: the subject of `SERIES` and `SAMPLE`."""
+
+    def __init__(self, run: ElementRun, scenario: ElementTestScenario):
+        self.run, self.series, self.scenario = run, run.series, scenario
+        self.dim, self.kind = scenario.sample.dim, scenario.path.kind
+        self.stress = face_stress(self.series.stress, self.kind)
+        self.legs = legs_of(self.series, self.dim, self.kind)
+        self.first, self.last = self.legs[0], self.legs[-1]
+        self.top = int(self.first.angle.argmax())  # row of the peak
+        self.compressed = self.kind in ("isotropic", "oedometric")
+        self.sheared = not self.compressed
+
+    def signed(self, values: np.ndarray) -> np.ndarray:
+        """Values with the sign of the scenario, without negative zeros."""
+        return self.scenario.sign * values + 0.0
+
+    @property
+    def pore_pressure(self) -> np.ndarray | None:
+        """Excess pore pressure; None unless the test is undrained."""
+        return pore_pressure(self.series, self.dim) if self.kind == "undrained" else None
+
+    def at_peak(self, values: np.ndarray | None, over: float = 1.0) -> float:
+        """Value at the peak over a number; NaN without values."""
+        return NAN if values is None or not over else float(values[self.top] / over)
+
+    @property
+    def psi(self) -> float:
+        """Angle of dilatancy at the peak; NaN if it cannot be fitted."""
+        leg = self.first
+        length = leg.load[-1] - leg.load[0]
+        near = np.abs(leg.load - leg.load[self.top]) <= PEAK * abs(length)
+        rate = leg.slope(leg.strain, near) * np.sign(length)
+        return dilatancy_angle(rate, self.dim) if self.sheared and np.isfinite(rate).all() else NAN
+
+    @property
+    def secant(self) -> float:
+        """E50: slope of the axial stress difference between the start and half of its largest value."""
+        leg, axis = self.first, self.dim - 1
+        rise, axial = np.abs(leg.q - leg.q[0]), np.abs(leg.strain[:, axis] - leg.strain[0, axis])
+        half = 0.5 * rise.max()
+        after = int((rise >= half).argmax())
+        if self.kind != "triaxial" or not after:
+            return NAN
+        at = np.interp(half, rise[after - 1 : after + 1], axial[after - 1 : after + 1])
+        return float(half / at)
+
+    @cached_property
+    def steady(self) -> np.ndarray | None:
+        """Rows of the critical state, the last third of a leg; None unless volume, q/p and p are steady there."""
+        leg = self.last
+        length = leg.load[-1] - leg.load[0]
+        rows = (leg.load - leg.load[0]) / (length or 1.0) >= 2 / 3
+        rate = leg.slope(leg.strain, rows)
+        if not self.sheared or not np.isfinite(rate).all():
+            return None
+        drifts = [abs(rate[: self.dim].sum())]
+        for values in (leg.q / leg.p, leg.p):
+            drifts.append(abs(leg.slope(values, rows) * length / 3 / values[rows].mean()))
+        return rows if max(drifts) <= STEADY else None
+
+    def critical(self, values: np.ndarray) -> float:
+        """Mean of values of the last leg at the critical state; NaN if it was not reached."""
+        return NAN if self.steady is None else float(values[self.steady].mean())
+
+    @property
+    def compression_index(self) -> float:
+        """−de/d log10 p over the larger pressures of a compression."""
+        leg = self.first
+        if not self.compressed:
+            return NAN
+        late = leg.p > np.sqrt(leg.p[0] * leg.p[-1])
+        index = -np.polyfit(np.log10(leg.p[late]), leg.void_ratio[late], 1)[0] if late.sum() >= FEW else NAN
+        return float(index)
+
+    @property
+    def k0(self) -> float:
+        """Lateral over axial stress at the largest axial stress of an oedometric test."""
+        normal = np.diagonal(self.series.stress, axis1=1, axis2=2)[:, : self.dim]
+        top = normal[normal[:, -1].argmax()]
+        return float(top[:-1].mean() / top[-1]) if self.kind == "oedometric" else NAN
+
+    @cached_property
+    def rowe(self) -> tuple[float, float]:
+        """Angle and correlation of Rowe's relation in a triaxial compression.
+
+        σ₁/σ₃ = K (1 − dε_v/dε₁), K = (1 + sin φ)/(1 − sin φ).
+
+        Source
+        ------
+        Rowe, doi:10.1098/rspa.1962.0193.
+        """
+        leg = self.first
+        if self.kind != "triaxial" or leg.load[-1] < leg.load[0]:
+            return NAN, NAN
+        edges = np.linspace(leg.load[0], leg.load[-1], BINS + 1)
+        ratio, dilatancy = [], []
+        for a, b in pairwise(edges[1:]):  # without the first bin, which is elastic
+            rows = (leg.load >= a) & (leg.load <= b)
+            sine = np.sin(np.radians(leg.angle[rows].mean())) if rows.any() else NAN
+            ratio.append((1 + sine) / (1 - sine))
+            dilatancy.append(1 - leg.slope(leg.strain, rows)[:3].sum())
+        ratio, dilatancy = np.array(ratio), np.array(dilatancy)
+        if not np.isfinite(ratio + dilatancy).all():
+            return NAN, NAN
+        k = (ratio @ dilatancy) / (dilatancy @ dilatancy)
+        angle = float(np.degrees(np.arcsin((k - 1) / (k + 1))))
+        varies = min(np.ptp(ratio), np.ptp(dilatancy)) > 1e-9
+        return angle, float(np.corrcoef(ratio, dilatancy)[0, 1]) if varies else NAN
+
+    @property
+    def cone(self) -> ProbedState | None:
+        """First state in which second-order work is negative in some direction."""
+        return first_seen(self.run.probes)["negative work"]
 
 
-def _compression(leg: Leg, series: ElementSeries, dim: int, kind: str) -> dict[str, float]:
-    late = leg.p > np.sqrt(leg.p[0] * leg.p[-1])
-    index = -np.polyfit(np.log10(leg.p[late]), leg.void_ratio[late], 1)[0] if late.sum() >= FEW else NAN
-    normal = np.diagonal(series.stress, axis1=1, axis2=2)[:, :dim]
-    top = normal[normal[:, -1].argmax()]
-    out = {"compression_index": float(index)}
-    return out | ({"K0": float(top[:-1].mean() / top[-1])} if kind == "oedometric" else {})
+SERIES = Quantities([
+    Quantity("sample", "1", "seed of the sample", "run.seed"),
+    Quantity("axial_strain", "1", "axial strain", lambda t: t.signed(t.series.strain[:, t.dim - 1]),
+             r"axial strain $\varepsilon_a$"),
+    Quantity("volumetric_strain", "1", "volumetric strain", lambda t: t.signed(volumetric_strain(t.series)),
+             r"volumetric strain $\varepsilon_v$"),
+    Quantity("gamma", "1", "shear strain along x with gradient y", lambda t: t.series.strain[:, 3],
+             r"shear strain $\gamma$"),
+    Quantity("p", STRESS, "mean stress", lambda t: t.signed(invariants(t.stress, t.dim)[0]), "$p$"),
+    Quantity("q", STRESS, "deviatoric stress", lambda t: t.signed(invariants(t.stress, t.dim)[1]), "$q$"),
+    Quantity("pore_pressure", STRESS, "excess pore pressure of an undrained test",
+             label="excess pore\npressure $\\Delta u$"),
+    *(Quantity(f"sigma_{'xyz'[i]}{'xyz'[j]}", STRESS, "component of the stress",
+               lambda t, i=i, j=j: t.signed(t.series.stress[:, i, j])) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1))),
+    Quantity("void_ratio", "1", "volume of the voids over that of the grains", "series.void_ratio", "void ratio $e$"),
+    Quantity("coordination", "1", "mean contact number without rattlers", "series.coordination", "contact number"),
+    Quantity("fabric_anisotropy", "1", "largest minus smallest principal value of the fabric",
+             "series.fabric_anisotropy", "fabric\nanisotropy"),
+    Quantity("sliding_fraction", "1", "share of the contacts at the Coulomb limit", "series.sliding_fraction",
+             "share of\nsliding contacts"),
+    Quantity("phi", "degrees", "mobilised angle of friction", lambda t: friction_angle(t.stress, t.dim)),
+    Quantity("work", "energy/length^dim", "work done on the sample", lambda t: work(t.series)),
+    Quantity("unbalanced", "1", "mean unbalanced force over mean contact force", "series.unbalanced"),
+])  # fmt: skip
+
+SAMPLE = Quantities([
+    Quantity("e0", "1", "void ratio of the sample", lambda t: float(t.series.void_ratio[0])),
+    Quantity("coordination", "1", "mean contact number of the sample", lambda t: float(t.series.coordination[0])),
+    Quantity("G0", STRESS, "shear modulus at small strain", "run.elastic.shear", partial=True),
+    Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
+    Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
+    Quantity("E50", STRESS, "secant modulus at half of the largest q", "secant"),
+    Quantity("phi_peak", "degrees", "largest angle of friction",
+             lambda t: t.at_peak(t.first.angle) if t.sheared else NAN),
+    Quantity("strain_at_peak", "1", "strain at the peak",
+             lambda t: t.at_peak(np.abs(t.first.load - t.first.load[0])) if t.sheared else NAN),
+    Quantity("psi", "degrees", "angle of dilatancy at the peak"),
+    Quantity("phi_residual", "degrees", "angle of friction at the critical state",
+             lambda t: t.critical(t.last.angle)),
+    Quantity("e_critical", "1", "void ratio at the critical state", lambda t: t.critical(t.last.void_ratio)),
+    Quantity("p_critical", STRESS, "mean stress at the critical state", lambda t: t.critical(t.last.p)),
+    Quantity("K0", "1", "lateral over axial stress", "k0"),
+    Quantity("compression_index", "1", "−de/d log10 p"),
+    Quantity("phi_rowe", "degrees", "angle of Rowe's relation", lambda t: t.rowe[0]),
+    Quantity("rowe_correlation", "1", "correlation of σ₁/σ₃ and 1 − dε_v/dε₁", lambda t: t.rowe[1]),
+    Quantity("largest_unbalanced", "1", "unbalanced over contact forces", lambda t: float(t.series.unbalanced.max())),
+    Quantity("rearranged_share", "1", "share of steps in which grains rearranged",
+             lambda t: float(t.series.rearranged[1:].mean()) if len(t.series.load) > 1 else NAN),
+    Quantity("strain_at_cone", "1", "strain at which second-order work is first seen to be negative, first sample",
+             lambda t: abs(t.cone.load) if t.cone else NAN, partial=True),
+    Quantity("cone_direction", "degrees", "direction in which it is; 0 is axial compression, 90 lateral",
+             lambda t: float(np.degrees(t.cone.weakest)) if t.cone else NAN, partial=True),
+    Quantity("u_at_peak", STRESS, "excess pore pressure at the peak, at constant lateral pressure",
+             lambda t: t.at_peak(t.pore_pressure)),
+    Quantity("skempton", "1", "Skempton's A at the peak: excess pore pressure over q",
+             lambda t: t.at_peak(t.pore_pressure, t.first.q[t.top])),
+])  # fmt: skip
+
+MEASURES = Measures(
+    SAMPLE, samples=lambda result: [LoadedSample(run, result.scenario) for run in result.runs], over=estimate
+)
 
 
-def _peak(leg: Leg, dim: int, kind: str) -> dict[str, float]:
-    top = int(leg.angle.argmax())
-    near = np.abs(leg.load - leg.load[top]) <= PEAK * abs(leg.load[-1] - leg.load[0])
-    rate = leg.slope(leg.strain, near) * np.sign(leg.load[-1] - leg.load[0])
-    out = {"phi_peak": float(leg.angle[top]), "strain_at_peak": float(abs(leg.load[top] - leg.load[0]))}
-    if np.isfinite(rate).all():
-        out["psi"] = dilatancy_angle(rate, dim)
-    return out | ({"E50": _secant(leg, dim)} if kind == "triaxial" else {})
+class Probed(NamedTuple):
+    """Probed state, with its scenario."""
+
+    state: ProbedState
+    scenario: ElementTestScenario
+
+    @property
+    def strain(self) -> float:
+        """Imposed strain with the sign of tables."""
+        return self.scenario.strain_sign * self.state.load
+
+    @property
+    def phi(self) -> float:
+        """Mobilised angle of friction."""
+        stress = face_stress(self.state.stress[None], self.scenario.path.kind)
+        return float(friction_angle(stress, self.scenario.sample.dim)[0])
+
+    @property
+    def least_work(self) -> float:
+        """Least normalised second-order work; NaN without an answer."""
+        return float(np.nanmin(self.state.envelope.normalised_work)) if np.isfinite(self.state.weakest) else NAN
 
 
-def _secant(leg: Leg, dim: int) -> float:
-    """E50: slope of the axial stress difference between the start and half of its largest value."""
-    rise, axial = np.abs(leg.q - leg.q[0]), np.abs(leg.strain[:, dim - 1] - leg.strain[0, dim - 1])
-    half = 0.5 * rise.max()
-    after = int((rise >= half).argmax())
-    if not after:
-        return NAN
-    at = np.interp(half, rise[after - 1 : after + 1], axial[after - 1 : after + 1])
-    return float(half / at)
+def _growth(kind: str, words: str, k: int, held: str) -> Quantity:
+    return Quantity(f"{kind}_fixed_{held}", "1/time", f"growth rate of the fastest {words} while the {held} is held",
+                    lambda p: float(getattr(p.state, "pair" if kind == "pair" else "real")[k]))  # fmt: skip
 
 
-def _critical(leg: Leg, dim: int) -> dict[str, float]:
-    """Numbers of the critical state, if volume, q/p and p are steady over the last third of a leg."""
-    length = leg.load[-1] - leg.load[0]
-    rows = (leg.load - leg.load[0]) / (length or 1.0) >= 2 / 3
-    rate = leg.slope(leg.strain, rows)
-    if not np.isfinite(rate).all():
-        return {}
-    drifts = [abs(rate[:dim].sum())]
-    for values in (leg.q / leg.p, leg.p):
-        drifts.append(abs(leg.slope(values, rows) * length / 3 / values[rows].mean()))
-    if not max(drifts) <= STEADY:
-        return {}
-    means = {"phi_residual": leg.angle, "e_critical": leg.void_ratio, "p_critical": leg.p}
-    return {name: float(values[rows].mean()) for name, values in means.items()}
+def _sign(name: str) -> Quantity:
+    return Quantity(name, "1", f"1 if {SIGNS[name]}", lambda p: int(p.state.signs[name]))
 
 
-def _rowe(leg: Leg, kind: str) -> dict[str, float]:
-    """Rowe's relation σ₁/σ₃ = K (1 − dε_v/dε₁), K = (1 + sin φ)/(1 − sin φ), fitted to a triaxial compression.
-
-    Source
-    ------
-    Rowe, doi:10.1098/rspa.1962.0193.
-    """
-    if kind != "triaxial" or leg.load[-1] < leg.load[0]:
-        return {}
-    edges = np.linspace(leg.load[0], leg.load[-1], BINS + 1)
-    ratio, dilatancy = [], []
-    for a, b in pairwise(edges[1:]):  # without the first bin, which is elastic
-        rows = (leg.load >= a) & (leg.load <= b)
-        sine = np.sin(np.radians(leg.angle[rows].mean())) if rows.any() else NAN
-        ratio.append((1 + sine) / (1 - sine))
-        dilatancy.append(1 - leg.slope(leg.strain, rows)[:3].sum())
-    ratio, dilatancy = np.array(ratio), np.array(dilatancy)
-    if not np.isfinite(ratio + dilatancy).all():
-        return {}
-    k = (ratio @ dilatancy) / (dilatancy @ dilatancy)
-    angle = float(np.degrees(np.arcsin((k - 1) / (k + 1))))
-    varies = min(np.ptp(ratio), np.ptp(dilatancy)) > 1e-9
-    return {"phi_rowe": angle, "rowe_correlation": float(np.corrcoef(ratio, dilatancy)[0, 1]) if varies else NAN}
-
-
-class Estimate(NamedTuple):
-    """Mean over samples of a number, and half of its 95 % interval; NaN with fewer than two samples."""
-
-    mean: float
-    half_width: float
-    scatter: float  # standard deviation between samples
-
-    def __str__(self) -> str:
-        spread = f" ± {self.half_width:.2g}" if np.isfinite(self.half_width) else ""
-        return f"{self.mean:.4g}{spread}"
-
-
-def estimate(values: np.ndarray) -> Estimate:
-    """Mean of independent values and half of its 95 % interval by Student's t; NaN if any value is NaN.
-
-    Examples
-    --------
-    >>> str(estimate(np.array([1.0, 2.0, 3.0])))
-    '2 ± 2.5'
-    """
-    n = len(values)
-    if n < 2:
-        return Estimate(float(values.mean()), NAN, NAN)
-    scatter = float(values.std(ddof=1))
-    return Estimate(float(values.mean()), float(stdtrit(n - 1, 0.975)) * scatter / np.sqrt(n), scatter)
-
-
-def estimates(result: ElementTestResult) -> dict[str, Estimate]:
-    """Estimates of all numbers that the path gives: of moduli and cones, over the samples that have them."""
-    rows = [numbers_of(run, result.scenario) for run in result.runs]
-    columns = {name: np.array([row[name] for row in rows]) for name in UNITS}
-    for name in PARTIAL:
-        known = np.isfinite(columns[name])
-        columns[name] = columns[name][known] if known.any() else columns[name]
-    numbers = {name: estimate(values) for name, values in columns.items()}
-    return {name: number for name, number in numbers.items() if np.isfinite(number.mean)}
-
-
-def measures(result: ElementTestResult) -> dict[str, tuple[float, str]]:
-    """Return {name: (value, unit)} for sweeps: means over samples, and halves of their 95 % intervals."""
-    numbers, nothing = estimates(result), Estimate(NAN, NAN, NAN)
-    out = {}
-    for name, unit in UNITS.items():
-        number = numbers.get(name, nothing)
-        out |= {name: (number.mean, unit), f"{name}_error": (number.half_width, unit)}
-    return out
-
-
-def sentences(result: ElementTestResult) -> list[str]:
-    """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
-    return [*_first_failure(result), *_scatter(result), *_missing(result), *_quasi_static(result), *_finer(result)]
-
-
-def _first_failure(result: ElementTestResult) -> list[str]:
-    """Direction in which the first sample could fail first, and its peak."""
-    run, scenario = result.runs[0], result.scenario
-    if not run.probes:
-        return []
-    here, sign = directions_seen(run.probes), scenario.strain_sign
-    unanswered = [
-        f"No equilibrium could be probed at a strain of {sign * each.load:.3g}: {each.reason}."
-        for each in run.probes if each.envelope is None
-    ]  # fmt: skip
-    if here is None:
-        last = sign * run.probes[-1].load
-        return [
-            f"No direction was seen in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
-            *unanswered,
-        ]
-    numbers = numbers_of(run, scenario)
-    why = "second-order work is negative" if here.signs["negative work"] else "no equilibrium is nearby"
-    where = describe_direction(here.failing, scenario.path, scenario.sample.dim, scenario.sign)
-    peak = f"; the peak angle is at {top:.3g}" if np.isfinite(top := numbers["strain_at_peak"]) else ""
-    return [
-        f"Sample {run.seed} wanted to fail in the direction {where} first at a strain of {sign * here.load:.3g}, where "
-        f"{why}{peak}.",
-        *unanswered,
-    ]
-
-
-def _scatter(result: ElementTestResult) -> list[str]:
-    n, peak = result.scenario.sample.grains, estimates(result).get("phi_peak")
-    if len(result.runs) < 2:
-        return ["One sample gives no interval: use more realizations."]
-    if peak is None or not peak.scatter > 0:
-        return []
-    share = peak.scatter / peak.mean
-    size = f"{n * (share / 0.01) ** 2:.2g} grains" if share > 0.01 else f"{n} grains suffice"
-    return [
-        f"The peak angle of samples of {n} grains scatters by {share:.1%}. If the scatter falls as 1/√N, a scatter of "
-        f"1 % needs {size.replace(' suffice', ', which is what the samples have')}."
-    ]
-
-
-def _missing(result: ElementTestResult) -> list[str]:
-    out = [f"Sample {run.seed} ended early: {run.ended}." for run in result.runs if run.ended]
-    rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
-    if rigid < len(result.runs):
-        out.append(
-            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
-            f"nothing resists, or they have more than {MODULI_UP_TO} grains."
-        )
-    sheared = result.scenario.path.kind not in ("isotropic", "oedometric")
-    number = sum(bool(np.isfinite(numbers_of(run, result.scenario)["phi_residual"])) for run in result.runs)
-    if sheared and number < len(result.runs):
-        out.append(
-            f"{number} of {len(result.runs)} samples reached a critical state, in which volume, q/p and p change by "
-            f"less than {STEADY:.0%} over the last third of the path, so that the residual angle is undecided: use a "
-            f"larger strain or more grains."
-        )
-    return out
-
-
-def _quasi_static(result: ElementTestResult) -> list[str]:
-    scenario, numbers = result.scenario, estimates(result)
-    if scenario.path.integrator == "dynamic":
-        return [
-            f"The strain rate of {scenario.rate:.3g} is an inertial number of {scenario.rate * scenario.time:.2g}; the "
-            f"mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
-        ]
-    share = numbers["rearranged_share"].mean if "rearranged_share" in numbers else 0.0
-    return [f"Grains rearranged in {share:.0%} of the steps, whose equilibria were found by damped dynamics."]
-
-
-def _finer(result: ElementTestResult) -> list[str]:
-    what = "step" if result.scenario.path.integrator == "quasi-static" else "rate"
-    if result.checked is None:
-        return [f"It was not checked whether half the {what} gives the same: use check = true."]
-    before, after = (numbers_of(run, result.scenario)["phi_peak"] for run in (result.runs[0], result.checked))
-    scatter = estimates(result).get("phi_peak", Estimate(NAN, NAN, NAN)).scatter
-    change = f"With half the {what}, the peak angle of the first sample is {after:.2f} instead of {before:.2f} degrees"
-    if not np.isfinite(scatter):
-        return [f"{change}."]
-    reach = float(stdtrit(len(result.runs) - 1, 0.975)) * scatter
-    verdict = "less" if abs(after - before) <= reach else "more"
-    return [f"{change}, a change of {verdict} than the scatter of samples (95 %: {reach:.2f} degrees)."]
+PROBE = Quantities([
+    Quantity("strain", "1", "imposed strain"),
+    Quantity("phi", "degrees", "mobilised angle of friction"),
+    Quantity("least_work", "1", "least normalised second-order work"),
+    Quantity("direction", "degrees", "direction of that strain", lambda p: float(np.degrees(p.state.weakest))),
+    Quantity("determinant", "1", "least determinant of an acoustic tensor, normalised",
+             lambda p: p.state.band.determinant if p.state.band else NAN),
+    *(_growth(kind, words, k, held) for kind, words in (("pair", "oscillation"), ("divergence", "other motion"))
+      for k, held in enumerate(("strain", "stress"))),
+    Quantity("uniqueness", "1", "whether the contact status is unique under all stresses",
+             lambda p: p.state.unique.lower()),
+    *map(_sign, SIGNS),
+])  # fmt: skip

@@ -10,11 +10,10 @@ import numpy as np
 
 from .... import Law, State, stability
 from ....control import stress_controlled
-from ....loading.envelope import Localisation
 from ....measure import stress
-from ....protocols import Envelope, localisation, response_envelope
+from ....protocols import Envelope, Localisation, localisation, response_envelope
 from ....results import Stability
-from ...status.lcp import complementarity
+from ...status.complementarity import complementarity
 from ...status.matrices import linear_system
 from ...status.uniqueness import UniquenessVerdict, certificate
 from .scenario import Loading

@@ -4,59 +4,22 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.special import stdtrit
 
-from ....data.run_files import ENVELOPES, PROBES, SERIES
 from ....figures import response_envelopes
 from ....kit import archive_fields, console, heading, new_table, pluralize, show_table, unit_name, write_table
 from . import figures as figures_of
-from .measures import (
-    MEANING,
-    STRESS,
-    UNITS,
-    estimates,
-    face_stress,
-    friction_angle,
-    invariants,
-    pore_pressure,
-    sentences,
-    volumetric_strain,
-    work,
-)
-from .probes import SIGNS, ProbedState, directions_seen, first_seen, plane_of
+from .measures import MEASURES, PROBE, SAMPLE, SERIES, STEADY, STRESS, LoadedSample, Probed
+from .probes import SIGNS, ProbedState, describe_direction, directions_seen, first_seen, plane_of
 from .scenario import ElementTestScenario
-from .simulate import ElementRun, ElementTestResult
+from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
-COLUMNS = {
-    "axial_strain": "1", "volumetric_strain": "1", "gamma": "1", "p": STRESS, "q": STRESS, "pore_pressure": STRESS,
-    "sigma_xx": STRESS, "sigma_yy": STRESS, "sigma_zz": STRESS, "sigma_xy": STRESS, "void_ratio": "1",
-    "coordination": "1", "fabric_anisotropy": "1", "sliding_fraction": "1", "phi": "degrees",
-    "work": "energy/length^dim", "unbalanced": "1",
-}  # fmt: skip
 
 
 def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
     """Columns of the series of a sample, with the signs of the scenario."""
-    series, dim, stress = run.series, scenario.sample.dim, face_stress(run.series, scenario.path.kind)
-    p, q = invariants(stress, dim)
-    signed = {
-        "axial_strain": series.strain[:, dim - 1], "volumetric_strain": volumetric_strain(series),
-        "p": p, "q": q,
-        **{f"sigma_{a}{b}": series.stress[:, "xyz".index(a), "xyz".index(b)] for a, b in ("xx", "yy", "zz", "xy")},
-    }  # fmt: skip
-    plain = {
-        "gamma": series.strain[:, 3], "void_ratio": series.void_ratio, "coordination": series.coordination,
-        "fabric_anisotropy": series.fabric_anisotropy, "sliding_fraction": series.sliding_fraction,
-        "phi": friction_angle(stress, dim), "work": work(series), "unbalanced": series.unbalanced,
-    }  # fmt: skip
-    if scenario.path.kind == "undrained":
-        plain["pore_pressure"] = pore_pressure(series, dim)
-    table = {name: scenario.sign * values + 0.0 for name, values in signed.items()} | plain  # no zero is negative
-    return {name: table[name] for name in COLUMNS if name in table}
-
-
-def _tables(result: ElementTestResult) -> list[dict[str, np.ndarray]]:
-    return [columns(run, result.scenario) for run in result.runs]
+    return SERIES.of(LoadedSample(run, scenario))
 
 
 def for_engineers(values, unit: str):
@@ -64,22 +27,18 @@ def for_engineers(values, unit: str):
     return (1e-3 * values, "kPa") if unit == "Pa" else (values, unit)
 
 
-def _drawn(table: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Table of a series with stresses in the unit of figures."""
+def _drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
+    """Series of a sample with stresses in the unit of figures."""
     return {
-        name: for_engineers(values, unit_name(COLUMNS[name]))[0] if COLUMNS[name] == STRESS else values
-        for name, values in table.items()
+        name: for_engineers(values, unit_name(SERIES[name].unit))[0] for name, values in columns(run, scenario).items()
     }
 
 
 def figures(result: ElementTestResult):
     """Yield (file name, Figure) of a run."""
-    scenario, tables, unit = (
-        result.scenario,
-        [_drawn(t) for t in _tables(result)],
-        for_engineers(0, unit_name(STRESS))[1],
-    )
-    halved = result.checked and _drawn(columns(result.checked, scenario))
+    scenario, unit = result.scenario, for_engineers(0, unit_name(STRESS))[1]
+    tables = [_drawn(run, scenario) for run in result.runs]
+    halved = result.checked and _drawn(result.checked, scenario)
     strain = {"simple-shear": "gamma", "isotropic": "volumetric_strain"}.get(scenario.path.kind, "axial_strain")
     yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, unit, halved)
     if scenario.path.kind != "isotropic":
@@ -113,46 +72,12 @@ def _envelopes(probed: list[ProbedState], scenario: ElementTestScenario):
 
 
 def files(result: ElementTestResult):
-    """Yield (file name, function that writes it) for the series of all samples."""
-    yield SERIES, partial(_write_series, result)
-    if result.runs[0].probes:
-        yield PROBES, partial(_write_probes, result)
-        yield ENVELOPES, partial(_write_envelopes, result)
-
-
-def _write_series(result: ElementTestResult, path: Path) -> None:
-    tables = _tables(result)
-    names = ["sample", *(heading(name, COLUMNS[name]) for name in tables[0])]
-    rows = (
-        (run.seed, *map(float, row))
-        for run, table in zip(result.runs, tables, strict=True)
-        for row in zip(*table.values(), strict=True)
-    )
-    write_table(path, names, rows)
-
-
-def _write_probes(result: ElementTestResult, path: Path) -> None:
-    """One row for each probed state."""
-    units = {
-        "strain": "1", "phi": "degrees", "least_work": "1", "direction": "degrees", "determinant": "1",
-        **{f"{kind}_fixed_{what}": "1/time" for kind in ("pair", "divergence") for what in ("strain", "stress")},
-        "uniqueness": "1",
-    }  # fmt: skip
-    names = [*(heading(name, unit) for name, unit in units.items()), *SIGNS]
-    write_table(path, names, (_probe_row(each, result.scenario) for each in result.runs[0].probes))
-
-
-def _probe_row(each: ProbedState, scenario: ElementTestScenario) -> tuple:
-    nan, envelope = float("nan"), each.envelope
-    phi = float(
-        friction_angle(face_stress(each._replace(stress=each.stress[None]), scenario.path.kind), scenario.sample.dim)[0]
-    )
-    least = float(np.nanmin(envelope.normalised_work)) if np.isfinite(each.weakest) else nan
-    determinant = each.band.determinant if each.band else nan
-    return (
-        scenario.strain_sign * each.load, phi, least, float(np.degrees(each.weakest)), determinant,
-        *map(float, (*each.pair, *each.real)), each.unique.lower(), *map(int, each.signs.values()),
-    )  # fmt: skip
+    """Yield (file name, function that writes it) for the series of all samples and the probes of the first."""
+    scenario, probes = result.scenario, result.runs[0].probes
+    yield "series.csv", lambda path: SERIES.write(path, (LoadedSample(run, scenario) for run in result.runs))
+    if probes:
+        yield "probes.csv", lambda path: PROBE.write(path, (Probed(each, scenario) for each in probes))
+        yield "envelopes.csv", partial(_write_envelopes, result)
 
 
 def _write_envelopes(result: ElementTestResult, path: Path) -> None:
@@ -171,6 +96,99 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
         ))
     )  # fmt: skip
     write_table(path, [*names, "slides"], rows)
+
+
+def sentences(result: ElementTestResult) -> list[str]:
+    """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
+    return [*_first_failure(result), *_scatter(result), *_missing(result), *_quasi_static(result), *_finer(result)]
+
+
+def _first_failure(result: ElementTestResult) -> list[str]:
+    """Direction in which the first sample could fail first, and its peak."""
+    run, scenario = result.runs[0], result.scenario
+    if not run.probes:
+        return []
+    here, sign = directions_seen(run.probes), scenario.strain_sign
+    unanswered = [
+        f"No equilibrium could be probed at a strain of {sign * each.load:.3g}: {each.reason}."
+        for each in run.probes if each.envelope is None
+    ]  # fmt: skip
+    if here is None:
+        last = sign * run.probes[-1].load
+        return [
+            f"No direction was seen in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
+            *unanswered,
+        ]
+    numbers = SAMPLE.of(LoadedSample(run, scenario))
+    why = "second-order work is negative" if here.signs["negative work"] else "no equilibrium is nearby"
+    where = describe_direction(here.failing, scenario.path, scenario.sample.dim, scenario.sign)
+    peak = f"; the peak angle is at {top:.3g}" if np.isfinite(top := numbers["strain_at_peak"]) else ""
+    return [
+        f"Sample {run.seed} wanted to fail in the direction {where} first at a strain of {sign * here.load:.3g}, where "
+        f"{why}{peak}.",
+        *unanswered,
+    ]
+
+
+def _scatter(result: ElementTestResult) -> list[str]:
+    n, peak = result.scenario.sample.grains, MEASURES.known(result).get("phi_peak")
+    if len(result.runs) < 2:
+        return ["One sample gives no interval: use more realizations."]
+    if peak is None or not peak.scatter > 0:
+        return []
+    share = peak.scatter / peak.mean
+    size = f"{n * (share / 0.01) ** 2:.2g} grains" if share > 0.01 else f"{n} grains suffice"
+    return [
+        f"The peak angle of samples of {n} grains scatters by {share:.1%}. If the scatter falls as 1/√N, a scatter of "
+        f"1 % needs {size.replace(' suffice', ', which is what the samples have')}."
+    ]
+
+
+def _missing(result: ElementTestResult) -> list[str]:
+    out = [f"Sample {run.seed} ended early: {run.ended}." for run in result.runs if run.ended]
+    rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
+    if rigid < len(result.runs):
+        out.append(
+            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
+            f"nothing resists, or they have more than {MODULI_UP_TO} grains."
+        )
+    sheared = result.scenario.path.kind not in ("isotropic", "oedometric")
+    number = sum(
+        bool(np.isfinite(SAMPLE.of(LoadedSample(run, result.scenario))["phi_residual"])) for run in result.runs
+    )
+    if sheared and number < len(result.runs):
+        out.append(
+            f"{number} of {len(result.runs)} samples reached a critical state, in which volume, q/p and p change by "
+            f"less than {STEADY:.0%} over the last third of the path, so that the residual angle is undecided: use a "
+            f"larger strain or more grains."
+        )
+    return out
+
+
+def _quasi_static(result: ElementTestResult) -> list[str]:
+    scenario, numbers = result.scenario, MEASURES.known(result)
+    if scenario.path.integrator == "dynamic":
+        return [
+            f"The strain rate of {scenario.rate:.3g} is an inertial number of {scenario.rate * scenario.time:.2g}; the "
+            f"mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
+        ]
+    share = numbers["rearranged_share"].mean if "rearranged_share" in numbers else 0.0
+    return [f"Grains rearranged in {share:.0%} of the steps, whose equilibria were found by damped dynamics."]
+
+
+def _finer(result: ElementTestResult) -> list[str]:
+    what = "step" if result.scenario.path.integrator == "quasi-static" else "rate"
+    if result.checked is None:
+        return [f"It was not checked whether half the {what} gives the same: use check = true."]
+    pair = (LoadedSample(run, result.scenario) for run in (result.runs[0], result.checked))
+    before, after = SAMPLE.columns(pair)["phi_peak"]
+    scatter = MEASURES.of(result)["phi_peak"].scatter
+    change = f"With half the {what}, the peak angle of the first sample is {after:.2f} instead of {before:.2f} degrees"
+    if not np.isfinite(scatter):
+        return [f"{change}."]
+    reach = float(stdtrit(len(result.runs) - 1, 0.975)) * scatter
+    verdict = "less" if abs(after - before) <= reach else "more"
+    return [f"{change}, a change of {verdict} than the scatter of samples (95 %: {reach:.2f} degrees)."]
 
 
 def numbers(result: ElementTestResult) -> dict:
@@ -195,12 +213,7 @@ def show(result: ElementTestResult) -> None:
     """Print the numbers of a test with their intervals, and what limits them."""
     scenario = result.scenario
     title = f"{scenario.path.kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
-    table = new_table("", "mean", "95 % ±", "unit", "", title=title, left=("", "unit"))
-    for name, number in estimates(result).items():
-        (mean, half), unit = for_engineers(np.array(number[:2]), unit_name(UNITS[name]))
-        width = f"{half:.2g}" if np.isfinite(half) else "–"
-        table.add_row(name, f"{mean:.4g}", width, "" if unit == "1" else unit, MEANING[name])
-    show_table(table)
+    MEASURES.show(result, title=title, readable=for_engineers)
     if result.runs[0].probes:
         _show_signs(result)
     for sentence in (*sentences(result), *result.failures):

@@ -6,13 +6,19 @@ import numpy as np
 
 from .... import Law, State, accept, forces
 from ....control import loads
-from ....core.laws.builtin import with_values
-from ....data.checkpoint import abandon
-from ....experiments import ScenarioError
-from ....kit import Checkpoint, Report, within
-from ....loading.compression import check_pressure, compression_scales
-from ....loading.packing import packing_info
-from ....loading.settling import servo_mass, settle
+from ....kit import (
+    Checkpoint,
+    Report,
+    ScenarioError,
+    abandon,
+    check_pressure,
+    compression_scales,
+    packing_info,
+    servo_mass,
+    settle,
+    with_values,
+    within,
+)
 from ....packings import compressed
 from ....results import Factorisation, PackingInfo
 from .paths import Drive, controlled

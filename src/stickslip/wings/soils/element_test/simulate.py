@@ -11,27 +11,30 @@ import numpy as np
 
 from .... import FROZEN, SLIDE, Law, NotInEquilibriumError, State, forces, run
 from ....control import strained_at
-from ....core.dynamics.engine import Engine
-from ....core.measure import least_supports
 from ....kit import (
+    SETTLING_DRAG,
     Checkpoint,
+    Engine,
     Fields,
     Report,
+    Scales,
     Task,
     Workers,
     checked,
     checkpoint_in,
+    compression_scales,
+    least_supports,
     load_or_compute,
     make_law,
     readable,
     result_of,
     run_realizations,
+    servo_mass,
+    settle,
     silent,
+    stopped,
     within,
 )
-from ....loading.compression import Scales, compression_scales, stopped
-from ....loading.envelope import Localisation
-from ....loading.settling import DRAG, servo_mass, settle
 from ....measure import (
     contact_forces,
     coordination,
@@ -44,7 +47,7 @@ from ....measure import (
 )
 from ....modes import elastic_moduli
 from ....packings import strained
-from ....protocols import Envelope
+from ....protocols import Envelope, Localisation
 from ....results import Factorisation, PackingInfo
 from ...lammps.run import lammps_engine
 from . import EXPERIMENT
@@ -416,7 +419,7 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
 
 def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:
     """State after some time steps of the scenario's engine."""
-    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=DRAG / scales.time, engine=rig.engine)
+    state, _, outcome = run(state, rig.law, steps, scales.dt, drag=SETTLING_DRAG / scales.time, engine=rig.engine)
     if not outcome.ok:
         raise RuntimeError(f"the run ended: {outcome}")
     return state

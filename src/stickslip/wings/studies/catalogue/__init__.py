@@ -2,8 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....kit import attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function
 from .scenario import CatalogueScenario
 
 _here = partial(lazy_function, __name__)
@@ -30,7 +29,7 @@ EXPERIMENT = Experiment(
     words="events of sheared packings, and what announces them",
     simulate=_here("simulate.simulate_catalogue"),
     numbers=_here("report.numbers"),
-    measures=_here("measures.measures"),
+    measures=_here("report.MEASURES"),
     show=_here("report.show"),
     figures=_here("report.figures"),
     references=references,

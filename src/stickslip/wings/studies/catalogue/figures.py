@@ -5,13 +5,13 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from ....figures.style import PAGE
 from ....kit import (
     BLACK,
     BLUE,
     COLORS,
     GREEN,
     ORANGE,
+    PAGE,
     PURPLE,
     RED,
     SKY,

@@ -8,8 +8,15 @@ import numpy as np
 from ....kit import checked, readable
 from .tables import Table
 
-# columns of the steps, and whether an event is expected for large values (1) or for small ones (−1)
-PREDICTORS = {"softest": -1, "nonaffine_rate": 1, "growth": 1, "tangent_modulus": -1, "switch": -1, "loss_ahead": -1}
+# columns of the steps: whether an event is expected for large values (1) or for small ones (−1), and words
+PREDICTORS = {
+    "softest": (-1, "smallest real eigenvalue"),
+    "nonaffine_rate": (1, "|dq/dγ| of the non-affine motion"),
+    "growth": (1, "growth rate of the fastest pair"),
+    "tangent_modulus": (-1, "tangent shear modulus"),
+    "switch": (-1, "switch test: smallest eigenvalue with one mobilised contact set to slide"),
+    "loss_ahead": (-1, "strain to the first loss of a contact that leaves an unstable state"),
+}
 LARGEST = 1e300  # in place of infinite values, so that they are equal to each other
 RESAMPLES = 1000
 LEVEL = 0.95  # of intervals and bands
@@ -123,7 +130,7 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
     """
     followed, known = label_steps(steps, events, window)
     out = []
-    for name, sign in PREDICTORS.items():
+    for name, (sign, _) in PREDICTORS.items():
         rows = known & ~np.isnan(steps[name])
         if rows.any():
             score = sign * np.clip(steps[name][rows], -LARGEST, LARGEST)

@@ -1,25 +1,64 @@
-"""Output of an event catalogue: tables, figures, archive and terminal summary."""
+"""Measures of an event catalogue, its tables, figures, archive and terminal summary."""
 
 from functools import partial
 
 import numpy as np
 
-from ....data.run_files import EVENTS, STEPS
-from ....kit import archive_fields, console, new_table, pluralize, show_table
+from ....kit import Measures, Quantity, archive_fields, console, median, new_table, pluralize, show_table
 from ....results import EventKind
 from . import figures as figures_of
-from .measures import class_counts, measures, predictor_skills
+from .predictors import PREDICTORS, Skill, skills
 from .simulate import CatalogueResult
-from .tables import event_table, step_table, write_table
+from .tables import Table, event_table, step_table, write_table
 
-WORDS = {
-    "softest": "smallest real eigenvalue",
-    "nonaffine_rate": "|dq/dγ| of the non-affine motion",
-    "growth": "growth rate of the fastest pair",
-    "tangent_modulus": "tangent shear modulus",
-    "switch": "switch test: smallest eigenvalue with one mobilised contact set to slide",
-    "loss_ahead": "strain to the first loss of a contact that leaves an unstable state",
-}
+KINDS = tuple(kind.name.lower() for kind in EventKind)
+
+
+def class_counts(events: Table) -> dict[str, int]:
+    """Number of events of each class."""
+    return {kind: int((events["kind"] == kind).sum()) for kind in KINDS}
+
+
+def strain_searched(result: CatalogueResult) -> float:
+    """Total strain over which events were searched for."""
+    steps = [sample.found.steps.strain for sample in result.samples]
+    return float(sum(strain[-1] + result.scenario.shear.step for strain in steps if len(strain)))
+
+
+def predictor_skills(result: CatalogueResult, **options) -> list[Skill]:
+    """Skill of every predictor, see `skills`."""
+    return skills(step_table(result.samples), event_table(result.samples), result.scenario.shear.window, **options)
+
+
+def _share(kind: str) -> Quantity:
+    return Quantity(f"share_{kind}", "1", f"share of events of this class: {EventKind[kind.upper()].value}",
+                    lambda c: class_counts(c.events)[kind] / c.number if c.number else np.nan)  # fmt: skip
+
+
+class Catalogue:
+    """Events of a run, and their number: the subject of `MEASURES`."""
+
+    def __init__(self, result: CatalogueResult):
+        self.result, self.number, self.events = result, result.number, event_table(result.samples)
+        self.areas = {skill.predictor: skill.roc.area for skill in predictor_skills(result, resamples=0)}
+        self.strain = strain_searched(result)
+
+
+MEASURES = Measures([
+    Quantity("events", "1", "number of events", lambda c: float(c.number)),
+    Quantity("packings", "1", "number of packings", lambda c: float(len(c.result.samples))),
+    Quantity("events_per_strain", "1", "events for each unit of strain",
+             lambda c: c.number / c.strain if c.strain else np.nan),
+    *map(_share, KINDS),
+    Quantity("saddle_node_exponent", "1", "exponent of the smallest eigenvalue before saddle nodes, median",
+             lambda c: median(c.events["exponent"][c.events["kind"] == "saddle_node"])),
+    Quantity("stress_drop_over_pressure", "1", "drop of the shear stress over the pressure, median",
+             lambda c: median(c.events["stress_drop"])),
+    Quantity("jump_over_diameter", "1", "jump of the grains over their diameter, median",
+             lambda c: median(c.events["jump"])),
+    *(Quantity(f"auc_{name}", "1", f"area under the ROC of a predictor: {words}",
+               lambda c, name=name: c.areas.get(name, np.nan)) for name, (_, words) in PREDICTORS.items()),
+], subject=Catalogue)  # fmt: skip
 
 
 def law_label(scenario) -> str:
@@ -46,8 +85,8 @@ def figures(result: CatalogueResult):
 
 def files(result: CatalogueResult):
     """Yield (file name, function that writes it) for the tables of events and of strain steps."""
-    yield EVENTS, partial(write_table, table=event_table(result.samples))
-    yield STEPS, partial(write_table, table=step_table(result.samples))
+    yield "events.csv", partial(write_table, table=event_table(result.samples))
+    yield "steps.csv", partial(write_table, table=step_table(result.samples))
 
 
 def numbers(result: CatalogueResult) -> dict:
@@ -66,7 +105,7 @@ def numbers(result: CatalogueResult) -> dict:
 
 def show(result: CatalogueResult) -> None:
     """Print the classes of the events and the skill of the predictors."""
-    values = measures(result)
+    values = MEASURES(result)
     console.print(
         f"{pluralize(result.number, 'event')} in {pluralize(len(result.samples), 'packing')}, "
         f"{values['events_per_strain'][0]:.3g} for each unit of strain; drag {result.scenario.shear.drag:g} of the "
@@ -87,5 +126,5 @@ def _show_skills(result: CatalogueResult) -> None:
     for skill in predictor_skills(result):
         interval = f"{skill.low:.3f} to {skill.high:.3f}" if np.isfinite(skill.low) else "–"
         area = f"{skill.roc.area:.3f}" if np.isfinite(skill.roc.area) else "–"
-        table.add_row(WORDS[skill.predictor], area, interval, str(skill.steps))
+        table.add_row(PREDICTORS[skill.predictor][1], area, interval, str(skill.steps))
     show_table(table)

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .... import Law
-from ....ensemble import reach
 from ....kit import (
     Member,
     Report,
@@ -16,6 +15,7 @@ from ....kit import (
     make_law,
     make_packing,
     pluralize,
+    reach,
     result_of,
     run_realizations,
     silent,

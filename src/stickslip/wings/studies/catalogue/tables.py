@@ -10,10 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core import tables
-from ....core.units import current_units
-from ....kit import Fields, checked, in_units, units_of
-from ....loading.event_class import RATIO
+from .... import kit
+from ....kit import EVENT_RATIO, Fields, checked, current_units, heading_of, in_units, split_label, units_of
 from ....results import Event, StrainStep
 
 Table = dict[str, np.ndarray]
@@ -55,7 +53,7 @@ def step_table(samples) -> Table:
 
 def _places(distances: np.ndarray, step: float) -> np.ndarray:
     """Return k of each distance step · 8^(−k)."""
-    return np.round(np.log(step / distances) / np.log(RATIO)).astype(int)
+    return np.round(np.log(step / distances) / np.log(EVENT_RATIO)).astype(int)
 
 
 def _stack_by_distance(values: list, places: list) -> np.ndarray:
@@ -74,10 +72,10 @@ def write_table(path: Path, table: Table, digits: int = 8) -> None:
         unit = in_units(unit, current_units()) if current_units() else unit.replace("force/length^(dim-1)", "stress")
         flat = {name: values} if values.ndim == 1 else {f"{name}_{k}": v for k, v in enumerate(values.T)}
         columns |= {
-            label if values.dtype.kind == "U" else tables.heading_of(label, unit.replace("^", "")): column
+            label if values.dtype.kind == "U" else heading_of(label, unit.replace("^", "")): column
             for label, column in flat.items()
         }
-    tables.write_table(path, columns, zip(*columns.values(), strict=True), digits=digits)
+    kit.write_table(path, columns, zip(*columns.values(), strict=True), digits=digits)
 
 
 @checked
@@ -94,10 +92,10 @@ def read_table(path: str | Path) -> Table:
     >>> read_table = ss.experiments.catalogue.read_table
     >>> events = read_table("results/catalogue/events.csv")  # doctest: +SKIP
     """
-    (_, labels), *rows = tables.read_table(path, remedy="give events.csv or steps.csv in the folder of a run")
+    (_, labels), *rows = kit.read_table(path, remedy="give events.csv or steps.csv in the folder of a run")
     out: dict[str, list] = {}
     for label, cells in zip(labels, np.array([fields for _, fields in rows]).reshape(-1, len(labels)).T, strict=True):
-        name, unit = tables.split_label(label)
+        name, unit = split_label(label)
         spread = _SPREAD.fullmatch(name)
         kind = int if name in _WHOLE else str if unit is None else float
         out.setdefault(spread[1] if spread else name, []).append(cells.astype(kind))

@@ -2,9 +2,7 @@
 
 from functools import partial
 
-from ....builtin_laws import BY_NAME
-from ....experiments import Experiment
-from ....kit import attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function
 from .scenario import FlowScenario
 
 _here = partial(lazy_function, __name__)
@@ -13,9 +11,8 @@ _here = partial(lazy_function, __name__)
 def references(scenario: FlowScenario) -> dict[str, tuple[str, ...]]:
     """Return keys of references.bib, grouped by purpose."""
     law = scenario.law
-    dashpots = law.damping or BY_NAME[law.kind].damping
     damped = law.restitution is not None or law.damping_n or law.damping_t
-    more = ("Silbert2001",) if damped and dashpots != "velocity" else ()
+    more = ("Silbert2001",) if damped and law.dashpots != "velocity" else ()
     contact = law_references(law)
     return {
         "contact law": contact + tuple(key for key in more if key not in contact),
@@ -50,7 +47,7 @@ EXPERIMENT = Experiment(
     words="granular flows: pouring, walls, plates and gates, in stages",
     simulate=_here("simulate.simulate_on_workers"),
     numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
+    measures=_here("report.MEASURES"),
     show=_here("report.show"),
     figures=_here("report.figures"),
     references=references,

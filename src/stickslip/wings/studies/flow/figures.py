@@ -5,17 +5,18 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ....figures.outlines import APART, body_limits
-from ....figures.style import PAGE
 from ....kit import (
+    APART,
     BLACK,
     BLUE,
     COLORS,
     GREEN,
     ORANGE,
+    PAGE,
     Array,
     Result,
     Series,
+    body_limits,
     column_axes,
     draw_grains_by_speed,
     label_axes,

@@ -6,12 +6,10 @@ from itertools import islice
 from pathlib import Path
 
 from .... import State
-from ....core.dynamics.engine import Engine, Leg
-from ....experiments import ScenarioError
+from ....kit import Engine, Leg, ScenarioError
 from ....packings import without_walls
 from ....results import Record
-from ...lammps.job import leg_folder, write_job
-from ...lammps.run import lammps_engine, read_leg, walls_at, with_records
+from ...lammps.run import lammps_engine, leg_folder, read_leg, walls_at, with_records, write_job
 from ...lammps.supported import check_leg
 from .pouring import Poured, poured
 from .scenario import FlowScenario

@@ -8,8 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .... import State
-from ....core.control import body_numbers
-from ....kit import Bodies, checked, readable, require_filled, require_index
+from ....kit import Bodies, body_numbers, checked, readable, require_filled, require_index
 from ....measure import inertial_number, wrapped
 from .simulate import FlowResult
 

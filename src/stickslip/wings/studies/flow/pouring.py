@@ -6,12 +6,17 @@ import numpy as np
 
 from .... import Law, State, assembly, box, disks, flat_walls, spheres
 from ....control import loads, rigid
-from ....core.laws.builtin import parameter_names
-from ....core.laws.compiled import evaluate
-from ....core.laws.kinds import Kind
-from ....core.laws.validation import largest_stiffness
-from ....experiments import ScenarioError
-from ....kit import Size, checked, make_law, pluralize, readable, require_sizes
+from ....kit import (
+    ScenarioError,
+    Size,
+    checked,
+    evaluate,
+    largest_stiffness,
+    make_law,
+    pluralize,
+    readable,
+    require_sizes,
+)
 from ....laws import for_pair
 from ....measure import heights
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage
@@ -241,13 +246,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     """
     lightest, r_eff = float(mass.min()), float(radius.min()) / 2
     depth = _largest_overlap(scenario, law, r_eff, float(mass[: len(radius)].max()))
-    if isinstance(law.kind, Kind):
-        stiffness = largest_stiffness(law, law.table[0, 0].tolist(), r_eff, depth)
-    else:
-        own = dict(zip(parameter_names(law), law.table[0, 0], strict=True))
-        slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=depth, r_eff=r_eff)
-        stiffness = max(slopes[0], tangential, own.get("k_unload", 0.0))
-    unit = float(np.sqrt(lightest / stiffness))
+    unit = float(np.sqrt(lightest / largest_stiffness(law, r_eff, depth)))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
             f"dt = {scenario.dt:g} was given, but with six contacts on the lightest grain, the largest stable value is "

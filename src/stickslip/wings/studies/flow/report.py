@@ -2,13 +2,25 @@
 
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ....data.run_files import SERIES
-from ....kit import Fields, archive_fields, console, heading, new_table, show_table, units_of, with_unit, write_table
+from ....kit import (
+    Fields,
+    Measures,
+    Quantity,
+    archive_fields,
+    console,
+    heading,
+    new_table,
+    show_table,
+    units_of,
+    with_unit,
+    write_table,
+)
 from . import figures as figures_of
-from .measures import deposit, plane_shear, profile_deviation, velocity_profile
+from .measures import Deposit, PlaneShear, deposit, plane_shear, profile_deviation, velocity_profile
 from .pouring import Poured
 from .simulate import FlowResult, FlowSeries, StageEnd
 
@@ -26,7 +38,7 @@ def figures(result: FlowResult):
 
 def files(result: FlowResult):
     """Yield (file name, function that writes it) for the time series as CSV."""
-    yield SERIES, partial(_write_series, result)
+    yield "series.csv", partial(_write_series, result)
 
 
 def numbers(result: FlowResult) -> dict:
@@ -109,19 +121,34 @@ def show(result: FlowResult) -> None:
         )
 
 
-def measures(result: FlowResult) -> dict[str, tuple[float, str]]:
-    """Return {name: (value, unit)} for sweeps: the final deposit, in units of the scenario, and plane shear."""
-    series, left = result.series, deposit(result.frames[-1], result.poured.loose)
-    out = {
-        "end": (series.time[-1], "time"),
-        "kinetic_energy": (series.kinetic_energy[-1], "energy"),
-        "coordination": (series.coordination[-1], "1"),
-        "deposit_top": (left.high[1], "length"),
-        "grains_in_deposit": (len(left.grains), "1"),
-    }
-    if "x" not in result.scenario.cell.periodic:
-        out |= {"deposit_length": (left.high[0] - left.low[0], "length"), "run_out": (left.high[0], "length")}
-    if shear := plane_shear(result):
-        units = {"pressure": PRESSURE, "shear_rate": "1/time", "height": "length"}
-        out |= {f"plane_{name}": (value, units.get(name, "1")) for name, value in shear._asdict().items()}
-    return out
+class Flow(NamedTuple):
+    """Result of a flow with its final deposit and its plane shear: the subject of `MEASURES`."""
+
+    series: FlowSeries
+    deposit: Deposit
+    shear: PlaneShear | None
+    around: bool  # whether the cell is periodic along x, so that the deposit has no ends
+
+
+def _of_shear(name: str, meaning: str, unit: str = "1") -> Quantity:
+    return Quantity(f"plane_{name}", unit, meaning, lambda flow: getattr(flow.shear, name, None))
+
+
+MEASURES = Measures([
+    Quantity("end", "time", "end of the last stage", lambda flow: flow.series.time[-1]),
+    Quantity("kinetic_energy", "energy", "kinetic energy at the end", lambda flow: flow.series.kinetic_energy[-1]),
+    Quantity("coordination", "1", "mean contact number at the end", lambda flow: flow.series.coordination[-1]),
+    Quantity("deposit_top", "length", "height of the deposit", lambda flow: flow.deposit.high[1]),
+    Quantity("grains_in_deposit", "1", "grains in the deposit", lambda flow: len(flow.deposit.grains)),
+    Quantity("deposit_length", "length", "length of the deposit along x, unless the cell is periodic",
+             lambda flow: None if flow.around else flow.deposit.high[0] - flow.deposit.low[0]),
+    Quantity("run_out", "length", "largest x of the deposit", lambda f: None if f.around else f.deposit.high[0]),
+    _of_shear("friction", "shear over normal force on the upper of two plates"),
+    _of_shear("friction_deviation", "standard deviation of it in time"),
+    _of_shear("pressure", "normal force over the area of the plate", PRESSURE),
+    _of_shear("shear_rate", "relative velocity of the plates over their distance", "1/time"),
+    _of_shear("inertial_number", "inertial number between the plates"),
+    _of_shear("packing_fraction", "packing fraction between the plates"),
+    _of_shear("height", "distance of the plates", "length"),
+], subject=lambda r: Flow(r.series, deposit(r.frames[-1], r.poured.loose), plane_shear(r),
+                          "x" in r.scenario.cell.periodic))  # fmt: skip

@@ -9,9 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from ....builtin_laws import NAMES
-from ....core.sizes import MOST, STATE
 from ....kit import (
+    BY_NAME,
+    LIMITS,
+    STATE,
     Finite,
     LawTable,
     Listed,
@@ -83,7 +84,7 @@ class Motion(ScenarioTable):
 class Pour(ScenarioTable):
     """Grains placed on a loose lattice in a region, without overlap, from the bottom up."""
 
-    number: Annotated[int, Field(ge=1, le=MOST)] = Field(description="number of grains")
+    number: Annotated[int, Field(ge=1, le=LIMITS["grains"])] = Field(description="number of grains")
     low: Vector = Field(description="corner of the region [length]")
     high: Vector = Field(description="opposite corner [length]")
     dim: Literal[2, 3] = Field(2, description="2: disks in the plane, 3: spheres")
@@ -119,10 +120,10 @@ class Pour(ScenarioTable):
 
 
 @allow_laws(
-    "linear", *NAMES, coulomb="sharp", kn=None, kt=None, young=None, poisson=None, mu=0.5, damping=None, damping_n=None,
-    damping_t=None, damping_ratio=None, restitution=None, speed=None, lever=None, memory=None, rolling=None,
-    k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None, gamma_twist=None,
-    tension=False, file=None, parameters={}, checksum=None,
+    "linear", *BY_NAME, coulomb="sharp", kn=None, kt=None, young=None, poisson=None, mu=0.5, damping=None,
+    damping_n=None, damping_t=None, damping_ratio=None, restitution=None, speed=None, lever=None, memory=None,
+    rolling=None, k_roll=None, mu_roll=None, gamma_roll=None, twisting=None, k_twist=None, mu_twist=None,
+    gamma_twist=None, tension=False, file=None, parameters={}, checksum=None,
 )  # fmt: skip
 class FlowLaw(LawTable):
     """Contact law; a restitution is that of two grains of mean size."""

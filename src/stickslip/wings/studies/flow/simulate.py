@@ -8,10 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import FROZEN, SLIDE, Law, State, forces
-from ....core.dynamics.engine import Engine
-from ....core.dynamics.run import own_engine
-from ....core.measure import least_supports
-from ....kit import ArchiveError, Checkpoint, Fields, Report, checked, checkpoint_in, readable, result_of, silent
+from ....kit import (
+    ArchiveError,
+    Checkpoint,
+    Engine,
+    Fields,
+    Report,
+    checked,
+    checkpoint_in,
+    least_supports,
+    own_engine,
+    readable,
+    result_of,
+    silent,
+)
 from ....measure import contact_forces, coordination, elastic_energy, touching, unbalanced_forces
 from ....packings import without_walls
 from . import EXPERIMENT

@@ -6,7 +6,7 @@ import numpy as np
 
 from .... import State
 from ....control import driven, loads, time_dependent
-from ....core.dynamics.engine import Leg, Wave
+from ....kit import Leg, Wave
 from .pouring import Poured, initial_plate_force, inward_sign, sample_count
 from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 

@@ -2,9 +2,7 @@
 
 from functools import partial
 
-from ....experiments import Experiment
-from ....experiments.sources import CONTACT
-from ....kit import attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function
 from .scenario import ThresholdScenario
 
 _here = partial(lazy_function, __name__)
@@ -18,8 +16,8 @@ def references(scenario: ThresholdScenario) -> dict[str, tuple[str, ...]]:
         "packing": ("the sample", ("Bonfanti2020",)),
         "gouge": ("the sample (from the supplement to the first)", ("Ferdowsi2021", "Ferdowsi2020")),
     }
-    law = CONTACT["hertz_mindlin_reff"] if sample.kind == "gouge" else law_references(sample.law)
-    return dict([kind[sample.kind], ("contact law", law)])
+    law = "hertz_mindlin_reff" if sample.kind == "gouge" else sample.law
+    return dict([kind[sample.kind], ("contact law", law_references(law))])
 
 
 SMALLEST = (
@@ -40,7 +38,7 @@ EXPERIMENT = Experiment(
     words="static and kinetic friction of an array, a packing or gouge",
     simulate=_here("simulate.simulate_threshold"),
     numbers=_here("report.numbers"),
-    measures=_here("report.measures"),
+    measures=_here("report.MEASURES"),
     show=_here("report.show"),
     figures=_here("report.figures"),
     references=references,

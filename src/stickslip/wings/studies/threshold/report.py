@@ -1,13 +1,11 @@
 """Output of the static and kinetic friction of a sample: files in the run folder and the summary on the terminal."""
 
-from functools import partial
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ....data.run_files import THRESHOLD
 from ....figures import static_and_kinetic
-from ....kit import Fields, archive_fields, console, heading, new_table, show_table, write_table
+from ....kit import Fields, Measures, Quantities, Quantity, archive_fields, console, new_table, show_table  # fmt: skip
 from ....results import FastestPair
 from .simulate import ThresholdResult
 
@@ -24,31 +22,43 @@ def figures(result: ThresholdResult):
     yield "fig1_static_and_kinetic.png", static_and_kinetic(result.found, label=label, strength=result.strength)
 
 
+class Kicked(NamedTuple):
+    """Kicked runs at one load and one velocity."""
+
+    load: float
+    pairs: int
+    velocity: float
+    runs: int
+    slid: int
+    lasting: int
+    lifetime: float
+
+
+KICKED = Quantities([
+    Quantity("load", "1", "load at which the sample is kicked"),
+    Quantity("velocity", "length/time", "root mean square velocity of a kick"),
+    Quantity("runs", "1", "number of runs"),
+    Quantity("slid", "1", "runs that slid"),
+    Quantity("share", "1", "share that slid", lambda kicked: kicked.slid / kicked.runs),
+    Quantity("lasting", "1", "runs that slid and went on"),
+    Quantity("lasting share", "1", "share that slid and went on", lambda kicked: kicked.lasting / kicked.runs),
+    Quantity("median lifetime", "time", "median time until a run slid", "lifetime"),
+])  # fmt: skip
+
+
 def files(result: ThresholdResult):
     """Yield (file name, function that writes it) for the outcomes at each load and velocity."""
-    yield THRESHOLD, partial(_write_outcomes, result)
-
-
-def _write_outcomes(result: ThresholdResult, path: Path) -> None:
-    velocity, lifetime = heading("velocity", "length/time"), heading("median lifetime", "time")
-    names = ("load", velocity, "runs", "slid", "share", "lasting", "lasting share", lifetime)
-    rows = (
-        (load, kick, runs, slid, slid / runs, lasting, lasting / runs, time)
-        for load, _, kick, runs, slid, lasting, time in _outcomes(result)
-    )
-    write_table(path, names, rows, digits=None)
+    yield "threshold.csv", lambda path: KICKED.write(path, _outcomes(result), digits=None)
 
 
 def _outcomes(result: ThresholdResult):
-    """Rows (load, number of complex pairs, velocity, runs, slid, lasting, lifetime)."""
+    """Outcomes at all loads and velocities."""
     kinetic = result.found
     pairs = {point.load: len(point.spectrum.pairs) for point in result.path}
     for row, load in enumerate(kinetic.loads):
         for column, kick in enumerate(kinetic.kicks):
-            yield (
-                float(load), pairs[float(load)], float(kick), int(kinetic.runs[row, column]),
-                int(kinetic.slid[row, column]), int(kinetic.lasting[row, column]), float(kinetic.lifetime[row, column]),
-            )  # fmt: skip
+            counts = (int(values[row, column]) for values in (kinetic.runs, kinetic.slid, kinetic.lasting))
+            yield Kicked(float(load), pairs[float(load)], float(kick), *counts, float(kinetic.lifetime[row, column]))
 
 
 def numbers(result: ThresholdResult) -> dict:
@@ -72,9 +82,8 @@ def numbers(result: ThresholdResult) -> dict:
 
 def show(result: ThresholdResult) -> None:
     """Print a summary of a run on the terminal."""
-    units = {"velocity": "length/time", "median lifetime": "time"}
     names = ("load", "pairs", "velocity", "slid", "lasting", "median lifetime")
-    table = new_table(*names, title="Kicked runs", units=units)
+    table = new_table(*names, title="Kicked runs", units={name: row.unit for name, row in KICKED.items()})
     for load, pairs, kick, runs, slid, lasting, lifetime in _outcomes(result):
         time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
         table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", f"{lasting} of {runs}", time)
@@ -88,21 +97,25 @@ def show(result: ThresholdResult) -> None:
         )  # fmt: skip
 
 
-def measures(result: ThresholdResult) -> dict[str, tuple[float, str]]:
-    """Return the measures of a run for sweeps as {name: (value, unit)}; loads are shear force over normal force."""
-    kinetic, out = result.found, {}
-    for which, at, interval, share in (
-        ("", kinetic.threshold, kinetic.interval, kinetic.probability),
-        ("lasting_", kinetic.lasting_threshold, kinetic.lasting_interval, kinetic.lasting_probability),
-    ):
-        for k, kick in enumerate(kinetic.kicks):
-            out |= {
-                f"{which}threshold@{kick:g}": (at[k], "1"), f"{which}threshold_low@{kick:g}": (interval[k, 0], "1"),
-                f"{which}threshold_high@{kick:g}": (interval[k, 1], "1"),
-                f"largest_{which}share@{kick:g}": (share[:, k].max(), "1"),
-            }  # fmt: skip
-    low, high = kinetic.arrest_range
-    return out | {
-        "arrest_low": (low, "1"), "arrest_high": (high, "1"), "strength": (result.strength, "1"),
-        "first_pair": (kinetic.first_pair, "1"), "first_limit": (kinetic.first_limit, "1"),
-    }  # fmt: skip
+def _by_kick(name: str, meaning: str, of) -> Quantity:
+    """Quantity at each velocity of kicks; `of` is a function of a KineticThreshold that returns an array."""
+    return Quantity(name, "1", meaning, lambda r: dict(zip(r.found.kicks, of(r.found), strict=True)))
+
+
+MEASURES = Measures([
+    _by_kick("threshold", "load at which half of the runs slide, after kicks of a velocity", lambda f: f.threshold),
+    _by_kick("threshold_low", "lower end of its interval", lambda f: f.interval[:, 0]),
+    _by_kick("threshold_high", "upper end of its interval", lambda f: f.interval[:, 1]),
+    _by_kick("largest_share", "largest share of runs that slide", lambda f: f.probability.max(axis=0)),
+    _by_kick("lasting_threshold", "load at which half of the runs slide and go on", lambda f: f.lasting_threshold),
+    _by_kick("lasting_threshold_low", "lower end of its interval", lambda f: f.lasting_interval[:, 0]),
+    _by_kick("lasting_threshold_high", "upper end of its interval", lambda f: f.lasting_interval[:, 1]),
+    _by_kick("largest_lasting_share", "largest share of runs that slide and go on",
+             lambda f: f.lasting_probability.max(axis=0)),
+    Quantity("arrest_low", "1", "lowest end of the brackets of arrest on ramps down",
+             lambda r: r.found.arrest_range[0]),
+    Quantity("arrest_high", "1", "highest end of these brackets", lambda r: r.found.arrest_range[1]),
+    Quantity("strength", "1", "load at which the sample slid by itself"),
+    Quantity("first_pair", "1", "least load with a complex pair", "found.first_pair"),
+    Quantity("first_limit", "1", "least load with a contact at the Coulomb limit", "found.first_limit"),
+])  # fmt: skip

@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .... import Law, NotInEquilibriumError, Outcome, State, Status
-from ....data.checkpoint import abandon
-from ....experiments import ScenarioError
 from ....kit import (
+    KICK_LEGS,
     Checkpoint,
     Report,
+    ScenarioError,
     Workers,
+    abandon,
     checked,
     checkpoint_in,
     load_or_compute,
@@ -19,9 +20,9 @@ from ....kit import (
     make_packing,
     result_of,
     silent,
+    solve_point,
+    travel,
 )
-from ....loading.protocols import solve_point
-from ....loading.threshold import LEGS, travel
 from ....measure import pressure, stable_time_step
 from ....protocols import Protocol, cell_shear, kinetic_threshold, load_path, plate_shear
 from ....results import Equilibrium, KineticThreshold, PackingInfo
@@ -88,7 +89,7 @@ def _gouge(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report)
 
 
 def _time_step(how: Kicks, state: State, law: Law) -> float:
-    return how.dt or min(STEP_SHARE * stable_time_step(state, law), how.duration / LEGS)
+    return how.dt or min(STEP_SHARE * stable_time_step(state, law), how.duration / KICK_LEGS)
 
 
 def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:

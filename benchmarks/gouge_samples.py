@@ -1,0 +1,68 @@
+"""Printed values and statements of Ferdowsi & Rubin 2021 beside the stored samples of the paper's own size.
+
+The samples in `docs/reference/gouge_paper_size` are evaluated, and the table and figures of `docs/theory/gouge.md` are
+written. To be run after each new sample.
+
+python -m benchmarks gouge_samples --store
+"""
+
+import json
+from pathlib import Path
+
+from stickslip.figures.saving import save
+from stickslip.wings.papers.gouge.paper import reproduce
+from stickslip.wings.papers.gouge.report import paper_figures
+
+from .records import number
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = DOCS / "theory/gouge.md"
+MARK = "<!-- written by python -m benchmarks gouge_samples -->\n"
+FIGURES = {"fig3_holds.png": "holds", "fig5_reslides.png": "reslides", "fig2_velocity_steps.png": "velocity_steps"}
+WORDS = {None: "–", True: "yes", False: "no"}
+
+
+def words(value, error: float | None = None, unit: str = "") -> str:
+    """A value with the half width of its 95 % interval between samples."""
+    if value is None or isinstance(value, bool):
+        return WORDS[value]
+    half = f" ± {2 * error:.2g}" if error and error == error else ""
+    return f"{value:.3g}{half} {'' if unit == '1' else unit}".strip()
+
+
+def table(claims, tenth: dict[str, dict], count: int) -> str:
+    """Rows with a printed value or statement, at the paper's size and at a tenth of it."""
+    head = f"| claim | printed | {count} samples of the paper's size | verdict | at a tenth | verdict |"
+    lines = [head, "|" + 6 * "---|"]
+    for claim in claims:
+        if claim.paper is not None:
+            small = tenth.get(claim.id, {})
+            cells = (
+                f"`{claim.id}`", words(claim.paper, None, claim.unit), words(claim.measured, claim.error, claim.unit),
+                claim.verdict, words(small.get("measured"), small.get("error"), claim.unit), small.get("verdict", "–"),
+            )  # fmt: skip
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def rows(*, smallest: bool = False):
+    """Values with half widths of 95 % intervals, and the table; it is not written for the smallest size."""
+    found = reproduce(paper_size=True, samples=DOCS / "reference/gouge_paper_size")
+    counts = {name: len(result.realizations) for name, result in found.holds.items()}
+    for name, count in counts.items():
+        yield number(f"samples, {name}", count) | {"digits": 1}
+    for claim in found.claims:
+        if isinstance(claim.measured, float):
+            yield number(
+                claim.id, claim.measured, claim.unit.replace("1", ""), 2 * claim.error if claim.error else None
+            )
+    tenth = {claim["id"]: claim for claim in json.loads((DOCS / "reference/gouge/claims.json").read_text("utf-8"))}
+    text = table(found.claims, tenth, max(counts.values()))
+    yield text
+    if not smallest:
+        head, begin, rest = PAGE.read_text("utf-8").partition(MARK)
+        _, end, tail = rest.partition("<!-- end -->")
+        PAGE.write_text(f"{head}{begin}\n{text}\n{end}{tail}", encoding="utf-8")
+        for name, figure in paper_figures(found):
+            if name in FIGURES:
+                save(figure, DOCS / f"figures/gouge_paper_size_{FIGURES[name]}.png")

@@ -1,0 +1,199 @@
+"""Tables of quantities: each quantity of a result is one row, with its name, unit, meaning and function.
+
+Columns of files, measures with their intervals, terminal, labels of axes, tables of notebooks and pages of reference
+follow from the rows:
+
+    LOOP = Quantities([
+        Quantity("G", STRESS, "secant modulus between the turns", lambda loop: loop.tau_a / loop.gamma_a),
+        Quantity("damping", "1", "damping ratio", label="$D$"),  # the attribute `damping` of a loop
+    ])
+    LOOP.write(path, loops)
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from itertools import chain, repeat
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ..core.readable import words
+from ..core.tables import write_table
+from ..core.units import Fields, heading, in_readable_units, unit_name
+
+ERROR = "_error"  # ending of the name of half a 95 % interval
+
+
+class Estimate(NamedTuple):
+    """Mean over samples of a number, and half of its 95 % interval; NaN with fewer than two samples."""
+
+    mean: float
+    half_width: float
+    scatter: float  # standard deviation between samples
+
+    def __str__(self) -> str:
+        spread = f" ± {self.half_width:.2g}" if np.isfinite(self.half_width) else ""
+        return f"{self.mean:.4g}{spread}"
+
+
+def estimate(values) -> Estimate:
+    """Mean of independent values and half of its 95 % interval by Student's t; NaN if any value is NaN.
+
+    Examples
+    --------
+    >>> str(estimate([1.0, 2.0, 3.0]))
+    '2 ± 2.5'
+    """
+    values, n = np.asarray(values, float), len(values)
+    if n < 2:
+        return Estimate(float(values.mean()) if n else np.nan, np.nan, np.nan)
+    scatter = float(values.std(ddof=1))
+    return Estimate(float(values.mean()), float(stdtrit(n - 1, 0.975)) * scatter / np.sqrt(n), scatter)
+
+
+def median(values) -> float:
+    """Median of the values that are finite; NaN without any."""
+    good = [float(value) for value in values if np.isfinite(value)]
+    return float(np.median(good)) if good else np.nan
+
+
+class Quantity(NamedTuple):
+    """One quantity of a subject, such as the damping ratio of a cycle.
+
+    Its value is a number, a text, or an array with an entry for each instant of a series. A dictionary {place: value}
+    stands for values at several places, with names such as `damping@0.001`; None means that a subject does not have it.
+    """
+
+    name: str  # of columns, measures and datasets
+    unit: str  # dimensions such as "force/length^(dim-1)", or a unit; "1" for numbers and texts
+    meaning: str  # in a few words
+    of: Callable[[Any], Any] | str = ""  # function of the subject, or attribute such as "packed.pressure"; else `name`
+    label: str = ""  # of axes, if it is not the name in words
+    partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one has not
+
+    def at(self, subject) -> dict[str, Any]:
+        """Value of a subject by name: one, one for each place, or none."""
+        value = self.of(subject) if callable(self.of) else attrgetter(self.of or self.name)(subject)
+        if isinstance(value, Mapping):
+            return {f"{self.name}@{at if isinstance(at, str) else f'{at:g}'}": each for at, each in value.items()}
+        return {} if value is None else {self.name: value}
+
+    @property
+    def axis(self) -> str | tuple[str, str]:
+        """Words for `label_axes`, with the unit if there is one."""
+        label = self.label or words(self.name)
+        return label if self.unit == "1" else (label, self.unit)
+
+
+class Quantities(dict[str, Quantity]):
+    """Table of the quantities of one kind of subject, by name and in the order of columns."""
+
+    def __init__(self, rows: Iterable[Quantity]):
+        rows = list(rows.values() if isinstance(rows, Mapping) else rows)
+        super().__init__((row.name, row) for row in rows)
+        if len(self) < len(rows):
+            raise ValueError(f"two of these quantities have the same name: {', '.join(row.name for row in rows)}")
+
+    def row(self, name: str) -> Quantity:
+        """Quantity of a name, which may end in a place (`damping@0.001`) or in `_error`."""
+        name = name if name in self else name.removesuffix(ERROR)
+        return self[name.partition("@")[0]]
+
+    def of(self, subject) -> dict[str, Any]:
+        """Values of a subject by name."""
+        return {name: value for row in self.values() for name, value in row.at(subject).items()}
+
+    def columns(self, subjects: Iterable) -> dict[str, np.ndarray]:
+        """Columns by name, with one row for each subject; NaN where a subject does not have a quantity."""
+        rows = [self.of(subject) for subject in subjects]
+        return {name: np.array([row.get(name, np.nan) for row in rows]) for name in dict.fromkeys(chain(*rows))}
+
+    def fields(self, subject) -> Fields:
+        """Values of a subject with their units, for an archive."""
+        values = self.of(subject)
+        return Fields(values, **{name: self.row(name).unit for name in values})
+
+    def write(self, path: Path, subjects: Iterable, **options) -> None:
+        """Write a CSV file with a row for each subject, or for each instant of its series; options of `write_table`."""
+        tables = [self.of(subject) for subject in subjects]
+        names = [*dict.fromkeys(chain(*tables))] or [*self]
+        headings = [heading(name, self.row(name).unit) for name in names]
+        rows = (row for table in tables for row in _rows([table.get(name, np.nan) for name in names]))
+        write_table(path, headings, rows, **options)
+
+
+def _rows(values: list) -> Iterable[tuple]:
+    """Rows of one subject, whose values are repeated beside its series."""
+    if not any(np.ndim(value) for value in values):
+        return [tuple(values)]
+    return zip(*(np.asarray(v, float).tolist() if np.ndim(v) else repeat(v) for v in values), strict=False)
+
+
+class Measures(Quantities):
+    """Quantities that a run leaves for sweeps and datasets: the function `measures` of an experiment.
+
+    Parameters
+    ----------
+    rows : quantities of a result, of its `subject`, or of one of its samples
+    subject : function of the result; the quantities are those of its value
+    samples : function of the result that returns its samples
+    over : function of the values of all samples, such as `estimate`, `median` or `np.mean`; without `samples`, of the
+        values that each quantity is
+    """
+
+    def __init__(
+        self, rows: Iterable[Quantity], *, subject: Callable = lambda result: result, samples: Callable | None = None,
+        over: Callable | None = None,
+    ):  # fmt: skip
+        super().__init__(rows)
+        self.subject, self.samples, self.over = subject, samples, over
+
+    def of(self, result) -> dict[str, float | Estimate]:
+        """Values of a result by name."""
+        if self.samples:
+            values = {name: column.tolist() for name, column in Quantities(self).columns(self.samples(result)).items()}
+        else:
+            values = super().of(self.subject(result))
+        return {name: self._reduce(self.row(name), value) for name, value in values.items()}
+
+    def _reduce(self, row: Quantity, values):
+        if not self.over:
+            return values
+        known = [value for value in values if np.isfinite(value)] if row.partial else values
+        return self.over(known or values)
+
+    def __call__(self, result) -> dict[str, tuple[float, str]]:
+        """Return {name: (value, unit)}; estimates also have `name_error`, half of their 95 % interval."""
+        out = {}
+        for name, value in self.of(result).items():
+            unit, known = self.row(name).unit, isinstance(value, Estimate)
+            out[name] = (value.mean if known else value, unit)
+            out |= {f"{name}{ERROR}": (value.half_width, unit)} if known else {}
+        return out
+
+    def known(self, result) -> dict[str, Any]:
+        """Values that are not NaN."""
+        values = self.of(result)
+        return {k: v for k, v in values.items() if not np.isnan(v.mean if isinstance(v, Estimate) else v)}
+
+    def show(self, result, *, title: str, readable: Callable = in_readable_units, without=()) -> None:
+        """Print the values that are not NaN with their intervals, units and meanings.
+
+        Parameters
+        ----------
+        readable : function of values and their unit that returns them in a unit for people
+        without : names that are left out
+        """
+        from ..reports.terminal import new_table, show_table
+
+        table = new_table("", "mean", "95 % ±", "unit", "", title=title, left=("", "unit"))
+        for name, value in self.known(result).items():
+            if name in without:
+                continue
+            pair = value[:2] if isinstance(value, Estimate) else (value, np.nan)
+            (mean, half), unit = readable(np.array(pair), unit_name(self.row(name).unit))
+            width = f"{half:.2g}" if np.isfinite(half) else "–"
+            table.add_row(name, f"{mean:.4g}", width, "" if unit == "1" else unit, self.row(name).meaning)
+        show_table(table)

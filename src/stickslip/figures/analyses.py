@@ -1,0 +1,298 @@
+"""Figures of analyses: growth, bursts and thresholds of sliding, probes, inflated grains, waves, cycles of a sweep."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from scipy.signal import find_peaks
+from scipy.special import expit
+
+from ..core.arguments import Array, Requirement, Result, require_filled
+from ..core.state import State
+from ..solve.birth import BirthForm
+from ..solve.inclusion import Inflation, ScreeningFits
+from ..solve.waves import Dispersion
+from .style import (
+    BLACK,
+    BLUE,
+    COLORS,
+    GREEN,
+    ORANGE,
+    PAGE,
+    RED,
+    SKY,
+    WIDTH,
+    column_axes,
+    label_axes,
+    legend_above,
+    plot_fast,
+    power_of_ten,
+    styled,
+    subplots,
+)
+
+_Load = Annotated[Any, Array((0,), finite=False)]  # NaN if it is not known
+_Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
+_Form = Annotated[Any, Result("BirthForm", ("growth_rate", "peak", "mode", "free"))]
+_Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
+_Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
+LOOK = {"elastic": (BLUE, "-"), "dipole": (GREEN, "--"), "odd": (RED, ":")}
+YEAR = 365.25 * 86400.0
+UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
+PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
+
+
+@styled
+def growth_by_amplitude(form: BirthForm):
+    """Growth rate of a pair against the displacement of the grain that moves most, with burst and first limit."""
+    figure, axes = column_axes(1, 2.4)
+    move = np.array([form.displacement(a) for a in form.amplitudes])
+    seen = np.isfinite(form.rates)
+    x = np.linspace(0, move[-1] if len(move) else form.displacement(form.first), 200)
+    square = form.growth_rate**2 + 0.5 * form.beta * (x / form.displacement(1.0)) ** 2
+    below = square > 0
+    axes.plot(x[below], np.sqrt(square[below]), "--", color=ORANGE, label="third order")
+    axes.plot(move[seen], form.rates[seen], ".-", color=BLUE, label="harmonic balance")
+    axes.axhline(form.growth_rate, color=BLACK, lw=0.6, ls=":", label="linear")
+    inside = x[-1] * 1.02 if len(x) else np.inf
+    if form.displacement(form.peak) <= inside:
+        axes.axvline(form.displacement(form.peak), color=GREEN, label="burst turns back")
+    if form.displacement(form.first) <= inside:
+        axes.axvline(form.displacement(form.first), color=RED, label="a contact is lost")
+    axes.set_ylim(bottom=0)
+    axes.set_xlim(0, x[-1] * 1.03)
+    label_axes(axes, x=("largest displacement", "length"), y=("growth rate", "1/time"))
+    axes.legend(loc="best")
+    return figure
+
+
+@styled
+def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
+    """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
+
+    Open circles and dashed curves are runs that slid by the distance, full ones those that slid on for another
+    duration; coloured bands are 95 % intervals of the loads at which half do so, and the lower panel shows the median
+    time until a run had slid. The grey band contains the loads at which sliding samples stopped; `strength` is the load
+    at which the sample slides by itself.
+    """
+    figure, (axes, below) = column_axes(2, 4.0, sharex=True, height_ratios=(3, 2))
+    loads = found.loads
+    top = loads[-1] if np.isnan(strength) else max(strength, loads[-1])
+    x = np.linspace(loads[0], top, 400)
+    for k, kick in enumerate(found.kicks):
+        color = COLORS[k % len(COLORS)]
+        axes.plot(loads, found.probability[:, k], "o", color=color, ms=5, mfc="none")
+        axes.plot(
+            loads, found.lasting_probability[:, k], "o", color=color, ms=3, label=f"kicked by {power_of_ten(kick)}"
+        )
+        below.plot(loads, found.lifetime[:, k], "o-", color=color, ms=3.5, lw=0.6)
+        for at, interval, width, style in (
+            (found.threshold[k], found.interval[k], found.width[k], "--"),
+            (found.lasting_threshold[k], found.lasting_interval[k], found.lasting_width[k], "-"),
+        ):
+            if np.isfinite(at):
+                axes.plot(x, expit((x - at) / width), style, color=color)
+                axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
+    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="half do: 95 % interval of load")
+    axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
+    axes.plot([], [], "o-", color=BLACK, ms=3, label="then slid on as long again")
+    if len(found.arrest):
+        axes.axvspan(
+            *np.clip(found.arrest_range, loads[0], top),
+            color=BLACK,
+            alpha=0.2,
+            lw=0,
+            label="sliding stops when lowered",
+        )
+    static = (
+        (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),
+        (strength, "slides by itself", "-"),
+    )  # fmt: skip
+    for load, name, style in static:
+        if x[0] <= load <= top:
+            axes.axvline(load, color=BLACK, ls=style, lw=0.8, label=name)
+            below.axvline(load, color=BLACK, ls=style, lw=0.8)
+    axes.set_ylim(-0.03, 1.03)
+    label_axes(axes, y="share of runs")
+    below.set_ylim(0, 1.1 * found.duration)
+    below.axhline(found.duration, color=BLACK, lw=0.5, ls=":")
+    label_axes(below, x=label, y=("half have slid after\n", "time"))
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+@styled
+def bursts(record: _Record, state: State, form: _Form):
+    """Amplitude along the mode of a pair in a free run, with the predicted envelopes of its bursts.
+
+    Near the birth of the pair a burst has the envelope ±a₀/cosh(σ(t − t₀)), with the growth rate σ and the peak a₀ of
+    the form; only the times t₀ are those of the run.
+    """
+    time, amplitude = record.time, along_mode(record, state, form)
+    figure, (above, below) = column_axes(2, 3.4, sharex=True)
+    size = np.abs(amplitude)
+    apart = max(1, round(3 / form.growth_rate / (time[1] - time[0])))
+    tops, _ = find_peaks(size, height=0.5 * form.peak, distance=apart)
+    below.set_yscale("log")
+    plot_fast(above, time, amplitude / form.peak, color=BLUE, middle=False)
+    plot_fast(below, time, np.maximum(size / form.peak, 1e-12), color=BLUE, middle=False, label="run: range of $a$")
+    edges = [time[0], *(0.5 * (time[tops][1:] + time[tops][:-1])), time[-1]]
+    for k, top in enumerate(tops):
+        t = time[(time >= edges[k]) & (time <= edges[k + 1])]
+        wave = 1 / np.cosh(form.growth_rate * (t - time[top]))
+        for axes, sign in ((above, 1), (above, -1), (below, 1)):
+            axes.plot(
+                t, sign * wave, color=RED, ls="--", lw=1.0, label=None if k or axes is above else "predicted envelope"
+            )
+    for sign in (-1, 1):
+        above.axhline(sign, color=BLACK, ls=":", lw=0.7)
+    above.set_ylim(-1.25, 1.25)
+    below.set_ylim(np.clip(np.quantile(size, 0.02) / form.peak, 1e-9, 1e-2), 3)
+    below.axhline(1, color=BLACK, ls=":", lw=0.7, label="predicted peak $a_0$")
+    label_axes(above, y="amplitude $a/a_0$")
+    label_axes(below, x=("time $t$", "time"), y="$|a|/a_0$")
+    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
+    return figure
+
+
+def along_mode(record, state, form) -> np.ndarray:
+    """(T,) amplitude along the mode of a pair; `record` must have all grains as probes, and `state` be at rest."""
+    grains, free = state.grains, form.free
+    turned = (record.angle - grains.angle) * grains.radius[:, None]
+    shift = np.concatenate([record.position - grains.position, turned], axis=2)
+    shift = np.concatenate([shift, np.zeros((len(shift), free.bodies - len(grains.radius), 6))], axis=1)
+    return shift.reshape(len(shift), -1)[:, free.component] @ (free.mass * form.mode) / 2
+
+
+@styled
+def response_envelopes(
+    envelopes: Annotated[list[_Envelope] | tuple[_Envelope, ...], Requirement(require_filled)],
+    labels: list[str] | tuple[str, ...] = (),
+    names: tuple[str, str] = ("yy", "xx"),
+):
+    """Responses of several states to probes in one plane: stress per unit strain, and second-order work by direction.
+
+    Dashed curves are the elastic part, if contacts at the limit stick. Red bands are directions of strain with negative
+    second-order work.
+
+    Parameters
+    ----------
+    envelopes : results of `protocols.response_envelope` with control="strain"
+    labels : one for each
+    names : of the components along the two axes of the plane
+    """
+    figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
+    closed = [np.append(np.arange(len(e.angle)), 0) for e in envelopes]
+    for k, (envelope, rows) in enumerate(zip(envelopes, closed, strict=True)):
+        color, label = COLORS[k % len(COLORS)], labels[k] if k < len(labels) else None
+        left.plot(*envelope.components("elastic")[rows, ::-1].T, "--", color=color, lw=0.6)
+        left.plot(*envelope.components("stress")[rows, ::-1].T, color=color, label=label)
+        angle = np.degrees(np.append(envelope.angle, 2 * np.pi))
+        right.plot(angle, envelope.normalised_work[rows], color=color, label=label)
+        for begin, end in np.degrees(envelope.cones):
+            for turn in (0, 360):
+                right.axvspan(begin + turn, end + turn, color=RED, alpha=0.15, lw=0)
+    left.axhline(0, color=BLACK, lw=0.4)
+    left.axvline(0, color=BLACK, lw=0.4)
+    left.set_aspect("equal", "datalim")
+    unit = "force/length" if envelopes[0].stress.shape[-1] == 2 else "force/length^2"
+    label_axes(left, **{k: (f"dσ/|dε| along {name}", unit) for k, name in zip("yx", names, strict=True)})
+    right.axhline(0, color=BLACK, lw=0.4)
+    right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
+    right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")
+    if labels:
+        right.legend(loc="best", fontsize="small")
+    return figure
+
+
+@styled
+def inclusion(field: Inflation, fits: ScreeningFits | None = None):
+    """Radial and tangential displacements around an inflated grain, with elasticity, screening and the moduli.
+
+    Bars are standard errors.
+
+    Parameters
+    ----------
+    field : from `modes.inflate` or `protocols.inflate`
+    fits : `field.fit()` unless given
+    """
+    fits = field.fit() if fits is None else fits
+    rings, size = fits.rings, 1 / field.growth
+    figure, panels = subplots(1, len(rings.mean), figsize=((WIDTH, PAGE)[len(rings.mean) > 1], 2.7), squeeze=False)
+    r = np.linspace(rings.radius[0], rings.radius[-1], 300)
+    for k, (axes, name) in enumerate(zip(panels[0], ("radial", "tangential"), strict=False)):
+        axes.errorbar(rings.radius, size * rings.mean[k], size * rings.error[k], fmt="o", color=BLACK, label="grains")
+        for fit in fits.models:
+            color, dashes = LOOK[fit.model]
+            w = size * fit.displacement(r)
+            axes.plot(r, (w.real, w.imag)[k], dashes, color=color, label=fit.model)
+        if k == 0 and np.isfinite(fits.lame):
+            axes.plot(r, size * field.elastic(r), "-.", color=BLACK, lw=0.7, label="elastic, from the moduli")
+        axes.axhline(0, color=BLACK, lw=0.4)
+        label_axes(axes, x=("distance", "length"), y=(f"{name} displacement\nover growth", "length"))
+    panels[0, 0].legend()
+    return figure
+
+
+@styled
+def dispersion(waves: Dispersion, speeds: np.ndarray | None = None):
+    """Frequency and damping of each branch against the length of the wave vector.
+
+    Parameters
+    ----------
+    waves : from `modes.dispersion`
+    speeds : (K, dim) from `modes.elastic_speeds` for these wave vectors, drawn as lines ω = c k with their means
+    """
+    if speeds is not None and (speeds.ndim != 2 or not len(speeds)):
+        raise ValueError(f"speeds has shape {speeds.shape}: give one of `elastic_speeds`, (K, dim)")
+    figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
+    k, names = np.linalg.norm(waves.wavevector, axis=1), waves.names
+    order, kinds = np.argsort(k, kind="stable"), list(dict.fromkeys(names))
+    for name, marker in zip(kinds, "os^", strict=True):
+        color, columns = COLORS[kinds.index(name)], np.flatnonzero(np.array(names) == name)
+        for axes, values in ((left, waves.frequency), (right, waves.damping)):
+            lines = axes.plot(k[order], values[order][:, columns], marker, ms=3.5, color=color)
+            lines[0].set_label(name)
+        if speeds is not None and columns[0] < speeds.shape[1]:
+            for c in np.unique(speeds[:, columns].mean(axis=0)):
+                left.plot([0, k.max()], [0, c * k.max()], color=color, lw=0.8)
+    label_axes(left, x=("wave number k", "1/length"), y=("frequency ω", "1/time"))
+    label_axes(right, x=("wave number k", "1/length"), y=("damping −Re s", "1/time"))
+    for axes in (left, right):
+        axes.set_xlim(0, None)
+        axes.set_ylim(min(0, axes.get_ylim()[0]) if axes is right else 0, None)
+    left.legend()
+    return figure
+
+
+@styled
+def cycles(since, curves, recurrence, *, without: int = 0):
+    """Slip against the time since an event, above a histogram of recurrence times.
+
+    Bands contain 68 and 95 % of the members, and the line is their median.
+
+    Parameters
+    ----------
+    since : (N,) times since an event [s]
+    curves : (M, N) slip of M members since the event [m]
+    recurrence : (K,) recurrence times [s]
+    without : number of members without cycles
+    """
+    size, unit = next((pair for pair in UNITS if np.median(recurrence) > pair[0]), UNITS[-1])
+    figure, (top, bottom) = column_axes(2, 3.8, height_ratios=(3, 2))
+    low, first, middle, third, high = np.percentile(curves, PERCENTS, axis=0)
+    top.fill_between(since / size, low, high, color=SKY, alpha=0.35, lw=0, label="95 % of the members")
+    top.fill_between(since / size, first, third, color=BLUE, alpha=0.35, lw=0, label="68 %")
+    top.plot(since / size, middle, color=BLUE, label="median")
+    label_axes(top, x=("time since an event", unit), y=("slip", "m"))
+    top.set_xlim(since[0] / size, since[-1] / size)
+    legend_above(top, ncol=3)
+    low, first, middle, third, high = np.percentile(recurrence, PERCENTS) / size
+    bottom.axvspan(low, high, color=SKY, alpha=0.35, lw=0)
+    bottom.axvspan(first, third, color=BLUE, alpha=0.35, lw=0)
+    bottom.hist(recurrence / size, min(30, max(8, len(recurrence) // 8)), histtype="step", color=BLACK)
+    bottom.axvline(middle, color=BLUE)
+    missing = f"; {without} members without cycles" if without else ""
+    bottom.set_title(f"recurrence {middle:.3g} {unit}, 95 %: {low:.3g} to {high:.3g}{missing}", fontsize=7)
+    label_axes(bottom, x=("recurrence time", unit), y="members", whole="y")
+    figure.align_ylabels((top, bottom))
+    return figure
