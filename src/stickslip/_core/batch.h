@@ -86,7 +86,10 @@ inline const double *parameters_of(const Law &law, const Slot &slot, int64_t i, 
 // Pair vector of two bodies from their positions.
 template <int DIM>
 inline Vec<double> pair_vector(const Slot &slot, const double *own, const double *other, int64_t word) {
-  return across<DIM>(flat<DIM>(read(own) - read(other)), [word](int k) { return image_of(word, k); }, slot.vectors());
+  Vec<double> r = flat<DIM>(read(own) - read(other));
+  for (int k = 0; k < 3; ++k)
+    if (const int64_t image = image_of(word, k)) r = r + double(image) * flat<DIM>(read(slot.vectors() + 3 * k));
+  return r;
 }
 
 // Geometry of an entry of body a.
@@ -105,8 +108,8 @@ __attribute__((noinline)) inline void store_event(const Batch &b, int64_t s, int
   const int64_t row = fetch_add(b.happened + s, 1);
   if (row >= b.events) return;
   const Slot slot(b, s);
-  write_event(b.event + EVENT * (b.events * s + row), kind, slot.time(), a, word >> PARTNER,
-              [word](int k) { return image_of(word, k); }, slot.here(a));
+  const int64_t image[3] = {image_of(word, 0), image_of(word, 1), image_of(word, 2)};
+  write_event(b.event + EVENT * (b.events * s + row), kind, slot.time(), a, word >> PARTNER, image, slot.here(a));
 }
 
 inline void record_event(const Slot &slot, int64_t a, int64_t word, int64_t kind) {

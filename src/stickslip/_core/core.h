@@ -432,7 +432,7 @@ struct LawValues {
   int64_t len_a;
 };
 
-API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.values`
+API void law_values(const Law *law, const LawValues *at);  // evaluates a law, see `laws.compiled`
 
 // ---- linearisation, time step and quench. `shift` (C, 3): periodic shifts of all pairs
 

@@ -1,7 +1,7 @@
 // build: -ffp-contract=fast -fno-signed-zeros -ffinite-math-only
 // Linearisation of contacts and of their rolling moments, and sums over all contacts.
 #include "blocks.h"
-#include "observables.h"
+#include "pairs.h"
 #include "rolling.h"
 
 // A sliding contact that has moved back resists, even by less than round-off of its limit.
@@ -229,8 +229,10 @@ void add_virial(const Law *law, int64_t dim, const Bodies *bodies, const Contact
   int64_t grains = bodies->len_radius - bodies->len_normal;
   for (int64_t c = 0; c < *contacts->count; c++) {
     if (contacts->mode[c] == OPEN || contacts->j[c] >= grains) continue;
-    const ElasticPair pair = elastic_pair(*law, dim, *bodies, *contacts, shift, c);
-    add_square(out, 1.0, pair.force, pair.r);
+    ElasticPair pair = elastic_pair(*law, dim, *bodies, *contacts, shift, c);
+    double f[] = {pair.force.x, pair.force.y, pair.force.z}, r[] = {pair.r.x, pair.r.y, pair.r.z};
+    for (int a = 0; a < 3; a++)
+      for (int b = 0; b < 3; b++) out[3 * a + b] += f[a] * r[b];
   }
 }
 

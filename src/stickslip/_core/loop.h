@@ -19,7 +19,7 @@ inline void record_event(const Events *events, int64_t kind, const Contacts &con
   const int64_t k = events->count[0]++;
   if (k >= events->capacity) return;
   write_event(events->row + EVENT * k, kind, events->time, contacts.i[c], contacts.j[c],
-              [image = contacts.image + 3 * c](int m) { return image[m]; }, place);
+              contacts.image + 3 * c, place);
 }
 
 // ---- contacts row by row of the list: for `forces`, for runs of few grains, and for laws with rolling resistance or a

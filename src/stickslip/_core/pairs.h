@@ -26,14 +26,6 @@ inline Vec<double> flat(Vec<double> v) {
   return {v.x, v.y, DIM == 3 ? v.z : 0.0};
 }
 
-// Pair vector r across periodic boundaries; image(k): number of boxes along each of the cell's `vectors`.
-template <int DIM, class Image>
-inline Vec<double> across(Vec<double> r, Image image, const double *vectors) {
-  for (int k = 0; k < 3; ++k)
-    if (const int64_t boxes = image(k)) r = r + double(boxes) * flat<DIM>(read(vectors + 3 * k));
-  return r;
-}
-
 // Rolled length R_i a_i + R_j a_j of angles or spins; the radius of a wall is zero.
 template <int DIM>
 inline Vec<double> rolled(double radius_i, Vec<double> a, double radius_j, Vec<double> b) {
@@ -47,7 +39,7 @@ inline double radius_of(const Bodies &bodies, int64_t a) { return bodies.radius[
 inline double inverse_mass_of(const Bodies &bodies, int64_t a) { return bodies.inverse_mass[a]; }
 inline bool is_wall(const Bodies &bodies, int64_t a) { return a >= bodies.len_radius - bodies.len_normal; }
 inline Vec<double> normal_of(const Bodies &bodies, int64_t wall) {
-  return read(bodies.normal + 3 * (wall - (bodies.len_radius - bodies.len_normal)));
+  return vector_at(3, bodies.normal, wall - (bodies.len_radius - bodies.len_normal));
 }
 inline const double *parameters_of(const Law &law, const Bodies &bodies, int64_t i, int64_t j) {
   return parameters(law, bodies.material[i], bodies.material[j]);
@@ -139,7 +131,8 @@ inline ElasticPair elastic_pair(const Law &law, int dim, const Bodies &bodies, c
 
 // A row of events: columns as in `core.h`.
 template <class Image>
-inline void write_event(double *row, int64_t kind, double time, int64_t i, int64_t j, Image image, const double *place) {
+inline void write_event(double *row, int64_t kind, double time, int64_t i, int64_t j, const Image *image,
+                        const double *place) {
   row[0] = double(kind), row[1] = time, row[2] = double(i), row[3] = double(j);
-  for (int k = 0; k < 3; ++k) row[4 + k] = double(image(k)), row[7 + k] = place[k];
+  for (int k = 0; k < 3; ++k) row[4 + k] = double(image[k]), row[7 + k] = place[k];
 }

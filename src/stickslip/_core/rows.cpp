@@ -52,7 +52,9 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
   Pair pair;
   if (sweep.stepping) {
     pair.r = flat<DIM>(at(sweep.position, i) - at(sweep.position, j));
-    pair.r = across<DIM>(pair.r, [image](int k) { return image[k]; }, sweep.vectors);
+    // written out: in a function shared with batches, compilers fuse other products, which changes last bits
+    for (int k = 0; k < 3; ++k)
+      if (image[k]) pair.r = pair.r + double(image[k]) * flat<DIM>(read(sweep.vectors + 3 * k));
   } else {
     double place[3];
     pair_vector(contacts, c, sweep.position.data, sweep.vectors, place);
