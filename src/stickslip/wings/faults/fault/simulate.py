@@ -70,7 +70,7 @@ def simulate_cycles(
     """
     fault, loading = scenario.fault, scenario.loading
     try:
-        stress = loading.quasistatic
+        stress = loading.stress
         if not (stress is None or isinstance(stress, str)):
             stress = profile("stress", stress, fault.depth)
         state = initial_state(fault, velocity=loading.velocity, stress=stress)
