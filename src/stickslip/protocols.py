@@ -13,7 +13,6 @@ kinetic_threshold   load from which on kicked samples slide, and at which slidin
 response_envelope   response to small strains or stresses in all directions, and its second-order work
 Envelope        its result
 localisation    plane across which a shear band forms most easily
-Localisation    its result
 inflate         quasi-static inflation of a grain, with the displacements around it
 find_events     discontinuities of quasi-static shear, bracketed and classified
 release         undamped run from an unstable state, with snapshots of its spectrum

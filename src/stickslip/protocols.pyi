@@ -1,6 +1,5 @@
 from .core.dynamics.device import run_batch as run_batch
 from .loading.envelope import Envelope as Envelope
-from .loading.envelope import Localisation as Localisation
 from .loading.envelope import localisation as localisation
 from .loading.envelope import response_envelope as response_envelope
 from .loading.events import find_events as find_events

@@ -12,6 +12,7 @@ Stability
 Loading
     ContactLoads            `forces`
     Equilibrium, Released, KineticThreshold     `protocols.ramp`, `protocols.release`, `protocols.kinetic_threshold`
+    Localisation            `protocols.localisation`
     Event, EventKind, Events, StrainStep        `protocols.find_events`
     PackingInfo, Poured     `packings.jammed` and `packings.compressed`; `packings.poured`
     Record, Ledger          `run`

@@ -2,6 +2,7 @@ from .core.contacts.forces import ContactLoads as ContactLoads
 from .core.dynamics.ledger import Ledger as Ledger
 from .core.dynamics.record import Record as Record
 from .data.exchange.frame import Frame as Frame
+from .loading.envelope import Localisation as Localisation
 from .loading.event_class import Event as Event
 from .loading.event_class import EventKind as EventKind
 from .loading.event_class import Events as Events

@@ -323,7 +323,7 @@ def test_the_laboratory_passes_all_its_tests_without_a_wing(name):
 
 def test_heads_name_the_wings_that_they_import():
     direct = {name: set() for name in hidden.NAMES}
-    for path in (rooms.PACKAGE / "wings").rglob("*.py*"):
+    for path in (rooms.PACKAGE / "wings").rglob("*.py"):
         parts = path.relative_to(rooms.PACKAGE / "wings").parts
         for dots, other in re.findall(r"^ *from (\.+)(\w+)", path.read_text(encoding="utf-8"), flags=re.M):
             if len(dots) == len(parts) and other in direct and len(parts) > 1:

@@ -74,8 +74,10 @@ def test_every_public_name_loads_and_is_documented(space):
 
 @pytest.mark.parametrize("space", [stickslip, *NAMESPACES], ids=lambda space: space.__name__)
 def test_help_is_a_table_of_contents(space):
-    """`help` of a namespace has a line for each of its names."""
-    missing = [n for n in space.__all__ if not n.startswith("_") and not re.search(rf"\b{n}\b", space.__doc__)]
+    """`help` of a namespace has a line for each of its names, except for the modules that heads of wings name."""
+    found = {} if space is stickslip else {n for n in space.__all__ if isinstance(getattr(space, n), ModuleType)}
+    names = [n for n in space.__all__ if not n.startswith("_") and n not in found]
+    missing = [n for n in names if not re.search(rf"\b{n}\b", space.__doc__)]
     assert not missing
 
 

@@ -247,6 +247,7 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
     return np.array([first, second / np.linalg.norm(second)])
 
 
+@readable
 class Localisation(NamedTuple):
     """Weakest plane of a packing against a band of shear: the acoustic tensor n·C·n with the least determinant."""
 

@@ -164,15 +164,24 @@ class Search:
                 return False
             trial = self._try(waiting[-1]) if waiting else None
         if len(self.events) > known:
-            other, off = first.newton(goal, thorough=True), np.nan  # in mean diameters
-            if other is not None:
-                both = self.point.response.support.grains & other.response.support.grains
-                off = distance(other.state, self.point.state, both) / self.point.judge.diameter
+            off = self._distance_from(first.newton(goal, thorough=True))
             self.events[known:] = [event._replace(newton_distance=off) for event in self.events[known:]]
-        here, vectors = self.point, self.point.state.cell.vectors
-        if abs(vectors[1, 0]) > SKEW * vectors[0, 0]:
-            self.point = Point(here.strain, reduced_cell(here.state), here.judge, tolerated=here.tolerated)
+        self._choose_cell()
         return True
+
+    def _distance_from(self, other: Point | None) -> float:
+        """Distance of a point from the present one, in mean diameters; NaN without a point."""
+        if other is None:
+            return np.nan
+        both = self.point.response.support.grains & other.response.support.grains
+        return distance(other.state, self.point.state, both) / self.point.judge.diameter
+
+    def _choose_cell(self) -> None:
+        vectors = self.point.state.cell.vectors
+        if abs(vectors[1, 0]) > SKEW * vectors[0, 0]:
+            self.point = Point(
+                self.point.strain, reduced_cell(self.point.state), self.point.judge, tolerated=self.point.tolerated
+            )
 
     def _try(self, strain: float) -> Point | None:
         """Point of Newton's method at a strain; it must not fail by impatience where that matters."""

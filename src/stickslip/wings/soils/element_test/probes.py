@@ -11,8 +11,8 @@ import numpy as np
 from .... import Law, State, stability
 from ....control import stress_controlled
 from ....measure import stress
-from ....protocols import Envelope, Localisation, localisation, response_envelope
-from ....results import Stability
+from ....protocols import Envelope, localisation, response_envelope
+from ....results import Localisation, Stability
 from ...status.complementarity import complementarity
 from ...status.matrices import linear_system
 from ...status.uniqueness import UniquenessVerdict, certificate

@@ -47,8 +47,8 @@ from ....measure import (
 )
 from ....modes import elastic_moduli
 from ....packings import strained
-from ....protocols import Envelope, Localisation
-from ....results import Factorisation, PackingInfo
+from ....protocols import Envelope
+from ....results import Factorisation, Localisation, PackingInfo
 from ...lammps.run import lammps_engine
 from . import EXPERIMENT
 from .probes import ProbedState, plane_of, probe, without_answer
