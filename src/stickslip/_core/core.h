@@ -515,14 +515,14 @@ API double largest_squared_frequency(const Law *law, int64_t dim, const Bodies *
 API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
                     double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
                     int64_t steps);
-// see `solve.leapfrog`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16)
+// see `solve.fastest`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16)
 API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
                   const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
                   float *record);
 
 // ---- rate-and-state friction
 
-// A surface and the spring that pulls it, see `friction.slider`; stiffness and damping are over the normal stress
+// A surface and the spring that pulls it, see `friction.laws`; stiffness and damping are over the normal stress
 struct Slider {
   double a;
   double b;
@@ -579,7 +579,7 @@ API void state_history(int64_t evolution, double s, int64_t count, const double 
 API void slider_rates(const Slider *slider, const double *logs, double velocity, double normal, double *out,
                       double *jacobian);
 // Logarithms at ascending times (N, 3) from those at the start, and from durations, velocities and normal stresses of
-// legs (3, L); returns a code, see `friction.slider`
+// legs (3, L); returns a code, see `friction.laws`
 API int64_t slider_history(const Slider *slider, double w, double s, double s2, const double *legs, int64_t many,
                            const double *times, int64_t count, double tolerance, double *out, double *reached);
 // Rates of the unknowns and powers; false if a velocity cannot be found

@@ -1,5 +1,5 @@
 // build: -ffp-contract=fast
-// Leapfrog of many vectors at once, see `solve.leapfrog`.
+// Leapfrog of many vectors at once, see `solve.fastest`.
 #include <string.h>
 
 #include "core.h"

@@ -126,7 +126,7 @@ def load_path(
 
     Slow dynamics in 200 steps of the load moved the lid as the path did, within 0.1 % (median) and 0.9 % (largest), and
     strained sheared cells within 0.06 %, event by event, where one status alone was consistent
-    (`tests/quasirigid/test_path.py`).
+    (`tests/wings/status/test_path.py`).
 
     Parameters
     ----------
