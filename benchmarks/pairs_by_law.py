@@ -58,7 +58,7 @@ def draw() -> None:
 
 
 def write_summary(found: list[Births]) -> None:
-    """Write the file of `claims_of_laws`."""
+    """Write the file that claims on sheared spheres read."""
     names = ("kind", "coulomb", "mu", "packings", "born", "limited", "mobilisation")
     with BIRTHS.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")

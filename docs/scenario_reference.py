@@ -91,7 +91,8 @@ def measures(name: str) -> list[str]:
     table = table_of(EXPERIMENTS[name])
     if table is None:
         return []
-    rows = [f"| `{one.name}` | {'–' if one.unit == '1' else one.unit} | {one.meaning} |" for one in table.values()]
+    table_rows = [(f"`{one.name}`", "–" if one.unit == "1" else one.unit, _cell(one.meaning)) for one in table.values()]
+    rows = [f"| {' | '.join(cells)} |" for cells in table_rows]
     return ["\n".join(["## Measures of a run\n", MEASURES, "\n| name | unit | |", "|---|---|---|", *rows])]
 
 
@@ -137,7 +138,12 @@ def _row(key: str, entry: dict, whole: dict, below: list[str], required: bool) -
     if below and not words:
         words = _plain(whole["$defs"][below[0]]["description"]) if len(below) == 1 else "see below"
     cells = [f"`{key}`", _type(entry), default, _allowed(entry) or "–", unit or "–", words]
-    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+    return "| " + " | ".join(_cell(cell) for cell in cells) + " |"
+
+
+def _cell(text: str) -> str:
+    """Text of a cell of a table."""
+    return text.replace("|", "\\|").replace("\n", " ")
 
 
 def _plain(text: str) -> str:

@@ -43,6 +43,7 @@ def test_without_friction_many_packings_have_only_saddle_nodes():
 
 def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding):
     for record in (frictionless, sliding, search(LINEAR, 3, 0.006, resolution=1e-5, most=1)):
+        assert record.events
         for event in record.events:
             assert 0 < event.strain - event.below <= record.resolution
             assert (np.diff(event.distances) < 0).all() and event.distances[0] <= record.step

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stickslip as ss
+from stickslip.data.exchange.columns import contradictions
 from stickslip.data.exchange.lammps_text import read_dump
 from stickslip.loading.reading import convert
 
@@ -152,6 +153,24 @@ def test_flat_packings_are_two_dimensional(tmp_path):
     assert again.cell.dim == 2
     assert any("two-dimensional" in word for word in notes)
     assert np.array_equal(again.grains.inertia, 0.5 * again.grains.mass * again.grains.radius**2)
+
+
+def test_velocities_and_spins_without_a_third_component_are_not_used(tmp_path):
+    state = disks()
+    g = state.grains
+    rows = np.column_stack([np.arange(len(g.radius)) + 1, g.position, g.radius, g.mass, g.velocity[:, :2]])
+    columns = "id x y z radius mass"
+    dump(tmp_path / "xy.dump", state, columns=f"{columns} vx vy", rows=rows.tolist())
+    dump(tmp_path / "turn.dump", state, columns=f"{columns} omegax omegay", rows=rows.tolist())
+    for name in ("xy.dump", "turn.dump"):
+        again, _, notes = ss.io.read_packing(tmp_path / name, **GIVEN)
+        assert not again.grains.velocity.any() and not again.grains.spin.any()
+        assert any("no velocities" in note for note in notes)
+
+
+def test_a_table_without_grains_is_no_contradiction():
+    none = np.zeros(0)
+    assert contradictions("empty.csv", {"radius": none, "diameter": none, "mass": none, "density": none}) == []
 
 
 def test_a_grain_that_touches_two_images_of_another(tmp_path):

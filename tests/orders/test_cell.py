@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.dynamics import driver as many
+from stickslip.core.dynamics import moving
 from tests.conftest import make_law
 from tests.derivatives.test_free_cell import packed
 from tests.properties.test_determinism import flowing, same_bits
@@ -79,7 +79,7 @@ def test_a_deforming_cell_gives_the_same_bits_on_any_number_of_threads_and_in_an
     single, record, _ = ss.run(state, law, 200, 0.05, threads=1, every=20)
     assert np.abs(record.cell[-1] - record.cell[0])[:2].max() > 1e-3
     two, _, _ = ss.run(state, law, 200, 0.05, threads=2)
-    monkeypatch.setattr(many, "TILE_SIZE", 32)
+    monkeypatch.setattr(moving, "TILE_SIZE", 32)
     wide = state._replace(contacts=state.contacts._replace(skin=state.contacts.skin * 2.1))
     three, _, _ = ss.run(wide, law, 200, 0.05)
     for other in (two, three):

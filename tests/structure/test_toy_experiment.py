@@ -27,7 +27,7 @@ from stickslip.core.laws.builtin import MU
 from stickslip.data.checkpoint import checkpoint_in, load_or_compute
 from stickslip.data.schema import NotNegative, ScenarioBase, Seed
 from stickslip.experiments import EXPERIMENTS, Experiment
-from stickslip.experiments.registry import _written_names
+from stickslip.experiments.registry import _written_by
 from stickslip.kit import Measures, Quantities, Quantity, result_of
 from stickslip.runs import bundled
 from stickslip.runs.folder import write_result
@@ -148,10 +148,10 @@ def test_its_folder_and_the_head_of_its_wing_are_all_that_it_needs(tmp_path, mon
 
 def test_a_file_that_it_does_not_name_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "EXPERIMENT", EXPERIMENT._replace(writes=()))
-    _written_names.cache_clear()
+    _written_by.cache_clear()
     with pytest.raises(RuntimeError, match=r"tosses\.csv are no files of runs: name them in `writes`"):
         write_result(tmp_path / "out", EXPERIMENT, ss.simulate(ss.scenario(experiment="coins")))
-    _written_names.cache_clear()
+    _written_by.cache_clear()
 
 
 def read_stacks(path) -> dict[str, dict]:
@@ -195,7 +195,7 @@ def test_files_of_its_format_are_read_and_written(stacks, tmp_path):
     ("content", "said"),
     [
         (b"# coins\n0 0 zero 1\n", "cannot be read as stacks of coins .*zero.*: it is damaged, or its wing is"),
-        (gzip.compress(b"# coins\n0 0 0 1\n"), "is compressed: decompress it first"),
+        (gzip.compress(b"# coins\n0 0 0 1\n", mtime=0), "is compressed: decompress it first"),
         (b"# coins\n0 0 0 -1\n", "radius"),
     ],
 )

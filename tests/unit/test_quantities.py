@@ -51,6 +51,13 @@ def test_medians_leave_out_samples_without_a_value():
     rows = [Quantity("onset", "1", "first", lambda result: [1.0, np.nan, 3.0]), Quantity("none", "1", "", lambda r: [])]
     found = Measures(rows, over=median)(None)
     assert found["onset"] == (2.0, "1") and np.isnan(found["none"][0])
+    array = Quantity("onset", "1", "first", lambda result: np.array([1.0, np.nan, 3.0]))
+    assert Measures([array], over=median)(None)["onset"] == (2.0, "1")
+
+
+def test_one_sample_has_no_interval():
+    one = estimate([3.0])
+    assert one.mean == 3.0 and np.isnan(one.half_width)
 
 
 def test_series_repeat_the_numbers_of_their_sample(tmp_path):

@@ -162,7 +162,7 @@ class Measures(Quantities):
         if not self.over:
             return values
         known = [value for value in values if np.isfinite(value)] if row.partial else values
-        return self.over(known or values)
+        return self.over(known if len(known) else values)
 
     def __call__(self, result) -> dict[str, tuple[float, str]]:
         """Return {name: (value, unit)}; estimates also have `name_error`, half of their 95 % interval."""
@@ -174,12 +174,12 @@ class Measures(Quantities):
         return out
 
     def known(self, result) -> dict[str, Any]:
-        """Values that are not NaN."""
+        """Values that are finite."""
         values = self.of(result)
-        return {k: v for k, v in values.items() if not np.isnan(v.mean if isinstance(v, Estimate) else v)}
+        return {k: v for k, v in values.items() if np.isfinite(v.mean if isinstance(v, Estimate) else v)}
 
     def show(self, result, *, title: str, readable: Callable = in_readable_units, without=()) -> None:
-        """Print the values that are not NaN with their intervals, units and meanings.
+        """Print the values that are finite with their intervals, units and meanings.
 
         Parameters
         ----------

@@ -53,21 +53,26 @@ def papers() -> dict[str, Experiment]:
     }
 
 
+_EVERY_RUN = re.compile("|".join([FIGURES, *map(re.escape, NAMES)]))
+
+
 @cache
-def _written_names(experiments: tuple[str, ...]) -> re.Pattern[str]:
-    """Names of the files that runs of some experiments write."""
-    parts = [FIGURES, *map(re.escape, NAMES)]
-    for name in experiments:
-        try:
-            parts += EXPERIMENTS[name].writes
-        except Exception:  # code of other people, which only their own runs need
-            continue
-    return re.compile("|".join(parts))
+def _written_by(experiment: str) -> re.Pattern[str]:
+    """Names of the files that runs of an experiment write, besides those of every run."""
+    return re.compile("|".join(EXPERIMENTS[experiment].writes))
 
 
 def is_run_file(name: str) -> bool:
     """Return True if runs write files with this name."""
-    return _written_names(tuple(EXPERIMENTS)).fullmatch(name) is not None
+    if _EVERY_RUN.fullmatch(name):
+        return True
+    for experiment in EXPERIMENTS:
+        try:
+            if _written_by(experiment).fullmatch(name):
+                return True
+        except Exception:  # code of other people, which only their own runs need
+            continue
+    return False
 
 
 def list_files(folder: Path) -> list[Path]:

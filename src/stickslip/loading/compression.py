@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
-from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, checked, require_index
+from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, checked, require_index, require_positive
 from ..core.contacts.forces import forces
 from ..core.contacts.neighbors import body_positions
 from ..core.control import force_controlled, spring_loaded, stress_controlled
@@ -114,6 +114,7 @@ def compressed(
             f"it could collapse; use more grains"
         )
     tolerance = BALANCED * natural_scales(start, law).force if tolerance is None else tolerance
+    require_positive(tolerance=tolerance)
     scales = compression_scales(start, law, pressure, tolerance)
     loose = quench(start, frictionless(law), 0.5 * tolerance)
     end = _compress(loose, law, pressure, scales, tolerance, report)

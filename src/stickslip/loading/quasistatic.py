@@ -5,7 +5,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ..core.arguments import POSITIVE, Bodies, NotNegative, Positive, checked
+from ..core.arguments import POSITIVE, Bodies, NotNegative, Positive, checked, require_positive
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import body_numbers, stress_controlled
 from ..core.laws.builtin import Law, damping_model
@@ -232,6 +232,7 @@ def cell_shear(law: Law, normal_stress: Positive, *, tolerance: Positive = BALAN
     >>> ss.measure.stress(path[-1].state, law)[[0, 1], 1].round(9).tolist()
     [-5e-05, 0.001]
     """
+    require_positive(normal_stress=normal_stress)
 
     def apply(state, load):
         control = stress_controlled(state.control, {"yy": normal_stress, "xy": -load * normal_stress})

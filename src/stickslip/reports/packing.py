@@ -63,7 +63,8 @@ def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthF
     from ..solve.birth import birth_form
     from .details import attempt
 
-    return attempt(birth_form, state, law if dashpots else with_values(law, damping_n=0.0, damping_t=0.0))
+    bare = {} if dashpots else {"damping_n": 0.0, "damping_t": 0.0}
+    return attempt(lambda: birth_form(state, with_values(law, **bare)))
 
 
 def find_probability(

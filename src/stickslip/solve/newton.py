@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from ..core.arguments import NOT_NEGATIVE, Positive, checked
+from ..core.arguments import NOT_NEGATIVE, Positive, checked, require_positive
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.memory import FREE
 from ..core.contacts.neighbors import with_neighbor_list
@@ -125,6 +125,7 @@ def newton(
         the state at rest in equilibrium, or the given state unless the outcome is CONVERGED
     """
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
+    require_positive(tolerance=tolerance)
     point, outcome = approach(
         state, law, tolerance=tolerance, iterations=iterations, patience=patience, keep=keep or Factorisation()
     )

@@ -118,6 +118,8 @@ def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
     data, known = record(7, number=60), {"a": TRUE.a, "mu0": TRUE.mu0}
     sampled, same = (posterior(data, law="slip", fixed=known) for _ in range(2))
     assert np.array_equal(sampled.draws, same.draws)
+    other = posterior(data, law="slip", fixed=known, seed=1)
+    assert other.draws.shape != sampled.draws.shape or not np.array_equal(other.draws, sampled.draws)
     for k, name in enumerate(sampled.names):
         share = np.mean(sampled.draws[:, k] < sampled.percentiles[name][1])
         assert share == pytest.approx(0.16, abs=0.03)

@@ -513,7 +513,7 @@ def test_the_error_of_few_realizations_is_that_of_their_mean(levels):
     assert found.value == pytest.approx(np.mean(levels))
     # 400 draws tell a standard deviation to 1/√800 = 3.5 %
     assert found.error == pytest.approx(np.std(levels, ddof=1) / np.sqrt(len(levels)), rel=0.1)
-    average = statistics.average([found, found])
+    average = statistics.combine([found, found], np.mean)
     assert (average.value, average.error) == (pytest.approx(found.value), pytest.approx(found.error))
 
 

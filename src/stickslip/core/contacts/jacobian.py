@@ -110,7 +110,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
         with rolling resistance or lever arms R − δ/2 (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i −
-        angle_j), see `rolling` and `lever`
+        angle_j), see `rolling` and `tangent`
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Packings in the formats of other programs: one module per format; `formats` tells which a file has."""
+"""Packings in the formats of other programs: `files` tells which format a file has."""

@@ -149,7 +149,7 @@ def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]
     groups = {name: USED for name in columns if name not in rest}
     for name in rest:
         column = np.atleast_1d(columns[name])
-        own = re.fullmatch(r"accel.*|a.", plain_name(name)) and np.ptp(column, axis=0).any()
+        own = len(column) and re.fullmatch(r"accel.*|a.", plain_name(name)) and np.ptp(column, axis=0).any()
         if np.ndim(columns[name]) and (own or not np.any(column)):
             groups[name] = HARMLESS
     return account_for("column of a table", columns, what, groups, plain_name)
@@ -161,6 +161,8 @@ def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> lis
     A factor that is the same for all grains, as of another unit of density, changes no sign of an eigenvalue.
     """
     radius = known["radius"] if "radius" in known else known["diameter"] / 2
+    if not len(radius):
+        return []
     pairs = [("radius", "half the diameter", radius, known["diameter"] / 2)] if "diameter" in known else []
     if {"mass", "density"} <= set(known):
         volumes = [4 / 3 * np.pi * radius**3, *([np.pi * radius**2] if dim == 2 else [])]

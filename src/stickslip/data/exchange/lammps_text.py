@@ -181,6 +181,7 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
     """Ids, arrays for `from_arrays` (and `types`, `force`) and notes from a dump of grains, sorted by id."""
     used = [name for name in table.columns if group_of("column of a dump", name) == USED and name != "type"]
     known, _ = identify_columns({name: table.numbers(name) for name in used})
+    known = {name: column for name, column in known.items() if name not in ("velocity", "spin") or column.shape[1] == 3}
     known["position"] = _position(table, path)
     if not {"radius", "diameter"} & set(known):
         raise PackingError(

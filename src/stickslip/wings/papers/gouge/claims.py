@@ -475,7 +475,8 @@ def _collisions(holds: dict[str, GougeResult]) -> list[Claim]:
     """
     id, said = "restitution-of-collisions", 'Text: "exerted no significant influence", from "nearly zero" to "nearly 1"'
     source = "Text: not in the paper; the other reading of its restitution"
-    main, other = next(iter(holds.values())), next((r for r in holds.values() if r.scenario.law.reading != "eq8"), None)
+    main = next(iter(holds.values()))
+    other = next((r for r in holds.values() if r.scenario.law.reading == "collision"), None)
     if other is None:
         return [
             statement(id, said, None, "needs holds with a restitution of 0.98 under the contact law"),
