@@ -44,7 +44,7 @@ States, engines and solvers
     with_neighbor_list, resting, reset_reached, shifts, Committed       states, and pairs of their contact lists
     supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
     linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
-    linearised, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
+    linearised, force_imbalance, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
     core                        compiled functions
     factorised, one_thread, suitable_threads        linear algebra
     Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps

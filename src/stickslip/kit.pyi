@@ -244,6 +244,7 @@ from .reports.terminal import new_table as new_table
 from .reports.terminal import progress as progress
 from .reports.terminal import show_table as show_table
 from .runs import json_output as json_output
+from .solve.balance import force_imbalance as force_imbalance
 from .solve.balance import linearised as linearised
 from .solve.balance import modes_under as modes_under
 from .solve.balance import no_equilibrium_message as no_equilibrium_message

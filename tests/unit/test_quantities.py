@@ -72,6 +72,13 @@ def test_series_repeat_the_numbers_of_their_sample(tmp_path):
         ]  # fmt: skip
 
 
+def test_series_of_one_subject_are_equally_long(tmp_path):
+    table = Quantities([Quantity("x", "1", "", lambda s: np.zeros(3)), Quantity("y", "1", "", lambda s: np.zeros(2))])
+    with pytest.raises(ValueError):
+        table.write(tmp_path / "series.csv", [None])
+    assert not (tmp_path / "series.csv").exists()
+
+
 def test_the_terminal_shows_intervals_units_and_meanings(capsys):
     measures = Measures(SAMPLE, samples=lambda result: result, over=estimate)
     with units_in_use("SI"):

@@ -91,7 +91,7 @@ def append_record(folder: Path, name: str, content: bytes, about: dict) -> None:
 
     Parameters
     ----------
-    about : what the folder belongs to, for the first record
+    about : owner of the folder, for the first record
     """
     own = os.getpid(), folder
     path = _OWN.setdefault(own, folder / f"{os.urandom(8).hex()}{SUFFIX}")

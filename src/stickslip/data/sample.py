@@ -43,7 +43,7 @@ def naming(path: str | Path) -> Iterator[None]:
 
 
 class Note(str):
-    """A note on a packing; what it means follows from its class and from what it is `about`, not from its words."""
+    """A note on a packing; code decides by its class and its subject `about`, never by its words."""
 
     about: str
 

@@ -128,7 +128,8 @@ def _rows(values: list) -> Iterable[tuple]:
     """Rows of one subject, whose values are repeated beside its series."""
     if not any(np.ndim(value) for value in values):
         return [tuple(values)]
-    return zip(*(np.asarray(v, float).tolist() if np.ndim(v) else repeat(v) for v in values), strict=False)
+    (length,) = {len(value) for value in values if np.ndim(value)}
+    return zip(*(np.asarray(v, float).tolist() if np.ndim(v) else repeat(v, length) for v in values), strict=True)
 
 
 class Measures(Quantities):

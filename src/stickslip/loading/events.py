@@ -70,7 +70,8 @@ def find_events(
     Raises
     ------
     ValueError
-        if anything but strain acts, or more than shear is asked for.
+        if the packing has walls, open sides, loads or held grains, if the law has dashpots or forces without a tangent,
+        or if `to`, `step` and `resolution` do not fit together.
     NotInEquilibriumError
         if the first state cannot be brought to rest.
 

@@ -1,4 +1,4 @@
-"""Pages and movies: what they show of a packing, how they are written, and where to; a page is one self-contained file.
+"""Pages and movies of packings: their content and their files; a page is one self-contained file.
 
 In the folder of a run they count as run files.
 """

@@ -401,7 +401,7 @@ def stationary_fluctuations(
     the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
 
     Common translations that nothing resists (the centre of mass in a periodic cell), and coordinates that nothing
-    resists, are taken out of motion and noise; what a run adds to velocities is T/(Σm) for each translation. The number
+    resists, are taken out of motion and noise; each translation adds T/(Σm) to the velocities of a run. The number
     of modes is that of the coordinates that are left.
 
     In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % smaller, with a

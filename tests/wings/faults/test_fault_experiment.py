@@ -202,6 +202,16 @@ def test_measures_are_averages_over_settled_events(result):
         ({"run": {"threshold": 1e-10}}, "it must exceed loading.plate_rate"),
         ({"line": {"boundary": "periodic"}}, "thickness = inf"),
         ({"line": {"width": 1.01e3, "cell": 300.0}}, "three whole cells"),
+        ({"injection": {"flux": 1e-5, "stop": 8.64e6}}, "the effective normal stress falls to -"),
+        ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "an injection from 5 to 3 s"),
+        ({"normal_stress": {"amplitude": 51e6}}, "use smaller changes, or a larger normal stress"),
+        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "values has shape (1, 1) where (K, D) is needed"),
+        ({"normal_stress": {"times": (1, 0), "changes": ((0,), (1,))}}, "the times of a table of normal stress do not"),
+        ({"normal_stress": {"times": (0, 1), "changes": ((0,), (1, 2))}}, "differ in length"),
+        ({"normal_stress": {"times": (0, 1e6), "changes": ((0,), (90e6,))}}, "but the cohesive length G D_c/(b σ) is"),
+        ({"normal_stress": {"file": "nowhere.csv"}}, "nowhere.csv cannot be read: No such file"),
+        ({"normal_stress": {"file": "a.csv", "times": (0, 1)}}, "give one of them"),
+        ({"friction": {"alpha": 0.2, "b": 0.0}}, "alpha = 0.2 was given with b = 0"),
     ],
 )
 def test_bad_scenarios_are_refused_with_one_sentence(change, message):

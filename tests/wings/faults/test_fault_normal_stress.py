@@ -291,28 +291,6 @@ def test_initial_stress_varies_with_depth():
     assert np.allclose(state.prestress, np.interp(chosen.fault.depth, [0.0, 40e3], [26e6, 28e6]))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"injection": {"flux": 1e-5, "stop": 8.64e6}}, "the effective normal stress falls to -"),
-        ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "an injection from 5 to 3 s"),
-        ({"normal_stress": {"amplitude": 51e6}}, "use smaller changes, or a larger normal stress"),
-        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "values has shape (1, 1) where (K, D) is needed"),
-        ({"normal_stress": {"times": (1, 0), "changes": ((0,), (1,))}}, "the times of a table of normal stress do not"),
-        ({"normal_stress": {"times": (0, 1), "changes": ((0,), (1, 2))}}, "differ in length"),
-        ({"normal_stress": {"times": (0, 1e6), "changes": ((0,), (90e6,))}}, "but the cohesive length G D_c/(b σ) is"),
-        ({"normal_stress": {"file": "nowhere.csv"}}, "nowhere.csv cannot be read: No such file"),
-        ({"normal_stress": {"file": "a.csv", "times": (0, 1)}}, "give one of them"),
-        ({"friction": {"alpha": 0.2, "b": 0.0}}, "alpha = 0.2 was given with b = 0"),
-    ],
-)
-def test_bad_changes_are_refused_with_one_sentence(change, message):
-    with pytest.raises(ScenarioError) as caught:
-        scenario(experiment="fault", **change)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 def test_bad_files_are_refused_with_one_sentence(tmp_path):
     wrong = "s.csv is not a table of numbers: give depths in m in the first row"
     shape = r"s.csv: values has shape \(1, 1\) where \(K, D\) is needed, as depth has D = 2"

@@ -1,4 +1,4 @@
-"""Effects of the commands of a run of LAMMPS: laws of pairs of types, walls, loads, held grains; what is left out."""
+"""Effects of the commands of a run of LAMMPS: laws of pairs of types, walls, loads, held grains, and omissions."""
 
 from collections.abc import Sequence
 from itertools import combinations

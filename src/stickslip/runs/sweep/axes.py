@@ -251,7 +251,7 @@ def quantiles(kind: str, parameters, share: np.ndarray) -> tuple:
 
 
 def check_effort(accepted: int, tried: int, refused: dict[str, int]) -> None:
-    """Raise ScenarioError if conditions refuse so many points that drawing more is hopeless."""
+    """Raise ScenarioError if conditions refuse nearly all points that are drawn."""
     few = accepted < FEWEST * tried and tried >= LEAST_TRIED
     if few or tried > MOST_TRIED:
         raise ScenarioError(

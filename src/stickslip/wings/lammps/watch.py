@@ -12,6 +12,7 @@ from ...kit import (
     Account,
     MemoryNote,
     Report,
+    force_imbalance,
     lammps_series,
     least_supports,
     linearised,
@@ -22,7 +23,7 @@ from ...kit import (
     to_dict,
     verdict,
 )
-from ...measure import BALANCED_BELOW, coordination, imbalance, stress
+from ...measure import BALANCED_BELOW, coordination, stress
 from ...packings import PackingError
 from ...results import Stability
 
@@ -87,7 +88,7 @@ def measure_frame(
     row = Row(
         step, digest, len(state.grains.radius), len(here.rows),
         coordination=coordination(state, least_supports(law, state.cell.dim)),
-        sliding=int((mode == SLIDE).sum()) if memory else None, residual=imbalance(state, law),
+        sliding=int((mode == SLIDE).sum()) if memory else None, residual=force_imbalance(here),
     )  # fmt: skip
     row = _add_stress(row, state, law)
     free = here.backbone

@@ -146,7 +146,7 @@ def check_times(time) -> None:
         )
 
 
-CANDIDATES, SEARCHED = 400, 4000  # times that are tried for a change of velocity, on so many samples at most
+CANDIDATES, SEARCHED = 400, 4000  # most trial times of a change of velocity, and most samples
 MOST, ROUNDS = 60, 40  # changes, and iterations of their times
 CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and share of the largest velocity, below which one counts as zero
