@@ -99,7 +99,7 @@ def birth_form_once(state, law, **how):
     """Find the normal form of a state once for all tests: every page of the same packing states it, 1 s each."""
     try:
         key = pickle.dumps((state, law, how))
-    except Exception:  # what is no state, and the functions of a user's law
+    except Exception:  # what cannot be pickled is no state
         return _birth_form(state, law, **how)
     if key not in _forms:
         _forms[key] = _birth_form(state, law, **how)
