@@ -35,6 +35,11 @@ _WITHOUT_TEXT = {
 }
 
 
+def headings() -> dict[str, str]:
+    """Return the headings of each page of documentation."""
+    return {name: " ".join(re.findall(r"^#+ (.*)$", page(name), re.M)) for name in pages()}
+
+
 def names() -> dict[str, str]:
     """Return the names of all examples, each with a description.
 
