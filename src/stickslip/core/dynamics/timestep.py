@@ -68,8 +68,9 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     """Raise ValueError with the largest stable time step if `dt` is above it; the list must be up to date."""
     if not (state.contacts.count[0] or state.control.spring.any()):
         return
-    bound = core.frequency_bound(*_network(state, law, here), np.zeros((state.n_bodies, 2)))
-    if dt * dt * (_spring_bound(state, law, here) + bound) <= 4.0:
+    bound = _spring_bound(state, law, here)
+    bound += core.frequency_bound(*_network(state, law, here), np.zeros((state.n_bodies, 2)))
+    if dt * dt * bound <= 4.0:
         return
     longest = stable_time_step(state, law)
     if dt > longest:
