@@ -39,7 +39,7 @@ EXPERIMENT = Experiment(
         ),
         scenario=_here("claims.paper_scenario"),
         reproduce=_here("claims.reproduce"),
-        shows=_here("claims.shows"),
+        shows=_here("claims_of_motion.SHOWS"),
         numbers=_here("report.paper_numbers"),
         figures=_here("report.paper_figures"),
         failures=_here("report.paper_failures"),

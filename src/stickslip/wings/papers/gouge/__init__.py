@@ -54,7 +54,7 @@ EXPERIMENT = Experiment(
         ),
         scenario=_here("paper.paper_scenario"),
         reproduce=_here("paper.reproduce"),
-        shows=_here("claims.shows"),
+        shows=_here("claims.SHOWS"),
         figures=_here("report.paper_figures"),
         files=_here("report.paper_files"),
         failures=_here("report.paper_failures"),

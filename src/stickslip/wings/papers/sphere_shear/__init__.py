@@ -37,7 +37,7 @@ EXPERIMENT = Experiment(
         ),
         scenario=_here("claims.paper_scenario"),
         reproduce=_here("claims.reproduce"),
-        shows=_here("claims.shows"),
+        shows=_here("claims.SHOWS"),
     ),
 )
 
