@@ -6,7 +6,7 @@ Wings and their experiments
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
     lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
-    Quantity, Quantities, Measures, Estimate, estimate, median      tables of quantities, from which outputs follow
+    Quantity, Quantities, quantities_of, Measures, Estimate, estimate, median      tables of quantities
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
 
