@@ -26,26 +26,34 @@ def _axis(name: str, unit: str) -> str | tuple[str, str]:
 def _lines(axes, tables, x: str, y: str) -> None:
     """One line for each sample; many samples are pale, with their mean if they have the same rows."""
     for k, table in enumerate(tables):
-        few = len(tables) <= FEW
-        axes.plot(table[x], table[y], color=COLORS[k] if few else BLUE, lw=0.8 if few else 0.4, alpha=1 if few else 0.4)
+        few, label = len(tables) <= FEW, "samples" if len(tables) > 1 and k == 0 else None
+        color, width, alpha = (COLORS[k], 0.8, 1) if few else (BLUE, 0.4, 0.4)
+        axes.plot(table[x], table[y], color=color, lw=width, alpha=alpha, label=label)
     if len({len(table[x]) for table in tables}) == 1 < len(tables):
         middle = (np.mean([table[name] for table in tables], axis=0) for name in (x, y))
         axes.plot(*middle, color=BLACK, lw=1.4, label="mean")
 
 
 @styled
-def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table | None = None):
+def stress_strain(
+    tables: list[_Table], strain: str, unit: str, halved: _Table | None = None, axial: str = ""
+):  # fmt: skip
     """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
+
+    Compressions have the mean or the axial stress, and the void ratio.
 
     Parameters
     ----------
     strain : name of the column of the imposed strain
     unit : of stresses
     halved : series of the first sample in steps, or at a rate, half as large
+    axial : name of the column of the axial stress, of an oedometric test
     """
     figure, panels = column_axes(2, 3.8, sharex=True)
     names = "q", "pore_pressure" if "pore_pressure" in tables[0] else "volumetric_strain"
-    for axes, name in zip(panels, ("p", "void_ratio") if strain == "volumetric_strain" else names, strict=True):
+    if axial or strain == "volumetric_strain":
+        names = axial or "p", "void_ratio"
+    for axes, name in zip(panels, names, strict=True):
         _lines(axes, tables, strain, name)
         if halved is not None:
             axes.plot(halved[strain], halved[name], "--", color=RED, label="first sample, half the step or rate")
@@ -59,9 +67,12 @@ def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table |
 
 @styled
 def stress_path(tables: list[_Table], unit: str):
-    """Stress paths in the plane of mean and deviatoric stress."""
+    """Stress paths in the plane of mean and deviatoric stress; of undrained tests also those of total stresses."""
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
+    for k, table in enumerate(tables if "pore_pressure" in tables[0] else ()):
+        label = "total stresses, $p + \\Delta u$" if k == 0 else None
+        axes.plot(table["p"] + table["pore_pressure"], table["q"], "--", color=BLACK, lw=0.8, label=label)
     largest = max(np.abs(table["p"]).max() for table in tables)
     label_axes(axes, x=_axis("p", unit), y=_axis("q", unit), least={"x": HELD * largest})
     legend_above(axes)
@@ -69,14 +80,19 @@ def stress_path(tables: list[_Table], unit: str):
 
 
 @styled
-def void_ratio(tables: list[_Table], unit: str):
-    """Void ratio against the mean stress, on a logarithmic axis unless it changes by less than a factor of 3."""
+def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
+    """Void ratio against a stress, on a logarithmic axis unless it changes by less than a factor of 3.
+
+    Parameters
+    ----------
+    stress : name of its column: the mean stress, or the axial one of an oedometric test
+    """
     figure, axes = column_axes()
-    tables = [table | {"p": np.abs(table["p"])} for table in tables]
-    _lines(axes, tables, "p", "void_ratio")
-    low, high = (bound([bound(table["p"]) for table in tables]) for bound in (np.min, np.max))
-    axes.set_xscale("log" if high > 3 * low else "linear")
-    label_axes(axes, x=_axis("p", unit), y=SERIES["void_ratio"].axis)
+    tables = [table | {stress: np.abs(table[stress])} for table in tables]
+    _lines(axes, tables, stress, "void_ratio")
+    low, high = (bound([bound(table[stress]) for table in tables]) for bound in (np.min, np.max))
+    axes.set_xscale("log" if high > 3 * low > 0 else "linear")
+    label_axes(axes, x=_axis(stress, unit), y=SERIES["void_ratio"].axis)
     legend_above(axes)
     return figure
 
