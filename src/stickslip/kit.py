@@ -5,6 +5,7 @@ Wings and their experiments
     Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
+    Comparison, SweepMember     what the members of a sweep give together, and one of them
     lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
     Quantity, Quantities, Measures, Estimate, estimate, median      tables of quantities, from which outputs follow
     attach                      public names from a stub, imported on first use

@@ -148,9 +148,11 @@ from .data.schema import validate_scenario as validate_scenario
 from .ensemble import Member as Member
 from .ensemble import Workers as Workers
 from .ensemble import reach as reach
+from .experiments.experiment import Comparison as Comparison
 from .experiments.experiment import Experiment as Experiment
 from .experiments.experiment import Paper as Paper
 from .experiments.experiment import Reproduction as Reproduction
+from .experiments.experiment import SweepMember as SweepMember
 from .experiments.experiment import lazy_function as lazy_function
 from .experiments.experiment import lazy_functions as lazy_functions
 from .experiments.experiment import result_of as result_of

@@ -11,12 +11,13 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.laws.builtin import with_values
-from stickslip.experiments.experiment import named_measures
+from stickslip.experiments.experiment import SweepMember, named_measures
 from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import simulate as element
+from stickslip.wings.soils.element_test.envelope import compare, fit_envelope
 from stickslip.wings.soils.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
 from stickslip.wings.soils.element_test.measures import (
     SAMPLE,
@@ -402,6 +403,82 @@ def test_work_of_an_elastic_cycle_is_zero_and_of_plastic_strain_is_not():
     done = work(run.series)
     assert done[50] == pytest.approx(1e5 * 1e-4 + 0.5 * 1e8 * 1e-8, rel=2e-4)  # volume changes by 1e-4
     assert abs(done[-1]) < 1e-12 * done[50]
+
+
+# Mohr circles
+
+
+def circles_of(phi, cohesion, sigma3):
+    n = np.tan(np.radians(45 + phi / 2)) ** 2
+    return n * sigma3 + 2 * cohesion * np.sqrt(n), sigma3
+
+
+def test_the_envelope_of_exact_circles_touches_them():
+    """Circles of radius c cos φ + middle × sin φ have the tangent c + σ tan φ."""
+    sigma1, sigma3 = circles_of(28.0, 12e3, np.array([50e3, 100e3, 400e3]))
+    found = fit_envelope(sigma1, sigma3)
+    assert [found.phi, found.cohesion] == pytest.approx([28.0, 12e3])
+    assert found.phi_error < 1e-6 and found.cohesion_error < 1e-3
+    phi = np.radians(found.phi)
+    distance = (found.cohesion + 0.5 * (sigma1 + sigma3) * np.tan(phi)) * np.cos(phi)  # from the middles
+    assert distance == pytest.approx(0.5 * (sigma1 - sigma3))
+    assert np.isnan(fit_envelope(sigma1[:2], sigma3[:2]).phi_error)
+    with pytest.raises(ValueError, match="two pressures"):
+        fit_envelope(sigma1[[0, 0]], sigma3[[0, 0]])
+
+
+def test_errors_of_the_envelope_cover_the_scatter_of_samples():
+    """In 300 sets of samples whose σ₁ scatters by 3 %, 95 % intervals hold φ and c (4σ of a binomial: 5 %)."""
+    rng, hits = np.random.default_rng(2), []
+    sigma1, sigma3 = circles_of(25.0, 5e3, np.array([50e3, 100e3, 200e3, 300e3, 400e3]))
+    for _ in range(300):
+        found = fit_envelope(sigma1 + 0.03 * (sigma1 + sigma3) * rng.normal(size=5), sigma3)
+        hits.append([abs(found.phi - 25) < found.phi_error, abs(found.cohesion - 5e3) < found.cohesion_error])
+    assert (np.mean(hits, axis=0) > 0.9).all() and (np.mean(hits, axis=0) < 1).all()
+
+
+def swept(phi, cohesion, pressures, **others):
+    """Members of a sweep with given angles, without a critical state in the last one."""
+    names = [f"{name}{end}" for name in ("sigma1_peak", "sigma3_peak", "sigma1_critical", "sigma3_critical",
+             "phi_peak", "phi_residual") for end in ("", "_error")]  # fmt: skip
+    members = []
+    for k, pressure in enumerate(pressures):
+        major, minor = circles_of(phi, cohesion, pressure)
+        end = np.nan if k == len(pressures) - 1 else 0.9
+        values = [major, 0.0, minor, 0.0, end * major, 0.0, end * minor, 0.0, phi, 0.0, phi, 0.0]
+        measures = {name: (value, "Pa") for name, value in zip(names, values, strict=True)}
+        members.append(
+            SweepMember({"sample.pressure": pressure} | {n: v[k] for n, v in others.items()}, measures, None)
+        )
+    return members
+
+
+def test_a_sweep_over_the_pressure_gives_mohr_circles_and_an_envelope():
+    members = swept(25.0, 3e3, [5e4, 1e5, 2e5], **{"law.young": [5e8, 1e9, 2e9]})  # which varies with the pressure
+    found = compare(members)
+    assert re.search(r"at the peak: φ = \(25 ± \S+\)°, c = \(3 ± \S+\) kPa, from 3 of 3 members", found.remarks[0])
+    assert "critical state: φ = 25°, c = 2.7 kPa, from 2 of 3 members" in found.remarks[1]
+    panels = found.files["mohr.png"].axes
+    assert [len(axes.lines) for axes in panels] == [4, 3] and len(png(found.files["mohr.png"])) > 5000
+    first = panels[0].lines[0]
+    assert first.get_xdata().min() == pytest.approx(50) and first.get_ydata().max() == pytest.approx(
+        0.5 * (members[0].measures["sigma1_peak"][0] / 1e3 - 50)
+    )
+    heading, *rows = csv.reader(line for line in found.files["mohr.csv"].splitlines() if line[0] != "#")
+    assert heading[:4] == ["sample.pressure [Pa]", "law.young", "sigma3_peak [Pa]", "sigma3_peak_error [Pa]"]
+    assert [float(row[0]) for row in rows] == [5e4, 1e5, 2e5]
+
+
+def test_envelopes_are_those_of_members_that_differ_in_the_pressure_alone():
+    pressures = [5e4, 1e5, 2e5] * 2
+    members = swept(25.0, 0.0, pressures[:3], **{"law.mu": [0.5] * 3}) + swept(
+        20.0, 0.0, pressures[3:], **{"law.mu": [0.3] * 3}
+    )
+    found = compare(members)
+    assert [re.search(r"law\.mu = \S+\): φ = \(?\d+", text)[0] for text in found.remarks if "peak" in text] == [
+        "law.mu = 0.5): φ = (25", "law.mu = 0.3): φ = (20"
+    ]  # fmt: skip
+    assert compare(members[:1]).files == {}
 
 
 # runs

@@ -34,6 +34,8 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     writes=(r"(series|probes|envelopes)\.csv",),
+    compare=_here("envelope.compare"),
+    compares=("mohr.png", "mohr.csv"),
     smallest=SMALLEST,
 )
 

@@ -7,13 +7,27 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
-from ....kit import BLACK, BLUE, COLORS, RED, Result, column_axes, label_axes, legend_above, styled
+from ....kit import (
+    BLACK,
+    BLUE,
+    COLORS,
+    PAGE,
+    RED,
+    WIDTH,
+    Result,
+    column_axes,
+    label_axes,
+    legend_above,
+    styled,
+    subplots,
+)
 from .measures import SERIES, STRESS
 
 HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
 FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
+_Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
 _Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
 
 
@@ -122,6 +136,45 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
     axes.yaxis.set_major_formatter(PercentFormatter(decimals=0))
     axes.set_ylim(0, 100)
     axes.legend(loc="upper left")
+    return figure
+
+
+@styled
+def mohr_circles(circles: list[_Circles], factor: float, unit: str):
+    """Mohr circles with their envelopes, in one panel for each state and group of members.
+
+    Parameters
+    ----------
+    factor : of stresses, which are drawn in `unit`
+    """
+    states, groups = (list(dict.fromkeys(getattr(each, name) for each in circles)) for name in ("state", "group"))
+    most = 1.06 * factor * max(each.sigma1.max() for each in circles)
+    high = 0.62 * factor * max((each.sigma1 - each.sigma3).max() for each in circles)
+    wide = PAGE if len(states) > 1 else WIDTH
+    panel = (wide / len(states) - 0.5) * high / most + 0.75
+    figure, grid = subplots(
+        len(groups), len(states), figsize=(wide, panel * len(groups)), sharex=True, sharey=True, squeeze=False
+    )
+    turn = np.linspace(0, np.pi, 181)
+    for each in circles:
+        axes = grid[groups.index(each.group), states.index(each.state)]
+        order = np.argsort(each.sigma3, kind="stable")
+        for k, (major, minor) in enumerate(factor * np.column_stack([each.sigma1, each.sigma3])[order]):
+            middle, radius = 0.5 * (major + minor), 0.5 * (major - minor)
+            color = COLORS[k] if len(order) <= FEW else BLUE
+            axes.plot(middle + radius * np.cos(turn), radius * np.sin(turn), color=color, lw=0.9)
+        cohesion, slope = factor * each.envelope.cohesion, np.tan(np.radians(each.envelope.phi))
+        sigma = np.array([min(0.0, -cohesion / slope) if slope > 0 else 0.0, most])
+        axes.plot(sigma, cohesion + slope * sigma, color=BLACK, lw=1.2)
+        title = "at the peak" if each.state == "peak" else "at the critical state"
+        lines = [f"{title}{f', {each.group}' * bool(each.group)}", each.envelope.describe(factor, unit)]
+        axes.set_title("\n".join(lines))
+    for axes in grid.flat:
+        axes.set_aspect("equal")
+        axes.set_xlim(None, most)
+        axes.set_ylim(0, high)
+        label_axes(axes, x=(r"normal stress $\sigma$", unit), y=(r"shear stress $\tau$", unit))
+        axes.label_outer()
     return figure
 
 

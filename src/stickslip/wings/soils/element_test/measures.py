@@ -258,6 +258,18 @@ class LoadedSample:
         """Rows of the critical state, the last third of a leg; None unless volume, q/p and p are steady there."""
         return self.late if self.sheared and (self.drifts <= STEADY).all() else None
 
+    @property
+    def principal_stresses(self) -> dict[str, tuple[float, float]]:
+        """Major and minor principal stress at the peak and at the critical state; NaN if it was not reached."""
+        if not self.sheared:
+            return {}
+        stress = self.stress[:, : self.dim, : self.dim]
+        values = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2)))[:, [-1, 0]].T
+        end = values[:, -len(self.last.load) :]
+        return {
+            "peak": tuple(self.at_peak(each) for each in values), "critical": tuple(map(self.critical, end)),
+        }  # fmt: skip
+
     def critical(self, values: np.ndarray) -> float:
         """Mean of values of the last leg at the critical state; NaN if it was not reached."""
         return NAN if self.steady is None else float(values[self.steady].mean())
@@ -374,6 +386,10 @@ SAMPLE = Quantities([
     Quantity("strain_at_peak", "1", "strain at the peak",
              lambda t: t.at_peak(np.abs(t.first.load - t.first.load[0])) if t.sheared else NAN),
     Quantity("psi", "degrees", "angle of dilatancy at the peak"),
+    *(Quantity(f"sigma{name}_{state}", STRESS, f"{words} principal stress at the {where}",
+               lambda t, k=k, state=state: t.principal_stresses[state][k] if t.sheared else NAN)
+      for state, where in (("peak", "peak"), ("critical", "critical state"))
+      for k, (name, words) in enumerate((("1", "major"), ("3", "minor")))),
     Quantity("critical_reached", "1", "1 if the sample is in a critical state at the end",
              lambda t: float(t.steady is not None) if t.sheared else NAN),
     Quantity("critical_from", "1", "strain from which on values at the critical state are averaged",
