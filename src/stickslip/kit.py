@@ -71,6 +71,7 @@ Numbers and text
     readable, pluralize, quoted, shortened      representation of results, and words
     parse_number, parse_integer, read_text, decode_text     text
     read_bytes, Budget, check_matlab    bytes of foreign files, within a bound
+    laboratory_table            the module that reads tables of laboratories by the names and units of their columns
     read_table, heading_of, split_label, split_rows, write_table, format_table      tables
     known                       names in foreign files: used, without influence, not understood
 

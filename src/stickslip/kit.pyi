@@ -104,6 +104,7 @@ from .core.units import unit_name as unit_name
 from .core.units import units_of as units_of
 from .core.units import with_unit as with_unit
 from .data import archive as archive
+from .data import laboratory_table as laboratory_table
 from .data import run_files as run_files
 from .data.archive import ArchiveError as ArchiveError
 from .data.atomic import check_free as check_free
