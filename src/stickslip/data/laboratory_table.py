@@ -221,12 +221,12 @@ def plain_word(name: str) -> str:
     ('σ1_σ3', 'axial_strain')
     """
     word = unicodedata.normalize("NFKC", re.sub(r"^\(([^()]*)\)", r"\1", name.strip())).lower()
-    word = re.sub(f"[{re.escape(PRIMES)}]", "'", word)
+    word = re.sub(r"\s*([/,])\s*", r"\1", re.sub(f"[{re.escape(PRIMES)}]", "'", word))
     return re.sub("_+", "_", "_".join(re.sub(f"[{re.escape(DASHES)}]", "_", word).split())).strip("_")
 
 
 def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> tuple[str, str | None]:
-    """Name and unit of a heading such as `time [s]`, `time/s` or `time_s`; None without a unit.
+    """Name and unit of a heading such as `time [s]`, `time/s`, `time, s` or `time_s`; None without a unit.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
         return word, unit
     for alias in sorted(aliases, key=len, reverse=True):
         mark, rest = word[len(alias) : len(alias) + 1], word[len(alias) + 1 :]
-        if word.startswith(alias) and mark and mark in "_/":
+        if word.startswith(alias) and mark and mark in "_/,":
             rest = rest.replace("_per_", "/").strip("_ ")
             spelt = [rest, rest.replace("_", "/")]
             found = next((u for u in units if u and u.lower() in spelt), None)

@@ -52,7 +52,7 @@ class SweepMember(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """What the members of a sweep give together."""
+    """What the members of a sweep give together, or a run and a laboratory's test."""
 
     files: Mapping[str, Any] = MappingProxyType({})  # Figure, or text of a table, by file name
     remarks: tuple[str, ...] = ()  # sentences
@@ -74,6 +74,8 @@ class Experiment(NamedTuple):
     failures: Callable = _failures  # result -> one sentence for each realization that failed
     announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
+    # (scenario, path of a laboratory's table) -> function of the contents of the archive that returns a Comparison
+    overlay: Callable | None = None
     compare: Callable | None = None  # (members of a sweep) -> Comparison
     compares: tuple[str, ...] = ()  # names of its files
     paper: Paper | None = None

@@ -19,6 +19,7 @@ from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.envelope import compare, fit_envelope
 from stickslip.wings.soils.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
+from stickslip.wings.soils.element_test.laboratory import read_test
 from stickslip.wings.soils.element_test.measures import (
     SAMPLE,
     LoadedSample,
@@ -456,7 +457,7 @@ def swept(phi, cohesion, pressures, **others):
 def test_a_sweep_over_the_pressure_gives_mohr_circles_and_an_envelope():
     members = swept(25.0, 3e3, [5e4, 1e5, 2e5], **{"law.young": [5e8, 1e9, 2e9]})  # which varies with the pressure
     found = compare(members)
-    assert re.search(r"at the peak: φ = \(25 ± \S+\)°, c = \(3 ± \S+\) kPa, from 3 of 3 members", found.remarks[0])
+    assert re.search(r"at the peak: φ = \(25.000 ± \S+\)°, c = \(3.000 ± \S+\) kPa, from 3 of 3 members", found.remarks[0])
     assert "critical state: φ = 25°, c = 2.7 kPa, from 2 of 3 members" in found.remarks[1]
     panels = found.files["mohr.png"].axes
     assert [len(axes.lines) for axes in panels] == [4, 3] and len(png(found.files["mohr.png"])) > 5000
@@ -479,6 +480,119 @@ def test_envelopes_are_those_of_members_that_differ_in_the_pressure_alone():
         "law.mu = 0.5): φ = (25", "law.mu = 0.3): φ = (20"
     ]  # fmt: skip
     assert compare(members[:1]).files == {}
+
+
+# tests of laboratories
+
+
+LOADED = np.linspace(0, 0.1, 6)  # nominal axial strain
+DEVIATOR = 3e5 * LOADED / (0.02 + LOADED)  # [Pa]
+DILATION = -0.2 * LOADED
+
+
+def table_of(path, headings, *columns, mark=";", comma=True):
+    rows = [mark.join(f"{value:.10g}" for value in row) for row in zip(*columns, strict=True)]
+    text = "\n".join(rows)
+    path.write_text(f"{mark.join(headings)}\n{text.replace('.', ',') if comma else text}\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("headings", "factors", "options"),
+    [
+        (["Axial strain (%)", "σ₁ − σ₃ [kPa]", "εv [%]"], (100, 1e-3, 100), {}),
+        (["eps_a [-]", "Deviator stress (psi)", "Volumetric strain [-]"], (1, 1 / 6894.757293168, 1), {}),
+        (["Axial Strain, %", "q, MPa", "ε_v [-]"], (100, 1e-6, 1), {"mark": "\t"}),
+        (["ε1 / %", "(σ1-σ3) (kN/m²)", "vol_strain_%"], (100, 1e-3, 100), {"mark": ",", "comma": False}),
+    ],
+)
+def test_tables_of_laboratories_are_read_by_their_headings_and_units(tmp_path, headings, factors, options):
+    columns = [f * values for f, values in zip(factors, (LOADED, DEVIATOR, DILATION), strict=True)]
+    test = read_test(table_of(tmp_path / "test.csv", headings, *columns, **options))
+    assert test["axial_strain"] == pytest.approx(-np.log(1 - LOADED), rel=1e-6)
+    assert test["volumetric_strain"] == pytest.approx(-np.log(1 - DILATION), rel=1e-6)
+    assert test["q"] == pytest.approx(DEVIATOR, rel=1e-6)
+
+
+def test_pore_pressure_is_in_excess_of_that_at_the_start_and_gives_p(tmp_path):
+    u = 200e3 + 0.3 * DEVIATOR
+    columns = [1e2 * LOADED, 1e-3 * DEVIATOR, 1e-3 * u, np.full(6, 300.0)]
+    heads = ["axial strain [%]", "q [kPa]", "u [kPa]", "Cell pressure [kPa]"]
+    test = read_test(table_of(tmp_path / "test.csv", heads, *columns))
+    assert test["pore_pressure"] == pytest.approx(0.3 * DEVIATOR)
+    assert test["p"] == pytest.approx(100e3 + DEVIATOR / 3 - 0.3 * DEVIATOR)
+
+
+def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
+    e = 1.6 * (1 - DILATION) - 1
+    heads = ["Axial strain [%]", "q [kPa]", "Volumetric strain [%]", "e", "Suction [kPa]", "Time [s]"]
+    columns = [-1e2 * LOADED, 1e-3 * DEVIATOR, -1e2 * DILATION, e, 0 * e, 0 * e]
+    path = table_of(tmp_path / "test.csv", heads, *columns)
+    with pytest.warns(UserWarning) as told:
+        test = read_test(path)
+    said = " ".join(str(each.message) for each in told)
+    assert "not understood, and not drawn: 'Suction [kPa]'" in said and "opposite signs" in said and "Time" not in said
+    assert test["axial_strain"][-1] > 0 and test["volumetric_strain"][-1] < 0
+    heads[2], columns[2] = "Volumetric strain [%]", 1e2 * DILATION  # now dilation is positive beside compression
+    with pytest.warns(UserWarning, match="dilation is positive"):
+        columns[0] = 1e2 * LOADED
+        columns[2] = -1e2 * DILATION
+        assert read_test(table_of(path, heads, *columns))["volumetric_strain"][-1] < 0
+
+
+@pytest.mark.parametrize(
+    ("heads", "factors", "words"),
+    [
+        (["axial strain", "q [kPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'axial strain' reaches 10 times .* per cent"),
+        (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"column 'q' has no unit"),
+        (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"has the unit 'furlong': use pa"),
+        (["axial strain [%]", "q [MPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"more than three times .* correct the unit"),
+        (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a test of soil"),
+    ],
+)
+def test_tables_with_contradictory_units_are_refused_in_one_sentence(tmp_path, heads, factors, words):
+    mean = 1e5 + DEVIATOR / 3
+    columns = [f * values for f, values in zip(factors, (LOADED, DEVIATOR, mean), strict=True)]
+    with pytest.raises(ValueError, match=words) as caught:
+        read_test(table_of(tmp_path / "test.csv", heads, *columns))
+    assert "\n" not in str(caught.value)
+
+
+def test_stresses_and_strains_that_contradict_each_other_are_refused(tmp_path):
+    heads = ["axial strain [%]", "q [kPa]", "axial stress [kPa]", "cell pressure [kPa]"]
+    columns = [1e2 * LOADED, DEVIATOR, 100 + 1e-3 * DEVIATOR, np.full(6, 100.0)]  # q is in Pa
+    with pytest.raises(ValueError, match=r"q reaches .* axial stress minus the cell pressure"):
+        read_test(table_of(tmp_path / "a.csv", heads, *columns))
+    heads, columns = ["axial strain [%]", "q [kPa]", "volumetric strain [%]", "e"], [
+        1e2 * LOADED, 1e-3 * DEVIATOR, DILATION, 1.6 * (1 - DILATION) - 1,
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match=r"0\.0101 times that of the void ratio"):
+        read_test(table_of(tmp_path / "b.csv", heads, *columns))
+
+
+@pytest.mark.usefixtures("plain_figures")
+def test_a_laboratory_s_test_is_laid_over_a_run_which_is_not_repeated(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "test.toml").write_text(
+        'experiment = "element-test"\nsample = {grains = 20}\npath = {strain = 1e-3, step = 5e-4}\n'
+    )
+    table_of(tmp_path / "mine.csv", ["axial strain [%]", "q [kPa]", "εv [%]"], LOADED, 1e-3 * DEVIATOR, DILATION)
+
+    def run(*more):
+        monkeypatch.setattr(sys, "argv", ["stickslip", "run", "test.toml", "--out", "out", *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, capsys.readouterr()
+
+    code, said = run("--compare", "none.csv")
+    assert code == 2 and "none.csv cannot be read" in said.err and not (tmp_path / "out").exists()
+    code, said = run("--compare", "mine.csv")
+    assert code == 0 and "Largest deviatoric stress: 250 kPa at an axial strain of 0.001" in said.out
+    assert (tmp_path / "out" / "fig8_laboratory.png").is_file()
+    monkeypatch.setattr(element, "load_sample", None)
+    (tmp_path / "out" / "fig8_laboratory.png").unlink()
+    code, said = run("--compare", "mine.csv")
+    assert code == 0 and "its results are used" in said.out and (tmp_path / "out" / "fig8_laboratory.png").is_file()
 
 
 # runs

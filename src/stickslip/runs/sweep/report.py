@@ -17,7 +17,7 @@ from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...data.run_files import OPTIONS, foreign_files_message
 from ...ensemble import Workers, reach
 from ...figures.saving import Look
-from ...reports.terminal import console, new_table, progress, show_table
+from ...reports.terminal import console, new_table, progress, show_lines, show_table
 from ..folder import check_writable, read_json
 from .dataset import DATASET, comparison_files, write_comparison
 from .definition import Sweep, describe_differences, member
@@ -161,8 +161,7 @@ def show(swept: SweepResult) -> None:
             table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         show_table(table)
-    for remark in swept.remarks:
-        console.print(remark, soft_wrap=True)
+    show_lines(swept.remarks)
     if empty := [name for name, known in found.items() if not known["members"]]:
         console.print(f"No member has {', '.join(empty)}.", soft_wrap=True)
     failed = [(name, failure) for name, failure in zip(swept.names, swept.failures, strict=True) if failure]

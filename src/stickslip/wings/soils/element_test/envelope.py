@@ -25,11 +25,11 @@ class Envelope(NamedTuple):
     def describe(self, factor: float = 1.0, unit: str = "") -> str:
         """φ and c with their errors; stresses are multiplied by a factor."""
         pairs = ((self.phi, self.phi_error), "°"), ((factor * self.cohesion, factor * self.cohesion_error), f" {unit}")
-        texts = [
-            f"{value:.3g}{end}" if np.isnan(error) else f"({value:.3g} ± {error:.2g}){end}"
-            for (value, error), end in pairs
-        ]
-        return f"φ = {texts[0]}, c = {texts[1]}".rstrip().replace("-", "−")  # noqa: RUF001
+        texts = []
+        for (value, error), end in pairs:
+            digits = min(max(0, 1 - int(np.floor(np.log10(error)))), 3) if error > 0 else 0  # two of the error
+            texts.append(f"({value:.{digits}f} ± {error:.{digits}f}){end}" if error > 0 else f"{value:.3g}{end}")
+        return f"φ = {texts[0]}, c = {texts[1]}".rstrip().replace("-", "−")
 
 
 @checked

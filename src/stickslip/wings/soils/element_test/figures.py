@@ -18,12 +18,14 @@ from ....kit import (
     column_axes,
     label_axes,
     legend_above,
+    pluralize,
     styled,
     subplots,
 )
 from .measures import SERIES, STRESS
 
 HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
+MARKS = 40  # about as many points of a laboratory's test are marked
 FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
@@ -40,7 +42,7 @@ def _axis(name: str, unit: str) -> str | tuple[str, str]:
 def _lines(axes, tables, x: str, y: str) -> None:
     """One line for each sample; many samples are pale, with their mean if they have the same rows."""
     for k, table in enumerate(tables):
-        few, label = len(tables) <= FEW, "samples" if len(tables) > 1 and k == 0 else None
+        few, label = len(tables) <= FEW, (pluralize(len(tables), "sample") if k == 0 else None)
         color, width, alpha = (COLORS[k], 0.8, 1) if few else (BLUE, 0.4, 0.4)
         axes.plot(table[x], table[y], color=color, lw=width, alpha=alpha, label=label)
     if len({len(table[x]) for table in tables}) == 1 < len(tables):
@@ -140,6 +142,31 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
 
 
 @styled
+def laboratory(tables: list[_Table], test: dict, pairs: list[tuple[str, str]], unit: str, name: str):
+    """Laboratory's test over the samples, in one panel for each pair of columns.
+
+    Parameters
+    ----------
+    test : columns of the laboratory's test, named as those of the samples
+    pairs : names of the columns along x and y
+    name : of the laboratory's test
+    """
+    figure, grid = subplots(1, len(pairs), figsize=(PAGE if len(pairs) > 1 else WIDTH, 2.4), squeeze=False)
+    for axes, (x, y) in zip(grid.flat, pairs, strict=True):
+        _lines(axes, tables, x, y)
+        every = max(1, len(test[x]) // MARKS)
+        axes.plot(
+            test[x], test[y], "o", color=BLACK, mfc="none", mew=0.6, ms=3, ls="-", lw=0.3, markevery=every, label=name
+        )
+        if x == "p" and y == "void_ratio" and test[x].max() > 3 * test[x].min() > 0:
+            axes.set_xscale("log")
+        label_axes(axes, x=_axis(x, unit), y=_axis(y, unit))
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncol=len(handles))
+    return figure
+
+
+@styled
 def mohr_circles(circles: list[_Circles], factor: float, unit: str):
     """Mohr circles with their envelopes, in one panel for each state and group of members.
 
@@ -173,8 +200,10 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
         axes.set_aspect("equal")
         axes.set_xlim(None, most)
         axes.set_ylim(0, high)
-        label_axes(axes, x=(r"normal stress $\sigma$", unit), y=(r"shear stress $\tau$", unit))
-        axes.label_outer()
+    for axes in grid[-1]:
+        label_axes(axes, x=(r"normal stress $\sigma$", unit))
+    for axes in grid[:, 0]:
+        label_axes(axes, y=(r"shear stress $\tau$", unit))
     return figure
 
 

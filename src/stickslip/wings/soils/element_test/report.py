@@ -27,7 +27,7 @@ def for_engineers(values, unit: str):
     return (1e-3 * values, "kPa") if unit == "Pa" else (values, unit)
 
 
-def _drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
+def drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
     """Series of a sample with stresses in the unit of figures."""
     return {
         name: for_engineers(values, unit_name(SERIES[name].unit))[0] for name, values in columns(run, scenario).items()
@@ -37,8 +37,8 @@ def _drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarr
 def figures(result: ElementTestResult):
     """Yield (file name, Figure) of a run."""
     scenario, unit = result.scenario, for_engineers(0, unit_name(STRESS))[1]
-    tables = [_drawn(run, scenario) for run in result.runs]
-    halved = result.checked and _drawn(result.checked, scenario)
+    tables = [drawn(run, scenario) for run in result.runs]
+    halved = result.checked and drawn(result.checked, scenario)
     strain = {"simple-shear": "gamma", "isotropic": "volumetric_strain"}.get(scenario.path.kind, "axial_strain")
     axial = f"sigma_{'xyz'[scenario.sample.dim - 1] * 2}" if scenario.path.kind == "oedometric" else ""
     yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, unit, halved, axial)
