@@ -77,7 +77,7 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     "excess_pore_pressure": (
         STRESS,
         ("excess_pore_pressure", "excess_pore_water_pressure", "excess_pwp", "excess_pressure", "pore_pressure_change",
-         "change_in_pore_pressure", "delta_u", "deltau", "du", "δu", "δ_u", "u_excess", "u_ex"),
+         "change_in_pore_pressure", "delta_u", "deltau", "du", "δu", "∆u", "δ_u", "u_excess", "u_ex"),
     ),
     "u": (STRESS, ("u", "pwp", "u_w", "uw")),
     "p": (
