@@ -457,7 +457,9 @@ def swept(phi, cohesion, pressures, **others):
 def test_a_sweep_over_the_pressure_gives_mohr_circles_and_an_envelope():
     members = swept(25.0, 3e3, [5e4, 1e5, 2e5], **{"law.young": [5e8, 1e9, 2e9]})  # which varies with the pressure
     found = compare(members)
-    assert re.search(r"at the peak: φ = \(25.000 ± \S+\)°, c = \(3.000 ± \S+\) kPa, from 3 of 3 members", found.remarks[0])
+    assert re.search(
+        r"at the peak: φ = \(25.000 ± \S+\)°, c = \(3.000 ± \S+\) kPa, from 3 of 3 members", found.remarks[0]
+    )
     assert "critical state: φ = 25°, c = 2.7 kPa, from 2 of 3 members" in found.remarks[1]
     panels = found.files["mohr.png"].axes
     assert [len(axes.lines) for axes in panels] == [4, 3] and len(png(found.files["mohr.png"])) > 5000
