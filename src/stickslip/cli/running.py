@@ -38,7 +38,6 @@ RUN = examples(
     ("run examples/plane_shear.toml --engine lammps --out results/mpi", "a flow in LAMMPS; --ranks N: with MPI"),
     ("run examples/plane_shear.toml --engine lammps --export job", "the same for a queue; then stickslip resume job"),
     ("run examples/rate_state.toml --out results/rate-state --json", "the same, with a JSON object as output"),
-    ("run examples/triaxial.toml --compare test.csv", "a laboratory's triaxial test over that of the samples"),
     ("run examples/disk_array.toml --out results/mine --quiet", "a minute or two; prints only paths"),
 )
 RESUME = examples(
