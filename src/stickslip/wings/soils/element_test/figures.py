@@ -201,9 +201,9 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
         axes.set_xlim(None, most)
         axes.set_ylim(0, high)
     for axes in grid[-1]:
-        label_axes(axes, x=(r"normal stress $\sigma$", unit))
+        label_axes(axes, x=(r"$\sigma$", unit))
     for axes in grid[:, 0]:
-        label_axes(axes, y=(r"shear stress $\tau$", unit))
+        label_axes(axes, y=(r"$\tau$", unit))
     return figure
 
 
