@@ -87,11 +87,12 @@ def stress_path(tables: list[_Table], unit: str):
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
     for k, table in enumerate(tables if "pore_pressure" in tables[0] else ()):
-        label = "total stresses, $p + \\Delta u$" if k == 0 else None
-        axes.plot(table["p"] + table["pore_pressure"], table["q"], "--", color=BLACK, lw=0.8, label=label)
+        label = "total stresses" if k == 0 else None
+        total = table["p"] + np.sign(table["p"][0]) * table["pore_pressure"]  # p may be negative in compression
+        axes.plot(total, table["q"], "--", color=BLACK, lw=0.8, label=label)
     largest = max(np.abs(table["p"]).max() for table in tables)
     label_axes(axes, x=_axis("p", unit), y=_axis("q", unit), least={"x": HELD * largest})
-    legend_above(axes)
+    legend_above(axes, ncol=3)
     return figure
 
 
@@ -158,7 +159,8 @@ def laboratory(tables: list[_Table], test: dict, pairs: list[tuple[str, str]], u
         axes.plot(
             test[x], test[y], "o", color=BLACK, mfc="none", mew=0.6, ms=3, ls="-", lw=0.3, markevery=every, label=name
         )
-        if x == "p" and y == "void_ratio" and test[x].max() > 3 * test[x].min() > 0:
+        low, high = (bound([bound(table[x]) for table in (test, *tables)]) for bound in (np.min, np.max))
+        if y == "void_ratio" and high > 3 * low > 0:
             axes.set_xscale("log")
         label_axes(axes, x=_axis(x, unit), y=_axis(y, unit))
     handles, labels = grid[0, 0].get_legend_handles_labels()
