@@ -7,7 +7,7 @@ Wings and their experiments
     Reproduction                result of a paper's scenario, with its claims
     Comparison, SweepMember     what the members of a sweep give together, and one of them
     lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
-    Quantity, Quantities, Measures, Estimate, estimate, median      tables of quantities, from which outputs follow
+    Quantity, Quantities, quantities_of, Measures, Estimate, estimate, median      tables of quantities
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
 

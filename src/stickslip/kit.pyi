@@ -163,6 +163,7 @@ from .experiments.quantities import Quantities as Quantities
 from .experiments.quantities import Quantity as Quantity
 from .experiments.quantities import estimate as estimate
 from .experiments.quantities import median as median
+from .experiments.quantities import quantities_of as quantities_of
 from .experiments.realizations import Realizations as Realizations
 from .experiments.realizations import Task as Task
 from .experiments.realizations import open_device as open_device

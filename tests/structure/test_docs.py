@@ -18,8 +18,8 @@ import stickslip as ss
 from benchmarks.records import LINK
 from stickslip.data.schema import tables_in
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.lazy import public_names
 from stickslip.wing import wings
+from stickslip.words import public_names
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)

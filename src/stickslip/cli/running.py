@@ -218,7 +218,9 @@ def run(
         for name, given in (("export", export), ("compare", compare)):
             if given:
                 raise ValueError(f"--{name} was given with a sweep: {name} its members one by one")
-        tables, spread = _sweep_tables(tables, engine), _choose_processes(processes)
+        if engine.engine is not None:
+            check_choice("engine", engine.engine, ENGINES)
+        tables, spread = tables | engine.values(), _choose_processes(processes)
         with _working_in(out, output):
             options = {"overwrite": overwrite, "yes": yes, "figures": figures, "look": look}
             return _run_sweep_in("run", tables, out, spread, output, **options)
@@ -396,13 +398,6 @@ def _run_sweep_in(
     if sentence:
         raise RuntimeError(sentence)
     return None
-
-
-def _sweep_tables(tables: dict, engine: EngineOptions) -> dict:
-    """Tables of a sweep, with the engine and ranks that were given in place of their own."""
-    if engine.engine is not None:
-        check_choice("engine", engine.engine, ENGINES)
-    return tables | engine.values()
 
 
 def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:

@@ -142,7 +142,8 @@ def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str
 def lazy_function(package: str, path: str) -> Callable:
     """Return a function that imports `path` ("module.function") from a package when first called.
 
-    Its attribute `resolve` returns the function itself.
+    Its attribute `resolve` returns the function itself. Of another value, such as a table, it is the function that
+    returns it.
     """
     module, _, name = path.partition(".")
 
@@ -150,7 +151,8 @@ def lazy_function(package: str, path: str) -> Callable:
         return getattr(import_module(f"{package}.{module}"), name)
 
     def call(*args, **options):
-        return resolve()(*args, **options)
+        found = resolve()
+        return found(*args, **options) if callable(found) else found
 
     call.__name__, call.__qualname__ = name, f"{package}.{path}"
     call.resolve = resolve  # type: ignore[attr-defined]

@@ -76,9 +76,12 @@ def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], f
     """Build the dataset of a sweep; arguments are those of `write_sweep`."""
     kind, dims, coordinates = scenario_class(chosen.base), [], {}
     for group in chosen.groups:
-        dims.append(_dimension(group, chosen.mode))
+        alone = chosen.mode == "grid" or group[0].kind == "count"
+        dims.append(DRAW if chosen.mode == "grid" and group[0].kind == "column" else group[0].key if alone else POINT)
         for axis in group:
-            coordinates[axis.key] = (dims[-1], _labels(axis), _attributes(field_at(kind, axis.key).description))
+            meaning, unit = split_unit(field_at(kind, axis.key).description)
+            attributes = {name: text for name, text in (("units", unit), ("long_name", meaning)) if text}
+            coordinates[axis.key] = (dims[-1], _labels(axis), attributes)
 
     def shaped(values, **attributes):
         return dims, np.reshape(values, chosen.shape), attributes
@@ -99,12 +102,6 @@ def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], f
     return xr.Dataset(variables, coordinates, about)
 
 
-def _dimension(group: tuple[Axis, ...], mode: str) -> str:
-    if mode == "grid" and group[0].kind == "column":
-        return DRAW
-    return group[0].key if mode == "grid" or group[0].kind == "count" else POINT
-
-
 def _labels(axis: Axis) -> np.ndarray:
     """Return the values of an axis as numbers if possible, otherwise as strings."""
     if all(isinstance(v, int) and not isinstance(v, bool) and abs(v) < 2**31 for v in axis.values):
@@ -112,12 +109,6 @@ def _labels(axis: Axis) -> np.ndarray:
     if all(isinstance(v, int | float) and not isinstance(v, bool) for v in axis.values):
         return np.array(axis.values, float)
     return np.array([str(v) for v in axis.values])
-
-
-def _attributes(description: str | None) -> dict:
-    """Return the attributes of a scenario key: its description, and the unit in the description's last brackets."""
-    meaning, unit = split_unit(description)
-    return ({"units": unit} if unit else {}) | ({"long_name": meaning} if meaning else {})
 
 
 def _value(output: dict | None, name: str) -> float:
