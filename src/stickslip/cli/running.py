@@ -200,8 +200,6 @@ def run(
     from ..data.law_file import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
-    from ..runs import folder as run_folder
-    from ..runs.folder import mark_look
 
     look = drawing.look()
     if out is not None and export is not None:
@@ -222,10 +220,21 @@ def run(
         return _export_to(export, chosen, output, overwrite=overwrite)
     check_law_files(chosen.model_dump())
     spread = _choose_processes(processes, chosen)
-    with _working_in(out, output):
-        run_folder.prepare_folder(out, chosen, overwrite=overwrite)
-        mark_look(out, chosen, look)
-        return _run_in("run", chosen, out, spread, output, look)
+    return run_scenario("run", chosen, out, output, look, overwrite=overwrite, **spread)
+
+
+def run_scenario(
+    command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None, **spread
+) -> None:  # fmt: skip
+    """Run a scenario in a folder, for a command; `begin` saves what the command has read already."""
+    from ..runs import folder as run_folder
+    from ..runs.folder import mark_look
+
+    with _working_in(folder, output):
+        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        mark_look(folder, chosen, look)
+        begin()
+        _run_in(command, chosen, folder, spread, output, look)
 
 
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:

@@ -34,11 +34,58 @@ _Load = Annotated[Any, Array((0,), finite=False)]  # NaN if it is not known
 _Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
 _Form = Annotated[Any, Result("BirthForm", ("growth_rate", "peak", "mode", "free"))]
 _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
+_Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "forecasts", "sign"))]
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 LOOK = {"elastic": (BLUE, "-"), "dipole": (GREEN, "--"), "odd": (RED, ":")}
+MARKED = 80  # points up to which each has a marker
 YEAR = 365.25 * 86400.0
 UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
+
+
+@styled
+def failure_path(found: _Failure):
+    """Stress, growth rate and softest eigenvalue along the path of a packing, with events, first pair and forecast."""
+    figure, (top, middle, bottom) = column_axes(3, 5.4, sharex=True)
+    strain, stress, growth, soft, pairs = (
+        np.array([getattr(step, name) for step in found.steps])
+        for name in ("strain", "stress", "growth", "softest", "pairs")
+    )
+    marker = "." if len(strain) <= MARKED else ""
+    word = {"simple": "shear stress", "pure": "shear stress", "isotropic": "pressure", "uniaxial": r"$\sigma_{yy}$"}
+    for axes, value, color in (
+        (top, stress, BLUE),
+        (middle, np.where(pairs > 0, growth, 0.0), SKY),
+        (bottom, soft, GREEN),
+    ):
+        axes.plot(strain, value, marker, ls="-", ms=3, color=color)
+        for k, event in enumerate(found.events):
+            axes.axvline(event.strain, color=RED, lw=0.8, label="event" if k == 0 else None)
+        if found.onset:
+            axes.axvline(found.onset.load, color=ORANGE, ls="--", lw=0.8, label="first pair")
+    middle.set_ylim(bottom=0.0)
+    bottom.set_ylim(
+        min(0.0, 1.05 * soft.min(initial=0.0)), 1.05 * max(soft[np.isfinite(soft)].max(initial=0.0), 0.0) or None
+    )
+    limits = np.array([strain.min(), strain.max()])
+    for one in found.forecasts:
+        color = RED if one.of == "event" else ORANGE
+        for axes in (top, middle, bottom):
+            axes.axvspan(one.low, one.high, color=color, alpha=0.15, lw=0, label=f"next {one.of}, 80 %")
+            axes.axvline(one.strain, color=color, ls=":", lw=0.8)
+        limits = np.append(limits, [one.low, one.high])
+    room = 1.5 * max(np.ptp(strain), np.finfo(float).tiny)  # a wide interval is cut off at half the length of the path
+    first, last = (max(limits.min(), strain.max() - room), min(limits.max(), strain.min() + room))
+    bottom.set_xlim(first - 0.03 * (last - first), last + 0.03 * (last - first)) if last > first else None
+    flat = found.steps[0].state.cell.dim == 2
+    label_axes(top, y=(word[found.mode], "force/length" if flat else "force/length^2"))
+    label_axes(middle, y=("growth rate", "1/time"))
+    label_axes(
+        bottom, x=r"strain $\gamma$" if found.mode in ("simple", "pure") else r"strain $\varepsilon$",
+        y=(r"softest real $\lambda$", "1/time^2"),
+    )  # fmt: skip
+    legend_above(top)
+    return figure
 
 
 @styled

@@ -18,7 +18,7 @@ from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.freedom import backbone
-from ..solve.sensitivity import ContactSensitivity, contact_sensitivity
+from ..solve.sensitivity import contact_sensitivity
 from ..solve.shear_response import PRUNE, softest
 from ..solve.spectrum import REAL_BELOW, Spectrum, match_pairs, spectrum
 from ..solve.stability import stability
@@ -34,10 +34,10 @@ STEP = 0.02  # default strain step, in mean overlaps over the mean diameter
 STEPS = 500  # default largest number of steps
 RESOLUTION = 2.5e-3  # width of the bracket of an event, in strain steps
 DRAG = 0.1  # default drag, in units of the highest frequency
-AT_MOST = 3000  # coordinates: each step needs several dense spectra
+AT_MOST = 2500  # coordinates: each step needs several dense spectra
 MOST_STEPS = 100_000
 COUPLES = 8  # pairs of coupled real modes that are stored at each step
-DECISIVE = 5  # contacts whose change alters the growth most
+TRIED, DECISIVE = 25, 5  # changes of contacts whose spectrum is computed, and those that are reported
 CHANGES = ("opens", "closes", "starts to slide", "sticks again")
 
 
@@ -82,6 +82,17 @@ class PairLife(NamedTuple):
     event: bool  # whether an event lies in one of these brackets: the pair then began or ended with the jump
 
 
+class DecisiveContact(NamedTuple):
+    """Contact whose opening or sliding changes the growth of a state most; see `contact_sensitivity`."""
+
+    i: int
+    j: int
+    what: str  # "opens" or "slides"
+    mobilised: float  # |F_t|/(μ F_n), NaN without friction
+    growth: float  # growth rate after this change [1/time]
+    verdict: str  # after it
+
+
 @readable(head=lambda found: found.end)
 class Failure(NamedTuple):
     """Path of a packing to its failure, or to a given strain."""
@@ -95,7 +106,7 @@ class Failure(NamedTuple):
     steps: tuple[PathStep, ...]
     pairs: tuple[PairLife, ...]
     onset: Change | None  # bracket of the first complex pair
-    decisive: ContactSensitivity | str  # of the last state, or why there is none
+    decisive: tuple[DecisiveContact, ...]  # contacts of the last state on which its growth depends most
     verdict: str  # on the last state
     reason: str  # why the path ended
 
@@ -197,7 +208,7 @@ def shear_to_failure(
     >>> found.to_dataframe()[["strain", "verdict"]].values.tolist()
     [[0.0, 'stable'], [0.0002, 'stable'], [0.0004, 'stable']]
     """
-    how = complete(state, law, until, mode, reverse, step, limit, drag, prune)
+    how = complete_path(state, law, until, mode, reverse, step, limit, drag, prune)
     steps: list[PathStep] = []
     reason = ""
     try:
@@ -224,7 +235,7 @@ def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterat
         yield before
 
 
-def complete(state, law, until, mode, reverse, step, limit, drag, prune=PRUNE) -> Loading:
+def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRUNE) -> Loading:
     """Check a packing and the options of a path, and complete these from the packing."""
     bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
     check_packing(state, bare)
@@ -376,12 +387,16 @@ def _conclude(how: Loading, law: Law, steps: list[PathStep], reason: str, report
         clean = Equilibrium(abs(before.strain), before.state, modes, Outcome(Status.CONVERGED, 0.0, 0))
         found = bisect_change(clean, abs(steps[born].strain), protocol, lambda s: bool(len(s.pairs)))
         onset = Change(how.way.sign * found.below, how.way.sign * found.above)
-    last, decisive = steps[-1].state, "the last state has no growing mode"
+    last, decisive = steps[-1].state, ()
     if steps[-1].pairs:
-        try:
-            decisive = contact_sensitivity(last, how.law, report=report)
-        except ValueError as problem:
-            decisive = str(problem)
+        found = contact_sensitivity(last, how.law, most=TRIED, report=report)
+        decisive = tuple(
+            DecisiveContact(
+                int(found.i[k]), int(found.j[k]), str(found.what[k]), float(found.mobilised[k]), float(found.after[k]),
+                str(found.verdict_after[k]),
+            )
+            for k in np.flatnonzero(found.verified)[:DECISIVE]
+        )  # fmt: skip
     return Failure(
         law, how.way.mode, how.way.sign, how.step, how.drag, how.resolution, tuple(steps),
         tuple(_lives(how.law, steps)), onset, decisive, stability(last, law, report=report).verdict, reason,
