@@ -233,6 +233,8 @@ def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterat
         make = partial(_advance, how, before, goal) if before else partial(_begin, how, state)
         before = load_or_compute(kept, f"strain-{k:06d}", make, PathStep)
         yield before
+        if _fell_apart(before):
+            return
 
 
 def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRUNE) -> Loading:
@@ -273,6 +275,8 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
 def _reached(until: str | float, steps: list[PathStep]) -> str:
     """Return why a path ends here; empty if it goes on."""
     now = steps[-1]
+    if _fell_apart(now):
+        return "the packing fell apart: nothing bears a load any more"
     if until == "first-pair" and now.pairs:
         return "the packing has a complex pair" + (" where it is" if len(steps) == 1 else "")
     if until == "first-event":
@@ -281,6 +285,10 @@ def _reached(until: str | float, steps: list[PathStep]) -> str:
         if now.events:
             return "the path jumped to another state"
     return ""
+
+
+def _fell_apart(now: PathStep) -> bool:
+    return bool(np.isneginf(now.exponent))  # there are no eigenvalues
 
 
 def _describe(now: PathStep) -> str:
