@@ -45,46 +45,44 @@ PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
 
 @styled
 def failure_path(found: _Failure):
-    """Stress, growth rate and softest eigenvalue along the path of a packing, with events, first pair and forecast."""
-    figure, (top, middle, bottom) = column_axes(3, 5.4, sharex=True)
+    """Stress, growth rate and softest eigenvalue along the path of a packing, with events, first pair and forecasts.
+
+    Lines are broken where the path jumps. Without a complex pair there is no growth rate.
+    """
+    steps, word = found.steps, {"isotropic": "pressure\n", "uniaxial": "$\\sigma_{yy}$\n"}
     strain, stress, growth, soft, pairs = (
-        np.array([getattr(step, name) for step in found.steps])
-        for name in ("strain", "stress", "growth", "softest", "pairs")
+        np.array([getattr(step, name) for step in steps]) for name in ("strain", "stress", "growth", "softest", "pairs")
     )
-    marker = "." if len(strain) <= MARKED else ""
-    word = {"simple": "shear stress", "pure": "shear stress", "isotropic": "pressure", "uniaxial": r"$\sigma_{yy}$"}
-    for axes, value, color in (
-        (top, stress, BLUE),
-        (middle, np.where(pairs > 0, growth, 0.0), SKY),
-        (bottom, soft, GREEN),
-    ):
-        axes.plot(strain, value, marker, ls="-", ms=3, color=color)
-        for k, event in enumerate(found.events):
-            axes.axvline(event.strain, color=RED, lw=0.8, label="event" if k == 0 else None)
+    stress_unit = "force/length" if steps[0].state.cell.dim == 2 else "force/length^2"
+    rows = [(stress, BLUE, (word.get(found.mode, "shear stress\n"), stress_unit))]
+    rows += [(np.where(pairs > 0, growth, 0.0), SKY, ("growth rate\n", "1/time"))] if pairs.any() else []
+    rows += [(soft, GREEN, ("softest real $\\lambda$\n", "1/time^2"))]
+    figure, panels = column_axes(len(rows), 0.6 + 1.6 * len(rows), sharex=True)
+    jumps = [k for k, step in enumerate(steps) if step.events]
+    broken = {
+        name: np.insert(x, jumps, np.nan) for name, x in (("strain", strain), *((k, r[0]) for k, r in enumerate(rows)))
+    }
+    for k, (axes, (value, color, label)) in enumerate(zip(panels, rows, strict=True)):
+        axes.plot(broken["strain"], broken[k], "." if len(strain) <= MARKED else "", ls="-", ms=3, color=color)
+        for first, event in enumerate(found.events):
+            axes.axvline(event.strain, color=RED, lw=0.8, label=None if first else "event")
         if found.onset:
             axes.axvline(found.onset.load, color=ORANGE, ls="--", lw=0.8, label="first pair")
-    middle.set_ylim(bottom=0.0)
-    bottom.set_ylim(
-        min(0.0, 1.05 * soft.min(initial=0.0)), 1.05 * max(soft[np.isfinite(soft)].max(initial=0.0), 0.0) or None
-    )
-    limits = np.array([strain.min(), strain.max()])
-    for one in found.forecasts:
-        color = RED if one.of == "event" else ORANGE
-        for axes in (top, middle, bottom):
+        for one in found.forecasts:
+            color = RED if one.of == "event" else ORANGE
             axes.axvspan(one.low, one.high, color=color, alpha=0.15, lw=0, label=f"next {one.of}, 80 %")
             axes.axvline(one.strain, color=color, ls=":", lw=0.8)
-        limits = np.append(limits, [one.low, one.high])
-    room = 1.5 * max(np.ptp(strain), np.finfo(float).tiny)  # a wide interval is cut off at half the length of the path
-    first, last = (max(limits.min(), strain.max() - room), min(limits.max(), strain.min() + room))
-    bottom.set_xlim(first - 0.03 * (last - first), last + 0.03 * (last - first)) if last > first else None
-    flat = found.steps[0].state.cell.dim == 2
-    label_axes(top, y=(word[found.mode], "force/length" if flat else "force/length^2"))
-    label_axes(middle, y=("growth rate", "1/time"))
-    label_axes(
-        bottom, x=r"strain $\gamma$" if found.mode in ("simple", "pure") else r"strain $\varepsilon$",
-        y=(r"softest real $\lambda$", "1/time^2"),
-    )  # fmt: skip
-    legend_above(top)
+        if k:
+            known = value[np.isfinite(value)]
+            axes.set_ylim(min(0.0, 1.08 * known.min(initial=0.0)), 1.08 * known.max(initial=0.0) or None)
+        label_axes(axes, y=label)
+    ends = np.array([strain.min(), strain.max(), *(end for one in found.forecasts for end in (one.low, one.high))])
+    room = 1.5 * np.ptp(strain)  # a wide interval is cut off at half the length of the path
+    first, last = max(ends.min(), strain.max() - room), min(ends.max(), strain.min() + room)
+    if last > first:
+        panels[-1].set_xlim(first - 0.03 * (last - first), last + 0.03 * (last - first))
+    label_axes(panels[-1], x=r"strain $\gamma$" if found.mode in ("simple", "pure") else r"strain $\varepsilon$")
+    legend_above(panels[0])
     return figure
 
 

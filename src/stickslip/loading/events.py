@@ -99,6 +99,9 @@ def find_events(
         if not search.advance(goal):
             end = f"at strain {search.point.strain:.6g} dynamics did not come to rest"
             break
+        if search.fell_apart:
+            end = f"at strain {search.point.strain:.6g} the packing fell apart: nothing bears a load any more"
+            break
         report("search for events", goal / to, f"strain {goal:.4g}, {len(search.events)} events")
     steps = StrainStep(*np.array(rows).reshape(-1, len(StrainStep._fields)).T)
     return Events(tuple(search.events), steps, search.point.state, drag, step, resolution, end)
@@ -160,7 +163,7 @@ class Search:
         """Follow the path to a strain; False if dynamics does not come to rest."""
         first, known = self.point, len(self.events)
         waiting, trial = [goal], first.newton(goal)
-        while waiting:
+        while waiting and not self.fell_apart:
             if self._continues(trial):
                 self._accept(trial)
                 waiting.pop()
@@ -170,12 +173,19 @@ class Search:
                 waiting.pop()
             else:
                 return False
-            trial = self._try(waiting[-1]) if waiting else None
+            trial = self._try(waiting[-1]) if waiting and not self.fell_apart else None
+        if self.fell_apart:
+            return True
         if len(self.events) > known:
             off = self._distance_from(first.newton(goal, thorough=True))
             self.events[known:] = [event._replace(newton_distance=off) for event in self.events[known:]]
         self._choose_cell()
         return True
+
+    @property
+    def fell_apart(self) -> bool:
+        """True if only rattlers are left, and nothing to follow."""
+        return not self.point.response.support.grains.any()
 
     def _distance_from(self, other: Point | None) -> float:
         """Distance of a point from the present one, in mean diameters; NaN without a point."""

@@ -321,7 +321,7 @@ def _measure(how: Loading, point: Point, before: Point | None, events: tuple[Eve
     slides = response.support.contacts & (state.contacts.mode[: len(response.branch)] == SLIDE)
     friction = np.isfinite(response.mobilisation) & (response.line.limit > 0)
     return PathStep(
-        how.way.sign * point.strain, how.way.sign * stress, pressure, len(modes.pairs),
+        how.way.sign * point.strain + 0.0, how.way.sign * stress + 0.0, pressure, len(modes.pairs),
         float(modes.growth_rate[modes.pair_indices].max(initial=0.0)), softest(point.eigenvalues),
         float(point.exponents.max(initial=-np.inf)),
         int((real < -REAL_BELOW * np.abs(modes.eigenvalues).max(initial=0.0)).sum()), len(touching(state)),
@@ -396,6 +396,7 @@ def _conclude(how: Loading, law: Law, steps: list[PathStep], reason: str, report
         found = bisect_change(clean, abs(steps[born].strain), protocol, lambda s: bool(len(s.pairs)))
         onset = Change(how.way.sign * found.below, how.way.sign * found.above)
     last, decisive = steps[-1].state, ()
+    verdict = "only rattlers are left" if _fell_apart(steps[-1]) else stability(last, law, report=report).verdict
     if steps[-1].pairs:
         found = contact_sensitivity(last, how.law, most=TRIED, report=report)
         decisive = tuple(
@@ -407,7 +408,7 @@ def _conclude(how: Loading, law: Law, steps: list[PathStep], reason: str, report
         )  # fmt: skip
     return Failure(
         law, how.way.mode, how.way.sign, how.step, how.drag, how.resolution, tuple(steps),
-        tuple(_lives(how.law, steps)), onset, decisive, stability(last, law, report=report).verdict, reason,
+        tuple(_lives(how.law, steps)), onset, decisive, verdict, reason,
     )  # fmt: skip
 
 
