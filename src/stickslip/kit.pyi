@@ -137,6 +137,7 @@ from .data.nodes import archive_fields as archive_fields
 from .data.run_files import foreign_files_message as foreign_files_message
 from .data.sample import Account as Account
 from .data.sample import MemoryNote as MemoryNote
+from .data.sample import Obstacle as Obstacle
 from .data.schema import Duration as Duration
 from .data.schema import Finite as Finite
 from .data.schema import Listed as Listed

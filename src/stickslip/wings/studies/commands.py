@@ -12,6 +12,7 @@ from ...kit import (
     PackingOptions,
     command,
     complete_from,
+    current_units,
     examples,
     in_units_of_packing,
     number_option,
@@ -113,17 +114,15 @@ def _tables(file: Path, options: PackingOptions, settle: bool) -> dict:
     """Tables of a scenario from the options of all commands that read a packing."""
     given = {name: value for name, value in options.values().items() if value is not None}
     more, kind = given.pop("parameters", {}), given.pop("law", None)
-    place = {
-        name: given.pop(name)
-        for name in ("frame", "contacts", "columns", "boundary", "atom_style", "i0")
-        if name in given
-    }
+    names = ("frame", "contacts", "columns", "boundary", "atom_style", "i0")
+    place = {name: given.pop(name) for name in names if name in given}
     if "contacts" in place:
         place["contacts"] = str(Path(place["contacts"]).absolute())
-    own = str(kind).endswith(".py")
-    law = (
-        {"file": str(Path(kind).absolute()), "parameters": more}
-        if own
-        else {"more": more} | ({"kind": kind} if kind else {})
-    )
-    return {"packing": place | {"file": str(file.absolute()), "settle": settle}, "law": law | given}
+    if str(kind).endswith(".py"):
+        numbers = {name: given.pop(name) for name in list(given) if isinstance(given[name], float)}
+        law = {"file": str(Path(kind).absolute()), "parameters": numbers | more}
+    else:
+        law = {"more": more} | ({} if kind is None else {"kind": kind})
+    units = current_units()
+    named = {} if units is None else {"units": dict(zip(("length", "mass", "time"), units, strict=False))}
+    return named | {"packing": place | {"file": str(file.absolute()), "settle": settle}, "law": law | given}

@@ -8,5 +8,5 @@ WING = Wing(
     needs=("papers", "faults", "status", "lammps"),
     experiments={"flow": "flow", "threshold": "threshold", "catalogue": "catalogue", "failure": "failure"},
     commands="commands",
-    pages=("catalogue",),
+    pages=("catalogue", "failure"),
 )

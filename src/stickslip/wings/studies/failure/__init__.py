@@ -2,6 +2,7 @@
 
 from functools import partial
 
+from ....examples import path
 from ....kit import Experiment, attach, lazy_function
 from .scenario import FailureScenario
 
@@ -12,6 +13,12 @@ def references(scenario: FailureScenario) -> dict[str, tuple[str, ...]]:
     """Return keys of references.bib, grouped by purpose."""
     return {"complex pairs of a sheared packing": ("Bonfanti2020",)}
 
+
+SMALLEST = {
+    "packing": {"file": str(path("sheared_spheres.npz"))},
+    "law": {"mu": 10.0},
+    "shear": {"until": 1e-5, "step": 1e-5},
+}
 
 EXPERIMENT = Experiment(
     scenario=FailureScenario,
@@ -24,6 +31,7 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     writes=(r"(curve|pairs|events|contacts|forecasts)\.csv",),
+    smallest=(SMALLEST,),
     parallel=False,
 )
 

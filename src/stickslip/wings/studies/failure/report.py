@@ -30,7 +30,10 @@ from .simulate import FailureResult
 
 STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
 SHOWN = 12  # events in a table for people
-RECORD = "placeholder"
+RECORD = (
+    "An interval contains 80 % of the events that come. Many that are announced do not come, above all with friction, "
+    "and at usual steps the softest eigenvalue announces few. stickslip docs failure has the record."
+)
 CURVE = Quantities([
     Quantity("strain", "1", "strain from the first state"),
     Quantity("stress", STRESS, "stress that does work on the strain"),

@@ -4,9 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ....kit import Finite as Finite
-from ....kit import LawFile, LawOrFile, Positive, ScenarioBase, ScenarioTable
-from ....kit import NotNegative as NotNegative
+from ....kit import BY_NAME, Finite, LawFile, LawOrFile, NotNegative, Positive, ScenarioBase, ScenarioTable
 
 
 class Input(ScenarioTable):
@@ -26,7 +24,7 @@ class Input(ScenarioTable):
 class InputLaw(LawOrFile):
     """Law of the packing where its file has none, or another one; keys that are not given are those of the file."""
 
-    kind: str | None = Field(None, description="name of a built-in law")
+    kind: Literal[*BY_NAME] | None = Field(None, description="name of a built-in law")
     coulomb: Literal["smooth", "sharp"] | None = Field(None, description="how F_t approaches the Coulomb limit")
     kn: Positive | None = Field(None, description="k_n, in a unit that depends on `kind`")
     kt: NotNegative | None = Field(None, description="k_t, as `kn`")

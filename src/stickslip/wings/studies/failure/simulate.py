@@ -10,6 +10,7 @@ import numpy as np
 from .... import Law, State
 from ....io import read_packing
 from ....kit import (
+    Obstacle,
     Report,
     ScenarioError,
     Workers,
@@ -66,6 +67,8 @@ def read_input(scenario: FailureScenario) -> Packed:
     options["parameters"] = (law.parameters if law.file else law.more) or None
     (state, its_law, notes), said = capture_warnings(read_packing, Path(given.file), **options)
     notes = [*notes, *said]
+    if acts := [note.reason for note in notes if isinstance(note, Obstacle)]:
+        raise ScenarioError(f"{given.file} cannot be sheared: {'; '.join(acts)}")
     if given.settle:
         state, calm = let_settle(state, its_law)
         notes.append(f"settled: {calm.how}; {calm}")
