@@ -12,11 +12,9 @@ from ...kit import (
     PackingOptions,
     command,
     complete_from,
-    current_units,
     examples,
     in_units_of_packing,
     number_option,
-    parse_number,
     run_scenario,
 )
 
@@ -104,6 +102,8 @@ def shear(
 
 
 def _strain(word: str) -> float:
+    from ...kit import parse_number
+
     try:
         return parse_number(word)
     except ValueError:
@@ -112,6 +112,8 @@ def _strain(word: str) -> float:
 
 def _tables(file: Path, options: PackingOptions, settle: bool) -> dict:
     """Tables of a scenario from the options of all commands that read a packing."""
+    from ...kit import current_units
+
     given = {name: value for name, value in options.values().items() if value is not None}
     more, kind = given.pop("parameters", {}), given.pop("law", None)
     names = ("frame", "contacts", "columns", "boundary", "atom_style", "i0")

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....examples import path
+from .... import examples
 from ....kit import Experiment, attach, lazy_function
 from .scenario import FailureScenario
 
@@ -15,7 +15,7 @@ def references(scenario: FailureScenario) -> dict[str, tuple[str, ...]]:
 
 
 SMALLEST = {
-    "packing": {"file": str(path("sheared_spheres.npz"))},
+    "packing": {"file": str(examples.path("sheared_spheres.npz"))},
     "law": {"mu": 10.0},
     "shear": {"until": 1e-5, "step": 1e-5},
 }
