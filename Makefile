@@ -12,6 +12,15 @@ define COMPILER
 	  $(BIN)/python $(BUILD) --find; }
 endef
 
+# uv installs five times faster than pip; pip does where it is set up with an index of its own, and where uv fails
+UV = ! $(BIN)/python -m pip config list 2>/dev/null | grep -q '\.index-url' && \
+  $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-installer.lock 2>/dev/null && \
+  $(BIN)/python -m uv pip install --quiet --python $(BIN)/python
+PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+define INSTALL
+{ $(UV) $(1) 2>/dev/null || $(PIP) $(1); }
+endef
+
 unexport PYTHONDONTWRITEBYTECODE  # the many processes that tests start would compile the package anew
 
 .PHONY: demo test durations coverage mutants quick slow lint bench numbers docs release wheel lock clean
@@ -74,16 +83,17 @@ lock:  ## regenerate the lock files with uv
 	printf 'hatchling\neditables\n' | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 -c requirements.lock pyproject.toml - -o requirements-run.lock
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra docs -c requirements.lock pyproject.toml -o requirements-docs.lock
 	echo twine | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-release.lock
+	echo uv | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-installer.lock
 	echo ziglang | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 - -o requirements-compiler.lock
 
 $(RUN): requirements-run.lock pyproject.toml
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'stickslip needs Python 3.11 or later: make PYTHON=python3.12')"
-	@echo "installing into .venv (about half a minute, once)"
+	@echo "installing into .venv and compiling the core (about half a minute, once)"
 	@$(PYTHON) $(BUILD) >/dev/null 2>&1 & built=$$!; $(PYTHON) -m venv .venv && \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-run.lock; \
+	  $(call INSTALL,--require-hashes -r requirements-run.lock); \
 	  installed=$$?; wait $$built; exit $$installed  # a fault of the compiler is reported below
 	$(COMPILER)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@$(call INSTALL,--no-deps --no-build-isolation -e .)
 	@touch $@
 
 $(CORE): $(RUN) $(BUILD) $(wildcard src/stickslip/_core/*.cpp src/stickslip/_core/*.h)
@@ -97,12 +107,12 @@ $(LEVELS): $(CORE)  # tests compare the levels of processors
 
 $(STAMP): $(RUN) requirements.lock | $(LEVELS)
 	@echo "installing the development tools into .venv (once)"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
+	@$(call INSTALL,--require-hashes -r requirements.lock)
 	@touch $@
 
 $(DOCS): $(STAMP) requirements-docs.lock
 	@echo "installing the documentation tools into .venv (once)"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-docs.lock
+	@$(call INSTALL,--require-hashes -r requirements-docs.lock)
 	@touch $@
 
 clean:

@@ -33,6 +33,12 @@ BENCHMARKS = {
     "contact_status": Benchmark("status of critical contacts, beside slower methods", 120, PATHS, ratios=True),
     "device": Benchmark("time steps on a graphics processor, beside all cores", 600, STEPS),
     "directions_of_failure": Benchmark("which sign of failure comes first", 300, STATICS),
+    "element_test_budget": Benchmark(
+        "a drained triaxial test of 1000 spheres in five minutes",
+        120,
+        (*STATICS, "wings/soils/element_test"),
+        "element_tests:budget_rows",
+    ),
     "element_tests": Benchmark("triaxial tests and response envelopes", 1000, (*STATICS, "wings/soils/element_test")),
     "engine": Benchmark("time steps of many spheres, beside LAMMPS and YADE", 600, STEPS, ratios=True),
     "engine_sizes": Benchmark(

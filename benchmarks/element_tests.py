@@ -1,21 +1,25 @@
 """CPU time of element tests of 1000 spheres, and of response envelopes of their states.
 
     python -m benchmarks element_tests
+    python -m benchmarks element_test_budget
 
 A drained triaxial test of the sample of `examples/triaxial.toml` to an axial strain of 10 %, and the responses to 64
-probes at its end, where contacts slide.
+probes at its end, where contacts slide. The second runs one sample of the example as it is.
 """
 
 import os
 import time
 import tomllib
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import stickslip as ss
+from stickslip.experiments.samples import make_law
 from stickslip.loading.compression import compression_scales
 from stickslip.loading.settling import settle
 from stickslip.solve.newton import Factorisation
+from stickslip.wings.soils.element_test.sample import make_sample
 from stickslip.wings.soils.element_test.simulate import BALANCED
 
 from .spheres import row
@@ -69,3 +73,25 @@ def rows(*, smallest: bool = False):
         ]
         found += envelope(result, f"end of the {integrator} test", 4 if smallest else DIRECTIONS)
         yield from (one | {"threads": 1} for one in found)
+
+
+def budget_rows(*, smallest: bool = False):
+    """CPU seconds of one sample of the example, and of its compression alone."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    tables = tomllib.loads(EXAMPLE.read_text(encoding="utf-8")) | {"realizations": 1, "check": False}
+    if smallest:
+        tables["sample"] = tables["sample"] | {"grains": 60}
+        tables["path"] = tables["path"] | {"strain": 1e-4, "inertial_number": 1e-3}
+    scenario = ss.scenario(**tables)
+    starts = [time.process_time()]
+    make_sample(scenario.sample, make_law(scenario.law), scenario.seed, lambda *_: None)
+    starts.append(time.process_time())
+    result = ss.simulate(scenario, workers=1)
+    starts.append(time.process_time())
+    n, (sample, whole) = scenario.sample.grains, (b - a for a, b in pairwise(starts))
+    found = [
+        row("triaxial test of the example", n, whole, BUDGETS["dynamic"], "budget"),
+        row("its sample", n, sample, None, ""),
+        row("its stiffness number", n, result.scenario.stiffness_number, None, "", ""),
+    ]
+    yield from (one | {"threads": 1} for one in found)

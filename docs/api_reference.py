@@ -14,7 +14,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 import stickslip
-from stickslip.lazy import public_names
+from stickslip.words import public_names
 
 
 def module_of(namespace: str):

@@ -10,14 +10,18 @@ from pathlib import Path
 from stickslip.core.sizes import LIMITS, MOST
 from stickslip.data.schema import ScenarioBase, split_unit
 from stickslip.experiments.experiment import table_of
+from stickslip.experiments.quantities import estimate, median
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.runs.sweep.axes import DRAWN, KINDS, SPACED, Options, Values
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
 MEASURES = """Each run leaves these numbers: in `results.h5`, as columns of sweeps, and in `result.to_dataframe()`. The
-name of a number at an amplitude, a velocity or a load ends in `@` and its value. A mean over samples has a second
-number, whose name ends in `_error`: half of its 95 % interval."""
+name of a number at an amplitude, a velocity or a load ends in `@` and its value."""
+OVER = {  # the samples of a run
+    estimate: "Each is a mean over samples; another number, whose name ends in `_error`, is half of its 95 % interval.",
+    median: "Each is the median over the samples that have it.",
+}
 ALLOWED = {"where": "text, or list of texts", "draws": "path of a CSV file, or table of lists"}  # in [sweep]
 
 
@@ -93,7 +97,8 @@ def measures(name: str) -> list[str]:
         return []
     table_rows = [(f"`{one.name}`", "–" if one.unit == "1" else one.unit, _cell(one.meaning)) for one in table.values()]
     rows = [f"| {' | '.join(cells)} |" for cells in table_rows]
-    return ["\n".join(["## Measures of a run\n", MEASURES, "\n| name | unit | |", "|---|---|---|", *rows])]
+    words = f"{MEASURES}\n{OVER.get(table.over, '')}".rstrip()
+    return ["\n".join(["## Measures of a run\n", words, "\n| name | unit | |", "|---|---|---|", *rows])]
 
 
 def _tables(table: dict, whole: dict, place: str, seen: dict) -> str:

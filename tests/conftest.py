@@ -4,15 +4,18 @@ import contextlib
 import gc
 import io
 import os
+import pickle
 import subprocess
 import sys
 import warnings
+from functools import wraps
 from types import SimpleNamespace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one process tests on each core
 
 import numpy as np
 import pytest
+import typer.main
 from hypothesis import settings
 from matplotlib.figure import Figure
 from PIL import Image
@@ -22,6 +25,7 @@ from stickslip.core.contacts.forces import accept, forces
 from stickslip.core.laws.builtin import for_pair
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
 from stickslip.data.sample import LAWS
+from stickslip.solve import birth
 
 settings.register_profile("ci", deadline=None, max_examples=40, derandomize=True)
 settings.load_profile("ci")
@@ -57,11 +61,53 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.timeout(3600))
 
 
-def pytest_collection_finish():
-    """Collect garbage rarely, and none of what modules hold: it takes a tenth of the time of the tests."""
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect garbage rarely, and none of what modules hold: it takes a tenth of the time of the tests.
+
+    Rewriting the assertions of all modules makes objects by the million, and a third of its time was spent on them.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.set_threshold(20_000, 20, 20)
+        gc.enable()
+
+
+_get_command, _commands = typer.main.get_command, {}
+
+
+def get_command_once(app):
+    """Parse the signatures of all commands once for all tests that call the command line: 0.03 s for each call."""
+    state = app, *app.registered_commands
+    if state not in _commands:
+        _commands[state] = _get_command(app)
+    return _commands[state]
+
+
+typer.main.get_command = get_command_once
+
+
+_birth_form, _forms = birth.birth_form, {}
+
+
+@wraps(_birth_form)
+def birth_form_once(state, law, **how):
+    """Find the normal form of a state once for all tests: every page of the same packing states it, 1 s each."""
+    try:
+        key = pickle.dumps((state, law, how))
+    except Exception:  # what cannot be pickled is no state
+        return _birth_form(state, law, **how)
+    if key not in _forms:
+        _forms[key] = _birth_form(state, law, **how)
+    return _forms[key]
+
+
+birth.birth_form = birth_form_once
+os.fsync = lambda file: None  # each waits 10 ms for a disk, and no test can cut its power
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +120,7 @@ def _loud_floating_point():
 PLAIN = {
     "hardening", "restart", "ensemble", "laws", "peers", "exchange", "lammps", "reports", "test_cli", "test_output",
     "test_lock", "test_help", "test_flow", "test_fault_experiment", "test_rate_state_cli", "test_noisy_records",
+    "test_pasted_advice", "test_gouge_samples",
 }  # fmt: skip
 _savefig = Figure.savefig
 

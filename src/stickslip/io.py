@@ -6,6 +6,7 @@ Packings
     read_forces, measured_forces    measured disks and their contact forces, from files or arrays
     follow_packings     states of a running LAMMPS simulation, as its dumps become complete
     write_packing       .npz, GSD, VTK, extended XYZ, LAMMPS data
+    write_matrices      matrices of a packing for other programs: NumPy or Matrix Market
     frame_of            columns of a state as these formats store them
     read_mode, mode_frames  a mode from `stickslip stability`, and its motion as frames
 

@@ -5,8 +5,9 @@ Wings and their experiments
     Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
+    Comparison, SweepMember     what the members of a sweep give together, and one of them
     lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
-    Quantity, Quantities, Measures, Estimate, estimate, median      tables of quantities, from which outputs follow
+    Quantity, Quantities, quantities_of, Measures, Estimate, estimate, median      tables of quantities
     attach                      public names from a stub, imported on first use
     require, install_command, MissingExtraError     optional libraries
 
@@ -70,6 +71,7 @@ Numbers and text
     readable, pluralize, quoted, shortened      representation of results, and words
     parse_number, parse_integer, read_text, decode_text     text
     read_bytes, Budget, check_matlab    bytes of foreign files, within a bound
+    laboratory_table            the module that reads tables of laboratories by the names and units of their columns
     read_table, heading_of, split_label, split_rows, write_table, format_table      tables
     known                       names in foreign files: used, without influence, not understood
 

@@ -106,6 +106,7 @@ from .core.units import unit_name as unit_name
 from .core.units import units_of as units_of
 from .core.units import with_unit as with_unit
 from .data import archive as archive
+from .data import laboratory_table as laboratory_table
 from .data import run_files as run_files
 from .data.archive import ArchiveError as ArchiveError
 from .data.archive import versions as versions
@@ -157,9 +158,11 @@ from .data.schema import validate_scenario as validate_scenario
 from .ensemble import Member as Member
 from .ensemble import Workers as Workers
 from .ensemble import reach as reach
+from .experiments.experiment import Comparison as Comparison
 from .experiments.experiment import Experiment as Experiment
 from .experiments.experiment import Paper as Paper
 from .experiments.experiment import Reproduction as Reproduction
+from .experiments.experiment import SweepMember as SweepMember
 from .experiments.experiment import lazy_function as lazy_function
 from .experiments.experiment import lazy_functions as lazy_functions
 from .experiments.experiment import result_of as result_of
@@ -169,6 +172,7 @@ from .experiments.quantities import Quantities as Quantities
 from .experiments.quantities import Quantity as Quantity
 from .experiments.quantities import estimate as estimate
 from .experiments.quantities import median as median
+from .experiments.quantities import quantities_of as quantities_of
 from .experiments.realizations import Realizations as Realizations
 from .experiments.realizations import Task as Task
 from .experiments.realizations import open_device as open_device

@@ -84,6 +84,9 @@ TABLE = (
         "potcy pot_* dtau_dt samples channel* flag*"),
     Row("column of a record", UNKNOWN, "pp* p_up* p_down* upstream* downstream* *pore* *fluid*",
         "it may change the effective normal stress"),
+    Row("column of a test of soil", HARMLESS, "rec* record* row n no no. nr nr. index point* time* elapsed* date day "
+        "hour clock timestamp comment* note* stage* step* sample* specimen* test* *temp* load* force* displacement* "
+        "*disp height* area* volume* *_rate back_pressure*"),
     Row("file", HARMLESS, "*.png *.gif *.mp4 *.jpg *.jpeg *.pdf *.svg *.html *.md *.rst README* LICENSE* *.py *.ipynb "
         "*.m *.sh *.slurm *.job *.pbs *.sbatch *.out *.err *.o[0-9]* *.e[0-9]* log.cite *.bib Makefile *.npz *.h5 "
         "*.gsd *.json *.toml *.yaml *.yml *.csv *.tsv *.dat *.bak *.lock *.ini *.tex"),

@@ -37,6 +37,7 @@ Waves
     moduli_bounds       elastic moduli between the bounds of Voigt and Reuss
 
 Matrices
+    equations_of_motion  J, C, M and the unbalanced force; io.write_matrices writes them
     dynamical_matrix    −M^(−1/2) J M^(−1/2), sparse
     contact_blocks      derivatives of each contact force
     assembled           matrix in generalised coordinates, assembled from such blocks

@@ -7,6 +7,7 @@ from .solve.freedom import assembled as assembled
 from .solve.freedom import backbone as backbone
 from .solve.freedom import displaced as displaced
 from .solve.freedom import dynamical_matrix as dynamical_matrix
+from .solve.freedom import equations_of_motion as equations_of_motion
 from .solve.freedom import residual_vector as residual_vector
 from .solve.gradient import eigenvalue_gradient as eigenvalue_gradient
 from .solve.gradient import modulus_gradient as modulus_gradient

@@ -7,7 +7,7 @@ Stability
     ComplexPairs, FastestPair, BirthForm    functions of `modes` for complex pairs
     ContactSensitivity, DensityOfStates, ElasticModuli, TransientGrowth     other functions of `modes`
     Inflation, ScreeningFits        `modes.inflate` and `protocols.inflate`, `Inflation.fit`
-    Freedom, Factorisation  `freedom`, `newton`
+    EquationsOfMotion, Freedom, Factorisation  `freedom`, `newton`
 
 Loading
     ContactLoads            `forces`

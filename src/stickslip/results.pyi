@@ -21,6 +21,7 @@ from .runs.sweep.run import SweepResult as SweepResult
 from .solve.birth import BirthForm as BirthForm
 from .solve.collision import Collision as Collision
 from .solve.fastest import FastestPair as FastestPair
+from .solve.freedom import EquationsOfMotion as EquationsOfMotion
 from .solve.freedom import Freedom as Freedom
 from .solve.inclusion import Inflation as Inflation
 from .solve.inclusion import ScreeningFits as ScreeningFits

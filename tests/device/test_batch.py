@@ -301,10 +301,10 @@ def test_touching_grains_may_not_be_too_many_boxes_apart():
     assert "64 or more periodic boxes apart" in str(apart)
 
 
-def test_a_batch_has_room_for_13_rigid_groups():
+def test_a_batch_has_room_for_21_rigid_groups():
     leg = free_spheres()
-    control = leg.state.control._replace(group=np.arange(len(leg.state.grains.radius)) % 14)
-    with pytest.raises(ValueError, match="14 rigid groups, but has room for 13"):
+    control = leg.state.control._replace(group=np.arange(len(leg.state.grains.radius)) % 22)
+    with pytest.raises(ValueError, match="22 rigid groups, but has room for 21"):
         run_legs([leg._replace(state=leg.state._replace(control=control))], Processor())
 
 

@@ -41,22 +41,25 @@ def test_without_friction_many_packings_have_only_saddle_nodes():
     assert abs(np.median([e.exponent for e in events]) - 0.5) < 0.01
 
 
-def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding):
-    for record in (frictionless, sliding, search(LINEAR, 3, 0.006, resolution=1e-5, most=1)):
+@pytest.fixture(scope="module")
+def varied():
+    """Both searches in half the steps and with twice the drag, the second to a coarse resolution."""
+    how = {"most": 1, "step": STEP / 2, "share": 0.2}
+    return search(FRICTIONLESS, 3, 0.006, fraction=0.88, **how), search(LINEAR, 3, 0.006, resolution=1e-5, **how)
+
+
+def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding, varied):
+    assert varied[1].resolution == 1e-5 > sliding.resolution
+    for record in (frictionless, sliding, *varied):
         assert record.events
         for event in record.events:
             assert 0 < event.strain - event.below <= record.resolution
             assert (np.diff(event.distances) < 0).all() and event.distances[0] <= record.step
 
 
-# 3 s: two searches with other options
-def test_events_do_not_depend_on_step_and_drag(frictionless, sliding):
+def test_events_do_not_depend_on_step_and_drag(frictionless, sliding, varied):
     """Newton's method adds the slip of a step at once, so that brackets move by the square of the step."""
-    for law, fraction, known, change, most in (
-        (FRICTIONLESS, 0.88, frictionless, {"step": STEP / 2, "share": 0.2}, 1e-6),
-        (LINEAR, 0.86, sliding, {"step": STEP / 2, "share": 0.2}, 3e-5),
-    ):
-        record = search(law, 3, 0.006, fraction=fraction, most=1, **change)
+    for record, known, most in zip(varied, (frictionless, sliding), (1e-6, 3e-5), strict=True):
         assert [e.kind for e in record.events] == [e.kind for e in known.events]
         assert [e.trigger for e in record.events] == [e.trigger for e in known.events]
         np.testing.assert_allclose(

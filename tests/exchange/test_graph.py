@@ -2,7 +2,6 @@
 
 from collections import Counter
 
-import networkx
 import numpy as np
 import pandas as pd
 import pytest
@@ -55,6 +54,8 @@ def test_a_graph_is_written_and_read_by_networkx(tmp_path):
     state = stirred(make_packing(3), LAW, np.random.default_rng(1))
     graph = ss.io.contact_graph(state, LAW)
     ss.io.write_packing(tmp_path / "contacts.graphml", state, LAW)
+    import networkx  # slow
+
     again = networkx.read_graphml(tmp_path / "contacts.graphml", node_type=int)
     assert dict(again.nodes(data=True)) == dict(graph.nodes(data=True))
     assert sorted(e["force_n"] for *_, e in again.edges(data=True)) == sorted(

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import sys
 from types import SimpleNamespace
 
@@ -192,6 +193,22 @@ def test_who_is_killed_while_results_are_moved_in_is_followed_by_the_next_call(c
     assert set(now) == {*told, "manifest.json"}
     assert all(told[name] == [manifest.digest(tmp_path / "out" / name)] for name in told)
     assert json.loads(now["scenario.json"])["seed"] == 1
+
+
+@pytest.mark.parametrize("missing", ["scenario.json", "results.h5"])
+def test_incomplete_results_replace_nothing(call, tmp_path, missing):
+    assert call("run", "0.toml", "--out", "out").code == 0
+    before, staging = contents(tmp_path / "out"), tmp_path / "out" / report.WRITING
+    staging.mkdir()
+    there = manifest.read_manifest(tmp_path / "out")
+    kept = [name for name in ("scenario.json", "results.h5") if name != missing]
+    for name in kept:
+        shutil.copy(tmp_path / "out" / name, staging / name)
+    manifest.write_manifest(staging, {name: there[name] for name in kept})
+    report.install_results(tmp_path / "out")
+    assert (staging / kept[0]).exists()
+    shutil.rmtree(staging)
+    assert contents(tmp_path / "out") == before
 
 
 @pytest.mark.parametrize("seeds", [(0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1)])

@@ -1,6 +1,7 @@
 """Output folders that hold what nobody expects: pipes, devices, links, folders by the names of hidden ones, sweeps."""
 
 import os
+import shutil
 import signal
 from contextlib import contextmanager
 
@@ -22,6 +23,15 @@ def here(tmp_path, monkeypatch):
     for key in ("surface.mu0", "surface.b"):
         (tmp_path / f"{key[8:]}.toml").write_text(SWEEP.format(key=f'"{key}"'))
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of a run that has ended, for copies."""
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "0.toml").write_text(SLIDER.format(seed=0))
+    assert stickslip_here("run", "0.toml", "--out", "out", cwd=folder).returncode == 0
+    return folder / "out"
 
 
 @contextmanager
@@ -87,11 +97,11 @@ def test_files_that_nobody_may_replace_are_not_read(here, monkeypatch):
 @pytest.mark.parametrize(
     "arguments", [["run", "0.toml"], ["run", "b.toml"], ["resume"]], ids=["run", "sweep", "resume"]
 )
-def test_what_bears_the_names_of_hidden_folders_stays(here, name, kind, arguments):
+def test_what_bears_the_names_of_hidden_folders_stays(here, finished, name, kind, arguments):
     (here / "precious").mkdir()
     (here / "precious" / "mine").write_text("mine")
     if arguments[0] == "resume":
-        assert stickslip_here("run", "0.toml", "--out", "out", cwd=here).returncode == 0
+        shutil.copytree(finished, here / "out")
     else:
         (here / "out").mkdir()
     path = here / "out" / name

@@ -82,8 +82,9 @@ def sheared_quasistatically(u):
 def catalogue(u):
     state, law = packing(u, "linear", n=16, packing_fraction=0.86, dim=2), u.law("linear", mu=10.0)
     record = ss.protocols.find_events(
-        state, law, to=0.006, drag=0.2 / stable_time_step(state, law), step=1e-3, smallest=1e-3, most=1
-    )
+        state, law, to=0.006, drag=0.2 / stable_time_step(state, law), step=1e-3, smallest=1e-3, most=1,
+        resolution=2e-5,
+    )  # fmt: skip
     assert record.events
     first = record.events[0]
     return record.state, [first.strain, first.below, first.kind.value, first.jump, first.growth_rate * u.time]

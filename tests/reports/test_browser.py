@@ -20,8 +20,6 @@ from tests.exchange.packings import SHARP
 from .test_reports import swinging
 
 pytestmark = pytest.mark.slow
-webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
-Select = pytest.importorskip("selenium.webdriver.support.ui").Select
 PATIENCE = 60  # seconds until a page stands, on a busy machine without a graphics card
 
 
@@ -29,6 +27,7 @@ PATIENCE = 60  # seconds until a page stands, on a busy machine without a graphi
 def browser():
     if not (which("chromium") and which("chromedriver")):
         pytest.skip("there is no Chromium: apt-get install chromium chromium-driver (Debian)")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
     options = webdriver.ChromeOptions()
     lines = ["headless=new", "no-sandbox", "disable-dev-shm-usage", "window-size=1100,1000", "use-angle=swiftshader"]
     lines += ["enable-unsafe-swiftshader", "host-resolver-rules=MAP * ~NOTFOUND"]  # no graphics card, no network
@@ -86,7 +85,8 @@ def test_a_page_stands_offline_without_errors_and_a_click_changes_it(browser, tm
     assert (without != still).any(axis=2).sum() > 500  # pixels of lines
     choice = browser.find_element("id", "colour")
     names = [option.text for option in choice.find_elements("tag name", "option")]
-    Select(choice).select_by_visible_text("radius")
+    select = pytest.importorskip("selenium.webdriver.support.ui").Select
+    select(choice).select_by_visible_text("radius")
     assert {"radius", "coordination", "pressure", "mode displacement"} <= set(names)
     assert (picture(browser) != without).any(axis=2).sum() > 500
     assert "radius [length]" in browser.find_element("id", "legend").text

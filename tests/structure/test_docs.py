@@ -11,15 +11,13 @@ from pathlib import Path
 from shutil import which
 
 import pytest
-from selenium import webdriver
-from selenium.webdriver.support.ui import WebDriverWait
 
 import stickslip as ss
 from benchmarks.records import LINK
 from stickslip.data.schema import tables_in
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.lazy import public_names
 from stickslip.wing import wings
+from stickslip.words import public_names
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)
@@ -166,6 +164,8 @@ def visit(driver, page: Path) -> None:
     driver.get("about:blank")
     driver.get(page.as_uri())
     loaded = "return document.readyState == 'complete' && location.href != 'about:blank'"
+    from selenium.webdriver.support.ui import WebDriverWait
+
     WebDriverWait(driver, 30).until(lambda driver: driver.execute_script(loaded))
 
 
@@ -180,6 +180,8 @@ def test_the_home_page_begins_with_what_this_is_and_how_to_install_it():
 def test_no_page_scrolls_sideways(built, width):
     if not (which("chromium") and which("chromedriver")):
         pytest.skip("there is no Chromium: apt-get install chromium chromium-driver (Debian)")
+    from selenium import webdriver  # imported by slow tests alone
+
     options = webdriver.ChromeOptions()
     for word in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "host-resolver-rules=MAP * ~NOTFOUND"):
         options.add_argument(f"--{word}")

@@ -8,6 +8,7 @@ import pytest
 import stickslip as ss
 from stickslip.core import arguments
 from stickslip.core.dynamics.ledger import Ledger
+from stickslip.experiments.experiment import meaning_of
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.wings.faults.fault.simulate import FaultResult
 from stickslip.wings.faults.friction.fault_cycles import Energy
@@ -325,3 +326,4 @@ def test_measures_have_their_values_and_units(experiment, monkeypatch):
     measured = EXPERIMENTS[experiment].measures(result)
     assert {name.partition("@")[0]: unit for name, (_, unit) in measured.items()} == UNITS[experiment]
     assert {name: measured[name][0] for name in values} == {name: pytest.approx(v) for name, v in values.items()}
+    assert all(meaning_of(EXPERIMENTS[experiment], name) for name in measured)

@@ -30,6 +30,7 @@ def test_rows_give_values_units_and_meanings():
     assert table.row("damping@0.001_error").meaning == "damping ratio" and table.row("stress_error").unit[:5] == "force"
     assert table["stress"].axis == (r"$\sigma$", "force/length^(dim-1)") and table["seed"].axis == "seed"
     assert table.columns(samples(1, 2))["stress"].tolist() == [10.0, 20.0] and Quantities([]).columns([]) == {}
+    assert np.isnan(table["stress"].at(Made(packed=None))["stress"])
     assert table.fields(samples(1)[0]).units["damping@last"] == "1"
     with pytest.raises(ValueError, match="same name: seed, seed"):
         Quantities([SAMPLE[0], SAMPLE[0]])
@@ -85,3 +86,12 @@ def test_the_terminal_shows_intervals_units_and_meanings(capsys):
         measures.show(samples(1, 2), title="Samples", without=["seed"])
     text = capsys.readouterr().out
     assert "seed" not in text and "mean stress" in text and "Pa" in text and "15" in text
+
+
+def test_rows_on_the_terminal_have_a_column_for_each_quantity(capsys):
+    table = Quantities([*SAMPLE, Quantity("grains_lost", "1", "", lambda sample: 12345)])
+    with units_in_use("SI"):
+        table.show_rows(samples(1, 2), "stress", "grains_lost", "rare", "absent", title="Samples")
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert lines[0] == ["Samples"] and ["stress", "[Pa]", "grains", "lost", "rare", "[s]", "absent"] in lines
+    assert ["10", "12345", "–", "–"] in lines and ["20", "12345", "–", "–"] in lines

@@ -334,7 +334,7 @@ constexpr int64_t PACE_DT = 0, PACE_KEEP = 1, PACE_SLOW = 2, PACE_KEEP_T = 3, PA
 constexpr int64_t PACE_START = 6, PACE_CLOCK = 7, PACE_LOWEST = 8, PACE_DENSITY = 11, PACE_VALUES = 14;
 // bits of a word in a list: flags, image along each vector, and the first bit of the partner
 constexpr int64_t ENTRY_FLAGS = 3, ENTRY_IMAGE = 7, ENTRY_PARTNER = 24;
-constexpr int64_t SUMS = 40;  // room for sums over bodies for a sample
+constexpr int64_t SUMS = 64;  // room for the sums of all observables, of which one has three for a vector
 
 struct Batch {  // S slots with room for R bodies, in each of which is a system or none
   int64_t slots;

@@ -29,11 +29,13 @@ ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
 
 
 class _Commands(typer.core.TyperGroup):
-    """Commands; an unknown one is answered with the nearest, or with all."""
+    """Commands; an unknown one is answered with those that may be meant, or with all."""
 
     def resolve_command(self, ctx, args):
         if self.get_command(ctx, args[0]) is None:
-            check_choice("command", args[0], self.list_commands(ctx))
+            near, known = commands_like(args[0], self.list_commands(ctx)), ", ".join(self.list_commands(ctx))
+            hint = f"did you mean {' or '.join(near)}?" if near else f"use {known}"
+            raise ValueError(f"command {args[0]!r} is not known: {hint}")
         return super().resolve_command(ctx, args)
 
 
@@ -221,6 +223,28 @@ def examples(*pairs: tuple[str, str]) -> str:
     if any("examples/" in typed for typed, _ in pairs):
         lines.append("  The files in examples: stickslip example --all copies them.")
     return "\b\nExamples:\n" + "\n".join(lines)
+
+
+def commands_like(word: str, commands: list[str]) -> list[str]:
+    """Commands, scenarios, public names or pages that somebody may mean by an unknown command."""
+    from ..experiments.registry import EXPERIMENTS, papers
+    from ..runs.bundled import headings, names
+    from ..words import suggestions, with_rarest_parts
+
+    plain = word.lower().replace("_", "-")
+    examples = {name.partition(".")[0].replace("_", "-"): name for name in names() if name.endswith(".toml")}
+    advice = {name: f"`stickslip {name}`" for name in commands}
+    advice |= {name: f'`stickslip run SCENARIO` with experiment = "{name}"' for name in EXPERIMENTS}
+    advice |= {name: f"`stickslip example {file}`, and `stickslip run`" for name, file in examples.items()}
+    advice |= {name: f"`stickslip reproduce {name}`" for name in papers()}
+    found = suggestions(word, limit=9)
+    typed = [one for one in found if one.startswith("`stickslip ")]
+    spelled = [advice[name] for name in get_close_matches(plain, advice, 1, 0.7)]
+    if plain in advice:
+        return spelled
+    in_python = [f"stickslip.{one} in Python" for one in found[:2] if not one.startswith("`")]
+    pages = [f"`stickslip docs {page}`" for page in with_rarest_parts(word, headings())]
+    return typed[:2] or spelled or in_python or pages[:2]
 
 
 def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:

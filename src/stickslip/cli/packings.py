@@ -159,6 +159,10 @@ def stability(
             help="Output file for modes; default: FILE's name with -modes.npz, in this folder; none with --json.",
         ),
     ] = None,
+    matrices: Annotated[
+        Path | None,
+        typer.Option("--matrices", help="Also write J, C and M: NAME.npz, or a folder for Matrix Market files."),
+    ] = None,
     beyond: Annotated[
         bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
     ] = False,
@@ -180,9 +184,11 @@ def stability(
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
+    from ..data.exchange.matrices import write_matrices
     from ..loading.reading import read_packing
     from ..reports import packing as stability_report
     from ..reports import terminal
+    from ..solve.freedom import equations_of_motion
     from ..solve.stability import DENSE_UP_TO
     from ..solve.stability import stability as analyse
 
@@ -198,6 +204,7 @@ def stability(
             if settle:
                 state, calm = stability_report.let_settle(state, its_law)
                 notes.append(f"settled: {calm.how}")
+            written = write_matrices(matrices, equations_of_motion(state, its_law)) if matrices else []
             result = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
@@ -208,10 +215,10 @@ def stability(
             sure = position_error is not None and stability_report.find_probability(
                 state, its_law, position_error, dashpots=dashpots, report=tell
             )
-        why, paths = [] if result.balanced else stability_report.likely_causes(result, options.values(), notes), []
+        why, paths = [] if result.balanced else stability_report.likely_causes(result, options.values(), notes), written
         shape = stability_report.geometry(state) if stability_report.missing_parts(notes) else None
         if modes or (not output.as_json and result.balanced and result.modes.shape[1]):
-            paths = [stability_report.write_modes(shapes, result)]
+            paths = [stability_report.write_modes(shapes, result), *written]
     if output.as_json:
         from ..runs import json_output
 

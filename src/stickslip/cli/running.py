@@ -188,6 +188,10 @@ def run(
             "--export", help="Write a folder that LAMMPS runs in a queue instead; read it back with stickslip resume."
         ),
     ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option("--compare", help="A laboratory's table, such as test.csv, to lay over an element test."),
+    ] = None,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
     trust: Trust = False,
@@ -200,6 +204,8 @@ def run(
     from ..data.law_file import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
+    from ..runs import folder as run_folder
+    from ..runs.folder import mark_look
 
     look = drawing.look()
     if out is not None and export is not None:
@@ -209,22 +215,31 @@ def run(
     if trust:
         trust_law_files(tables)
     if "sweep" in tables:
-        if export:
-            raise ValueError("--export was given with a sweep: export its members one by one")
-        tables, spread = _sweep_tables(tables, engine), _choose_processes(processes)
+        for name, given in (("export", export), ("compare", compare)):
+            if given:
+                raise ValueError(f"--{name} was given with a sweep: {name} its members one by one")
+        if engine.engine is not None:
+            check_choice("engine", engine.engine, ENGINES)
+        tables, spread = tables | engine.values(), _choose_processes(processes)
         with _working_in(out, output):
             options = {"overwrite": overwrite, "yes": yes, "figures": figures, "look": look}
             return _run_sweep_in("run", tables, out, spread, output, **options)
     chosen = _with_engine(make_scenario(**tables), engine)
+    draw = _open_laboratory(chosen, compare) if compare else None
     if export:
         return _export_to(export, chosen, output, overwrite=overwrite)
     check_law_files(chosen.model_dump())
     spread = _choose_processes(processes, chosen)
-    return run_scenario("run", chosen, out, output, look, overwrite=overwrite, **spread)
+    with _working_in(out, output):
+        if draw and not overwrite and run_folder.is_finished(out, chosen):
+            return _compare_in(out, chosen, output, look, draw)
+        run_folder.prepare_folder(out, chosen, overwrite=overwrite)
+        mark_look(out, chosen, look)
+        return _run_in("run", chosen, out, spread, output, look, draw)
 
 
 def run_scenario(
-    command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None, **spread
+    command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None
 ) -> None:  # fmt: skip
     """Run a scenario in a folder, for a command; `begin` saves what the command has read already."""
     from ..runs import folder as run_folder
@@ -234,7 +249,7 @@ def run_scenario(
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         mark_look(folder, chosen, look)
         begin()
-        _run_in(command, chosen, folder, spread, output, look)
+        _run_in(command, chosen, folder, {}, output, look)
 
 
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
@@ -262,13 +277,41 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
     )  # fmt: skip
 
 
-def _run_in(command: str, chosen, folder: Path, spread, output: Output, look) -> None:
-    """Run or continue a scenario in a folder."""
-    from ..core.units import units_in_use
-    from ..experiments.registry import experiment_of
+def _open_laboratory(chosen, path: Path):
+    """Read a laboratory's table, and return the function that lays it over the run of a scenario."""
+    from ..experiments.registry import EXPERIMENTS, experiment_of
+
+    if experiment_of(chosen).overlay is None:
+        able = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.overlay)
+        raise ValueError(
+            f"--compare was given with experiment = {chosen.experiment!r}: only {able} has tests of laboratories, so "
+            f"leave it out"
+        )
+    return experiment_of(chosen).overlay(chosen, path)
+
+
+def _compare_in(folder: Path, chosen, output: Output, look, draw) -> None:
+    """Lay a laboratory's test over a finished run."""
+    from ..experiments.registry import list_files
     from ..reports import terminal
     from ..runs import json_output
-    from ..runs.folder import write_result
+    from ..runs.folder import write_comparison
+
+    terminal.console.print(f"{folder} is finished, and its results are used.", markup=False)
+    remarks = write_comparison(folder, chosen, draw, look)
+    finish(
+        lambda: json_output.describe_finished_run("run", folder, chosen), list_files(folder),
+        lambda: terminal.show_lines(remarks), output,
+    )  # fmt: skip
+
+
+def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, draw=None) -> None:
+    """Run or continue a scenario in a folder, and draw what lies over it."""
+    from ..core.units import units_in_use
+    from ..experiments.registry import experiment_of, list_files
+    from ..reports import terminal
+    from ..runs import json_output
+    from ..runs.folder import write_comparison, write_result
 
     experiment = experiment_of(chosen)
     experiment.announce(chosen)
@@ -276,12 +319,16 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look) ->
     with convert_errors(), terminal.progress() as tell:
         result = experiment.simulate(chosen, folder=folder, **spread, report=tell)
         tell("figures", 0.0, str(folder))
-        paths = write_result(folder, experiment, result, look)
+        paths, remarks = write_result(folder, experiment, result, look), ()
+        if draw:
+            remarks, paths = write_comparison(folder, chosen, draw, look), list_files(folder)
+
+    def show() -> None:
+        experiment.show(result)
+        terminal.show_lines(remarks)
+
     with units_in_use(chosen.named_units):
-        finish(
-            lambda: json_output.describe_run(command, folder, result, paths), paths, lambda: experiment.show(result),
-            output,
-        )  # fmt: skip
+        finish(lambda: json_output.describe_run(command, folder, result, paths), paths, show, output)
 
 
 @command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
@@ -365,13 +412,6 @@ def _run_sweep_in(
     if sentence:
         raise RuntimeError(sentence)
     return None
-
-
-def _sweep_tables(tables: dict, engine: EngineOptions) -> dict:
-    """Tables of a sweep, with the engine and ranks that were given in place of their own."""
-    if engine.engine is not None:
-        check_choice("engine", engine.engine, ENGINES)
-    return tables | engine.values()
 
 
 def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:

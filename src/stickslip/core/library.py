@@ -8,7 +8,7 @@ declared types. A struct is filled from a tuple by the names of its members, of 
 import ctypes
 import re
 from collections.abc import Callable
-from functools import partial
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from struct import Struct
 from typing import Any
@@ -57,14 +57,15 @@ _data = _first_member if _first_member(_SAMPLE) == _interface(_SAMPLE) else _int
 
 
 class _Layout:
-    """Members of a struct."""
+    """Members of a struct, the names of what they are read from, and how these are converted."""
 
-    def __init__(self, name: str, members):
+    def __init__(self, name: str, members, sources):
         fields = [(key, ctypes.c_void_p if pointer else _SCALARS[kind]) for kind, pointer, key in members]
         self.type = type(name, (ctypes.Structure,), {"_fields_": fields})
         self.members = members
         self.pack_into = Struct("".join("P" if pointer else _CODES[kind] for kind, pointer, _ in members)).pack_into
-        self.sources: list = []  # name of what each member is read from, and its converter
+        names, self.converters = zip(*sources, strict=True)
+        self.read_tuple, self.read_dict = attrgetter(*names), itemgetter(*names)
 
 
 class _Function:
@@ -89,9 +90,7 @@ class _Core:
         text = _COMMENT.sub("", (Path(build.__file__).parent / "core.h").read_text(encoding="utf-8"))
         for line in _CONSTANTS.findall(text):
             vars(self).update((name, int(value)) for name, value in _CONSTANT.findall(line))
-        self.structs = {name: _Layout(name, _declarations(body, ";")) for name, body in _STRUCT.findall(text)}
-        for layout in self.structs.values():
-            layout.sources = [self._source(*member) for member in layout.members]
+        self.structs = {name: self._layout(name, _declarations(body, ";")) for name, body in _STRUCT.findall(text)}
         self._functions = {name: (result, arguments) for result, name, arguments in _FUNCTION.findall(text)}
         self._library = None
 
@@ -104,6 +103,9 @@ class _Core:
         function = _Function(self, getattr(self._library, name), result, _declarations(arguments, ","))
         setattr(self, name, function)
         return function
+
+    def _layout(self, name: str, members) -> _Layout:
+        return _Layout(name, members, [self._source(*member) for member in members])
 
     def _source(self, kind: str, pointer: bool, name: str):
         """Name of what a member of a struct is read from, and its converter."""
@@ -137,15 +139,11 @@ class _Core:
     def fill(self, kind: str, value):
         """Struct filled from a tuple or dictionary, for calls that use it often; it keeps alive what it points to."""
         layout = self.structs[kind]
-        entry = value.__getitem__ if isinstance(value, dict) else partial(getattr, value)
+        given = layout.read_dict(value) if isinstance(value, dict) else layout.read_tuple(value)
         out = layout.type()
-        out.alive = alive = []
-        numbers = []
-        for source, convert in layout.sources:
-            given = entry(source)
-            alive.append(given)
-            numbers.append(given if convert is None else convert(given, alive))
-        layout.pack_into(out, 0, *numbers)
+        out.alive = alive = list(given)
+        pairs = zip(layout.converters, given, strict=True)
+        layout.pack_into(out, 0, *[entry if convert is None else convert(entry, alive) for convert, entry in pairs])
         return out
 
 

@@ -31,8 +31,12 @@ def natural_scales(state: State, law: Law, length: float | None = None) -> Scale
     linearly from a tenth of it.
     """
     length = 2.0 * float(state.grains.radius.min()) if length is None else length
-    force = float(_forces_at(law, length).max())
-    return Scales(length, force, float(np.sqrt(state.grains.mass.min() * length / force)))
+    a, b = np.indices(law.table.shape[:2])
+    if isinstance(law.kind, Kind):
+        force = abs(evaluate(law, "force", a=a, b=b, overlap=VALIDATED * length, r_eff=0.5 * length)).max() / VALIDATED
+    else:
+        force = evaluate(law, "force", a=a, b=b, overlap=length, r_eff=length).max()
+    return Scales(length, float(force), float(np.sqrt(state.grains.mass.min() * length / force)))
 
 
 def clear_round_off(values, scale):
@@ -44,11 +48,3 @@ def clear_round_off(values, scale):
     [0.0, 0.0001]
     """
     return np.where(np.abs(values) <= ROUND_OFF * np.max(np.abs(scale), initial=0.0), 0.0, values)
-
-
-def _forces_at(law: Law, overlap: float) -> np.ndarray:
-    """Normal forces at a large overlap by pair of materials, with an R_eff of the same size [force]."""
-    a, b = np.indices(law.table.shape[:2])
-    if isinstance(law.kind, Kind):
-        return abs(evaluate(law, "force", a=a, b=b, overlap=VALIDATED * overlap, r_eff=0.5 * overlap)) / VALIDATED
-    return evaluate(law, "force", a=a, b=b, overlap=overlap, r_eff=overlap)

@@ -35,7 +35,7 @@ class Grains(NamedTuple):
         check_parts({"grains": self})
 
 
-@readable(head=lambda value: _describe_walls(value))
+@readable(head=lambda walls: pluralize(len(walls.mass), "flat wall"))
 class Walls(NamedTuple):
     """Flat walls that may translate; grains are on the side to which the normal points."""
 
@@ -550,10 +550,6 @@ def _describe_grains(grains: Grains) -> str:
     radius = grains.radius
     sizes = f", radii {radius.min():.4g} to {radius.max():.4g}, mass {grains.mass.sum():.4g}" if len(radius) else ""
     return pluralize(len(radius), "grain") + sizes
-
-
-def _describe_walls(walls: Walls) -> str:
-    return pluralize(len(walls.mass), "flat wall")
 
 
 def _describe_cell(cell: Cell) -> str:

@@ -1,8 +1,10 @@
 """Description of one experiment: everything that the commands, sweeps, restarts and documentation need."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ..core.readable import pluralize, readable, words
@@ -41,6 +43,21 @@ class Paper(NamedTuple):
     failures: Callable | None = None
 
 
+class SweepMember(NamedTuple):
+    """Member of a sweep, for `compare` of its experiment."""
+
+    values: dict[str, Any]  # of the swept keys
+    measures: dict[str, tuple[float, str]]  # with their units; empty if the member is not finished
+    archive: Path  # its results.h5
+
+
+class Comparison(NamedTuple):
+    """What the members of a sweep give together, or a run and a laboratory's test."""
+
+    files: Mapping[str, Any] = MappingProxyType({})  # Figure, or text of a table, by file name
+    remarks: tuple[str, ...] = ()  # sentences
+
+
 @readable(head=lambda value: value.words)
 class Experiment(NamedTuple):
     """One experiment; `lazy_function` defers the import of its modules until they are needed."""
@@ -57,8 +74,10 @@ class Experiment(NamedTuple):
     failures: Callable = _failures  # result -> one sentence for each realization that failed
     announce: Callable = _empty  # scenario -> None; prints the cost of a long run before it starts
     references: Callable = lambda scenario: {}  # scenario -> {purpose: keys of references.bib}
-    # (contents of the archive, times since an event) -> slip since that event or None, to compare members of sweeps
-    cycles: Callable | None = None
+    # (scenario, path of a laboratory's table) -> function of the contents of the archive that returns a Comparison
+    overlay: Callable | None = None
+    compare: Callable | None = None  # (members of a sweep) -> Comparison
+    compares: tuple[str, ...] = ()  # names of its files
     paper: Paper | None = None
     more_papers: tuple[Paper, ...] = ()  # others that it reproduces
     smallest: tuple[dict, ...] = ()  # tables of runs that take seconds, for tests of all experiments
@@ -123,7 +142,8 @@ def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str
 def lazy_function(package: str, path: str) -> Callable:
     """Return a function that imports `path` ("module.function") from a package when first called.
 
-    Its attribute `resolve` returns the function itself.
+    Its attribute `resolve` returns the function itself. Of another value, such as a table, it is the function that
+    returns it.
     """
     module, _, name = path.partition(".")
 
@@ -131,7 +151,8 @@ def lazy_function(package: str, path: str) -> Callable:
         return getattr(import_module(f"{package}.{module}"), name)
 
     def call(*args, **options):
-        return resolve()(*args, **options)
+        found = resolve()
+        return found(*args, **options) if callable(found) else found
 
     call.__name__, call.__qualname__ = name, f"{package}.{path}"
     call.resolve = resolve  # type: ignore[attr-defined]

@@ -12,7 +12,6 @@ follow from the rows:
 
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain, repeat
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,8 +20,9 @@ from scipy.special import stdtrit
 
 from ..core.readable import words
 from ..core.tables import write_table
-from ..core.units import Fields, heading, in_readable_units, unit_name
+from ..core.units import Fields, heading, in_readable_units, meanings_of, unit_name, units_of
 
+NAN = float("nan")
 ERROR = "_error"  # ending of the name of half a 95 % interval
 
 
@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         spread = f" ± {self.half_width:.2g}" if np.isfinite(self.half_width) else ""
-        return f"{self.mean:.4g}{spread}"
+        return "–" if np.isnan(self.mean) else f"{self.mean:.4g}{spread}"
 
 
 def estimate(values) -> Estimate:
@@ -48,7 +48,7 @@ def estimate(values) -> Estimate:
     """
     values, n = np.asarray(values, float), len(values)
     if n < 2:
-        return Estimate(float(values.mean()) if n else np.nan, np.nan, np.nan)
+        return Estimate(float(values.mean()) if n else NAN, NAN, NAN)
     scatter = float(values.std(ddof=1))
     return Estimate(float(values.mean()), float(stdtrit(n - 1, 0.975)) * scatter / np.sqrt(n), scatter)
 
@@ -56,7 +56,7 @@ def estimate(values) -> Estimate:
 def median(values) -> float:
     """Median of the values that are finite; NaN without any."""
     good = [float(value) for value in values if np.isfinite(value)]
-    return float(np.median(good)) if good else np.nan
+    return float(np.median(good)) if good else NAN
 
 
 class Quantity(NamedTuple):
@@ -69,13 +69,14 @@ class Quantity(NamedTuple):
     name: str  # of columns, measures and datasets
     unit: str  # dimensions such as "force/length^(dim-1)", or a unit; "1" for numbers and texts
     meaning: str  # in a few words
-    of: Callable[[Any], Any] | str = ""  # function of the subject, or attribute such as "packed.pressure"; else `name`
+    # function of the subject, or attribute, `name` if not given; "packed.pressure" is NaN if `packed` is None
+    of: Callable[[Any], Any] | str = ""
     label: str = ""  # of axes, if it is not the name in words
     partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one has not
 
     def at(self, subject) -> dict[str, Any]:
         """Value of a subject by name: one, one for each place, or none."""
-        value = self.of(subject) if callable(self.of) else attrgetter(self.of or self.name)(subject)
+        value = self.of(subject) if callable(self.of) else _attribute(subject, self.of or self.name)
         if isinstance(value, Mapping):
             return {f"{self.name}@{at if isinstance(at, str) else f'{at:g}'}": each for at, each in value.items()}
         return {} if value is None else {self.name: value}
@@ -85,6 +86,14 @@ class Quantity(NamedTuple):
         """Words for `label_axes`, with the unit if there is one."""
         label = self.label or words(self.name)
         return label if self.unit == "1" else (label, self.unit)
+
+
+def _attribute(value, path: str):
+    for name in path.split("."):
+        if value is None:
+            return NAN
+        value = getattr(value, name)
+    return value
 
 
 class Quantities(dict[str, Quantity]):
@@ -108,7 +117,7 @@ class Quantities(dict[str, Quantity]):
     def columns(self, subjects: Iterable) -> dict[str, np.ndarray]:
         """Columns by name, with one row for each subject; NaN where a subject does not have a quantity."""
         rows = [self.of(subject) for subject in subjects]
-        return {name: np.array([row.get(name, np.nan) for row in rows]) for name in dict.fromkeys(chain(*rows))}
+        return {name: np.array([row.get(name, NAN) for row in rows]) for name in dict.fromkeys(chain(*rows))}
 
     def fields(self, subject) -> Fields:
         """Values of a subject with their units, for an archive."""
@@ -120,14 +129,36 @@ class Quantities(dict[str, Quantity]):
         tables = [self.of(subject) for subject in subjects]
         names = [*dict.fromkeys(chain(*tables))] or [*self]
         headings = [heading(name, self.row(name).unit) for name in names]
-        rows = (row for table in tables for row in _rows([table.get(name, np.nan) for name in names]))
+        rows = (row for table in tables for row in _rows([table.get(name, NAN) for name in names]))
         write_table(path, headings, rows, **options)
+
+    def show_rows(self, subjects: Iterable, *names: str, title: str | None = None) -> None:
+        """Print a table with a row for each subject; `names` are those of its columns, all if not given."""
+        from ..reports.terminal import new_table, show_table
+
+        columns = {name.replace("_", " "): self[name] for name in names or self}
+        table = new_table(*columns, title=title, units={name: row.unit for name, row in columns.items()})
+        for subject in subjects:
+            table.add_row(*(_cell(row.at(subject).get(row.name, NAN)) for row in columns.values()))
+        show_table(table)
+
+
+def quantities_of(kind: type, *names: str) -> Quantities:
+    """Fields of a NamedTuple, all or those of these names, with the units and meanings beside their definitions."""
+    units, meanings = units_of(kind), meanings_of(kind)
+    return Quantities(Quantity(name, units.get(name, "1"), meanings.get(name, "")) for name in names or kind._fields)
+
+
+def _cell(value) -> str:
+    if isinstance(value, float):
+        return "–" if np.isnan(value) else f"{value:.4g}"
+    return str(value)
 
 
 def _rows(values: list) -> Iterable[tuple]:
     """Rows of one subject, whose values are repeated beside its series."""
     if not any(np.ndim(value) for value in values):
-        return [tuple(values)]
+        return [tuple(int(value) if isinstance(value, bool) else value for value in values)]
     (length,) = {len(value) for value in values if np.ndim(value)}
     return zip(*(np.asarray(v, float).tolist() if np.ndim(v) else repeat(v, length) for v in values), strict=True)
 
@@ -193,7 +224,7 @@ class Measures(Quantities):
         for name, value in self.known(result).items():
             if name in without:
                 continue
-            pair = value[:2] if isinstance(value, Estimate) else (value, np.nan)
+            pair = value[:2] if isinstance(value, Estimate) else (value, NAN)
             (mean, half), unit = readable(np.array(pair), unit_name(self.row(name).unit))
             width = f"{half:.2g}" if np.isfinite(half) else "–"
             table.add_row(name, f"{mean:.4g}", width, "" if unit == "1" else unit, self.row(name).meaning)

@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from bisect import bisect
+from collections.abc import Iterable
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -210,6 +211,12 @@ def show_pairs(title: str, pairs: dict) -> None:
     for name, value in pairs.items():
         table.add_row(name, str(value))
     show_table(table)
+
+
+def show_lines(lines: Iterable[str]) -> None:
+    """Print sentences, each in lines of its own."""
+    for line in lines:
+        console.print(f"  {line}", soft_wrap=True)
 
 
 def show_paths(paths: list[Path]) -> None:

@@ -35,6 +35,11 @@ _WITHOUT_TEXT = {
 }
 
 
+def headings() -> dict[str, str]:
+    """Return the headings of each page of documentation."""
+    return {name: " ".join(re.findall(r"^#+ (.*)$", page(name), re.M)) for name in pages()}
+
+
 def names() -> dict[str, str]:
     """Return the names of all examples, each with a description.
 
@@ -110,7 +115,8 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
         If there is no such example, or a file of its name exists there and `overwrite` is False; nothing is copied.
     """
     sources = [path(name) for name in chosen or names()]
-    files = [file for source in sources for file in _files(source)]
+    found = [file for source in sources for file in (sorted(source.rglob("*")) if source.is_dir() else [source])]
+    files = [file for file in found if file.is_file() and "__pycache__" not in file.parts]
     targets = [Path(to) / file.relative_to(FOLDER) for file in files]
     if (taken := Path(to)).exists() and not taken.is_dir():
         raise ValueError(f"{to} is a file: give a folder")
@@ -119,11 +125,6 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
     return targets
-
-
-def _files(source: Path) -> list[Path]:
-    inner = sorted(source.rglob("*")) if source.is_dir() else [source]
-    return [file for file in inner if file.is_file() and "__pycache__" not in file.parts]
 
 
 def pages() -> dict[str, str]:

@@ -5,6 +5,7 @@ import json
 import shlex
 import shutil
 import tempfile
+from collections.abc import Callable
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -25,7 +26,15 @@ from ..data.checkpoint import (
     remove_checkpoint,
     unfinished_scenario,
 )
-from ..data.manifest import allow_overwriting, check_hidden, digest, find_foreign, read_manifest, write_manifest
+from ..data.manifest import (
+    allow_overwriting,
+    check_hidden,
+    digest,
+    find_foreign,
+    read_manifest,
+    write_file,
+    write_manifest,
+)
 from ..data.run_files import LOOK, NUMBERS, OPTIONS, REPRODUCTION, foreign_files_message, join_names, resume_command
 from ..data.schema import ScenarioBase
 from ..experiments.experiment import Experiment, named_measures
@@ -186,6 +195,23 @@ def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAI
         save(staging, result.scenario, _contents(experiment, result, experiment.numbers(result)))
         _write_files(staging, experiment.files(result), experiment.figures(result), look)
     return list_files(folder)
+
+
+def write_comparison(folder: Path, scenario: ScenarioBase, draw: Callable, look: Look = PLAIN) -> tuple[str, ...]:
+    """Write the figures that lay a laboratory's test over a finished run, and return sentences about them."""
+    with units_in_use(scenario.named_units):
+        found = draw(archive.read(folder / NUMBERS))
+        for name, figure in found.files.items():
+            for each, content in render_all(name, figure, look).items():
+                write_file(folder, each, content)
+    return found.remarks
+
+
+def is_finished(folder: Path, scenario: ScenarioBase) -> bool:
+    """Return True if a folder has the results of a scenario."""
+    known = folder / SCENARIO
+    finished = (folder / NUMBERS).is_file() and known.is_file() and not (folder / UNFINISHED).is_dir()
+    return finished and known.read_bytes() == scenario.text.encode()
 
 
 def write_numbers(folder: Path, experiment: Experiment, result) -> None:

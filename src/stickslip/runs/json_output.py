@@ -68,18 +68,19 @@ def describe_finished_run(command: str, folder: Path, scenario) -> dict:
 
 def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dict) -> dict:
     """Describe a sweep: numbers of members, ranges of their measures, and failures with their messages."""
-    from .sweep.dataset import DATASET, FIGURE
+    from .sweep.dataset import DATASET, comparison_files
 
     failures = {name: message for name, message in zip(swept.names, swept.failures, strict=True) if message}
     total = len(swept.names)
     members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}
     status = "failed" if failures else "finished"
-    files = [folder / DATASET, *(path for path in [folder / FIGURE] if path.is_file()), folder / MEMBERS]
+    more = [folder / name for name in comparison_files() if (folder / name).is_file()]
+    files = [folder / DATASET, *more, folder / MEMBERS]
     out = common_fields(command, files=files, folder=folder, status=status)
     experiment = swept.sweep.base.get("experiment", "disk-array")
     about = {"experiment": experiment, "digest": swept.sweep.digest}
     more = {"members": members | {"failed": len(failures)}, "refused": dict(swept.sweep.refused), "ranges": ranges}
-    return out | {"scenario": about} | more | {"failures": failures}
+    return out | {"scenario": about} | more | {"remarks": list(swept.remarks), "failures": failures}
 
 
 def _scenario_entry(scenario) -> dict:

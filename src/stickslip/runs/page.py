@@ -26,8 +26,7 @@ from ..reports.packing import growing_modes
 from ..reports.page import MODES, PageContent, describe_growth, packing_content
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import stability
-from .sweep.dataset import DATASET, is_sweep, open_sweep
-from .sweep.dataset import FIGURE as CYCLES
+from .sweep.dataset import DATASET, comparison_files, is_sweep, open_sweep
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
 READABLE = {  # names of quantities that are not understood by themselves
@@ -302,9 +301,8 @@ def _sweep_content(folder: Path) -> PageContent:
     member = shlex.quote(str(folder / "members" / "NAME"))
     without = f"A sweep has no packing: show that of a member with stickslip report {member}."
     text += page.paragraph(without, kind="soft")
-    figures = (
-        [("Cycles", page.pictures({"cycles": (folder / CYCLES).read_bytes()}))] if (folder / CYCLES).is_file() else []
-    )
+    shown = [folder / name for name in comparison_files() if name.endswith(".png") and (folder / name).is_file()]
+    figures = [(path.stem.capitalize(), page.pictures({path.stem: path.read_bytes()})) for path in shown]
     sections = [*figures, ("Members", text), ("Scenario", _scenario_table(data.attrs["sweep"]))]
     about = str(data.attrs.get("source", ""))
     return PageContent(

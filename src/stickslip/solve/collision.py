@@ -73,6 +73,21 @@ def collision(
                 f"material {number} was given, but the law has {len(law.table)} of them, numbered from 0: "
                 "add it with laws.for_pair(law, a, b)"
             )
+    run, force, depth, span = _integrate(law, radius, mass, speed, pair, dense_output=True)
+    course = run.sol(np.linspace(0, run.t[-1], 4001))
+    peak = max(force(x * depth, v * speed) for x, v in course.T)
+    return Collision(
+        _restitution(run), float(run.t[-1] * span) if run.t[-1] < LONGEST else np.inf, peak,
+        float(course[0].max() * depth),
+    )  # fmt: skip
+
+
+def _restitution(run) -> float:
+    return -float(run.y[1, -1]) if run.t[-1] < LONGEST else 0.0
+
+
+def _integrate(law: Law, radius: float, mass: float, speed: float, pair: tuple[int, int], *, dense_output: bool):
+    """Integrate a collision; return the result of SciPy, the force, and the units of its length and time."""
     if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
         raise ValueError(
             "a law was given whose normal force has parameters of its own: `collision` supports k δ and k δ^(3/2); "
@@ -120,15 +135,9 @@ def collision(
         atol=1e-13,
         events=overlap,
         max_step=0.1,
-        dense_output=True,
+        dense_output=dense_output,
     )
-    course = run.sol(np.linspace(0, run.t[-1], 4001))
-    peak = max(force(x * depth, v * speed) for x, v in course.T)
-    parted = run.t[-1] < LONGEST
-    return Collision(
-        -float(run.y[1, -1]) if parted else 0.0, float(run.t[-1] * span) if parted else np.inf, peak,
-        float(course[0].max() * depth),
-    )  # fmt: skip
+    return run, force, depth, span
 
 
 @checked
@@ -169,7 +178,8 @@ def with_restitution(
         return with_damping(0.0)
 
     def excess(gamma):
-        return collision(with_damping(gamma), radius=radius, mass=mass, speed=speed).restitution - restitution
+        run, *_ = _integrate(with_damping(gamma), radius, mass, speed, (0, 0), dense_output=False)
+        return _restitution(run) - restitution
 
     elastic = collision(with_damping(0.0), radius=radius, mass=mass, speed=speed)
     unit = evaluate(law, "damping", overlap=elastic.peak_overlap, r_eff=radius / 2, m_eff=mass / 2)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from ..core.arguments import checked, require_shape
-from ..core.contacts.forces import ContactLoads, moving_masses, unbalanced_forces
+from ..core.contacts.forces import ContactLoads, forces, moving_masses, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, inverse_radii, linearise, triplets
 from ..core.contacts.memory import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
@@ -258,6 +258,45 @@ def _block_matrix(state: State, blocks: np.ndarray):
     row, column = np.divmod(place[first], state.n_bodies)
     starts = np.searchsorted(row, np.arange(state.n_bodies + 1))
     return sparse.bsr_array((data, column, starts), shape=(size, size))
+
+
+@readable(head=lambda motion: f"equations of motion of {len(motion.mass)} coordinates")
+class EquationsOfMotion(NamedTuple):
+    """M q̈ = f + J δq + C q̇ near a state, for small changes δq of its n free coordinates."""
+
+    jacobian: sparse.csr_array  # (n, n) J = ∂f/∂q, in general not symmetric [force/length]
+    damping: sparse.csr_array  # (n, n) C = ∂f/∂q̇ of the dashpots [force time/length]
+    mass: np.ndarray  # (n,) diagonal of M; of a rotation, whose coordinate is R·angle, I/R² [mass]
+    force: np.ndarray  # (n,) f, the unbalanced force [force]
+    body: np.ndarray  # (n,) body of each coordinate: grains first, then walls; their number for the cell
+    axis: np.ndarray  # (n,) 0, 1, 2 for x, y, z; 3, 4, 5 for rotations about them; 6 for the cell
+
+
+@checked
+def equations_of_motion(state: Committed, law: Law, free: Freedom | None = None) -> EquationsOfMotion:
+    """Linearise the motion of an accepted state, each contact held in its mode.
+
+    The coordinates are those of `freedom(state)` unless `free` is given, such as `modes.backbone(state, law)`.
+    `io.write_matrices` writes the result. The sign of J is that of a force: the eigenvalues of −M⁻¹J are λ.
+
+    Source
+    ------
+    doi:10.48550/arXiv.1908.11724, Eqs 6–8, and supplement Eqs 9–35 for J, which here has dashpots and any law.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state, _ = ss.packings.jammed(50, packing_fraction=0.68, seed=1)
+    >>> ss.modes.equations_of_motion(state, ss.laws.hertz_mindlin(mu=0.5))
+    EquationsOfMotion: equations of motion of 300 coordinates
+    """
+    free, line = freedom(state) if free is None else free, linearise(state, law)
+    springs, dashpots = blocks_of(state, law, line, HELD)
+    force = residual_vector(state, forces(state, law, memory=HELD)[0], free)
+    damping = sparse.csr_array(assembled(state, dashpots, free))
+    return EquationsOfMotion(
+        sparse.csr_array(stiffness_of(state, line, springs, free)), damping, free.mass, force, free.body, free.axis
+    )
 
 
 @checked

@@ -9,14 +9,13 @@ from scipy.linalg import eig, eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
 from ..core.arguments import NotNegative, Seed, checked
-from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.readable import pluralize, readable
 from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .balance import BALANCED_BELOW, force_imbalance, linearised
-from .freedom import ZERO_BELOW, Freedom, assembled, backbone, dynamical_matrix, freedom, jacobian, translations
+from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, equations_of_motion, freedom, translations
 from .linear import factorised, suitable_threads
 
 ALL_UP_TO = 120  # coordinates up to which all eigenvalues are computed where a few would do
@@ -228,13 +227,12 @@ def damped_growth(
     -------
     (2n,) complex [1/time]; unstable if any real part is positive. Without drag and dashpots, s² = −λ.
     """
-    free = freedom(state)
-    _, dashpots = contact_blocks(state, law)
-    rate = np.where((free.axis < 3) | (free.axis == 6), drag, drag if spin_drag is None else spin_drag)
-    upper = np.hstack([np.zeros((len(free), len(free))), np.eye(len(free))])
-    pull = jacobian(state, law, free).toarray() / free.mass[:, None]
-    friction = assembled(state, dashpots, free).toarray() / free.mass[:, None] - np.diag(rate)
-    with suitable_threads(len(free)):
+    motion = equations_of_motion(state, law)
+    size, mass, axis = len(motion.mass), motion.mass[:, None], motion.axis
+    rate = np.where((axis < 3) | (axis == 6), drag, drag if spin_drag is None else spin_drag)
+    upper = np.hstack([np.zeros((size, size)), np.eye(size)])
+    pull, friction = motion.jacobian.toarray() / mass, motion.damping.toarray() / mass - np.diag(rate)
+    with suitable_threads(size):
         values = eigvals(np.vstack([upper, np.hstack([pull, friction])]))
     return values[np.argsort(-values.real)]
 

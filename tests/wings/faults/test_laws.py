@@ -247,7 +247,6 @@ def test_alpha_is_fitted_with_two_states():
         (lambda: spring_slider(USUAL._replace(v1=0.0), Spring(1.0), LEGS), "v1 = 0.0 was given"),
         (lambda: spring_slider(USUAL._replace(v1=float("nan")), Spring(1.0), LEGS), "v1 is NaN"),
         (lambda: spring_slider(USUAL._replace(v1=1.0, form="regularized"), Spring(1.0), LEGS), "cut-off velocities"),
-        (lambda: closed.stiff_healing(USUAL._replace(b2=0.1), 1e-6, 1.0), "this closed form is for"),
     ],
 )
 def test_bad_input_gives_a_one_sentence_error(call, message):

@@ -152,7 +152,7 @@ def test_shear_from_the_command_line(tmp_path):
     )
     done = stickslip("run", scenario, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert "ends at" in done.stdout
+    assert "Ends of the paths" in done.stdout
     text = json.loads((tmp_path / "out" / "scenario.json").read_text())
     assert text["loading"]["test"] == "shear"
     assert not (tmp_path / "out" / "fig5_dynamics.png").exists()

@@ -11,13 +11,15 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.laws.builtin import with_values
-from stickslip.experiments.experiment import named_measures
+from stickslip.experiments.experiment import SweepMember, named_measures
 from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import simulate as element
+from stickslip.wings.soils.element_test.envelope import compare, fit_envelope
 from stickslip.wings.soils.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
+from stickslip.wings.soils.element_test.laboratory import read_test
 from stickslip.wings.soils.element_test.measures import (
     SAMPLE,
     LoadedSample,
@@ -26,6 +28,7 @@ from stickslip.wings.soils.element_test.measures import (
     friction_angle,
     invariants,
     legs_of,
+    log_slope,
     work,
 )
 from stickslip.wings.soils.element_test.report import columns, figures, sentences
@@ -188,6 +191,8 @@ def test_a_dynamic_undrained_test_keeps_its_volume():
         water[peak] / (series.stress[peak, 1, 1] - series.stress[peak, 0, 0]), rel=1e-3
     )
     drawn = dict(figures(result))
+    effective, total = drawn["fig2_stress_path.png"].axes[0].lines
+    np.testing.assert_allclose(total.get_xdata() - effective.get_xdata(), table["pore_pressure"], atol=1e-9)
     assert "excess pore" in drawn["fig1_stress_strain.png"].axes[1].get_ylabel()
     low, high = drawn["fig3_void_ratio.png"].axes[0].get_ylim()
     assert high - low > 0.01 * table["void_ratio"][0] > 1e6 * np.ptp(table["void_ratio"])
@@ -268,6 +273,51 @@ def test_numbers_of_a_hyperbolic_test_with_known_dilatancy():
     assert np.isnan(found["phi_residual"]) and np.isnan(found["K0"])
 
 
+@pytest.mark.parametrize("sine", [0.2, -0.1])
+def test_the_flow_rule_of_mohr_and_coulomb_has_its_dilatancy_on_every_path(sine):
+    """Flow from g = σ₁ − σ₃ − (σ₁ + σ₃) sin ψ: λ (1 − sin ψ) along σ₁ and −λ (1 + sin ψ) along σ₃."""
+    along, across = 1 - sine, -(1 + sine)
+    for rates in ([across / 2, across / 2, along], [along / 2, along / 2, across], [across, 0.0, along]):
+        assert dilatancy_angle(np.array([*rates, 0.0]), 3) == pytest.approx(np.degrees(np.arcsin(sine)))
+
+
+def test_dilatancy_at_an_early_peak_is_not_that_of_the_start():
+    """dε_v/dε_a = −0.4 (x/0.02) exp(1 − x/0.02) with its extremum at the peak of σ₁, a tenth of the way."""
+    axial = np.linspace(0, 0.2, 2001)
+    shape = axial / 0.02 * np.exp(1 - axial / 0.02)
+    volumetric = -0.4 * np.append(0, np.cumsum(0.5 * (shape[1:] + shape[:-1]) * np.diff(axial)))
+    side = 0.5 * (volumetric - axial)
+    stress = 1e5 * np.column_stack([0 * shape + 1, 0 * shape + 1, 1 + 2 * shape])
+    found = numbers(made(np.column_stack([side, side, axial]), stress), scenario({}))
+    assert found["strain_at_peak"] == pytest.approx(0.02)
+    assert found["psi"] == pytest.approx(np.degrees(np.arcsin(0.4 / 2.4)), rel=0.06)
+
+
+@pytest.mark.parametrize(("sign", "a"), [(1, 1 / 3), (-1, 2 / 3)])
+def test_skempton_s_a_of_an_elastic_sample(sign, a):
+    """Without a change of volume p of an isotropic elastic sample is constant."""
+    axial = sign * np.linspace(0, 0.01, 21)
+    q = 3e6 * axial
+    stress = np.column_stack([1e5 - q / 3, 1e5 - q / 3, 1e5 + 2 * q / 3])
+    run = made(np.column_stack([-axial / 2, -axial / 2, axial]), stress, void_ratio=0.6 + 0 * axial)
+    found = numbers(run, scenario({}, path={"kind": "undrained", "strain": sign * 0.01}))
+    assert found["skempton"] == pytest.approx(a) and found["skempton_B"] == 1
+
+
+def test_skempton_s_b_is_that_of_a_closed_sample_with_a_compressible_fluid(spheres):
+    """Squeezed by ε_v, the sample bears Δσ′ and its fluid Δu = K_f ε_v/n; B is the share of the latter."""
+    _, law, state = spheres
+    fluid, size = 3e8, 1e-8
+    end = steps(spheres, np.log([1e5, 1e5 * (1 + 1e-5)]), kind="isotropic", pressures=[2e5])[1]
+    strain = -np.log(np.linalg.det(end.cell.vectors) / np.linalg.det(state.cell.vectors))
+    e = 1 / ss.measure.packing_fraction(state) - 1
+    water, skeleton = fluid * strain * (1 + e) / e, ss.measure.pressure(end, law) - ss.measure.pressure(state, law)
+    chosen = scenario(SPHERES, path={"kind": "undrained", "strain": size, "fluid_modulus": fluid})
+    run = made(np.zeros((5, 3)), np.full((5, 3), 1e5), void_ratio=np.full(5, e))
+    run = run._replace(elastic=element._small_strain(state, law))
+    assert numbers(run, chosen)["skempton_B"] == pytest.approx(water / (water + skeleton), rel=1e-3)
+
+
 def test_rowe_s_relation_is_recovered_with_its_angle():
     """σ₁/σ₃ = K D with D = 1 − dε_v/dε₁ rising from 1 to 1.3 and K of an angle of 20 degrees."""
     axial = np.linspace(0, 0.1, 2001)
@@ -284,12 +334,16 @@ def test_rowe_s_relation_is_recovered_with_its_angle():
 def test_a_critical_state_is_found_only_where_volume_and_stresses_are_steady():
     axial = np.linspace(0, 0.2, 401)
     rise = 1 - np.exp(-axial / 0.01)
-    for drift, there in ((0.0, True), (0.2, False)):
+    for drift, there in ((0.0, True), (0.2, False)):  # dε_v/dε_a = −0.2 in the second
         side = -0.5 * axial * (1 + drift)
         stress = 1e5 * np.column_stack([0 * rise + 1, 0 * rise + 1, 1 + rise])
         run = made(np.column_stack([side, side, axial]), stress, void_ratio=0.6 + 0 * axial)
         found = numbers(run, scenario({}))
-        assert np.isfinite(found["phi_residual"]) == there
+        assert found["critical_reached"] == there == np.isfinite(found["phi_residual"])
+        if there:  # q/p = 1e5/(4e5/3), from two thirds of the path on
+            assert [found[name] for name in ("critical_ratio", "critical_from", "e_critical")] == pytest.approx(
+                [0.75, 2 / 15, 0.6], rel=5e-3
+            )
     assert numbers(made(np.zeros((9, 3)), np.ones((9, 3))), scenario({}))["e0"] == 0
 
 
@@ -299,15 +353,40 @@ def test_rows_at_the_same_load_do_not_end_a_leg():
     assert [leg.load.tolist() for leg in legs_of(run.series, 3, "triaxial")] == [[0, 1, 1, 2], [2, 1.5, 1.5], [1.5, 3]]
 
 
-def test_k0_and_compression_index_of_an_oedometric_test():
-    axial = np.linspace(0, 0.05, 51)
-    vertical = 1e5 * np.exp(axial / 0.02)
-    e = 0.7 - 0.1 * np.log10(vertical / 1e5)
-    run = made(np.column_stack([0 * axial, 0 * axial, axial]), np.column_stack([0.4 * vertical] * 2 + [vertical]),
-               void_ratio=e)  # fmt: skip
-    found = numbers(run, scenario({}, path={"kind": "oedometric"}))
-    assert found["K0"] == pytest.approx(0.4)
-    assert found["compression_index"] == pytest.approx(0.1)
+@pytest.mark.parametrize("kind", ["oedometric", "isotropic"])
+def test_compression_swelling_and_reloading_are_told_apart(kind):
+    """Lines e = 0.7 − C log σ with C_c = 0.1, C_s = 0.02 and C_r = 0.03, and K0 = 0.4 (loading), 0.8 (unloading)."""
+    ways = [
+        (0, 0.7, 0.1, 0.4),
+        (0.7, 0.5, 0.02, 0.8),
+        (0.5, 0.7, 0.03, 0.8),
+        (0.7, 1.2, 0.1, 0.4),
+        (1.2, 0.3, 0.02, 0.8),
+    ]
+    decades, e, k0 = [0.0], [0.7], [0.4]
+    for start, end, index, k in ways:
+        part = np.linspace(start, end, 41)[1:]
+        e += list(e[-1] - index * (part - start))
+        decades += list(part)
+        k0 += [k] * 40
+    vertical, axial = 1e5 * 10 ** np.array(decades), np.log(1.7) - np.log(1 + np.array(e))
+    lateral = np.array(k0) * vertical if kind == "oedometric" else vertical
+    run = made(np.column_stack([0 * axial, 0 * axial, axial]), np.column_stack([lateral, lateral, vertical]),
+               load=np.array(decades), void_ratio=np.array(e))  # fmt: skip
+    path = {"kind": kind} | ({"pressures": [2e5]} if kind == "isotropic" else {})
+    found = numbers(run, scenario({}, path=path))
+    if kind == "oedometric":
+        assert found["K0"] == pytest.approx(0.4)
+    for name, index in (("compression", 0.1), ("swelling", 0.02), ("reloading", 0.03)):
+        assert found[f"{name}_index"] == pytest.approx(index, rel=1e-6), name
+        assert found[f"{name}_misfit"] < 1e-6
+
+
+def test_the_error_of_a_compression_index_covers_its_scatter():
+    """95 % intervals of the slope of e + noise hold the true one in about 95 % of 200 cases (2σ of a binomial: 3 %)."""
+    rng, x = np.random.default_rng(1), np.linspace(5, 6, 200)
+    found = [log_slope(10**x, 0.7 - 0.1 * x + 1e-3 * rng.normal(size=200)) for _ in range(200)]
+    assert 0.9 < np.mean([abs(each.index - 0.1) < each.error for each in found]) < 0.99
 
 
 def test_work_at_a_constant_pressure_is_the_pressure_times_the_change_of_volume():
@@ -325,6 +404,197 @@ def test_work_of_an_elastic_cycle_is_zero_and_of_plastic_strain_is_not():
     done = work(run.series)
     assert done[50] == pytest.approx(1e5 * 1e-4 + 0.5 * 1e8 * 1e-8, rel=2e-4)  # volume changes by 1e-4
     assert abs(done[-1]) < 1e-12 * done[50]
+
+
+# Mohr circles
+
+
+def circles_of(phi, cohesion, sigma3):
+    n = np.tan(np.radians(45 + phi / 2)) ** 2
+    return n * sigma3 + 2 * cohesion * np.sqrt(n), sigma3
+
+
+def test_the_envelope_of_exact_circles_touches_them():
+    """Circles of radius c cos φ + middle × sin φ have the tangent c + σ tan φ."""
+    sigma1, sigma3 = circles_of(28.0, 12e3, np.array([50e3, 100e3, 400e3]))
+    found = fit_envelope(sigma1, sigma3)
+    assert [found.phi, found.cohesion] == pytest.approx([28.0, 12e3])
+    assert found.phi_error < 1e-6 and found.cohesion_error < 1e-3
+    phi = np.radians(found.phi)
+    distance = (found.cohesion + 0.5 * (sigma1 + sigma3) * np.tan(phi)) * np.cos(phi)  # from the middles
+    assert distance == pytest.approx(0.5 * (sigma1 - sigma3))
+    assert np.isnan(fit_envelope(sigma1[:2], sigma3[:2]).phi_error)
+    with pytest.raises(ValueError, match="two pressures"):
+        fit_envelope(sigma1[[0, 0]], sigma3[[0, 0]])
+
+
+def test_errors_of_the_envelope_cover_the_scatter_of_samples():
+    """In 300 sets of samples whose σ₁ scatters by 3 %, 95 % intervals hold φ and c (4σ of a binomial: 5 %)."""
+    rng, hits = np.random.default_rng(2), []
+    sigma1, sigma3 = circles_of(25.0, 5e3, np.array([50e3, 100e3, 200e3, 300e3, 400e3]))
+    for _ in range(300):
+        found = fit_envelope(sigma1 + 0.03 * (sigma1 + sigma3) * rng.normal(size=5), sigma3)
+        hits.append([abs(found.phi - 25) < found.phi_error, abs(found.cohesion - 5e3) < found.cohesion_error])
+    assert (np.mean(hits, axis=0) > 0.9).all() and (np.mean(hits, axis=0) < 1).all()
+
+
+def swept(phi, cohesion, pressures, **others):
+    """Members of a sweep with given angles, without a critical state in the last one."""
+    names = [f"{name}{end}" for name in ("sigma1_peak", "sigma3_peak", "sigma1_critical", "sigma3_critical",
+             "phi_peak", "phi_residual") for end in ("", "_error")]  # fmt: skip
+    members = []
+    for k, pressure in enumerate(pressures):
+        major, minor = circles_of(phi, cohesion, pressure)
+        end = np.nan if k == len(pressures) - 1 else 0.9
+        values = [major, 0.0, minor, 0.0, end * major, 0.0, end * minor, 0.0, phi, 0.0, phi, 0.0]
+        measures = {name: (value, "Pa") for name, value in zip(names, values, strict=True)}
+        members.append(
+            SweepMember({"sample.pressure": pressure} | {n: v[k] for n, v in others.items()}, measures, None)
+        )
+    return members
+
+
+def test_a_sweep_over_the_pressure_gives_mohr_circles_and_an_envelope():
+    members = swept(25.0, 3e3, [5e4, 1e5, 2e5], **{"law.young": [5e8, 1e9, 2e9]})  # which varies with the pressure
+    found = compare(members)
+    assert re.search(
+        r"at the peak: φ = \(25.000 ± \S+\)°, c = \(3.000 ± \S+\) kPa, from 3 of 3 members", found.remarks[0]
+    )
+    assert "critical state: φ = 25°, c = 2.7 kPa, from 2 of 3 members" in found.remarks[1]
+    panels = found.files["mohr.png"].axes
+    assert [len(axes.lines) for axes in panels] == [4, 3] and len(png(found.files["mohr.png"])) > 5000
+    first = panels[0].lines[0]
+    assert first.get_xdata().min() == pytest.approx(50) and first.get_ydata().max() == pytest.approx(
+        0.5 * (members[0].measures["sigma1_peak"][0] / 1e3 - 50)
+    )
+    heading, *rows = csv.reader(line for line in found.files["mohr.csv"].splitlines() if line[0] != "#")
+    assert heading[:4] == ["sample.pressure [Pa]", "law.young", "sigma3_peak [Pa]", "sigma3_peak_error [Pa]"]
+    assert [float(row[0]) for row in rows] == [5e4, 1e5, 2e5]
+
+
+def test_envelopes_are_those_of_members_that_differ_in_the_pressure_alone():
+    pressures = [5e4, 1e5, 2e5] * 2
+    members = swept(25.0, 0.0, pressures[:3], **{"law.mu": [0.5] * 3}) + swept(
+        20.0, 0.0, pressures[3:], **{"law.mu": [0.3] * 3}
+    )
+    found = compare(members)
+    assert [re.search(r"law\.mu = \S+\): φ = \(?\d+", text)[0] for text in found.remarks if "peak" in text] == [
+        "law.mu = 0.5): φ = (25", "law.mu = 0.3): φ = (20"
+    ]  # fmt: skip
+    assert compare(members[:1]).files == {}
+
+
+# tests of laboratories
+
+
+LOADED = np.linspace(0, 0.1, 6)  # nominal axial strain
+DEVIATOR = 3e5 * LOADED / (0.02 + LOADED)  # [Pa]
+DILATION = -0.2 * LOADED
+
+
+def table_of(path, headings, *columns, mark=";", comma=True):
+    rows = [mark.join(f"{value:.10g}" for value in row) for row in zip(*columns, strict=True)]
+    text = "\n".join(rows)
+    path.write_text(f"{mark.join(headings)}\n{text.replace('.', ',') if comma else text}\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("headings", "factors", "options"),
+    [
+        (["Axial strain (%)", "σ₁ − σ₃ [kPa]", "εv [%]"], (100, 1e-3, 100), {}),
+        (["eps_a [-]", "Deviator stress (psi)", "Volumetric strain [-]"], (1, 1 / 6894.757293168, 1), {}),
+        (["Axial Strain, %", "q, MPa", "ε_v [-]"], (100, 1e-6, 1), {"mark": "\t"}),
+        (["ε1 / %", "(σ1-σ3) (kN/m²)", "vol_strain_%"], (100, 1e-3, 100), {"mark": ",", "comma": False}),
+    ],
+)
+def test_tables_of_laboratories_are_read_by_their_headings_and_units(tmp_path, headings, factors, options):
+    columns = [f * values for f, values in zip(factors, (LOADED, DEVIATOR, DILATION), strict=True)]
+    test = read_test(table_of(tmp_path / "test.csv", headings, *columns, **options))
+    assert test["axial_strain"] == pytest.approx(-np.log(1 - LOADED), rel=1e-6)
+    assert test["volumetric_strain"] == pytest.approx(-np.log(1 - DILATION), rel=1e-6)
+    assert test["q"] == pytest.approx(DEVIATOR, rel=1e-6)
+
+
+def test_pore_pressure_is_in_excess_of_that_at_the_start_and_gives_p(tmp_path):
+    u = 200e3 + 0.3 * DEVIATOR
+    columns = [1e2 * LOADED, 1e-3 * DEVIATOR, 1e-3 * u, np.full(6, 300.0)]
+    heads = ["axial strain [%]", "q [kPa]", "u [kPa]", "Cell pressure [kPa]"]
+    test = read_test(table_of(tmp_path / "test.csv", heads, *columns))
+    assert test["pore_pressure"] == pytest.approx(0.3 * DEVIATOR)
+    assert test["p"] == pytest.approx(100e3 + DEVIATOR / 3 - 0.3 * DEVIATOR)
+
+
+def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
+    e = 1.6 * (1 - DILATION) - 1
+    heads = ["Axial strain [%]", "q [kPa]", "Volumetric strain [%]", "e", "Suction [kPa]", "Time [s]"]
+    columns = [-1e2 * LOADED, 1e-3 * DEVIATOR, -1e2 * DILATION, e, 0 * e, 0 * e]
+    path = table_of(tmp_path / "test.csv", heads, *columns)
+    with pytest.warns(UserWarning) as told:
+        test = read_test(path)
+    said = " ".join(str(each.message) for each in told)
+    assert "not understood, and not drawn: 'Suction [kPa]'" in said and "opposite signs" in said and "Time" not in said
+    assert test["axial_strain"][-1] > 0 and test["volumetric_strain"][-1] < 0
+    heads[2], columns[2] = "Volumetric strain [%]", 1e2 * DILATION  # now dilation is positive beside compression
+    with pytest.warns(UserWarning, match="dilation is positive"):
+        columns[0] = 1e2 * LOADED
+        columns[2] = -1e2 * DILATION
+        assert read_test(table_of(path, heads, *columns))["volumetric_strain"][-1] < 0
+
+
+@pytest.mark.parametrize(
+    ("heads", "factors", "words"),
+    [
+        (["axial strain", "q [kPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'axial strain' reaches 10 times .* per cent"),
+        (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"column 'q' has no unit"),
+        (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"has the unit 'furlong': use pa"),
+        (["axial strain [%]", "q [MPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"more than three times .* correct the unit"),
+        (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a test of soil"),
+    ],
+)
+def test_tables_with_contradictory_units_are_refused_in_one_sentence(tmp_path, heads, factors, words):
+    mean = 1e5 + DEVIATOR / 3
+    columns = [f * values for f, values in zip(factors, (LOADED, DEVIATOR, mean), strict=True)]
+    with pytest.raises(ValueError, match=words) as caught:
+        read_test(table_of(tmp_path / "test.csv", heads, *columns))
+    assert "\n" not in str(caught.value)
+
+
+def test_stresses_and_strains_that_contradict_each_other_are_refused(tmp_path):
+    heads = ["axial strain [%]", "q [kPa]", "axial stress [kPa]", "cell pressure [kPa]"]
+    columns = [1e2 * LOADED, DEVIATOR, 100 + 1e-3 * DEVIATOR, np.full(6, 100.0)]  # q is in Pa
+    with pytest.raises(ValueError, match=r"q reaches .* axial stress minus the cell pressure"):
+        read_test(table_of(tmp_path / "a.csv", heads, *columns))
+    heads, columns = ["axial strain [%]", "q [kPa]", "volumetric strain [%]", "e"], [
+        1e2 * LOADED, 1e-3 * DEVIATOR, DILATION, 1.6 * (1 - DILATION) - 1,
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match=r"0\.0101 times that of the void ratio"):
+        read_test(table_of(tmp_path / "b.csv", heads, *columns))
+
+
+@pytest.mark.usefixtures("plain_figures")
+def test_a_laboratory_s_test_is_laid_over_a_run_which_is_not_repeated(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "test.toml").write_text(
+        'experiment = "element-test"\nsample = {grains = 20}\npath = {strain = 1e-3, step = 5e-4}\n'
+    )
+    table_of(tmp_path / "mine.csv", ["axial strain [%]", "q [kPa]", "εv [%]"], LOADED, 1e-3 * DEVIATOR, DILATION)
+
+    def run(*more):
+        monkeypatch.setattr(sys, "argv", ["stickslip", "run", "test.toml", "--out", "out", *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, capsys.readouterr()
+
+    code, said = run("--compare", "none.csv")
+    assert code == 2 and "none.csv cannot be read" in said.err and not (tmp_path / "out").exists()
+    code, said = run("--compare", "mine.csv")
+    assert code == 0 and "Largest deviatoric stress: 250 kPa at an axial strain of 0.001" in said.out
+    assert (tmp_path / "out" / "fig8_laboratory.png").is_file()
+    monkeypatch.setattr(element, "load_sample", None)
+    (tmp_path / "out" / "fig8_laboratory.png").unlink()
+    code, said = run("--compare", "mine.csv")
+    assert code == 0 and "its results are used" in said.out and (tmp_path / "out" / "fig8_laboratory.png").is_file()
 
 
 # runs
@@ -404,6 +674,7 @@ def test_the_command_line_writes_series_with_units(tmp_path, monkeypatch, capsys
         ({"path": {"b": 0.5}}, r"path\.b was given: only true-triaxial"),
         ({"path": {"kind": "isotropic"}}, r"path\.pressures is missing"),
         ({"path": {"rate": 1.0}}, "quasi-static"),
+        ({"path": {"fluid_modulus": 2e9}}, "only undrained"),
         ({"sample": {"grading": {"kind": "table", "sizes": [1e-6, 1e-3], "passing": [0, 100]}}}, "at most 100 times"),
         ({"sample": {"grading": {"kind": "sieve"}}}, r"sample\.grading has kind = 'sieve': use 'uniform', 'lognormal'"),
         ({"engine": "lammps"}, "has no quasi-static steps"),

@@ -119,7 +119,7 @@ def run_batch(
 
     Parameters
     ----------
-    states : systems of the same dimension, in fixed cells, with walls that do not follow loads, at most 13 rigid groups
+    states : systems of the same dimension, in fixed cells, with walls that do not follow loads, at most 21 rigid groups
         each, and at most 256 neighbours of a grain
     law : Law; linear or Hertz's springs with friction and dashpots
     steps : int; dt : float [time]

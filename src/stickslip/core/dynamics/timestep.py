@@ -20,35 +20,19 @@ ROUNDS = 300  # of the power iteration
 def _network(state: State, law: Law, here: Bodies) -> tuple:
     """Contacts with their law and inertia, as the functions of the core take them."""
     struct, shift = law_struct(law, members=("force", "slopes", "range")), shifts(state.contacts, state.cell.vectors)
-    return struct, state.cell.dim, here, state.contacts, shift, inverse_inertia_of(state), _inverse_cell_inertia(state)
+    free, inverse = state.control.cell_free, np.zeros((3, 3))  # 1/(M ℓ²) of the free components of the cell
+    if free.any():
+        inverse = free / (cell_mass(state) * volume(state) ** (2 / state.cell.dim))
+    return struct, state.cell.dim, here, state.contacts, shift, inverse_inertia_of(state), inverse
 
 
-def _largest_squared_frequency(state: State, law: Law, here: Bodies) -> float:
-    """Largest ω² of the contact network, by power iteration on M^(−1/2) K M^(−1/2) [1/time²]."""
-    start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
-    scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
-    return core.largest_squared_frequency(*_network(state, law, here), ROUNDS, start, *scratch)
-
-
-def _frequency_bound(state: State, law: Law, here: Bodies) -> float:
-    """Upper bound on the largest ω² of the contact network [1/time²]."""
-    return core.frequency_bound(*_network(state, law, here), np.zeros((state.n_bodies, 2)))
-
-
-def _inverse_cell_inertia(state: State) -> np.ndarray:
-    """Inverse inertia 1/(M ℓ²) of the free components of the cell, (3, 3), else zero [1/(mass length²)]."""
-    free = state.control.cell_free
-    return free / (cell_mass(state) * volume(state) ** (2 / state.cell.dim)) if free.any() else np.zeros((3, 3))
-
-
-def _load_spring_bound(state: State, here: Bodies) -> float:
-    """Largest ω² of a body or rigid group due to its springs to load points alone [1/time²]."""
-    if not state.control.spring.any():
-        return 0.0
+def _spring_bound(state: State, law: Law, here: Bodies) -> float:
+    """Upper bound on ω² due to rolling springs, and to springs of a body or rigid group to load points [1/time²]."""
     total = state.control.spring.copy()
     for members in groups(state.control):
         total[members] = total[members].sum(axis=0)
-    return float((total.max(axis=1) * here.inverse_mass).max())
+    loads = float((total.max(axis=1) * here.inverse_mass).max()) if total.any() else 0.0
+    return loads + rolling_bound(state, law, here, inverse_inertia_of(state))
 
 
 @checked
@@ -72,8 +56,11 @@ def stable_time_step(state: State, law: Law) -> float:
     check_materials(state, law)
     state = with_neighbor_list(state, law)
     here = bodies(state)
-    largest = _largest_squared_frequency(state, law, here)
-    largest += _load_spring_bound(state, here) + rolling_bound(state, law, here, inverse_inertia_of(state))
+    # of the contact network by power iteration on M^(−1/2) K M^(−1/2)
+    start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
+    scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
+    largest = core.largest_squared_frequency(*_network(state, law, here), ROUNDS, start, *scratch)
+    largest += _spring_bound(state, law, here)
     return float(2 / np.sqrt(largest)) if largest > 0 else np.inf
 
 
@@ -81,11 +68,8 @@ def check_time_step(state: State, law: Law, here: Bodies, dt: float) -> None:
     """Raise ValueError with the largest stable time step if `dt` is above it; the list must be up to date."""
     if not (state.contacts.count[0] or state.control.spring.any()):
         return
-    bound = (
-        _load_spring_bound(state, here)
-        + rolling_bound(state, law, here, inverse_inertia_of(state))
-        + _frequency_bound(state, law, here)
-    )
+    bound = _spring_bound(state, law, here)
+    bound += core.frequency_bound(*_network(state, law, here), np.zeros((state.n_bodies, 2)))
     if dt * dt * bound <= 4.0:
         return
     longest = stable_time_step(state, law)

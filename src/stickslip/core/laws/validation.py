@@ -132,7 +132,8 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
         value, again = (_evaluate(own, role, values, **at) for _ in range(2))
         place = f"{role} at overlap = {overlap:.4g}, r_eff = {r_eff:.4g}"
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-            raise ValueError(f"{place} returns {_describe_type(value)}: it must return one real number")
+            kind = "None" if value is None else f"a {type(value).__name__}"
+            raise ValueError(f"{place} returns {kind}: it must return one real number")
         if not np.isfinite(value):
             raise ValueError(f"{place} is {value}: it must be finite; perhaps it takes a root or a logarithm of a gap")
         if value != again:
@@ -154,10 +155,6 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
                 )
     if role == "normal_energy":
         _check_energy(own, values, points)
-
-
-def _describe_type(value) -> str:
-    return "None" if value is None else f"a {type(value).__name__}"
 
 
 def _derivatives(own, role, values, at, name, place):

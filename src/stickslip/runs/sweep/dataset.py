@@ -1,7 +1,7 @@
 """Dataset of a sweep: swept keys are dimensions, and the measures of its members are variables with units.
 
-The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read. Members with
-stick–slip cycles also have a figure: slip since an event, and recurrence.
+The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read. Some
+experiments compare the members: slip since an event of sliders, Mohr circles of soils.
 """
 
 from pathlib import Path
@@ -12,16 +12,16 @@ import xarray as xr
 from ... import __version__
 from ...core.arguments import checked
 from ...core.reading import check_regular_file
-from ...data import archive
+from ...core.units import units_in_use
 from ...data.checkpoint import MEMBERS
 from ...data.manifest import write_file
 from ...data.run_files import NUMBERS
 from ...data.schema import field_at, split_unit
+from ...experiments.experiment import SweepMember
 from ...experiments.registry import EXPERIMENTS, scenario_class
-from ...figures.analyses import cycles
-from ...figures.saving import PLAIN, Look, render_all
+from ...figures.saving import FORMATS, PLAIN, Look, render_all
 from .axes import Axis
-from .definition import Sweep
+from .definition import Sweep, member, values_of
 
 DATASET = "sweep.nc"
 POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
@@ -76,9 +76,12 @@ def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], f
     """Build the dataset of a sweep; arguments are those of `write_sweep`."""
     kind, dims, coordinates = scenario_class(chosen.base), [], {}
     for group in chosen.groups:
-        dims.append(_dimension(group, chosen.mode))
+        alone = chosen.mode == "grid" or group[0].kind == "count"
+        dims.append(DRAW if chosen.mode == "grid" and group[0].kind == "column" else group[0].key if alone else POINT)
         for axis in group:
-            coordinates[axis.key] = (dims[-1], _labels(axis), _attributes(field_at(kind, axis.key).description))
+            meaning, unit = split_unit(field_at(kind, axis.key).description)
+            attributes = {name: text for name, text in (("units", unit), ("long_name", meaning)) if text}
+            coordinates[axis.key] = (dims[-1], _labels(axis), attributes)
 
     def shaped(values, **attributes):
         return dims, np.reshape(values, chosen.shape), attributes
@@ -99,12 +102,6 @@ def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], f
     return xr.Dataset(variables, coordinates, about)
 
 
-def _dimension(group: tuple[Axis, ...], mode: str) -> str:
-    if mode == "grid" and group[0].kind == "column":
-        return DRAW
-    return group[0].key if mode == "grid" or group[0].kind == "count" else POINT
-
-
 def _labels(axis: Axis) -> np.ndarray:
     """Return the values of an axis as numbers if possible, otherwise as strings."""
     if all(isinstance(v, int) and not isinstance(v, bool) and abs(v) < 2**31 for v in axis.values):
@@ -114,39 +111,43 @@ def _labels(axis: Axis) -> np.ndarray:
     return np.array([str(v) for v in axis.values])
 
 
-def _attributes(description: str | None) -> dict:
-    """Return the attributes of a scenario key: its description, and the unit in the description's last brackets."""
-    meaning, unit = split_unit(description)
-    return ({"units": unit} if unit else {}) | ({"long_name": meaning} if meaning else {})
-
-
 def _value(output: dict | None, name: str) -> float:
     return output["measures"][name][0] if output and name in output["measures"] else np.nan
 
 
-FIGURE = "cycles.png"
-MOST = 500  # members that are drawn
-BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # times of the figure, in median recurrence times, and their number
+def comparison_files() -> tuple[str, ...]:
+    """Names of the files that compare the members of sweeps, of all experiments and in all formats."""
+    names = []
+    for experiment in EXPERIMENTS:
+        try:
+            names += EXPERIMENTS[experiment].compares
+        except Exception:  # code of other people, which only their own sweeps need
+            continue
+    return tuple(dict.fromkeys(f"{name.removesuffix('.png')}.{kind}" if name.endswith(".png") else name
+                               for name in names for kind in FORMATS))  # fmt: skip
 
 
-def write_cycles(
+def write_comparison(
     folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None], look: Look = PLAIN
-) -> Path | None:  # fmt: skip
-    """Write the figure into the folder of a sweep, if at least three members of its experiment have cycles."""
+) -> tuple[str, ...]:  # fmt: skip
+    """Write the files that compare the members into the folder of a sweep, and return sentences about them."""
     experiment = EXPERIMENTS[scenario_class(chosen.base).model_fields["experiment"].default]
-    if experiment.cycles is None:
-        return None
-    known = {name: _value(output, "recurrence") for name, output in zip(names, outputs, strict=True)}
-    known = {name: time for name, time in known.items() if np.isfinite(time)}
-    if len(known) < 3:
-        return None
-    recurrence = np.array(list(known.values()))
-    since = np.linspace(-BEFORE, SPAN, POINTS) * np.median(recurrence)
-    trees = (archive.read(folder / MEMBERS / name / NUMBERS) for name in list(known)[:MOST])
-    curves = [curve for tree in trees if (curve := experiment.cycles(tree, since)) is not None]
-    if len(curves) < 3:
-        return None
-    figure = cycles(since, np.array(curves), recurrence, without=len(names) - len(known))
-    for name, content in render_all(FIGURE, figure, look).items():
-        write_file(folder, name, content)
-    return folder / FIGURE
+    if experiment.compare is None or not any(outputs):
+        return ()
+    members = [
+        SweepMember(
+            values_of(chosen, k),
+            {name: tuple(pair) for name, pair in output["measures"].items()} if output else {},
+            folder / MEMBERS / names[k] / NUMBERS,
+        )
+        for k, output in enumerate(outputs)
+    ]
+    with units_in_use(member(chosen, 0).scenario.named_units):
+        found = experiment.compare(members)
+        for name, content in found.files.items():
+            if isinstance(content, str):
+                write_file(folder, name, content.encode())
+                continue
+            for each, image in render_all(name, content, look).items():
+                write_file(folder, each, image)
+    return found.remarks

@@ -187,8 +187,7 @@ def member(chosen: Sweep, k: int) -> Member:
     ScenarioError
         If the scenario is invalid; the message names the member, the key and the problem.
     """
-    places = zip(np.unravel_index(k, chosen.shape), chosen.groups, strict=True)
-    values = {axis.key: axis.values[place] for place, group in places for axis in group}
+    values = values_of(chosen, k)
     try:
         validated = scenario(**reduce(lambda tables, item: with_value(tables, *item), values.items(), chosen.base))
     except ScenarioError as problem:
@@ -196,6 +195,12 @@ def member(chosen: Sweep, k: int) -> Member:
     label = ",".join(f"{key}={f'{v:.6g}' if isinstance(v, float) else v}" for key, v in values.items())
     name = f"{re.sub(r'[^A-Za-z0-9.=,+_-]+', '_', label)[:80]}-{validated.digest[:10]}"
     return Member(name, values, validated)
+
+
+def values_of(chosen: Sweep, k: int) -> dict:
+    """Return the values of the swept keys of member `k`."""
+    places = zip(np.unravel_index(k, chosen.shape), chosen.groups, strict=True)
+    return {axis.key: axis.values[place] for place, group in places for axis in group}
 
 
 def describe_differences(old: dict, new: dict) -> str:

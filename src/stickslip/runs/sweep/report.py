@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,13 @@ from ...data.law_file import check_law_files
 from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...data.run_files import OPTIONS, foreign_files_message
 from ...ensemble import Workers, reach
-from ...figures.saving import FORMATS, Look
-from ...reports.terminal import console, new_table, progress, show_table
+from ...figures.saving import Look
+from ...reports.terminal import console, new_table, progress, show_lines, show_table
 from ..folder import check_writable, read_json
-from .dataset import DATASET, FIGURE, write_cycles
+from .dataset import DATASET, comparison_files, write_comparison
 from .definition import Sweep, describe_differences, member
 from .run import MANY, SweepResult, estimate, is_same_sweep, read_finished, run_sweep, validate_members
 
-OURS = (SWEEP, OPTIONS, DATASET, *(FIGURE.replace("png", kind) for kind in FORMATS), MEMBERS)
 LISTED = 10  # failures that are listed
 READY = "ready"  # file that marks a sweep that replaces another one as complete
 
@@ -44,7 +44,7 @@ def run_with_progress(
     others = _check_folder(out, overwrite)
     target = out / ANEW if _holds_other_sweep(out, chosen, overwrite) or others else out
     if target != out:
-        going = ", ".join(name for name in OURS if (out / name).exists())
+        going = ", ".join(name for name in _ours() if (out / name).exists())
         console.print(f"--overwrite: {going} in {out} will be replaced when the new sweep is complete.", markup=False)
     check_law_files(member(chosen, 0).scenario.model_dump())
     console.print(_describe_size(chosen))
@@ -68,13 +68,19 @@ def run_with_progress(
             done = _count_finished(target, names)
             console.print(f"{done} of {len(names)} members are finished and saved: repeat the call to run the others.")
             raise
-        write_cycles(target, chosen, swept.names, swept.found, look)
+        swept = swept._replace(remarks=write_comparison(target, chosen, swept.names, swept.found, look))
     if target != out:
         if not any(swept.found):
             raise RuntimeError(f"every member failed ({swept.failures[0]}): {out} was left unchanged")
         (target / READY).touch()
         _install_results(out, overwrite=True)
     return swept
+
+
+@cache
+def _ours() -> tuple[str, ...]:
+    """Names of the files and folders of a sweep."""
+    return SWEEP, OPTIONS, DATASET, *comparison_files(), MEMBERS
 
 
 def _count_finished(folder: Path, names: list[str]) -> int:
@@ -100,7 +106,7 @@ def _check_folder(out: Path, overwrite: bool) -> bool:
     """
     if (out / SCENARIO).exists() and not (out / SWEEP).exists():
         raise ValueError(f"{out} contains the results of a run: choose another --out")
-    others = find_foreign(out, lambda name: name in OURS)
+    others = find_foreign(out, lambda name: name in _ours())
     if others and not overwrite:
         raise ValueError(foreign_files_message(out, others))
     return bool(others)
@@ -130,10 +136,10 @@ def _install_results(out: Path, overwrite: bool = False) -> None:
     if not (target / READY).exists():
         return
     old, new = read_manifest(out), read_manifest(target)
-    if SWEEP not in new or (not overwrite and find_foreign(out, lambda name: name in OURS)):
+    if SWEEP not in new or (not overwrite and find_foreign(out, lambda name: name in _ours())):
         return
     write_manifest(out, {name: old.get(name, []) + new.get(name, []) for name in old | new})
-    for name in OURS:
+    for name in _ours():
         if (target / name).exists():
             if (out / name).is_dir():
                 shutil.rmtree(out / name)
@@ -155,6 +161,7 @@ def show(swept: SweepResult) -> None:
             table.add_row(name, unit, str(known["members"]), *(f"{v:.5g}" for v in cells))
     if rows:
         show_table(table)
+    show_lines(swept.remarks)
     if empty := [name for name, known in found.items() if not known["members"]]:
         console.print(f"No member has {', '.join(empty)}.", soft_wrap=True)
     failed = [(name, failure) for name, failure in zip(swept.names, swept.failures, strict=True) if failure]

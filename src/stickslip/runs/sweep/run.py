@@ -53,6 +53,7 @@ class SweepResult(NamedTuple):
     found: list[dict | None]  # measures and seconds
     failures: list[str]  # error messages, or empty strings
     reused: int  # number of members that were already finished
+    remarks: tuple[str, ...] = ()  # on what the members give together
 
 
 def validate_members(chosen: Sweep, report: Report = silent) -> list[str]:

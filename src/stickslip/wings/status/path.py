@@ -154,7 +154,7 @@ def load_path(
     >>> state, law = ss.packings.biaxial_box(30, pressure=1e-3, seed=1)
     >>> lid = 30 + 3  # body of the upper wall
     >>> path = ss.quasirigid.load_path(
-    ...     state, law, ss.quasirigid.with_load(state.control, lid, 1.05)
+    ...     state, law, ss.quasirigid.with_load(state.control, lid, 1.05), increment=0.1
     ... )
     >>> path.verdict.name
     'CONSISTENT'

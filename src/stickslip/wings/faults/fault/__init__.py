@@ -40,7 +40,8 @@ EXPERIMENT = Experiment(
     figures=_here("report.figures"),
     files=_here("report.files"),
     writes=(r"(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt", r"(devol|slip|shear_stress|normal_stress)\.dat"),
-    cycles=_here("report.cycles"),
+    compare=_here("report.compare"),
+    compares=("cycles.png",),
     references=references,
     smallest=(SMALLEST,),
     parallel=False,
@@ -50,7 +51,7 @@ EXPERIMENT = Experiment(
         cuts="cells of 50 m instead of 25 m, and 700 years instead of 1200; the coarser runs have cells of 100 m",
         scenario=_here("claims.paper_scenario"),
         reproduce=_here("claims.reproduce"),
-        shows=_here("claims.shows"),
+        shows=_here("claims.SHOWS"),
     ),
     more_papers=(
         Paper(
@@ -60,7 +61,7 @@ EXPERIMENT = Experiment(
             "coarser runs have cells of 62.5 m",
             scenario=_here("dipping.paper_scenario"),
             reproduce=_here("dipping.reproduce"),
-            shows=_here("dipping.shows"),
+            shows=_here("dipping.SHOWS"),
         ),
         Paper(
             name="seas-bp6",
@@ -68,7 +69,7 @@ EXPERIMENT = Experiment(
             cuts="the slip law with cells of 19.5 m instead of 6.5 m, and samples every 20,000 s instead of 10,000 s",
             scenario=_here("injection.paper_scenario"),
             reproduce=_here("injection.reproduce"),
-            shows=_here("injection.shows"),
+            shows=_here("injection.SHOWS"),
         ),
     ),
 )

@@ -136,8 +136,3 @@ def _event_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[C
         ),
         compare("surface-velocity", '"max surface slip rate of ∼5 m/s"', 5.0, of("surface_velocity"), "m/s", "rough"),
     ]  # fmt: skip
-
-
-def shows() -> dict[str, tuple[str, str]]:
-    """Sections of the description, each with its content and the identifier of the claim to quote."""
-    return SHOWS

@@ -142,8 +142,3 @@ def _recurrence_claim(run: FaultResult) -> Claim:
         f"recurrence-{fault.dip:g}-{fault.slip}", f"Series: {fault.slip} fault of {fault.dip:g}°; we found none", None,
         run.recurrence / YEAR, "years", TOLERANCE["cycle"], note,
     )  # fmt: skip
-
-
-def shows() -> dict[str, tuple[str, str]]:
-    """Parts of the benchmark, each with its content and the identifier of the claim to quote."""
-    return SHOWS

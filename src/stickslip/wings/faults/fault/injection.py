@@ -107,8 +107,3 @@ def sampled(result: FaultResult, station: float, time: float) -> tuple[float, ..
     series = history.slip[:, column], np.log10(history.velocity[:, column]), history.stress[:, column] / 1e6
     values = [float(np.interp(time, history.time, values)) for values in series]
     return (*values, float(source.pressure(np.array([station]), time)[0]) / 1e6)
-
-
-def shows() -> dict[str, tuple[str, str]]:
-    """Parts of the benchmark, each with its content and the identifier of the claim to quote."""
-    return SHOWS

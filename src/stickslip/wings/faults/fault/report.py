@@ -11,11 +11,22 @@ from pathlib import Path
 import numpy as np
 
 from .... import __version__
-from ....kit import Fields, Measures, Quantity, console, in_readable_units, new_table, show_table
+from ....kit import (
+    Comparison,
+    Fields,
+    Measures,
+    Quantity,
+    SweepMember,
+    console,
+    in_readable_units,
+    new_table,
+    show_table,
+)
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import YEAR, origin_of_value
 from ..friction.measure import repeated_slip
+from ..rate_state.report import compare_cycles
 from . import figures as figures_of
 from .simulate import FaultResult
 
@@ -211,7 +222,12 @@ def show(result: FaultResult) -> None:
     console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of {work}")
 
 
-def cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
+def compare(members: list[SweepMember]) -> Comparison:
+    """Compare the cycles of the members of a sweep."""
+    return compare_cycles(members, _cycles)
+
+
+def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
     """Return slip at times since an event, at the station that slips most in steps; None without a cycle."""
     series = tree["series"]
     time, slip = series["time"], series["slip"]

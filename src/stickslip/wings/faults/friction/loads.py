@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Series, checked, readable, require_positive, require_shape
-from .record_files import LENGTH, TIME, unit_of_time
+from ....kit import Series, checked, laboratory_table, readable, require_positive, require_shape
 
 
 @readable
@@ -189,8 +188,8 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
         match, last = _LEG.fullmatch(part), k == len(parts) - 1
         try:
             number, length, span, until, unit = match.groups() if match else (None,) * 5
-            velocity = float(number) * LENGTH[length or "m"] / TIME[span or "s"]
-            stop = end if last and until is None else float(until) * TIME[unit or "s"]
+            velocity = float(number) * laboratory_table.LENGTH[length or "m"] / laboratory_table.TIME[span or "s"]
+            stop = end if last and until is None else float(until) * laboratory_table.TIME[unit or "s"]
         except (TypeError, ValueError, KeyError):
             raise ValueError(
                 f"--velocity: {part.strip()!r} was given: use velocities and times, as in '1e-6 until 120 s, then "
@@ -276,7 +275,7 @@ def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray)
                 said = f"--velocity says {leg.velocity:g} m/s from {start:g} to {end:g} s, but the load point"
                 way = leg.velocity * (t[k] - t[0])
                 worst, told = share, f"{said} moved by {x[k]:.4g} m until {t[k]:g} s instead of {way:.4g} m"
-                if way and (unit := unit_of_time(x[k] / way)):
+                if way and (unit := laboratory_table.unit_of_time(x[k] / way)):
                     told += f", as if the times were in {unit}"
         start = end
     return told

@@ -1,10 +1,8 @@
-"""Rate-and-state friction: a spring-slider under any load history, friction at a given slip velocity, closed forms.
+"""Rate-and-state friction: a spring-slider under any load history, and friction at a given slip velocity.
 
 μ = μ0 + a ln(V/V0) + b ln(V0 θ/D_c), where the state θ follows the aging law (Dieterich 1979,
 doi:10.1029/JB084iB05p02161) or the slip law (Ruina 1983, doi:10.1029/JB088iB12p10359). Variants: a second state
-variable, cut-off velocities, and a form that is regular at rest. Of the closed forms, for tests and for interpreting
-records by hand, `friction_of`, `steady_friction` and `stiff_step` are for all laws, the others for the usual one, after
-Ruina 1983 and Marone 1998 (doi:10.1146/annurev.earth.26.1.643). Those for holds are derived here.
+variable, cut-off velocities, and a form that is regular at rest.
 """
 
 from collections.abc import Iterable
@@ -322,58 +320,3 @@ def _above(rs: RateState, old: float, new: float, slip, dc: float):
     """ln(θ V2/D_c) after slip x."""
     fading = np.exp(-np.asarray(slip, float) / dc)
     return np.log(new / old) * fading if rs.law == "slip" else np.log1p((new / old - 1) * fading)
-
-
-def stiff_healing(rs: RateState, velocity: float, hold):
-    """Peak above steady friction after a hold of duration t without slip, with sliding at V before and after it.
-
-    Aging law: b ln(1 + V t/D_c). Slip law: 0, because its state evolves only with slip.
-    """
-    _require_usual(rs)
-    hold = np.asarray(hold, float)
-    return rs.b * np.log1p(velocity * hold / rs.dc) if rs.law == "aging" else np.zeros_like(hold)
-
-
-def _require_usual(rs: RateState) -> None:
-    check(rs)
-    if rs.form != "logarithmic" or rs.b2 > 0 or not np.isinf([rs.v1, rs.v2]).all():
-        raise ValueError("this closed form is for the logarithmic form with one state and no cut-off velocities")
-
-
-def frozen_hold(a: float, stiffness: float, velocity: float, time):
-    """Slip velocity during a hold of the load point while the state is constant, V = V_i/(1 + k V_i t/a).
-
-    This follows from a V'/V = −k V. This is valid for slip well below D_c a/(k D_c + b), and for all times if b = 0.
-    Friction decreases by a ln(1 + k V_i t/a).
-
-    Parameters
-    ----------
-    stiffness : k per unit normal stress [1/length]
-    velocity : V_i at the start [length/time]
-    """
-    return velocity / (1 + stiffness * velocity * np.asarray(time, float) / a)
-
-
-def slip_law_hold(rs: RateState, stiffness: float, velocity: float, slip):
-    """Slip velocity after slip x during a hold of the load point that follows steady sliding at V_i, for the slip law.
-
-    With y = ln(θ V_i/D_c) and z = ln(V/V_i), the force balance is a z + b y = −k x and the law is dy/dx = −(z + y)/D_c,
-    hence dy/dx + λ y = k x/(a D_c) with λ = (a − b)/(a D_c). The solution is y = (k/(a D_c)) [x/λ − (1 − e^{−λx})/λ²],
-    or y = k x²/(2 a D_c) for a = b, and V = V_i e^{−(kx + by)/a}. Friction decreases by k x.
-
-    Parameters
-    ----------
-    stiffness : k per unit normal stress [1/length]
-    velocity : V_i [length/time]
-    slip : x ≥ 0 since the start of the hold [length]
-    """
-    _require_usual(rs)
-    if rs.law != "slip":
-        raise ValueError(f"law = {rs.law!r} was given: this closed form is for the slip law")
-    x = np.asarray(slip, float)
-    u = (rs.a - rs.b) / (rs.a * rs.dc) * x
-    near = np.abs(u) < 1e-4  # avoids cancellation; the series of (u − 1 + e^{−u})/u² is accurate to 1e-18
-    far = np.where(near, 1.0, u)
-    shape = np.where(near, 0.5 - u / 6 + u**2 / 24 - u**3 / 120, (far + np.expm1(-far)) / far**2)
-    y = stiffness / (rs.a * rs.dc) * x**2 * shape
-    return velocity * np.exp(-(stiffness * x + rs.b * y) / rs.a)

@@ -80,7 +80,7 @@ def posterior(
     Examples
     --------
     >>> from stickslip import friction
-    >>> legs = friction.velocity_steps([1e-6, 1e-5, 1e-6], distance=2e-4)
+    >>> legs = friction.velocity_steps([1e-6, 1e-5, 1e-6], distance=5e-5)
     >>> h = friction.spring_slider(
     ...     friction.RateState(0.010, 0.006, 1e-5), friction.Spring(1e4), legs
     ... )

@@ -30,7 +30,8 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     writes=(r"series\.csv",),
-    cycles=_here("report.cycles"),
+    compare=_here("report.compare"),
+    compares=("cycles.png",),
     smallest=({},),
     parallel=False,
 )

@@ -1,16 +1,20 @@
 """Output of a spring-slider: files, archive, terminal summary and measures."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from ....kit import Measures, Quantity, archive_fields, console, new_table, show_table
+from ....kit import Comparison, Measures, Quantity, SweepMember, archive, archive_fields, console, new_table, show_table
 from ..friction.laboratory import LabRecord, write_csv
 from ..friction.measure import passing_velocity, recurrence, repeated_slip
 from ..friction.ratestate import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
+
+LEAST, MOST = 3, 500  # members with cycles that a figure needs, and those of which it draws slip
+BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # times of the figure, in median recurrence times, and their number
 
 
 def figures(result: SliderResult):
@@ -54,7 +58,33 @@ def show(result: SliderResult) -> None:
         console.print(f"{h.end.value} (after {h.reached:.6g} s)", style="yellow")
 
 
-def cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
+def compare(members: list[SweepMember]) -> Comparison:
+    """Compare the cycles of the members of a sweep."""
+    return compare_cycles(members, _cycles)
+
+
+def compare_cycles(members: list[SweepMember], cycles: Callable) -> Comparison:
+    """Slip since an event, and recurrence, of the members of a sweep, if at least three have cycles.
+
+    Parameters
+    ----------
+    cycles : (contents of the archive, times since an event) -> slip since that event; None without a cycle
+    """
+    known = {member.archive: member.measures.get("recurrence", (np.nan,))[0] for member in members}
+    known = {path: time for path, time in known.items() if np.isfinite(time)}
+    if len(known) < LEAST:
+        return Comparison()
+    recurrence = np.array(list(known.values()))
+    since = np.linspace(-BEFORE, SPAN, POINTS) * np.median(recurrence)
+    trees = (archive.read(path) for path in list(known)[:MOST])
+    curves = [curve for tree in trees if (curve := cycles(tree, since)) is not None]
+    if len(curves) < LEAST:
+        return Comparison()
+    without = len(members) - len(known)
+    return Comparison({"cycles.png": figures_of.cycles(since, np.array(curves), recurrence, without=without)})
+
+
+def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
     """Return slip at times since an event, from the contents of an archive; None without a cycle."""
     time, slip, velocity = (tree["history"][name] for name in ("time", "slip", "velocity"))
     return repeated_slip(time, passing_velocity(time, slip, velocity), slip, since)

@@ -44,7 +44,6 @@ from .claims_of_motion import (
     LINE_TOP,
     MODE_LOAD,
     RISE,
-    SHOWS,
     STABLE_LOAD,
     TOLERANCE,
     UNSTABLE,
@@ -446,11 +445,6 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
             f"whether the kinetic threshold, {low:.4f} to {high:.4f} (95 %), lies between 0.04 and {top:g}",
         ),
     ]  # fmt: skip
-
-
-def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper, each with its content and the identifier of the claim to quote."""
-    return SHOWS
 
 
 MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # the name of a stage

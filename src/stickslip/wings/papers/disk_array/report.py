@@ -1,16 +1,29 @@
 """Output of the disk array: files in the run folder and the summary on the terminal."""
 
 from functools import partial
+from types import SimpleNamespace as Made
 
 import numpy as np
 
 from .... import Outcome
 from .... import figures as common_figures
-from ....kit import Family, Fields, archive_fields, console, new_table
+from ....kit import (
+    Estimate,
+    Family,
+    Fields,
+    Measures,
+    Quantities,
+    Quantity,
+    archive_fields,
+    console,
+    estimate,
+    quantities_of,
+)
 from ....results import Spectrum
 from . import figures as figures_of
 from .claims import Reproduction
 from .claims_of_motion import FRONT_LOADS, IM_LAMBDA, LINE_TOP, MODE_LOAD, V2_THRESHOLD
+from .fronts import FreeRun
 from .measures import backward_front, forward_front, velocity_line, y_mode
 from .simulate import DiskArrayResult, point_at_load
 
@@ -111,63 +124,75 @@ def _numbers(result: DiskArrayResult) -> dict:
     }
 
 
+def _shift(pair: Made) -> float:
+    if not pair.birth or not len(pair.coarse):
+        return NAN
+    return max(np.abs(pair.coarse - pair.birth.load).min(), abs(pair.birth.above - pair.birth.below))
+
+
+def _births(result: DiskArrayResult) -> list[float]:
+    return [family.birth.load for family in result.families if family.birth]
+
+
+def _velocity(ensemble) -> Estimate:
+    return estimate(ensemble.velocity[np.isfinite(ensemble.velocity)])
+
+
+NAN = float("nan")
+PAIR = Quantities([
+    Quantity("born at", "1", "push of its birth", lambda pair: f"{pair.birth.load:.6g}" if pair.birth else "the start"),
+    Quantity("± by load step", "1", "distance to the nearest birth with twice the load step", _shift),
+    Quantity("dies at", "1", "push of its death", lambda pair: f"{pair.death.load:.6g}" if pair.death else "lives"),
+    Quantity("largest Im λ", "1/time^2", "largest Im λ along the path", lambda pair: pair.eigenvalues.imag.max()),
+    Quantity("at push", "1", "push there", lambda pair: pair.loads[pair.eigenvalues.imag.argmax()]),
+])  # fmt: skip
+FREE_RUN = Quantities([
+    Quantity("push", "1", "push", "load"), *quantities_of(FreeRun, "predicted_growth").values(),
+    Quantity("fitted", "1/time", "growth rate fitted to M", "growth.growth_rate"),
+    Quantity("M at the end", "length^2", "M at the end", lambda free: free.msd[-1]),
+    Quantity("verdict", "1", "how it ends", lambda free:
+             "slides" if free.slid else "unstable, arrested" if free.predicted_growth > 0 else "stable"),
+])  # fmt: skip
+SLIDING = Quantities([
+    Quantity("push", "1", "push", "load"),
+    Quantity("realizations", "1", "number of realizations", lambda one: len(one.velocity)),
+    Quantity("slid in time", "1", "those that slid", lambda one: np.isfinite(one.velocity).sum()),
+    Quantity("velocity", "length/time", "their mean velocity, ± half of its 95 % interval", _velocity),
+    Quantity("forward front", "length/time", "speed of the forward front, ± its standard error",
+             lambda one: one.front and f"{one.front.speed:.3g} ± {one.front.speed_error:.2g}"),
+])  # fmt: skip
+MEASURES = Measures([
+    Quantity("pairs", "1", "complex pairs along the load path", lambda result: len(result.families)),
+    Quantity("first_birth", "load", "smallest push at which a pair is born", lambda r: min(_births(r), default=NAN)),
+    Quantity("last_birth", "load", "largest push at which a pair is born", lambda r: max(_births(r), default=NAN)),
+    Quantity("largest_im_lambda", "1/time^2", "largest Im λ along the path",
+             lambda result: max((f.eigenvalues.imag.max() for f in result.families), default=0.0)),
+    Quantity("largest_growth_rate", "1/time", "largest growth rate along the path",
+             lambda result: max(point.spectrum.growth_rate.max(initial=0.0) for point in result.path)),
+    Quantity("first_load_that_slides", "load", "smallest push at which a free run slides",
+             lambda result: min((load for load, free in result.free_runs.items() if free.slid), default=NAN)),
+    Quantity("fitted_growth_rate", "1/time", "growth rate fitted to the free run at the largest push",
+             lambda result: next((result.free_runs[load].growth.growth_rate for load in sorted(result.free_runs)[::-1]
+                                  if result.free_runs[load].growth), NAN)),
+    Quantity("sliding_velocity", "length/time", "mean velocity of the realizations that slid at a push",
+             lambda result: {load: _velocity(ensemble).mean for load, ensemble in result.sliding.items()}),
+])  # fmt: skip
+
+
 def show(result: DiskArrayResult) -> None:
     """Print a summary of a run on the terminal."""
-    names = ("pair", "born at", "by load step", "dies at", "largest Im λ", "at push")
-    pairs = new_table(*names, title="Complex pairs along the load path", units={"largest Im λ": "1/time^2"})
-    coarse = np.array([f.birth.load for f in result.coarse_families if f.birth])
-    for k, f in enumerate(result.families):
-        top = int(np.argmax(f.eigenvalues.imag))
-        birth = f"{f.birth.load:.6g}" if f.birth else "the start"
-        shift = "–"
-        if f.birth and len(coarse):
-            bracket = abs(f.birth.above - f.birth.below)
-            shift = f"± {max(np.abs(coarse - f.birth.load).min(), bracket):.0e}"
-        death = f"{f.death.load:.6g}" if f.death else "lives"
-        pairs.add_row(str(k + 1), birth, shift, death, f"{f.eigenvalues.imag[top]:.3e}", f"{f.loads[top]:.6g}")
-    console.print(pairs if result.families else "No complex pair along the path: no oscillatory instability.")
     if result.families:
-        console.print("  by load step: distance to the nearest birth on the same path with twice the load step")
+        coarse = np.array([f.birth.load for f in result.coarse_families if f.birth])
+        pairs = [Made(coarse=coarse, **family._asdict()) for family in result.families]
+        PAIR.show_rows(pairs, title="Complex pairs along the load path")
+        console.print("  ± by load step: distance to the nearest birth on the same path with twice the load step")
+    else:
+        console.print("No complex pair along the path: no oscillatory instability.")
     if result.free_runs:
-        units = {"predicted growth rate": "1/time", "fitted": "1/time", "M at the end": "length^2"}
-        runs = new_table("push", *units, "verdict", title="Free runs", units=units)
-        for load, f in result.free_runs.items():
-            fitted = f"{f.growth.growth_rate:.4e}" if f.growth else "–"
-            outcome = "slides" if f.slid else "unstable, arrested" if f.predicted_growth > 0 else "stable"
-            runs.add_row(f"{load:g}", f"{f.predicted_growth:.4e}", fitted, f"{f.msd[-1]:.2e}", outcome)
-        console.print(runs)
+        FREE_RUN.show_rows(result.free_runs.values(), title="Free runs")
     if result.sliding:
-        units = {"velocity": "length/time", "forward front": "length/time"}
-        slides = new_table("push", "realizations", "slid in time", *units, title="Sliding", units=units)
-        for load, e in result.sliding.items():
-            good = e.velocity[np.isfinite(e.velocity)]
-            fit = forward_front(result, e)
-            error = good.std(ddof=1) / np.sqrt(len(good)) if len(good) > 1 else np.nan
-            speed = f"{good.mean():.2e} ± {error:.0e}" if len(good) else "–"
-            front = f"{fit.speed:.2e} ± {fit.speed_error:.0e}" if fit else "–"
-            slides.add_row(f"{load:g}", str(len(e.velocity)), str(len(good)), speed, front)
-            for failure in e.failures:
-                console.print(f"push {load:g}, {failure}", style="yellow")
-        console.print(slides)
-
-
-def measures(result: DiskArrayResult) -> dict[str, tuple[float, str]]:
-    """Return the measures of a run for sweeps as {name: (value, unit)}; loads are in the scenario's numbers."""
-    pushed, eigenvalues = "load", [f.eigenvalues.imag.max() for f in result.families]
-    births = sorted(f.birth.load for f in result.families if f.birth)
-    slid = [load for load, free in result.free_runs.items() if free.slid]
-    out = {
-        "pairs": (len(result.families), "1"),
-        "first_birth": (births[0] if births else np.nan, pushed),
-        "last_birth": (births[-1] if births else np.nan, pushed),
-        "largest_im_lambda": (max(eigenvalues, default=0.0), "1/time^2"),
-        "largest_growth_rate": (max(p.spectrum.growth_rate.max(initial=0.0) for p in result.path), "1/time"),
-    }
-    if result.free_runs:
-        out["first_load_that_slides"] = min(slid, default=np.nan), pushed
-        fitted = {load: free.growth.growth_rate for load, free in result.free_runs.items() if free.growth}
-        out["fitted_growth_rate"] = fitted[max(fitted)] if fitted else np.nan, "1/time"  # at the largest load
+        slides = [Made(front=forward_front(result, one), **one._asdict()) for one in result.sliding.values()]
+        SLIDING.show_rows(slides, title="Sliding")
     for load, ensemble in result.sliding.items():
-        good = ensemble.velocity[np.isfinite(ensemble.velocity)]
-        out[f"sliding_velocity@{load:g}"] = good.mean() if len(good) else np.nan, "length/time"
-    return out
+        for failure in ensemble.failures:
+            console.print(f"push {load:g}, {failure}", style="yellow")

@@ -572,8 +572,3 @@ def _energies(main: GougeResult) -> Claim:
         f"{curl:.1e} J",
         study=study,
     )  # fmt: skip
-
-
-def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper, each with its content and the identifier of the claim to quote."""
-    return SHOWS

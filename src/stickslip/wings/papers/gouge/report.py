@@ -3,17 +3,19 @@
 from collections import Counter
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace as Made
 
 import numpy as np
 
 from ....kit import (
+    Measures,
+    Quantities,
+    Quantity,
     archive_fields,
     console,
     heading_of,
-    new_table,
     pluralize,
     power_of_ten,
-    show_table,
     units_of,
     write_table,
 )
@@ -243,13 +245,9 @@ def show(result: GougeResult) -> None:
     """Print steady friction, holds and warnings on the terminal."""
     scenario, first = result.scenario, result.realizations[0]
     console.print(f"{len(result.realizations)} realizations; ± is the half-width of a 95 % interval.")
-    table = new_table("velocity [m/s]", "steady friction", "±")
-    for velocity in measured.velocities(result):
-        friction = measured.mean_friction(result, velocity)
-        table.add_row(f"{velocity:g}", f"{friction.value:.4f}", f"{friction.half:.4f}")
-    show_table(table)
-    if measured.reslides(result):
-        _show_holds(result)
+    STEADY.show_rows(_friction(result))
+    if slides := _reslides(result):
+        RESLIDE.show_rows(slides, title="Slides after holds")
     _show_slips(result)
     k = normalised_stiffness(scenario)
     console.print(
@@ -266,17 +264,45 @@ def show(result: GougeResult) -> None:
         console.print(f"{result.reused} realizations had finished earlier and were not run again.")
 
 
-def _show_holds(result: GougeResult) -> None:
-    names = ("V_i [m/s]", "hold [s]", "V_i t/dc", "k V_i t/(a σ)", "V_r [m/s]", "peak − steady", "±")
-    table = new_table(*names, title="Slides after holds")
-    for before, hold, after in measured.reslides(result):
-        peak = measured.peak(measured.reslide_curve(result, before, hold, after))
-        scaled = normalised_hold(result.scenario, hold, before)
-        table.add_row(
-            f"{before:g}", f"{hold:g}", f"{scaled['load_point']:.3g}", f"{scaled['frozen']:.3g}", f"{after:g}",
-            f"{peak.value:+.4f}", f"{peak.half:.4f}",
-        )  # fmt: skip
-    show_table(table)
+def _friction(result: GougeResult) -> list[Made]:
+    return [Made(velocity=v, friction=measured.mean_friction(result, v)) for v in measured.velocities(result)]
+
+
+def _reslides(result: GougeResult) -> list[Made]:
+    return [
+        Made(before=v, hold=t, after=w, peak=measured.peak(measured.reslide_curve(result, v, t, w)),
+             scaled=Made(**normalised_hold(result.scenario, t, v)))
+        for v, t, w in measured.reslides(result)
+    ]  # fmt: skip
+
+
+STEADY = Quantities([
+    Quantity("velocity", "m/s", "velocity of the load point"),
+    Quantity("steady friction", "1", "mean over samples, ± half of its 95 % interval", "friction.estimate"),
+])  # fmt: skip
+RESLIDE = Quantities([
+    Quantity("V before", "m/s", "velocity before the hold", "before"), Quantity("hold", "s", "hold time"),
+    Quantity("V t/dc", "1", "slip of the load point at this velocity during the hold", "scaled.load_point"),
+    Quantity("k V t/(a σ)", "1", "stress of this slip", "scaled.frozen"),
+    Quantity("V after", "m/s", "velocity after the hold", "after"),
+    Quantity("peak − steady", "1", "peak of friction above steady friction", "peak.estimate"),
+])  # fmt: skip
+MEASURES = Measures([
+    Quantity("thickness", "m", "thickness of the layer of the first sample",
+             lambda result: result.realizations[0].range.thickness * result.scenario.grains.mean),
+    Quantity("inertial_number", "1", "inertial number of the first sample at the largest velocity",
+             lambda result: result.realizations[0].range.inertial_number),
+    Quantity("stiffness_over_b", "1", "k dc/(b σ)", lambda result: normalised_stiffness(result.scenario)["rate_state"]),
+    Quantity("steady_friction", "1", "steady friction at a velocity [m/s]",
+             lambda result: {one.velocity: one.friction.value for one in _friction(result)}),
+    Quantity("steady_friction_half", "1", "half of its 95 % interval",
+             lambda result: {one.velocity: one.friction.half for one in _friction(result)}),
+    Quantity("peak", "1", "peak of friction above steady friction: velocity [m/s], hold, velocity after the hold [m/s]",
+             lambda result: {f"{s.before:g},{s.hold:g}s,{s.after:g}": s.peak.value for s in _reslides(result)}),
+    Quantity("slips", "1", "slips faster than the load point", lambda result: len(_slips(result).time)),
+    Quantity("largest_friction_drop", "1", "largest decrease of friction in a slip",
+             lambda result: _slips(result).drop.max(initial=0.0)),
+])  # fmt: skip
 
 
 def _show_slips(result: GougeResult) -> None:
@@ -287,30 +313,3 @@ def _show_slips(result: GougeResult) -> None:
             f"the load point. Friction drops by {np.median(slips.drop):.3g} (median), at most {slips.drop.max():.3g}; "
             f"the plate reaches {(slips.velocity / slips.load_velocity).max():.3g} times the load point's velocity."
         )
-
-
-def measures(result: GougeResult) -> dict[str, tuple[float, str]]:
-    """Return the measures of a run for sweeps as {name: (value, unit)}.
-
-    Names contain velocities [m/s] and holds [s].
-    """
-    k = normalised_stiffness(result.scenario)
-    out = {
-        "thickness": (result.realizations[0].range.thickness * result.scenario.grains.mean, "m"),
-        "inertial_number": (result.realizations[0].range.inertial_number, "1"),
-        "stiffness_over_b": (k["rate_state"], "1"),
-    }
-    for velocity in measured.velocities(result):
-        friction = measured.mean_friction(result, velocity)
-        out |= {
-            f"steady_friction@{velocity:g}": (friction.value, "1"),
-            f"steady_friction_half@{velocity:g}": (friction.half, "1"),
-        }
-    for before, hold, after in measured.reslides(result):
-        peak = measured.peak(measured.reslide_curve(result, before, hold, after))
-        out[f"peak@{before:g},{hold:g}s,{after:g}"] = peak.value, "1"
-    slips = _slips(result)
-    return out | {
-        "slips": (float(len(slips.time)), "1"),
-        "largest_friction_drop": (float(slips.drop.max(initial=0.0)), "1"),
-    }

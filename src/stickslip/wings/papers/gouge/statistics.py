@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
+from ....kit import Estimate
+
 LEAST = 3  # minimum number of samples for errors based on their scatter
 DRAWS = 400  # bootstrap draws for the error of a number read off a mean curve
 
@@ -37,6 +39,11 @@ class Number(NamedTuple):
         """Half-width of the 95 % confidence interval from Student's t distribution."""
         units = self.samples if self.samples >= LEAST else self.branches
         return self.error * float(stdtrit(units - 1, 0.975)) if units > 1 else np.nan
+
+    @property
+    def estimate(self) -> Estimate:
+        """Value with this half-width."""
+        return Estimate(self.value, self.half, self.error)
 
 
 class Curve(NamedTuple):

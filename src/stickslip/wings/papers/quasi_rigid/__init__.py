@@ -30,7 +30,8 @@ EXPERIMENT = Experiment(
     scenario=QuasiScenario,
     words="McNamara & Herrmann 2006: disks under biaxial load",
     simulate=_here("simulate.simulate_quasi"),
-    **lazy_functions(__name__, "report", "numbers", "measures", "show", "figures", "files"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
+    measures=_here("report.MEASURES"),
     references=references,
     writes=(r"(series|collapses)\.csv",),
     smallest=(SMALLEST, BETWEEN_WALLS),
@@ -43,7 +44,7 @@ EXPERIMENT = Experiment(
         ),
         scenario=_here("claims.paper_scenario"),
         reproduce=_here("claims.reproduce"),
-        shows=_here("claims.shows"),
+        shows=_here("claims.SHOWS"),
     ),
 )
 

@@ -498,11 +498,6 @@ def _mechanisms(main: QuasiResult) -> Claim:
     )  # fmt: skip
 
 
-def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper, each with its content and the identifier of the claim to quote."""
-    return SHOWS
-
-
 QUICK_CASES = 60
 
 

@@ -1,15 +1,16 @@
 """Output of quasi-rigid loading: files in the run folder and the summary on the terminal."""
 
-from functools import partial
-from pathlib import Path
+from types import SimpleNamespace as Made
 
 import numpy as np
 
 from .... import figures as common_figures
-from ....kit import Fields, archive_fields, console, new_table, show_table, units_of, write_table
+from ....kit import Fields, Measures, Quantities, Quantity, archive_fields, console, median, quantities_of, units_of
 from ...status.collapse import Collapse
 from . import figures as figures_of
 from .simulate import Curve, QuasiResult, SampleResult, SlowDynamics
+
+COLUMNS = [name for name in Collapse._fields if name not in ("reason", "strain", "direction", "sliding")]
 
 
 def figures(result: QuasiResult):
@@ -28,9 +29,9 @@ def figures(result: QuasiResult):
 
 def files(result: QuasiResult):
     """Yield (file name, function that writes it) for the curves and collapses as CSV."""
-    yield "series.csv", partial(_write_curves, result)
+    yield "series.csv", lambda path: CURVE.write(path, _curves(result))
     if result.scenario.loading.collapses:
-        yield "collapses.csv", partial(_write_collapses, result)
+        yield "collapses.csv", lambda path: COLLAPSE.write(path, _collapses(result))
 
 
 def numbers(result: QuasiResult) -> dict:
@@ -48,13 +49,8 @@ def _sample(sample: SampleResult) -> dict:
     reasons = "\n".join(columns.pop("reason").tolist())
     out = {
         "law": sample.law,
-        "path": {
-            "verdict": path.verdict.value,
-            "load": path.load,
-            "sliding": np.array([p.sliding for p in path.points]),
-            "contacts": np.array([p.contacts for p in path.points]),
-            "residual": np.array([p.residual for p in path.points]),
-        },
+        "path": {"verdict": path.verdict.value, "load": path.load}
+        | {name: np.array([getattr(p, name) for p in path.points]) for name in ("sliding", "contacts", "residual")},
         "events": {
             "load": np.array([e.load for e in events]),
             "kind": "\n".join(e.kind for e in events),
@@ -79,76 +75,57 @@ def _sample(sample: SampleResult) -> dict:
     return out
 
 
-def _write_collapses(result: QuasiResult, path: Path) -> None:
-    """Write one row per collapse."""
-    names = [name for name in Collapse._fields if name not in ("reason", "strain", "direction", "sliding")]
-    rows = (
-        (sample.seed, *(float(getattr(event, name)) for name in names), *event.sliding)
-        for sample in result.tested
-        for event in sample.path.collapses
-    )
-    write_table(path, ("sample", *names, "sliding_before", "sliding_after"), rows)
+SAMPLE = Quantity("sample", "1", "seed of the sample", "seed")
+CURVE = Quantities([
+    SAMPLE, Quantity("curve", "1", "path, unloading, or dynamics and their duration"),
+    *quantities_of(Curve, "load", "strain").values(),
+    Quantity("volumetric_strain", "1", "volumetric strain, compression positive", "volumetric"),
+    Quantity("stress_ratio", "1", "ratio of the stresses, or shear stress over pressure", "ratio"),
+])  # fmt: skip
+COLLAPSE = Quantities([
+    SAMPLE, *quantities_of(Collapse, *COLUMNS).values(),
+    Quantity("sliding_before", "1", "contacts at the Coulomb limit before", lambda event: event.sliding[0]),
+    Quantity("sliding_after", "1", "contacts at the Coulomb limit after", lambda event: event.sliding[1]),
+])  # fmt: skip
 
 
-def _write_curves(result: QuasiResult, path: Path) -> None:
-    """Write one row per point: sample, curve, load, strain, volumetric strain, stress ratio."""
-    curves = []
+def _curves(result: QuasiResult):
     for sample in result.tested:
-        curves.append((sample.seed, "path", sample.curve))
-        curves += [] if sample.back is None else [(sample.seed, "unloading", sample.back)]
-        curves += [(sample.seed, f"dynamics {run.time:g}", run.curve) for run in sample.slow]
-    names = ("sample", "curve", "load", "strain", "volumetric_strain", "stress_ratio")
-    write_table(path, names, ((seed, name, *row) for seed, name, curve in curves for row in zip(*curve, strict=True)))
+        named = {"path": sample.curve, "unloading": sample.back}
+        named |= {f"dynamics {run.time:g}": run.curve for run in sample.slow}
+        yield from (Made(seed=sample.seed, curve=k, **curve._asdict()) for k, curve in named.items() if curve)
+
+
+def _collapses(result: QuasiResult) -> list[Made]:
+    return [Made(seed=sample.seed, **e._asdict()) for sample in result.tested for e in sample.path.collapses]
+
+
+NAN = float("nan")
+MEASURES = Measures([
+    Quantity("last_load", "1", "share of the load at which the path ends", lambda sample: sample.path.load[-1]),
+    Quantity("stress_ratio", "1", "ratio of the stresses there", lambda sample: sample.curve.ratio[-1]),
+    Quantity("strain", "1", "strain there", lambda sample: sample.curve.strain[-1]),
+    Quantity("events", "1", "changes of contact status along the path", lambda sample: len(sample.path.events)),
+    Quantity("collapses", "1", "collapses that moved more than the load alone would have",
+             lambda sample: sum(not event.quiet for event in sample.path.collapses)),
+    Quantity("sliding_share", "1", "share of contacts at the Coulomb limit at the end",
+             lambda sample: sample.path.points[-1].sliding / max(sample.path.points[-1].contacts, 1)),
+    Quantity("error_of_slowest_dynamics", "1", "error of the strain of the slowest dynamics",
+             lambda sample: max(sample.slow, key=lambda run: run.time).error if sample.slow else NAN),
+    Quantity("collapse_load", "1", "load at which dynamics lost stability",
+             lambda sample: NAN if sample.collapse is None else sample.collapse),
+], samples=lambda result: result.tested, over=median)  # fmt: skip
 
 
 def show(result: QuasiResult) -> None:
     """Print the end of every path on the terminal."""
-    names = ("sample", "ends at", "ratio", "strain", "sliding", "events", "error", "collapse")
-    table = new_table(*names, title="Paths, strain error of the slowest dynamics, and its collapse load")
-    for sample in result.tested:
-        last = sample.path.points[-1]
-        off = min(sample.slow, key=lambda run: -run.time).error if sample.slow else None
-        table.add_row(
-            str(sample.seed), f"{last.load:.4g}", f"{sample.curve.ratio[-1]:.4g}", f"{sample.curve.strain[-1]:.2e}",
-            f"{last.sliding}/{last.contacts}", str(len(sample.path.events)), "–" if off is None else f"{off:.1e}",
-            "–" if sample.collapse is None else f"{sample.collapse:.4g}",
-        )  # fmt: skip
-    show_table(table)
+    Quantities([SAMPLE, *MEASURES.values()]).show_rows(result.tested, title="Ends of the paths")
     for sample in result.tested:
         console.print(f"  sample {sample.seed}: {sample.path.summary}")
     if result.scenario.loading.collapses:
-        _show_collapses(result)
+        loud = [event for event in _collapses(result) if not event.quiet]
+        title = "Collapses, with the overlap of their motion with what nothing resists before"
+        shown = ("sample", "load", "largest", "motion", "released", "participation", "lost", "gained", "overlap")
+        COLLAPSE.show_rows(loud, *shown, title=title)
     for failure in result.failures:
         console.print(failure, style="yellow")
-
-
-def _show_collapses(result: QuasiResult) -> None:
-    along = ("largest motion", "along the load", "released", "participation", "lost", "gained", "mode")
-    table = new_table(
-        "sample", "load", *along, title="Collapses, with the overlap of their motion with what nothing resists before"
-    )
-    for sample in result.tested:
-        for event in sample.path.collapses:
-            if not event.quiet:
-                table.add_row(
-                    str(sample.seed), f"{event.load:.4g}", f"{event.largest:.1e}", f"{event.motion:.1e}",
-                    f"{event.released:.1e}", f"{event.participation:.2f}", str(event.lost), str(event.gained),
-                    f"{event.overlap:.2f}",
-                )  # fmt: skip
-    show_table(table)
-
-
-def measures(result: QuasiResult) -> dict[str, tuple[float, str]]:
-    """Return the measures of a run for sweeps as {name: (value, unit)}: medians over samples, loads as shares."""
-    slowest = [min(sample.slow, key=lambda run: -run.time) for sample in result.tested if sample.slow]
-    columns = {
-        "last_load": [sample.path.load[-1] for sample in result.tested],
-        "stress_ratio": [sample.curve.ratio[-1] for sample in result.tested],
-        "strain": [sample.curve.strain[-1] for sample in result.tested],
-        "events": [len(sample.path.events) for sample in result.tested],
-        "collapses": [sum(not event.quiet for event in sample.path.collapses) for sample in result.tested],
-        "sliding_share": [p.sliding / max(p.contacts, 1) for p in (sample.path.points[-1] for sample in result.tested)],
-        "error_of_slowest_dynamics": [run.error for run in slowest],
-        "collapse_load": [sample.collapse for sample in result.tested if sample.collapse is not None],
-    }
-    return {name: (float(np.median(values)) if values else np.nan, "1") for name, values in columns.items()}

@@ -24,7 +24,8 @@ EXPERIMENT = Experiment(
     scenario=ShearScenario,
     words="Bonfanti et al. 2020: sheared packings of spheres",
     simulate=_here("simulate.simulate_shear"),
-    **lazy_functions(__name__, "report", "numbers", "measures", "show", "figures"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures"),
+    measures=_here("report.MEASURES"),
     references=references,
     smallest=(SMALLEST,),
     paper=Paper(
@@ -36,7 +37,7 @@ EXPERIMENT = Experiment(
         ),
         scenario=_here("claims.paper_scenario"),
         reproduce=_here("claims.reproduce"),
-        shows=_here("claims.shows"),
+        shows=_here("claims.SHOWS"),
     ),
 )
 

@@ -582,11 +582,6 @@ def _stress_drop(
     return median_claim(id, source, paper, relative, "1", "drop", note, **reference)
 
 
-def shows() -> dict[str, tuple[str, str]]:
-    """Figures of the paper, each with its content and the identifier of the claim to quote."""
-    return SHOWS
-
-
 def paper_scenario(*, quick: bool = False, seed: int = 0) -> ShearScenario:
     """Return the scenario: N = 100 spheres, radii 0.5 and 0.7, strain steps of 2e-5, then of 1e-4 up to 0.02."""
     if quick:

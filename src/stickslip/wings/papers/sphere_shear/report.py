@@ -1,10 +1,11 @@
 """Output of sheared packings: files in the run folder and the summary on the terminal."""
 
-import numpy as np
+from typing import NamedTuple
 
-from ....kit import archive_fields, console, new_table, pluralize, show_table
+from ....kit import Measures, Quantities, Quantity, archive_fields, console, median, pluralize, quantities_of
+from ....results import Released
 from . import figures as figures_of
-from .simulate import ShearResult
+from .simulate import ShearPath, ShearResult
 
 
 def figures(result: ShearResult):
@@ -37,56 +38,67 @@ def numbers(result: ShearResult) -> dict:
 
 def show(result: ShearResult) -> None:
     """Print a summary of a run on the terminal."""
-    names = ("packing", "φ", "pressure", "z", "rattlers", "first pair", "pairs at the end")
-    table = new_table(*names, title="Sheared packings", units={"pressure": "force/length^(dim-1)"})
-    for p in result.paths:
-        born = f"{p.onset.strain:.6g}" if p.onset else "at the start" if p.pairs[0] else "never"
-        table.add_row(
-            str(p.seed), f"{p.packed.packing_fraction:.4g}", f"{p.packed.pressure:.3g}",
-            f"{p.packed.coordination:.3g}", str(p.packed.rattlers), born, f"{p.pairs[-1]:.0f} at {p.strain[-1]:.4g}",
-        )  # fmt: skip
-    show_table(table)
+    PACKING.show_rows(_sheared(result), title="Sheared packings")
     for p in result.paths:
         steps = pluralize(len(p.strain), "step")
         ends = f"{p.unstable} ended at an unstable equilibrium and {p.left} left their branch"
         console.print(f"packing {p.seed}: of {steps}, {ends}")
         if p.stopped:
             console.print(f"packing {p.seed} stopped early: {p.stopped}", style="yellow")
-    runs = [r for r in (*result.single, *result.later) if r]
-    if runs:
-        units = {"growth rate": "1/time", "fitted": "1/time", "last M": "length^2"}
-        table = new_table("strain", "pairs", *units, "drop/p", "contacts lost", title="Newtonian runs", units=units)
-        for r in runs:
-            fitted = f"{r.growth.growth_rate:.4e}" if r.growth else "–"
-            table.add_row(
-                f"{r.strain:.4g}", str(r.pairs), f"{r.growth_rate:.4e}", fitted, f"{r.msd[-1]:.1e}",
-                f"{r.drop / r.pressure[0]:.3g}", str(r.contacts_lost),
-            )  # fmt: skip
-        show_table(table)
+    if runs := [r for r in (*result.single, *result.later) if r]:
+        RUN.show_rows(runs, title="Newtonian runs")
     for failure in result.failures:
         console.print(failure, style="yellow")
 
 
-def measures(result: ShearResult) -> dict[str, tuple[float, str]]:
-    """Return the measures of a run for sweeps as {name: (value, unit)}: medians over packings, NaN where none exist."""
-    paths, runs = result.paths, [r for r in result.single if r]
-    fitted = [r.growth.growth_rate / r.corrected_rate for r in runs if r.growth]
-    columns = {
-        "packing_fraction": ([p.packed.packing_fraction for p in paths], "1"),
-        "packing_pressure": ([p.packed.pressure for p in paths], "force/length^(dim-1)"),
-        "coordination": ([p.packed.coordination for p in paths], "1"),
-        "rattlers": ([p.packed.rattlers for p in paths], "1"),
-        "onset_strain": ([p.onset.strain for p in paths if p.onset], "1"),
-        "onset_exponent": ([p.onset.exponent for p in paths if p.onset], "1"),
-        "onset_share_at_limit": ([p.onset.at_limit for p in paths if p.onset], "1"),
-        "onset_mobilisation": ([p.onset.mobilisation for p in paths if p.onset], "1"),
-        "pairs_at_last_strain": ([p.pairs[-1] for p in paths], "1"),
-        "unstable_steps": ([p.unstable for p in paths], "1"),
-        "steps_off_branch": ([p.left for p in paths], "1"),
-        "largest_growth_rate": ([p.growth_rate.max() for p in paths], "1/time"),
-        "shear_stress_at_last_strain": ([p.shear_stress[-1] for p in paths], "force/length^(dim-1)"),
-        "fitted_over_predicted_growth": (fitted, "1"),
-        "stress_drop_over_pressure": ([r.drop / r.pressure[0] for r in result.later if r], "1"),
-        "contacts_lost": ([r.contacts_lost for r in result.later if r], "1"),
-    }
-    return {name: (float(np.median(values)) if values else np.nan, unit) for name, (values, unit) in columns.items()}
+class Sheared(NamedTuple):
+    """A packing: its path, and the runs from its state with one pair and from its last state."""
+
+    path: ShearPath
+    single: Released | None
+    later: Released | None
+
+
+def _sheared(result: ShearResult) -> list[Sheared]:
+    return [*map(Sheared, result.paths, result.single, result.later)]
+
+
+def _first_pair(sheared: Sheared) -> str:
+    path = sheared.path
+    return f"{path.onset.strain:.6g}" if path.onset else "at the start" if path.pairs[0] else "never"
+
+
+NAN, STRESS = float("nan"), "force/length^(dim-1)"
+RUN = Quantities([
+    *quantities_of(Released, "strain", "pairs", "growth_rate").values(),
+    Quantity("fitted", "1/time", "growth rate fitted to M", "growth.growth_rate"),
+    Quantity("last M", "length^2", "M at the end", lambda run: run.msd[-1]),
+    Quantity("drop/p", "1", "drop of the shear stress over the first pressure", lambda run: run.drop / run.pressure[0]),
+    Quantity("contacts_lost", "1", "contacts lost"),
+])  # fmt: skip
+MEASURES = Measures([
+    Quantity("packing_fraction", "1", "packing fraction before shear", "path.packed.packing_fraction"),
+    Quantity("packing_pressure", STRESS, "pressure before shear", "path.packed.pressure"),
+    Quantity("coordination", "1", "mean contact number before shear", "path.packed.coordination"),
+    Quantity("rattlers", "1", "rattlers before shear", "path.packed.rattlers"),
+    Quantity("onset_strain", "1", "strain at which the first pair is born", "path.onset.strain"),
+    Quantity("onset_exponent", "1", "exponent of Im λ against the distance from that strain", "path.onset.exponent"),
+    Quantity("onset_share_at_limit", "1", "share of contacts at the Coulomb limit there", "path.onset.at_limit"),
+    Quantity("onset_mobilisation", "1", "largest |F_t|/(μ F_n) there", "path.onset.mobilisation"),
+    Quantity("pairs_at_last_strain", "1", "complex pairs at the last strain", lambda s: s.path.pairs[-1]),
+    Quantity("unstable_steps", "1", "steps that ended at an unstable equilibrium", "path.unstable"),
+    Quantity("steps_off_branch", "1", "steps that left their branch", "path.left"),
+    Quantity("largest_growth_rate", "1/time", "largest growth rate of a pair", lambda s: s.path.growth_rate.max()),
+    Quantity("shear_stress_at_last_strain", STRESS, "last shear stress", lambda s: s.path.shear_stress[-1]),
+    Quantity("fitted_over_predicted_growth", "1", "growth rate fitted to M over that of the spectrum",
+             lambda s: s.single.growth.growth_rate / s.single.corrected_rate if s.single and s.single.growth else NAN),
+    Quantity("stress_drop_over_pressure", "1", "drop of the shear stress in the last run over its first pressure",
+             lambda s: RUN["drop/p"].of(s.later) if s.later else NAN),
+    Quantity("contacts_lost", "1", "contacts lost in the last run", "later.contacts_lost"),
+], samples=_sheared, over=median)  # fmt: skip
+PACKING = Quantities([
+    Quantity("packing", "1", "its seed", "path.seed"),
+    *(MEASURES[name] for name in ("packing_fraction", "packing_pressure", "coordination", "rattlers")),
+    Quantity("first pair", "1", "strain at which the first pair is born", _first_pair),
+    MEASURES["pairs_at_last_strain"],
+])  # fmt: skip

@@ -34,6 +34,9 @@ EXPERIMENT = Experiment(
     references=references,
     files=_here("report.files"),
     writes=(r"(series|probes|envelopes)\.csv",),
+    overlay=_here("laboratory.overlay"),
+    compare=_here("envelope.compare"),
+    compares=("mohr.png", "mohr.csv"),
     smallest=SMALLEST,
 )
 

@@ -7,13 +7,29 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.ticker import PercentFormatter
 
-from ....kit import BLACK, BLUE, COLORS, RED, Result, column_axes, label_axes, legend_above, styled
+from ....kit import (
+    BLACK,
+    BLUE,
+    COLORS,
+    PAGE,
+    RED,
+    WIDTH,
+    Result,
+    column_axes,
+    label_axes,
+    legend_above,
+    pluralize,
+    styled,
+    subplots,
+)
 from .measures import SERIES, STRESS
 
 HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
+MARKS = 40  # about as many points of a laboratory's test are marked
 FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
+_Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
 _Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
 
 
@@ -26,26 +42,34 @@ def _axis(name: str, unit: str) -> str | tuple[str, str]:
 def _lines(axes, tables, x: str, y: str) -> None:
     """One line for each sample; many samples are pale, with their mean if they have the same rows."""
     for k, table in enumerate(tables):
-        few = len(tables) <= FEW
-        axes.plot(table[x], table[y], color=COLORS[k] if few else BLUE, lw=0.8 if few else 0.4, alpha=1 if few else 0.4)
+        few, label = len(tables) <= FEW, (pluralize(len(tables), "sample") if k == 0 else None)
+        color, width, alpha = (COLORS[k], 0.8, 1) if few else (BLUE, 0.4, 0.4)
+        axes.plot(table[x], table[y], color=color, lw=width, alpha=alpha, label=label)
     if len({len(table[x]) for table in tables}) == 1 < len(tables):
         middle = (np.mean([table[name] for table in tables], axis=0) for name in (x, y))
         axes.plot(*middle, color=BLACK, lw=1.4, label="mean")
 
 
 @styled
-def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table | None = None):
+def stress_strain(
+    tables: list[_Table], strain: str, unit: str, halved: _Table | None = None, axial: str = ""
+):  # fmt: skip
     """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
+
+    Compressions have the mean or the axial stress, and the void ratio.
 
     Parameters
     ----------
     strain : name of the column of the imposed strain
     unit : of stresses
     halved : series of the first sample in steps, or at a rate, half as large
+    axial : name of the column of the axial stress, of an oedometric test
     """
     figure, panels = column_axes(2, 3.8, sharex=True)
     names = "q", "pore_pressure" if "pore_pressure" in tables[0] else "volumetric_strain"
-    for axes, name in zip(panels, ("p", "void_ratio") if strain == "volumetric_strain" else names, strict=True):
+    if axial or strain == "volumetric_strain":
+        names = axial or "p", "void_ratio"
+    for axes, name in zip(panels, names, strict=True):
         _lines(axes, tables, strain, name)
         if halved is not None:
             axes.plot(halved[strain], halved[name], "--", color=RED, label="first sample, half the step or rate")
@@ -59,24 +83,33 @@ def stress_strain(tables: list[_Table], strain: str, unit: str, halved: _Table |
 
 @styled
 def stress_path(tables: list[_Table], unit: str):
-    """Stress paths in the plane of mean and deviatoric stress."""
+    """Stress paths in the plane of mean and deviatoric stress; of undrained tests also those of total stresses."""
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
+    for k, table in enumerate(tables if "pore_pressure" in tables[0] else ()):
+        label = "total stresses" if k == 0 else None
+        total = table["p"] + np.sign(table["p"][0]) * table["pore_pressure"]  # p may be negative in compression
+        axes.plot(total, table["q"], "--", color=BLACK, lw=0.8, label=label)
     largest = max(np.abs(table["p"]).max() for table in tables)
     label_axes(axes, x=_axis("p", unit), y=_axis("q", unit), least={"x": HELD * largest})
-    legend_above(axes)
+    legend_above(axes, ncol=3)
     return figure
 
 
 @styled
-def void_ratio(tables: list[_Table], unit: str):
-    """Void ratio against the mean stress, on a logarithmic axis unless it changes by less than a factor of 3."""
+def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
+    """Void ratio against a stress, on a logarithmic axis unless it changes by less than a factor of 3.
+
+    Parameters
+    ----------
+    stress : name of its column: the mean stress, or the axial one of an oedometric test
+    """
     figure, axes = column_axes()
-    tables = [table | {"p": np.abs(table["p"])} for table in tables]
-    _lines(axes, tables, "p", "void_ratio")
-    low, high = (bound([bound(table["p"]) for table in tables]) for bound in (np.min, np.max))
-    axes.set_xscale("log" if high > 3 * low else "linear")
-    label_axes(axes, x=_axis("p", unit), y=SERIES["void_ratio"].axis)
+    tables = [table | {stress: np.abs(table[stress])} for table in tables]
+    _lines(axes, tables, stress, "void_ratio")
+    low, high = (bound([bound(table[stress]) for table in tables]) for bound in (np.min, np.max))
+    axes.set_xscale("log" if high > 3 * low > 0 else "linear")
+    label_axes(axes, x=_axis(stress, unit), y=SERIES["void_ratio"].axis)
     legend_above(axes)
     return figure
 
@@ -106,6 +139,73 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
     axes.yaxis.set_major_formatter(PercentFormatter(decimals=0))
     axes.set_ylim(0, 100)
     axes.legend(loc="upper left")
+    return figure
+
+
+@styled
+def laboratory(tables: list[_Table], test: dict, pairs: list[tuple[str, str]], unit: str, name: str):
+    """Laboratory's test over the samples, in one panel for each pair of columns.
+
+    Parameters
+    ----------
+    test : columns of the laboratory's test, named as those of the samples
+    pairs : names of the columns along x and y
+    name : of the laboratory's test
+    """
+    figure, grid = subplots(1, len(pairs), figsize=(PAGE if len(pairs) > 1 else WIDTH, 2.4), squeeze=False)
+    for axes, (x, y) in zip(grid.flat, pairs, strict=True):
+        _lines(axes, tables, x, y)
+        every = max(1, len(test[x]) // MARKS)
+        axes.plot(
+            test[x], test[y], "o", color=BLACK, mfc="none", mew=0.6, ms=3, ls="-", lw=0.3, markevery=every, label=name
+        )
+        low, high = (bound([bound(table[x]) for table in (test, *tables)]) for bound in (np.min, np.max))
+        if y == "void_ratio" and high > 3 * low > 0:
+            axes.set_xscale("log")
+        label_axes(axes, x=_axis(x, unit), y=_axis(y, unit))
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncol=len(handles))
+    return figure
+
+
+@styled
+def mohr_circles(circles: list[_Circles], factor: float, unit: str):
+    """Mohr circles with their envelopes, in one panel for each state and group of members.
+
+    Parameters
+    ----------
+    factor : of stresses, which are drawn in `unit`
+    """
+    states, groups = (list(dict.fromkeys(getattr(each, name) for each in circles)) for name in ("state", "group"))
+    most = 1.06 * factor * max(each.sigma1.max() for each in circles)
+    high = 0.62 * factor * max((each.sigma1 - each.sigma3).max() for each in circles)
+    wide = PAGE if len(states) > 1 else WIDTH
+    panel = (wide / len(states) - 0.5) * high / most + 0.75
+    figure, grid = subplots(
+        len(groups), len(states), figsize=(wide, panel * len(groups)), sharex=True, sharey=True, squeeze=False
+    )
+    turn = np.linspace(0, np.pi, 181)
+    for each in circles:
+        axes = grid[groups.index(each.group), states.index(each.state)]
+        order = np.argsort(each.sigma3, kind="stable")
+        for k, (major, minor) in enumerate(factor * np.column_stack([each.sigma1, each.sigma3])[order]):
+            middle, radius = 0.5 * (major + minor), 0.5 * (major - minor)
+            color = COLORS[k] if len(order) <= FEW else BLUE
+            axes.plot(middle + radius * np.cos(turn), radius * np.sin(turn), color=color, lw=0.9)
+        cohesion, slope = factor * each.envelope.cohesion, np.tan(np.radians(each.envelope.phi))
+        sigma = np.array([min(0.0, -cohesion / slope) if slope > 0 else 0.0, most])
+        axes.plot(sigma, cohesion + slope * sigma, color=BLACK, lw=1.2)
+        title = "at the peak" if each.state == "peak" else "at the critical state"
+        lines = [f"{title}{f', {each.group}' * bool(each.group)}", each.envelope.describe(factor, unit)]
+        axes.set_title("\n".join(lines))
+    for axes in grid.flat:
+        axes.set_aspect("equal")
+        axes.set_xlim(None, most)
+        axes.set_ylim(0, high)
+    for axes in grid[-1]:
+        label_axes(axes, x=(r"$\sigma$", unit))
+    for axes in grid[:, 0]:
+        label_axes(axes, y=(r"$\tau$", unit))
     return figure
 
 

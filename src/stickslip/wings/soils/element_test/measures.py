@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ....kit import Measures, Quantities, Quantity, clear_round_off, estimate
 from .probes import SIGNS, ProbedState, first_seen
@@ -16,8 +17,9 @@ from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries
 
 STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
-PEAK = 0.1  # share of the leg around the peak from which the dilatancy there is fitted
+PEAK = 0.1  # largest share of the leg, on each side of the peak, from which the dilatancy there is fitted
 BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
+PARTS = 10  # of the logarithm of the pressure, from whose means the slope of the void ratio is fitted
 FEW = 5  # rows that a slope needs
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
@@ -70,11 +72,15 @@ def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:
 
 
 def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
-    """Angle of dilatancy, sin ψ = −ε̇_v/(2 ε̇₁ − ε̇_v), of strain rates (ε̇_xx, ε̇_yy, ε̇_zz, γ̇) [degrees].
+    """Angle of dilatancy, sin ψ = −ε̇_v/Σ|ε̇_k|, of strain rates (ε̇_xx, ε̇_yy, ε̇_zz, γ̇) [degrees].
+
+    ε̇_k are the principal rates. The flow rule of Mohr and Coulomb gives this wherever two of the principal stresses
+    are equal, or one of the rates is zero: −ε̇_v/(2 ε̇₁ − ε̇_v) in compression and plane strain, and −ε̇_v/(ε̇_v − 2 ε̇₃)
+    in extension.
 
     Source
     ------
-    Vermeer & de Borst, Non-associated plasticity for soils, concrete and rock, HERON 29(3), 1984.
+    Vermeer & de Borst, Non-associated plasticity for soils, concrete and rock, HERON 29(3), 1984, for compression.
 
     Examples
     --------
@@ -83,9 +89,39 @@ def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
     """
     tensor = np.diag(rate[:3])
     tensor[0, 1] = tensor[1, 0] = -0.5 * rate[3]
-    most, volumetric = np.linalg.eigvalsh(tensor[:dim, :dim])[-1], rate[:dim].sum()
-    volumetric = float(clear_round_off(volumetric, rate))
-    return float(np.degrees(np.arcsin(np.clip(-volumetric / (2 * most - volumetric), -1, 1)))) + 0.0
+    size = np.abs(np.linalg.eigvalsh(tensor[:dim, :dim])).sum()
+    volumetric = float(clear_round_off(rate[:dim].sum(), rate))
+    return float(np.degrees(np.arcsin(-volumetric / size))) + 0.0 if size else NAN
+
+
+class Slope(NamedTuple):
+    """Fall of the void ratio with the logarithm of the pressure, and half of its 95 % interval."""
+
+    index: float  # −de/d log10 of the pressure
+    error: float
+
+
+def log_slope(pressure: np.ndarray, void_ratio: np.ndarray) -> Slope:
+    """Slope of the void ratio (T,) against the logarithm of the pressure (T,); NaN if rows are too few.
+
+    Means in `PARTS` equal parts of the logarithm are fitted by a line, since rows are close to each other after turns
+    and those beside each other are not independent. The error by Student's t is that of this line.
+
+    Examples
+    --------
+    >>> p = np.geomspace(1.0, 8.0, 50)
+    >>> round(log_slope(p, 0.7 - 0.2 * np.log10(p)).index, 6)
+    0.2
+    """
+    x = np.log10(pressure)
+    part = np.digitize(x, np.linspace(x.min(), x.max(), PARTS + 1)[1:-1]) if len(x) else x
+    x, e = (np.array([values[part == k].mean() for k in np.unique(part)]) for values in (x, void_ratio))
+    if len(x) < FEW:
+        return Slope(NAN, NAN)
+    off = x - x.mean()
+    slope = (off @ e) / (off @ off)
+    rest = e - e.mean() - slope * off
+    return Slope(float(-slope), float(stdtrit(len(x) - 2, 0.975) * np.sqrt(rest @ rest / (len(x) - 2) / (off @ off))))
 
 
 def work(series: ElementSeries) -> np.ndarray:
@@ -143,10 +179,37 @@ class LoadedSample:
         """Values with the sign of the scenario, without negative zeros."""
         return self.scenario.sign * values + 0.0
 
-    @property
+    @cached_property
     def pore_pressure(self) -> np.ndarray | None:
         """Excess pore pressure; None unless the test is undrained."""
         return pore_pressure(self.series, self.dim) if self.kind == "undrained" else None
+
+    @property
+    def skempton(self) -> float:
+        """A at the peak, of Δu = Δσ₃ + A (Δσ₁ − Δσ₃) with total principal stresses; NaN unless the test is undrained.
+
+        The lateral total stress is constant. It is σ₃ in compression, where A = Δu/q, and σ₁ in extension, where Δσ₃
+        is q and A = 1 − Δu/q. An isotropic elastic sample of spheres has 1/3 in compression and 2/3 in extension.
+
+        Source
+        ------
+        Skempton, doi:10.1680/geot.1954.4.4.143.
+        """
+        q = self.first.q[self.top]
+        a = self.at_peak(self.pore_pressure, q)
+        return 1 - a if q < 0 else a
+
+    @property
+    def skempton_b(self) -> float:
+        """B = Δu/Δσ of the sample before the test, if an isotropic total stress Δσ acts and no fluid leaves.
+
+        Grains are incompressible, so that the pores lose the volume Δσ′/K that the sample loses, and the fluid in
+        them n Δu/K_f: B = 1/(1 + n K/K_f) with Δσ = Δσ′ + Δu.
+        """
+        if self.kind != "undrained":
+            return NAN
+        e, fluid = float(self.series.void_ratio[0]), self.scenario.path.fluid_modulus
+        return 1 / (1 + e / (1 + e) * self.run.elastic.bulk / fluid) if fluid else 1.0
 
     def at_peak(self, values: np.ndarray | None, over: float = 1.0) -> float:
         """Value at the peak over a number; NaN without values."""
@@ -157,7 +220,8 @@ class LoadedSample:
         """Angle of dilatancy at the peak; NaN if it cannot be fitted."""
         leg = self.first
         length = leg.load[-1] - leg.load[0]
-        near = np.abs(leg.load - leg.load[self.top]) <= PEAK * abs(length)
+        reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
+        near = np.abs(leg.load - leg.load[self.top]) <= reach * (1 + 1e-9)
         rate = leg.slope(leg.strain, near) * np.sign(length)
         return dilatancy_angle(rate, self.dim) if self.sheared and np.isfinite(rate).all() else NAN
 
@@ -173,33 +237,73 @@ class LoadedSample:
         at = np.interp(half, rise[after - 1 : after + 1], axial[after - 1 : after + 1])
         return float(half / at)
 
+    @property
+    def late(self) -> np.ndarray:
+        """Rows of the last third of the last leg, (T,) bool."""
+        leg = self.last
+        return (leg.load - leg.load[0]) / ((leg.load[-1] - leg.load[0]) or 1.0) >= 2 / 3
+
+    @cached_property
+    def drifts(self) -> np.ndarray:
+        """Volumetric over imposed strain, and relative changes of q/p and p, over the last third of the last leg."""
+        leg, rows = self.last, self.late
+        out = [leg.slope(leg.strain, rows)[: self.dim].sum()]
+        for values in (leg.q / leg.p, leg.p):
+            change = leg.slope(values, rows) * (leg.load[-1] - leg.load[0]) / 3
+            out.append(change / values[rows].mean() if np.isfinite(change) else NAN)
+        return np.abs(out)
+
     @cached_property
     def steady(self) -> np.ndarray | None:
         """Rows of the critical state, the last third of a leg; None unless volume, q/p and p are steady there."""
-        leg = self.last
-        length = leg.load[-1] - leg.load[0]
-        rows = (leg.load - leg.load[0]) / (length or 1.0) >= 2 / 3
-        rate = leg.slope(leg.strain, rows)
-        if not self.sheared or not np.isfinite(rate).all():
-            return None
-        drifts = [abs(rate[: self.dim].sum())]
-        for values in (leg.q / leg.p, leg.p):
-            drifts.append(abs(leg.slope(values, rows) * length / 3 / values[rows].mean()))
-        return rows if max(drifts) <= STEADY else None
+        return self.late if self.sheared and (self.drifts <= STEADY).all() else None
+
+    @property
+    def principal_stresses(self) -> dict[str, tuple[float, float]]:
+        """Major and minor principal stress at the peak and at the critical state; NaN if it was not reached."""
+        if not self.sheared:
+            return {}
+        stress = self.stress[:, : self.dim, : self.dim]
+        values = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2)))[:, [-1, 0]].T
+        end = values[:, -len(self.last.load) :]
+        return {
+            "peak": tuple(self.at_peak(each) for each in values), "critical": tuple(map(self.critical, end)),
+        }  # fmt: skip
 
     def critical(self, values: np.ndarray) -> float:
         """Mean of values of the last leg at the critical state; NaN if it was not reached."""
         return NAN if self.steady is None else float(values[self.steady].mean())
 
     @property
-    def compression_index(self) -> float:
-        """−de/d log10 p over the larger pressures of a compression."""
-        leg = self.first
-        if not self.compressed:
-            return NAN
-        late = leg.p > np.sqrt(leg.p[0] * leg.p[-1])
-        index = -np.polyfit(np.log10(leg.p[late]), leg.void_ratio[late], 1)[0] if late.sum() >= FEW else NAN
-        return float(index)
+    def compression_stress(self) -> np.ndarray:
+        """Stress against which a compression is drawn: axial in an oedometric test, otherwise the mean stress."""
+        return self.stress[:, self.dim - 1, self.dim - 1] if self.kind == "oedometric" else invariants(
+            self.stress, self.dim)[0]  # fmt: skip
+
+    @cached_property
+    def indices(self) -> dict[str, Slope]:
+        """Slopes of first compression, unloading and reloading; NaN where the path has no such part.
+
+        First compression is loading beyond all stresses before. Of several such parts, or of unloading or reloading,
+        the one that spans most of the logarithm counts; of first compression, the upper half of it.
+        """
+        stress, e = self.compression_stress, self.series.void_ratio
+        if not self.compressed or not (stress > 0).all():
+            return dict.fromkeys(("compression", "swelling", "reloading"), Slope(NAN, NAN))
+        beyond, rises = stress[1:] >= np.maximum.accumulate(stress)[:-1], np.diff(stress) > 0
+        kind = np.where(rises & beyond, 2, rises)  # of the steps: 0 unloading, 1 reloading, 2 first compression
+        edges = [0, *(np.flatnonzero(np.diff(kind)) + 1), len(kind)]
+        parts = [(kind[a], slice(a, b + 1)) for a, b in pairwise(edges) if b > a]
+
+        def longest(wanted: int) -> slice:
+            some = (rows for each, rows in parts if each == wanted)
+            return max(some, key=lambda rows: np.ptp(np.log(stress[rows])), default=slice(0))
+
+        rows = {"swelling": longest(0), "reloading": longest(1), "compression": longest(2)}
+        there = stress[rows["compression"]]
+        late = there >= np.sqrt(there[:1] * there[-1:])
+        rows["compression"] = np.arange(len(stress))[rows["compression"]][late]
+        return {name: log_slope(stress[here], e[here]) for name, here in rows.items()}
 
     @property
     def k0(self) -> float:
@@ -254,8 +358,9 @@ SERIES = Quantities([
     Quantity("q", STRESS, "deviatoric stress", lambda t: t.signed(invariants(t.stress, t.dim)[1]), "$q$"),
     Quantity("pore_pressure", STRESS, "excess pore pressure of an undrained test",
              label="excess pore\npressure $\\Delta u$"),
-    *(Quantity(f"sigma_{'xyz'[i]}{'xyz'[j]}", STRESS, "component of the stress",
-               lambda t, i=i, j=j: t.signed(t.series.stress[:, i, j])) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1))),
+    *(Quantity(f"sigma_{ij}", STRESS, "component of the stress",
+               lambda t, i=i, j=j: t.signed(t.series.stress[:, i, j]), rf"$\sigma_{{{ij}}}$")
+      for ij, i, j in (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1))),
     Quantity("void_ratio", "1", "volume of the voids over that of the grains", "series.void_ratio", "void ratio $e$"),
     Quantity("coordination", "1", "mean contact number without rattlers", "series.coordination", "contact number"),
     Quantity("fabric_anisotropy", "1", "largest minus smallest principal value of the fabric",
@@ -270,6 +375,8 @@ SERIES = Quantities([
 SAMPLE = Quantities([
     Quantity("e0", "1", "void ratio of the sample", lambda t: float(t.series.void_ratio[0])),
     Quantity("coordination", "1", "mean contact number of the sample", lambda t: float(t.series.coordination[0])),
+    Quantity("stiffness_number", "1", "κ: stiffness of contacts over pressure; overlaps are of order D50/κ",
+             "scenario.stiffness_number"),
     Quantity("G0", STRESS, "shear modulus at small strain", "run.elastic.shear", partial=True),
     Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
     Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
@@ -279,12 +386,28 @@ SAMPLE = Quantities([
     Quantity("strain_at_peak", "1", "strain at the peak",
              lambda t: t.at_peak(np.abs(t.first.load - t.first.load[0])) if t.sheared else NAN),
     Quantity("psi", "degrees", "angle of dilatancy at the peak"),
+    *(Quantity(f"sigma{name}_{state}", STRESS, f"{words} principal stress at the {where}",
+               lambda t, k=k, state=state: t.principal_stresses[state][k] if t.sheared else NAN)
+      for state, where in (("peak", "peak"), ("critical", "critical state"))
+      for k, (name, words) in enumerate((("1", "major"), ("3", "minor")))),
+    Quantity("critical_reached", "1", "1 if the sample is in a critical state at the end",
+             lambda t: float(t.steady is not None) if t.sheared else NAN),
+    Quantity("critical_from", "1", "strain from which on values at the critical state are averaged",
+             lambda t: NAN if t.steady is None else float(abs(t.last.load[t.steady][0]))),
+    Quantity("critical_ratio", "1", "q/p at the critical state", lambda t: abs(t.critical(t.last.q / t.last.p))),
     Quantity("phi_residual", "degrees", "angle of friction at the critical state",
              lambda t: t.critical(t.last.angle)),
     Quantity("e_critical", "1", "void ratio at the critical state", lambda t: t.critical(t.last.void_ratio)),
     Quantity("p_critical", STRESS, "mean stress at the critical state", lambda t: t.critical(t.last.p)),
     Quantity("K0", "1", "lateral over axial stress", "k0"),
-    Quantity("compression_index", "1", "−de/d log10 p"),
+    *(row for name, words in (("compression", "first compression"), ("swelling", "unloading"),
+                              ("reloading", "reloading"))
+      for row in (
+          Quantity(f"{name}_index", "1", f"{words}: −de/d log10 σ (σ: axial in oedometric tests, else p)",
+                   lambda t, name=name: t.indices[name].index),
+          Quantity(f"{name}_misfit", "1", "half of the 95 % interval of that slope in one sample",
+                   lambda t, name=name: t.indices[name].error),
+      )),
     Quantity("phi_rowe", "degrees", "angle of Rowe's relation", lambda t: t.rowe[0]),
     Quantity("rowe_correlation", "1", "correlation of σ₁/σ₃ and 1 − dε_v/dε₁", lambda t: t.rowe[1]),
     Quantity("largest_unbalanced", "1", "unbalanced over contact forces", lambda t: float(t.series.unbalanced.max())),
@@ -296,8 +419,8 @@ SAMPLE = Quantities([
              lambda t: float(np.degrees(t.cone.weakest)) if t.cone else NAN, partial=True),
     Quantity("u_at_peak", STRESS, "excess pore pressure at the peak, at constant lateral pressure",
              lambda t: t.at_peak(t.pore_pressure)),
-    Quantity("skempton", "1", "Skempton's A at the peak: excess pore pressure over q",
-             lambda t: t.at_peak(t.pore_pressure, t.first.q[t.top])),
+    Quantity("skempton", "1", "Skempton's A at the peak"),
+    Quantity("skempton_B", "1", "Skempton's B of the sample", "skempton_b", partial=True),
 ])  # fmt: skip
 
 MEASURES = Measures(

@@ -27,7 +27,7 @@ def for_engineers(values, unit: str):
     return (1e-3 * values, "kPa") if unit == "Pa" else (values, unit)
 
 
-def _drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
+def drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
     """Series of a sample with stresses in the unit of figures."""
     return {
         name: for_engineers(values, unit_name(SERIES[name].unit))[0] for name, values in columns(run, scenario).items()
@@ -37,13 +37,14 @@ def _drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarr
 def figures(result: ElementTestResult):
     """Yield (file name, Figure) of a run."""
     scenario, unit = result.scenario, for_engineers(0, unit_name(STRESS))[1]
-    tables = [_drawn(run, scenario) for run in result.runs]
-    halved = result.checked and _drawn(result.checked, scenario)
+    tables = [drawn(run, scenario) for run in result.runs]
+    halved = result.checked and drawn(result.checked, scenario)
     strain = {"simple-shear": "gamma", "isotropic": "volumetric_strain"}.get(scenario.path.kind, "axial_strain")
-    yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, unit, halved)
+    axial = f"sigma_{'xyz'[scenario.sample.dim - 1] * 2}" if scenario.path.kind == "oedometric" else ""
+    yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, unit, halved, axial)
     if scenario.path.kind != "isotropic":
         yield "fig2_stress_path.png", figures_of.stress_path(tables, unit)
-    yield "fig3_void_ratio.png", figures_of.void_ratio(tables, unit)
+    yield "fig3_void_ratio.png", figures_of.void_ratio(tables, unit, axial or "p")
     yield "fig4_contacts.png", figures_of.contacts(tables, strain)
     curve, diameters = scenario.sample.grading.curve(), scenario.sample.diameters
     yield "fig5_grading.png", figures_of.grading(curve, diameters, scenario.sample.dim)
@@ -152,15 +153,15 @@ def _missing(result: ElementTestResult) -> list[str]:
             f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
             f"nothing resists, or they have more than {MODULI_UP_TO} grains."
         )
-    sheared = result.scenario.path.kind not in ("isotropic", "oedometric")
-    number = sum(
-        bool(np.isfinite(SAMPLE.of(LoadedSample(run, result.scenario))["phi_residual"])) for run in result.runs
-    )
-    if sheared and number < len(result.runs):
+    samples = [LoadedSample(run, result.scenario) for run in result.runs]
+    number = sum(sample.steady is not None for sample in samples)
+    if samples[0].sheared and number < len(samples):
+        volume, ratio, p = np.max([sample.drifts for sample in samples], axis=0)
         out.append(
-            f"{number} of {len(result.runs)} samples reached a critical state, in which volume, q/p and p change by "
-            f"less than {STEADY:.0%} over the last third of the path, so that the residual angle is undecided: use a "
-            f"larger strain or more grains."
+            f"{number} of {len(samples)} samples reached a critical state, so that the residual angle is undecided: "
+            f"over the last third of the path the volumetric strain changes by up to {volume:.2g} of the imposed one, "
+            f"q/p by {ratio:.1%} and p by {p:.1%}, and each must be below {STEADY:.0%}; use a larger strain or more "
+            f"grains."
         )
     return out
 

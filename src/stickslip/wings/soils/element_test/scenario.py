@@ -223,6 +223,11 @@ class Loading(ScenarioTable):
     b: Annotated[float, Field(ge=0, le=1)] | None = Field(
         None, description="(σ₂ − σ₃)/(σ₁ − σ₃) of a true triaxial path"
     )
+    fluid_modulus: Positive | None = Field(
+        None,
+        description="bulk modulus of the pore fluid of an undrained test, for Skempton's B; default: incompressible "
+        "[force/length^(dim−1)]",
+    )
     integrator: Literal["quasi-static", "dynamic"] = Field(
         "quasi-static",
         description="quasi-static: equilibria by Newton's method, and by damped dynamics where grains rearrange; no "
@@ -246,6 +251,8 @@ class Loading(ScenarioTable):
             if (getattr(self, name) is not None) != (self.kind == kind):
                 advice = "is missing: give it" if self.kind == kind else f"was given: only {kind} paths have it"
                 raise ValueError(f"path.{name} {advice}")
+        if self.fluid_modulus is not None and self.kind != "undrained":
+            raise ValueError("path.fluid_modulus was given: only undrained paths have a pore fluid")
         if self.inertial_number is not None and self.rate is not None:
             raise ValueError("path.inertial_number and path.rate were both given: give only one of them")
         if self.integrator == "quasi-static" and (self.inertial_number or self.rate):
@@ -323,6 +330,24 @@ class ElementTestScenario(SampleScenario):
         s = self.sample
         size = float(s.grading.curve().size_at(0.5))
         return size * sqrt(s.density / s.pressure)
+
+    @property
+    def stiffness_number(self) -> float:
+        """κ = (E/((1 − ν²) p))^(2/3) of Hertzian spheres, kn/(p D50^(dim−2)) of linear springs; NaN for other laws.
+
+        Overlaps are of the order of D50/κ. Disks bear p D50^−1 instead of p in the first.
+
+        Source
+        ------
+        Agnolin & Roux, doi:10.1103/PhysRevE.76.061302.
+        """
+        law, sample = self.law, self.sample
+        size, dim = float(sample.grading.curve().size_at(0.5)), sample.dim
+        if law.kind == "linear" and law.kn:
+            return law.kn / (sample.pressure * size ** (dim - 2))
+        if law.young is None or law.poisson is None:
+            return float("nan")
+        return (law.young * size ** (3 - dim) / (1 - law.poisson**2) / sample.pressure) ** (2 / 3)
 
     @property
     def rate(self) -> float:

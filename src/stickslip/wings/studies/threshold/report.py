@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....figures import static_and_kinetic
-from ....kit import Fields, Measures, Quantities, Quantity, archive_fields, console, new_table, show_table  # fmt: skip
+from ....kit import Fields, Measures, Quantities, Quantity, archive_fields, console  # fmt: skip
 from ....results import FastestPair
 from .simulate import ThresholdResult
 
@@ -82,12 +82,9 @@ def numbers(result: ThresholdResult) -> dict:
 
 def show(result: ThresholdResult) -> None:
     """Print a summary of a run on the terminal."""
-    names = ("load", "pairs", "velocity", "slid", "lasting", "median lifetime")
-    table = new_table(*names, title="Kicked runs", units={name: row.unit for name, row in KICKED.items()})
-    for load, pairs, kick, runs, slid, lasting, lifetime in _outcomes(result):
-        time = f"{lifetime:.4g}" if np.isfinite(lifetime) else "–"
-        table.add_row(f"{load:.4g}", str(pairs), f"{kick:.3g}", f"{slid} of {runs}", f"{lasting} of {runs}", time)
-    show_table(table)
+    table = Quantities([*KICKED.values(), Quantity("pairs", "1", "complex pairs at this load")])
+    names = ("load", "pairs", "velocity", "runs", "slid", "lasting", "median lifetime")
+    table.show_rows(_outcomes(result), *names, title="Kicked runs")
     for sentence in result.sentences:
         console.print(f"  {sentence}", soft_wrap=True)
     if left := [load for load in result.scenario.load.loads if load > result.path[-1].load]:

@@ -1,4 +1,4 @@
-"""Sheets of laboratory records as they are stored: text with any header, HDF5, MATLAB."""
+"""Sheets of laboratory tables as they are stored: text with any header, HDF5, MATLAB."""
 
 import csv
 import re
@@ -9,29 +9,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import YEAR, Budget, check_matlab, decode_text, parse_number, read_bytes, split_label, split_rows
+from ..core.matlab import check_matlab
+from ..core.reading import Budget, read_bytes
+from ..core.tables import split_rows
+from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
 REMEDY = "give a table as text, an HDF5 or a MATLAB file"
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
-SIMILAR = 0.1  # relative deviation within which a ratio is that of two units
 LEAST = 3  # rows that a first column must number
-
-DAY = 86400.0
-LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
-LENGTH |= {"microns": 1e-6, "mic": 1e-6}
-TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
-TIME |= {"seconds": 1.0, "d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
-STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5, "mbar": 1e2, "hpa": 1e2, "psi": 6894.757293168}
-STRESS |= {"atm": 101325.0, "n/m2": 1.0, "n/mm2": 1e6}
-NUMBER = {"-": 1.0, "1": 1.0, "": 1.0, "na": 1.0}
-SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
 
 
 class Sheet(NamedTuple):
-    """Columns of a record as they are stored, with K headings."""
+    """Columns of a table as they are stored, with K headings."""
 
     headings: list[str]  # (K,), empty where a column has none
     units: list[str | None]  # (K,) from a row of units or an attribute
@@ -39,13 +31,15 @@ class Sheet(NamedTuple):
     values: list[np.ndarray] | None = None  # (K,) or, in files of arrays, their values
 
 
-def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool) -> Sheet:
+def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example: str, remedy: str = "") -> Sheet:
     """Columns of a file, whose kind is found by its content.
 
     Parameters
     ----------
     known : whether a heading is one that is sought, by which the row of headings is found
     named : whether columns were numbered by the user, so that there need be no headings
+    example : of headings, for messages
+    remedy : for a table without headings, besides writing some
 
     Raises
     ------
@@ -60,19 +54,21 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool) -> Shee
         return _array_sheet(path, _hdf5_arrays(path, content), known)
     if content.startswith(MATLAB):
         return _array_sheet(path, _matlab_arrays(path, content), known)
-    return _text_sheet(path, decode_text(content, path, remedy=REMEDY, fallback="cp1252"), known, named=named)
+    return _text_sheet(
+        path, decode_text(content, path, remedy=REMEDY, fallback="cp1252"), known, named, example, remedy
+    )
 
 
-def _text_sheet(path: Path, text: str, known: Callable[[str], bool], *, named: bool) -> Sheet:
+def _text_sheet(
+    path: Path, text: str, known: Callable[[str], bool], named: bool, example: str, remedy: str
+) -> Sheet:  # fmt: skip
     """Rows of numbers, below the line of headings and perhaps one of units."""
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip()]
     body = [(k, line) for k, line in lines if line.lstrip()[0] not in COMMENTS]
     first, mark = _find_numbers(body)
     if first is None:
         seen = f": it has no numbers below {body[0][1].strip()[:60]!r}" if body else ""
-        raise ValueError(
-            f"{path} contains no data{seen}; give a header such as 'time [s], load_point [um], friction [-]' and rows"
-        )
+        raise ValueError(f"{path} contains no data{seen}; give a header such as '{example}' and rows")
     rows = split_rows(path, body[first:], mark)
     width = len(rows[0][1])
     above = [line for _, line in body[:first]]
@@ -83,10 +79,7 @@ def _text_sheet(path: Path, text: str, known: Callable[[str], bool], *, named: b
         titles = [title for title in titles if len(title) == width]
         if named or titles:
             return Sheet(titles[-1] if titles else [""] * width, [None] * width, rows=rows)
-        raise ValueError(
-            f"{path} has no row of headings above its numbers: add one, such as 'time [s], load_point [um], friction "
-            f"[-]', or give the numbers of the columns (--columns 'time [s]=0,load_point [um]=1,friction=2')"
-        )
+        raise ValueError(f"{path} has no row of headings above its numbers: add one, such as '{example}'{remedy}")
     if any(line.count('"') % 2 for line in above[place:]):
         raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
     headings, below = titles[place], [line for line in above[place + 1 :] if not COUNTS.fullmatch(line)]
@@ -221,37 +214,3 @@ def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], k
         [unit for _, unit in columns.values()],
         values=[array.astype(float) for array, _ in columns.values()],
     )
-
-
-def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> tuple[str, str | None]:
-    """Name and unit of a heading such as `time [s]`, `time/s` or `time_s`; None without a unit.
-
-    Parameters
-    ----------
-    aliases : names of the column that is sought, in lower case, with underscores
-    units : units that the column may have
-    """
-    name, unit = split_label(heading)
-    word = "_".join(name.lower().replace("-", "_").split())
-    if unit is not None or word in aliases:
-        return word, unit
-    for alias in sorted(aliases, key=len, reverse=True):
-        mark, rest = word[len(alias) : len(alias) + 1], word[len(alias) + 1 :]
-        if word.startswith(alias) and mark and mark in "_/":
-            rest = rest.replace("_per_", "/").strip("_ ")
-            spelt = [rest, rest.replace("_", "/")]
-            found = next((u for u in units if u and u.lower() in spelt), None)
-            if found or mark == "/":
-                return alias, found or rest
-    return word, None
-
-
-def unit_of_time(ratio: float, stated: float = 1.0) -> str:
-    """Unit in which times seem to be that are too short by a ratio; empty if that is not the ratio of two units.
-
-    Parameters
-    ----------
-    stated : length of their unit [s]
-    """
-    near = [unit for unit in ("s", "min", "h", "d", "ms") if abs(TIME[unit] / stated / ratio - 1) < SIMILAR]
-    return near[0] if ratio > 0 and near and TIME[near[0]] != stated else ""

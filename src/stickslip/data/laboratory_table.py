@@ -1,0 +1,378 @@
+"""Columns of laboratory tables by the names and units that laboratories give them, in metres, seconds and pascals.
+
+One table of names serves records of friction and tests of soils. A reader says which of them it wants.
+"""
+
+import contextlib
+import difflib
+import re
+import unicodedata
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import known
+from ..core.tables import split_label
+from ..core.text import parse_number, shortened
+from ..core.units import YEAR
+from .laboratory_sheet import Sheet, read_sheet
+
+DAY = 86400.0
+LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
+LENGTH |= {"microns": 1e-6, "mic": 1e-6}
+TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
+TIME |= {"seconds": 1.0, "d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
+STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5, "mbar": 1e2, "hpa": 1e2, "psi": 6894.757293168}
+STRESS |= {"atm": 101325.0, "n/m2": 1.0, "n/mm2": 1e6, "kn/m2": 1e3, "mn/m2": 1e6, "kgf/cm2": 98066.5}
+STRESS |= {"kg/cm2": 98066.5, "psf": 47.88025898034, "ksf": 47880.25898034, "tsf": 95760.51796068}
+NUMBER = {"-": 1.0, "1": 1.0, "": 1.0, "na": 1.0}
+STRAIN = NUMBER | {"%": 1e-2, "percent": 1e-2, "pct": 1e-2, "per_cent": 1e-2, "m/m": 1.0, "mm/mm": 1.0}
+SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
+COLUMNS = {  # where several columns of a file have names of one quantity, the first of these names is taken
+    "time": (TIME, ("time", "t", "sample_time", "elapsed_time", "test_time", "time_elapsed")),
+    "load_point": (
+        LENGTH,
+        ("load_point", "load_point_displacement", "load_point_disp", "loadpoint", "lp_displacement", "lp_disp",
+         "lpdisp", "shear_displacement", "shear_disp", "vdcdt", "displacement", "disp"),
+    ),
+    "friction": (
+        NUMBER, ("friction", "mu", "μ", "friction_coefficient", "coefficient_of_friction", "friction_coeff", "cof")
+    ),
+    "shear_stress": (STRESS, ("shear_stress", "shr_stress", "tau", "τ", "shear", "vstress")),
+    "normal_stress": (
+        STRESS,
+        ("effective_normal_stress", "eff_normal_stress", "eff_norm_stress", "effns", "normal_stress", "norm_stress",
+         "nor_stress", "sigma_n", "σ_n", "sn", "hstress"),
+    ),
+    "pore_pressure": (
+        STRESS,
+        ("pore_pressure", "pore_press", "pore_pres", "porepressure", "pore_fluid_pressure", "pore_water_pressure",
+         "fluid_pressure", "water_pressure", "pore", "p_pore", "pore_p", "pp", "p_p", "pf", "p_f", "pfluid", "p_fluid"),
+    ),
+    "slip": (LENGTH, ("slip", "fault_slip", "ec_disp")),
+    "velocity": (SPEED, ("velocity", "slip_velocity", "slip_rate")),
+    "theta": (TIME, ("theta", "state")),
+    "axial_strain": (
+        STRAIN,
+        ("axial_strain", "strain_axial", "ax_strain", "axialstrain", "vertical_strain", "ε_a", "εa", "ε_1", "ε1", "ε_z",
+         "eps_a", "epsa", "eps_1", "eps1", "epsilon_a", "epsilon_1", "e_a", "ea", "e1", "strain", "ε"),
+    ),
+    "log_axial_strain": (STRAIN, ("log_axial_strain", "logarithmic_axial_strain", "natural_axial_strain",
+                                  "true_axial_strain", "hencky_axial_strain")),
+    "volumetric_strain": (
+        STRAIN,
+        ("volumetric_strain", "volumetricstrain", "vol_strain", "volume_strain", "volumetric", "strain_volumetric",
+         "ε_v", "εv", "ε_vol", "εvol", "eps_v", "epsv", "eps_vol", "epsilon_v", "e_v", "ev"),
+    ),
+    "log_volumetric_strain": (STRAIN, ("log_volumetric_strain", "logarithmic_volumetric_strain",
+                                       "natural_volumetric_strain", "true_volumetric_strain")),
+    "q": (
+        STRESS,
+        ("q", "deviator_stress", "deviatoric_stress", "deviator", "dev_stress", "stress_deviator", "deviatorstress",
+         "stress_difference", "principal_stress_difference", "axial_stress_difference", "σ1_σ3", "σ_1_σ_3", "σa_σr",
+         "σ_a_σ_r", "σ'1_σ'3", "s1_s3", "sigma1_sigma3", "sigma_1_sigma_3", "sig1_sig3"),
+    ),
+    "excess_pore_pressure": (
+        STRESS,
+        ("excess_pore_pressure", "excess_pore_water_pressure", "excess_pwp", "excess_pressure", "pore_pressure_change",
+         "change_in_pore_pressure", "delta_u", "deltau", "du", "δu", "∆u", "δ_u", "u_excess", "u_ex"),
+    ),
+    "u": (STRESS, ("u", "pwp", "u_w", "uw")),
+    "p": (
+        STRESS,
+        ("p'", "p_prime", "p_eff", "mean_effective_stress", "effective_mean_stress", "mean_eff_stress", "p'_mean",
+         "mean_stress", "p"),
+    ),
+    "axial_stress": (
+        STRESS,
+        ("effective_axial_stress", "axial_effective_stress", "vertical_effective_stress", "effective_vertical_stress",
+         "σ'_v", "σ'v", "σ_v'", "σv'", "sigma'_v", "sigma_v'", "σ'_a", "σ'a", "σ'1", "σ'_1", "axial_stress",
+         "vertical_stress", "σ_v", "σv", "sigma_v", "σ_a", "σa", "sigma_a", "σ1", "σ_1", "sigma1", "sigma_1"),
+    ),
+    "cell_pressure": (
+        STRESS, ("cell_pressure", "confining_pressure", "confining_stress", "radial_stress", "σ3", "σ_3", "sigma3",
+                 "sigma_3", "σ_r", "σr")
+    ),
+    "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
+}  # fmt: skip
+ABSENT = (-9999.0, -999.0, -99999.0)  # written by some programs where there is no number
+SIMILAR = 0.1  # relative deviation within which a ratio is that of two units
+SHOWN = 8  # columns that a message lists
+DASHES, PRIMES = "−–—‐-", "’′ʹ`´"
+
+
+class Wanted(NamedTuple):
+    """Columns that a reader looks for."""
+
+    columns: tuple[str, ...]  # names in `COLUMNS`
+    example: str  # of headings, for messages
+    rows: str  # kind of the rows of `known.TABLE` for other columns
+    numbered: str = ""  # example of columns by number, as options take them, if there is such an option
+    besides: tuple[str, ...] = ()  # columns that are found by their headings even if the user names others
+
+
+class LaboratoryTable(NamedTuple):
+    """Sheet of a file, and the wanted columns in it."""
+
+    path: Path
+    wanted: Wanted
+    sheet: Sheet
+    headings: list[str]  # (K,) as the user names them
+    places: dict[str, tuple[int, float]]  # of wanted columns, and factors that convert them to SI units
+
+    def numbers(self) -> dict[str, np.ndarray]:
+        """Numbers in wanted columns in SI units, without rows of which one is missing; a warning counts these."""
+        path, rows = self.path, self.sheet.rows or []
+        values = {
+            name: self.sheet.values[k] if self.sheet.values is not None
+            else np.array([_parse_number(path, row, k, name) for row in rows])
+            for name, (k, _) in self.places.items()
+        }  # fmt: skip
+        missing = np.any([_is_missing(column) for column in values.values()], axis=0)
+        if missing.any():
+            first = int(missing.argmax())
+            place = f"line {rows[first][0]}" if rows else f"sample {first + 1}"
+            warnings.warn(
+                f"{path}: {missing.sum()} of {len(missing)} rows lack a number (an empty cell, nan or -9999) and are "
+                f"left out; the first is {place}",
+                stacklevel=2,
+            )
+        return {name: column[~missing] * self.places[name][1] for name, column in values.items()}
+
+    def loose_numbers(self, k: int) -> np.ndarray:
+        """Numbers in a column, NaN for what is none."""
+        if self.sheet.values is not None:
+            return self.sheet.values[k]
+        column = np.full(len(self.sheet.rows or ()), np.nan)
+        for row, (_, fields) in enumerate(self.sheet.rows or ()):
+            with contextlib.suppress(ValueError):
+                column[row] = parse_number(fields[k])
+        return np.where(_is_missing(column), np.nan, column)
+
+    def heading_of(self, name: str) -> str:
+        """Heading of a wanted column."""
+        return self.headings[self.places[name][0]]
+
+    def groups(self, stresses: str = "") -> list[tuple[str, str, str]]:
+        """Heading, group and reason of each column; those of known names that are not taken are without influence.
+
+        Parameters
+        ----------
+        stresses : reason for which stresses that are not understood matter
+        """
+        used, out = {k for k, _ in self.places.values()}, []
+        for k, heading in enumerate(self.sheet.headings):
+            word, unit = unit_of(heading, (), {})
+            row = known.find_row(self.wanted.rows, word)
+            stress = (unit or self.sheet.units[k] or word.rpartition("_")[2]).lower() in STRESS
+            named = k in used or _is_wanted(heading, self.wanted, None) or not heading
+            group = known.USED if k in used else known.HARMLESS if named else row.group
+            why = "" if group != known.UNKNOWN else row.why or stresses * stress
+            out.append((heading or f"column {k}", group, why))
+        return out
+
+    def list_unknown(self) -> str:
+        """Headings that are not understood, for a message; empty without any."""
+        strange = [name for name, group, _ in self.groups() if group == known.UNKNOWN]
+        return ", ".join(repr(shortened(name)) for name in strange[:SHOWN]) + " …" * (len(strange) > SHOWN)
+
+    def list_columns(self) -> str:
+        """Headings of the file, for a message; empty without any."""
+        seen = [repr(shortened(field)) for field in self.headings if field]
+        return ", ".join(seen[:SHOWN]) + (f" and {len(seen) - SHOWN} more" if len(seen) > SHOWN else "")
+
+
+def open_table(path: Path, wanted: Wanted, named: dict[str, int | str] | None = None) -> LaboratoryTable:
+    """Read a table and find the wanted columns.
+
+    Parameters
+    ----------
+    named : numbers of columns, or their headings, by the names they stand for; see `friction.read_record`
+
+    Raises
+    ------
+    ValueError
+        with one sentence.
+    """
+    for name in named or ():
+        if not _described(name, wanted)[0]:
+            near = difflib.get_close_matches(name, wanted.columns, n=1)
+            columns = ", ".join(wanted.columns)
+            hint = f"did you mean {near[0]!r}?" if near else f"use {columns}, with a unit such as 'time [s]'"
+            raise ValueError(f"a column {name!r} was named, which is not known: {hint}")
+    numbered = wanted.numbered
+    sheet = read_sheet(
+        path, lambda heading: _is_wanted(heading, wanted, named), named=named is not None, example=wanted.example,
+        remedy=f", or give the numbers of the columns ({numbered})" if numbered else "",
+    )  # fmt: skip
+    headings, bare = (sheet.headings, False) if named is None else _named_headings(path, sheet, named, wanted)
+    below = sheet.units if named is None else [None] * len(headings)
+    return LaboratoryTable(path, wanted, sheet, headings, _match_columns(path, wanted, headings, below, si=bare))
+
+
+def plain_word(name: str) -> str:
+    """Name of a column in lower case with underscores: "σ₁ − σ₃" becomes "σ1_σ3" and "Axial strain" "axial_strain".
+
+    Examples
+    --------
+    >>> plain_word("(σ₁ − σ₃)"), plain_word("Axial strain")
+    ('σ1_σ3', 'axial_strain')
+    """
+    word = unicodedata.normalize("NFKC", re.sub(r"^\(([^()]*)\)", r"\1", name.strip())).lower()
+    word = re.sub(r"\s*([/,])\s*", r"\1", re.sub(f"[{re.escape(PRIMES)}]", "'", word))
+    return re.sub("_+", "_", "_".join(re.sub(f"[{re.escape(DASHES)}]", "_", word).split())).strip("_")
+
+
+def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> tuple[str, str | None]:
+    """Name and unit of a heading such as `time [s]`, `time/s`, `time, s` or `time_s`; None without a unit.
+
+    Parameters
+    ----------
+    aliases : names of the column that is sought, in lower case, with underscores
+    units : units that the column may have
+    """
+    whole = re.match(r"\s*\([^()]*\)(?=.*\S)", heading)  # as in "(σ1 − σ3) [kPa]", whose first brackets hold no unit
+    name, unit = split_label(heading[whole.end() :] if whole else heading)
+    name = f"{heading[: whole.end()]} {name}" if whole else name
+    word = plain_word(name)
+    if unit is not None or word in aliases:
+        return word, unit
+    for alias in sorted(aliases, key=len, reverse=True):
+        mark, rest = word[len(alias) : len(alias) + 1], word[len(alias) + 1 :]
+        if word.startswith(alias) and mark and mark in "_/,":
+            rest = rest.replace("_per_", "/").strip("_ ")
+            spelt = [rest, rest.replace("_", "/")]
+            found = next((u for u in units if u and u.lower() in spelt), None)
+            if found or mark == "/":
+                return alias, found or rest
+    return word, None
+
+
+def unit_of_time(ratio: float, stated: float = 1.0) -> str:
+    """Unit in which times seem to be that are too short by a ratio; empty if that is not the ratio of two units.
+
+    Parameters
+    ----------
+    stated : length of their unit [s]
+    """
+    near = [unit for unit in ("s", "min", "h", "d", "ms") if abs(TIME[unit] / stated / ratio - 1) < SIMILAR]
+    return near[0] if ratio > 0 and near and TIME[near[0]] != stated else ""
+
+
+def _is_wanted(heading: str, wanted: Wanted, named: dict[str, int | str] | None) -> bool:
+    """Whether a heading names a column that is sought."""
+    if named is not None and heading in named.values():
+        return True
+    columns = (COLUMNS[name] for name in wanted.columns)
+    return any(unit_of(heading, aliases, units)[0] in aliases for units, aliases in columns)
+
+
+def _named_headings(
+    path: Path, sheet: Sheet, columns: dict[str, int | str], wanted: Wanted
+) -> tuple[list[str], bool]:  # fmt: skip
+    """Headings by which the user names columns, and whether the file has none of its own."""
+    width, headings, bare = len(sheet.headings), [""] * len(sheet.headings), not any(sheet.headings)
+    for name, place in columns.items():
+        if isinstance(place, str):
+            if place not in sheet.headings:
+                seen = ", ".join(repr(shortened(heading)) for heading in sheet.headings[:SHOWN] if heading)
+                raise ValueError(
+                    f"{path}: column {place!r} was given for {name!r}: the file has {seen or 'no headings'}"
+                )
+            place = sheet.headings.index(place)
+        if not 0 <= place < width:
+            raise ValueError(f"{path}: column {place} was given for {name!r}: the file has columns 0 to {width - 1}")
+        headings[place] = name
+        aliases, units = _described(name, wanted)
+        own, given = unit_of(sheet.headings[place], aliases, units)[1] or sheet.units[place], split_label(name)[1]
+        if given is None and own and not bare:
+            headings[place] = f"{name} [{own}]"
+        elif given and own and units.get(own) != units.get(given):
+            warnings.warn(
+                f"{path}: --columns gives {name!r}, but the file has the unit {own!r} for it: {given!r} is taken",
+                stacklevel=3,
+            )
+    for besides in wanted.besides:
+        units, aliases = COLUMNS[besides]
+        for k, heading in enumerate(sheet.headings):
+            word, unit = unit_of(heading, aliases, units)
+            if not headings[k] and word in aliases and (unit or sheet.units[k]):
+                headings[k] = f"{word} [{unit or sheet.units[k]}]"
+    return headings, bare
+
+
+def _described(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Names and units of the column for which a user's name stands."""
+    columns = (COLUMNS[each] for each in wanted.columns)
+    return next(
+        ((aliases, units) for units, aliases in columns if unit_of(name, aliases, units)[0] in aliases), ((), {})
+    )
+
+
+def _is_missing(column: np.ndarray) -> np.ndarray:
+    """Samples without a number, or with one of `ABSENT` if it is farther from all others than any two neighbours."""
+    missing = ~np.isfinite(column)
+    for mark in ABSENT:
+        others = np.unique(column[~missing & (column != mark)])
+        if len(others) and np.abs(others - mark).min() > np.diff(others).max(initial=0.0):
+            missing |= column == mark
+    return missing
+
+
+def _match_columns(
+    path: Path, wanted: Wanted, header: list[str], below: list[str | None], *, si: bool
+) -> dict[str, tuple[int, float]]:  # fmt: skip
+    """Positions of known columns, and factors that convert them to metres, seconds and pascals."""
+    places = {}
+    for column in wanted.columns:
+        units, aliases = COLUMNS[column]
+        labels = [unit_of(field, aliases, units) for field in header]
+        alias = next((alias for alias in aliases if any(word == alias for word, _ in labels)), None)
+        chosen = [k for k, (word, _) in enumerate(labels) if word == alias]
+        if alias is None:
+            continue
+        if len(chosen) > 1:
+            raise ValueError(f"{path} has two columns for {column}: keep one")
+        others = [header[k] for k, (word, _) in enumerate(labels) if word in aliases and k != chosen[0]]
+        if others:
+            warnings.warn(f"{path}: {column} is {header[chosen[0]]!r}, not {others[0]!r}", stacklevel=2)
+        own, row = labels[chosen[0]][1], below[chosen[0]]
+        places[column] = (chosen[0], _factor(path, alias, own or row, units, si))
+        if own and row in units and units[row] != places[column][1]:
+            raise ValueError(f"{path}: {alias} has the unit {own!r} in its heading and {row!r} below it: keep one")
+    return places
+
+
+def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si: bool) -> float:
+    """Factor that converts a column to metres, seconds and pascals."""
+    if unit is None and "" not in units:
+        if si:
+            return 1.0
+        raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
+    given = "" if unit is None or ("" in units and unit == ".") else unit.replace(" ", "")
+    given = unicodedata.normalize("NFKC", given)
+    known = next((u for u in units if u == given), None) or next((u for u in units if u.lower() == given.lower()), None)
+    if known is None:
+        raise ValueError(
+            f"{path}: {word} has the unit {shortened(given)!r}: use {', '.join(list(filter(None, units))[:SHOWN])}"
+        )
+    return units[known]
+
+
+def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:
+    line, fields = row
+    if fields[k].lower() in ("", "nan"):
+        return np.nan
+    try:
+        value = parse_number(fields[k])
+    except ValueError:
+        raise ValueError(
+            f"{path}, line {line}: {name} is {shortened(fields[k])!r}, not a number: correct or remove the line"
+        ) from None
+    if not np.isfinite(value):
+        raise ValueError(
+            f"{path}, line {line}: {name} is {shortened(fields[k])}, not a finite number: remove such lines"
+        )
+    return value

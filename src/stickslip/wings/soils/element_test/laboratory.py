@@ -1,0 +1,236 @@
+"""Tests of laboratories beside element tests: their tables, in the units, strains and signs of series."""
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ....kit import Comparison, checked, estimate, laboratory_table
+from . import figures as figures_of
+from .report import drawn, for_engineers
+from .scenario import ElementTestScenario
+from .simulate import ElementRun, ElementSeries, SmallStrain
+
+WANTED = laboratory_table.Wanted(
+    ("axial_strain", "log_axial_strain", "volumetric_strain", "log_volumetric_strain", "q", "axial_stress",
+     "cell_pressure", "p", "pore_pressure", "u", "excess_pore_pressure", "void_ratio"),
+    "axial strain [%], q [kPa], volumetric strain [%]", "column of a test of soil",
+)  # fmt: skip
+FIGURE = "fig8_laboratory.png"
+LEAST = 5  # rows
+WORDS = {
+    "q": "deviatoric stress", "volumetric_strain": "volumetric strain", "pore_pressure": "excess pore pressure",
+    "sigma_zz": "axial stress",
+}  # fmt: skip
+CLOSE = 0.1  # relative deviation within which numbers agree that follow from each other
+
+
+@checked
+def read_test(path: str | Path) -> dict[str, np.ndarray]:
+    """Read a laboratory's test of soil from a table, as columns of `series.csv` in pascals, compression positive.
+
+    Columns are known by the names of laboratories, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or
+    `p'`; units stand in brackets, after the name or in a row below, and numbers may have decimal commas, as in
+    `friction.read_record`. Strains are nominal, changes over initial sizes, unless they are named logarithmic, and
+    become logarithmic. Names of columns that are not understood are in a warning, and so is what was assumed.
+
+    Returns
+    -------
+    dict of arrays (T,): axial_strain and volumetric_strain [1], q, p, axial_stress and pore_pressure (in excess of that
+    at the start) [Pa], and void_ratio [1], as far as the table has them
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if a unit is missing or unknown, or if columns contradict each other.
+    """
+    path = Path(path)
+    table = laboratory_table.open_table(path, WANTED)
+    if not table.places:
+        seen = table.list_columns() or "without headings"
+        raise ValueError(
+            f"{path} has no column of a test of soil: its columns are {seen}; name some as in '{WANTED.example}'"
+        )
+    if told := table.list_unknown():
+        warnings.warn(f"{path}: not understood, and not drawn: {told}", stacklevel=2)
+    values = table.numbers()
+    if len(next(iter(values.values()))) < LEAST:
+        raise ValueError(f"{path} has {len(next(iter(values.values())))} rows of numbers: give at least {LEAST}")
+    _check_strains(table, values)
+    out = {name: values[name] for name in ("q", "p", "axial_stress", "void_ratio") if name in values}
+    for name in ("axial_strain", "volumetric_strain"):
+        if f"log_{name}" in values:
+            out[name] = values[f"log_{name}"]
+        elif name in values:
+            out[name] = -np.log1p(-values[name])
+    pressure = next((values[name] for name in ("excess_pore_pressure", "pore_pressure", "u") if name in values), None)
+    if pressure is not None:
+        out["pore_pressure"] = pressure - pressure[0]
+    _add_stresses(path, values, out)
+    _turn_signs(path, out)
+    if "void_ratio" in out:
+        e = out["void_ratio"]
+        out.setdefault("volumetric_strain", -np.log((1 + e) / (1 + e[0])))
+    _check_stresses(path, out)
+    return out
+
+
+def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray]) -> None:
+    """Raise ValueError for strains that no sample can have, as those in per cent without a unit."""
+    for name in WANTED.columns[:4]:
+        if name in values and not (largest := float(np.abs(values[name]).max())) < 1:
+            raise ValueError(
+                f"{table.path}: {table.heading_of(name)!r} reaches {largest:.3g} times the size of the sample: write "
+                f"it as '{name.replace('_', ' ')} [%]' if it is in per cent, or correct its unit"
+            )
+
+
+def _add_stresses(path: Path, values: dict[str, np.ndarray], out: dict[str, np.ndarray]) -> None:
+    """Add q and p that follow from other stresses, or compare them."""
+    if {"axial_stress", "cell_pressure"} <= set(values) and "pore_pressure" not in out:
+        difference = values["axial_stress"] - values["cell_pressure"]
+        q = out.setdefault("q", difference)
+        if np.abs(q - difference).max() > CLOSE * np.abs(q).max():
+            raise ValueError(
+                f"{path}: q reaches {_kpa(q)} and the axial stress minus the cell pressure {_kpa(difference)}: correct "
+                f"the column, or the unit, that is wrong"
+            )
+    pressure = next((values[name] for name in ("pore_pressure", "u") if name in values), None)
+    if "cell_pressure" in values and not {"p", "q", "axial_stress", "pore_pressure"} & set(out):
+        out["p"] = values["cell_pressure"]
+    if "p" not in out and {"q", "cell_pressure"} <= {*out, *values} and pressure is not None:
+        out["p"] = out["q"] / 3 + values["cell_pressure"] - pressure
+
+
+def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
+    """Make compression positive, with a warning if it was not."""
+    axial, q = out.get("axial_strain"), out.get("q")
+    if axial is not None and q is not None and (axial[np.abs(axial).argmax()] * q[np.abs(q).argmax()]) < 0:
+        warnings.warn(
+            f"{path}: strains and q have opposite signs: those of the strains were turned round", stacklevel=3
+        )
+        for name in ("axial_strain", "volumetric_strain"):
+            if name in out:
+                out[name] = -out[name]
+    if {"void_ratio", "volumetric_strain"} <= set(out):
+        strain, e = out["volumetric_strain"], out["void_ratio"]
+        expected = -np.log((1 + e) / (1 + e[0]))
+        ratio = float(strain @ expected) / max(float(expected @ expected), 1e-300)
+        if ratio < 0:
+            warnings.warn(
+                f"{path}: the void ratio shows that dilation is positive in the volumetric strain: its sign was turned "
+                f"round", stacklevel=3,
+            )  # fmt: skip
+            out["volumetric_strain"] = -strain
+        if not 0.5 < abs(ratio) < 2:
+            raise ValueError(
+                f"{path}: the volumetric strain is {abs(ratio):.3g} times that of the void ratio: correct the unit "
+                f"that is wrong"
+            )
+
+
+def _check_stresses(path: Path, out: dict[str, np.ndarray]) -> None:
+    """Raise ValueError if q and p need tension between grains, which is what a wrong unit looks like."""
+    if {"p", "q"} <= set(out):
+        k = int((out["q"] - 3 * out["p"]).argmax())
+        if out["q"][k] > (1 + CLOSE) * 3 * max(out["p"][k], 0.0):
+            raise ValueError(
+                f"{path}: q is {_kpa(out['q'][k])} where p' is {_kpa(out['p'][k])}, more than three times as large, "
+                f"which grains without cohesion cannot bear: correct the unit that is wrong"
+            )
+
+
+def _kpa(values) -> str:
+    return f"{1e-3 * np.ravel(values)[np.abs(np.ravel(values)).argmax()]:.4g} kPa"
+
+
+def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Comparison]:
+    """Read a laboratory's test and return a function that lays it over the figure of a run, given its archive.
+
+    Raises
+    ------
+    ValueError
+        with one sentence, if the table cannot be read or does not have what a test of this kind shows.
+    """
+    kind = scenario.path.kind
+    if scenario.sample.dim == 2 or scenario.units != "SI" or kind == "simple-shear":
+        what = "disks" if scenario.sample.dim == 2 else "simple shear" if kind == "simple-shear" else "these units"
+        raise ValueError(f"--compare was given with {what}: it draws tests of spheres along an axis in SI units")
+    test = read_test(path)
+    pairs = [pair for pair in pairs_of(kind) if set(_named(pair, test)) <= set(test)]
+    if not pairs:
+        wanted = " or ".join(f"{y} with {x}" for x, y in pairs_of(kind))
+        raise ValueError(f"{path} has columns for {', '.join(test)}: a {kind} test shows {wanted}; add columns")
+    if "p" in test and abs(test["p"][0] / scenario.sample.pressure - 1) > CLOSE:
+        warnings.warn(
+            f"{path}: the test begins at p' = {_kpa(test['p'][0])}, the samples at {_kpa(scenario.sample.pressure)}",
+            stacklevel=2,
+        )
+    return partial(_compared, scenario, Path(path).stem, test, pairs)
+
+
+def pairs_of(kind: str) -> list[tuple[str, str]]:
+    """Columns along x and y of the panels that a test of a kind shows."""
+    if kind == "isotropic":
+        return [("p", "void_ratio"), ("p", "volumetric_strain")]
+    if kind == "oedometric":
+        return [("sigma_zz", "void_ratio"), ("axial_strain", "sigma_zz")]
+    drained = "pore_pressure" if kind == "undrained" else "volumetric_strain"
+    last = ("p", "q") if kind == "undrained" else ("p", "void_ratio")
+    return [("axial_strain", "q"), ("axial_strain", drained), last]
+
+
+def _named(pair: tuple[str, str], test: dict) -> list[str]:
+    return ["axial_stress" if name == "sigma_zz" else name for name in pair]
+
+
+def _compared(
+    scenario: ElementTestScenario, name: str, test: dict[str, np.ndarray], pairs: list[tuple[str, str]], tree: dict
+) -> Comparison:
+    """Figure and sentences for a run, from its archive."""
+    runs = [
+        ElementRun(int(seed), None, SmallStrain(**sample["elastic"]), ElementSeries(**sample["series"]), None, "")
+        for seed, sample in tree["samples"].items() if seed != "halved"
+    ]  # fmt: skip
+    tables = [drawn(run, scenario) for run in runs]
+    unit = for_engineers(0, "Pa")[1]
+    theirs = {}
+    for key, values in test.items():
+        signed = values if key in ("pore_pressure", "void_ratio") else scenario.sign * values
+        plain = key.endswith("strain") or key == "void_ratio"
+        theirs["sigma_zz" if key == "axial_stress" else key] = signed if plain else for_engineers(signed, "Pa")[0]
+    figure = figures_of.laboratory(tables, theirs, pairs, unit, name)
+    return Comparison({FIGURE: figure}, tuple(_differences(tables, theirs, pairs, unit, name)))
+
+
+def _differences(tables: list[dict], test: dict, pairs: list[tuple[str, str]], unit: str, name: str):
+    """Sentences on the largest q, and on the difference of the curves against the axial strain."""
+    for x, y in pairs:
+        if x != "axial_strain":
+            continue
+        label, words = WORDS[y], "" if y == "volumetric_strain" else f" {unit}"
+        ours = [table[y][np.abs(table[y]).argmax()] for table in tables]
+        at = [table[x][np.abs(table[y]).argmax()] for table in tables]
+        top = int(np.abs(test[y]).argmax())
+        yield (
+            f"Largest {label}: {test[y][top]:.3g}{words} at an axial strain of {test[x][top]:.3g} in {name}, and "
+            f"{estimate(ours)}{words} at {np.mean(at):.3g} in the samples."
+        )
+        reach = min(np.abs(test[x]).max(), *(np.abs(table[x]).max() for table in tables))
+        grid = np.linspace(0, 1, 101) * reach * np.sign(test[x][np.abs(test[x]).argmax()])
+        curves = [_at(grid, table[x], table[y]) for table in (test, *tables)]
+        off = float(np.sqrt(np.mean((np.mean(curves[1:], axis=0) - curves[0]) ** 2)))
+        yield (
+            f"Up to a strain of {reach:.3g} the mean of the samples differs by {off:.3g}{words} (rms) from the {label} "
+            f"of {name}."
+        )
+
+
+def _at(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Values of a curve at places along its first branch."""
+    end = int(np.abs(x).argmax()) + 1
+    sign = np.sign(x[end - 1])
+    order = np.argsort(sign * x[:end], kind="stable")
+    return np.interp(sign * grid, sign * x[:end][order], y[:end][order])

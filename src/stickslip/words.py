@@ -1,0 +1,237 @@
+"""Words of users and of other programs, and how they are called here.
+
+A word that is neither a public name nor in this table is looked up by spelling among all public names, and then by its
+parts in the overviews of namespaces.
+"""
+
+import difflib
+import inspect
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
+
+# public names, or commands in backticks, and words for them
+MEANT = {
+    "packings.jammed": "jam random random_packing generate pack packing create_packing make_packing jamming rcp rlp",
+    "packings.compressed": "compress frictional isotropic_compression consolidate confine",
+    "packings.strained": "compress strain deform affine",
+    "packings.sheared": "shear simple_shear pure_shear",
+    "packings.perturbed": "kick perturb thermalize",
+    "packings.poured": "pour rain sediment deposit",
+    "packings.biaxial_box": "biaxial",
+    "packings.from_arrays": "moment_of_inertia neighbor_list neighbours from_numpy arrays custom_packing sphere disk "
+    "polydisperse bidisperse size_distribution grading psd",
+    "packings.from_forces": "measured photoelastic pegs experiment_forces",
+    "packings.disk_array": "array chain row_of_disks",
+    "protocols.aqs": "shear athermal quasistatic quasi_static lees_edwards simple_shear pure_shear",
+    "protocols.load_path": "cyclic isotropic_compression unload reload",
+    "protocols.find_events": "events avalanche next_event forecast rearrangement plastic_event",
+    "modes.track_pairs": "birth exceptional_point hopf bifurcation track_modes",
+    "protocols.free_run": "nve newtonian",
+    "protocols.response_envelope": "second_order_work hill gudehus",
+    "protocols.localisation": "shear_band localization acoustic_tensor",
+    "modes.complex_pairs": "pairs flutter exceptional_point complex_eigenvalues",
+    "modes.birth_form": "hopf bifurcation normal_form saddle_node weakly_nonlinear",
+    "modes.elastic_moduli": "moduli elastic_constants shear_modulus bulk_modulus poisson nonaffine non_affine born "
+    "stiffness_tensor elasticity",
+    "modes.equations_of_motion": "mass_matrix damping_matrix mck state_space linearise linearize dae",
+    "io.write_matrices": "mtx matrix_market export_matrix save_matrix savemat",
+    "modes.density_of_states": "dos vdos density_of_modes phonons boson_peak",
+    "modes.participation_ratio": "ipr localisation_of_modes",
+    "modes.dynamical_matrix": "stiffness dynamical",
+    "quasirigid.stiffness_matrix": "stiffness",
+    "modes.frequency_response": "gain shake transfer_function forced_response",
+    "modes.trigger_amplitude": "shake trigger seismic_wave dynamic_triggering",
+    "modes.stationary_fluctuations": "lyapunov noise thermal covariance brownian langevin",
+    "modes.dispersion": "sound waves phonon_dispersion",
+    "modes.wave_spectrum": "structure_factor dynamic_structure_factor sqw",
+    "modes.elastic_speeds": "sound wave_speed p_wave s_wave vp vs",
+    "modes.moduli_bounds": "reuss voigt",
+    "modes.eigenvalue_gradient": "perturbation_theory",
+    "modes.verdict_probability": "uncertainty robustness how_sure",
+    "modes.transient_growth": "pseudospectrum non_normal numerical_abscissa",
+    "measure.packing_fraction": "volume_fraction phi porosity void_ratio density solid_fraction solids_fraction",
+    "measure.elastic_energy": "energy potential_energy",
+    "measure.dissipation": "dissipated_energy energy_loss frictional_work",
+    "results.Ledger": "energy_balance dissipated_energy energy_budget",
+    "measure.fabric": "fabric_tensor anisotropy",
+    "measure.stress": "stress_tensor virial cauchy_stress",
+    "measure.contact_forces": "normal_force tangential_force forces_between force_distribution fn ft",
+    "io.contact_table": "contact_list contacts_dataframe sliding_contacts mobilized_friction mobilised_friction "
+    "friction_mobilization contact_status_table",
+    "io.contact_graph": "contact_network force_network networkx graph force_chain",
+    "measure.coordination": "contact_number coordination_number z isostatic mean_contacts",
+    "measure.rattlers": "rattler",
+    "measure.stable_time_step": "timestep dt critical_time_step time_step rayleigh",
+    "measure.inertial_number": "inertial mu_i rheology",
+    "measure.coarse_grained": "continuum coarse_grain coarse_graining goldhirsch field",
+    "measure.touching": "sliding_contacts active_contacts",
+    "io.read_packing": "load read read_lammps read_dump read_data read_restart from_lammps from_yade from_file dump "
+    "lammps yade liggghts import_packing pfc edem",
+    "io.write_packing": "save write to_vtk vtk ovito export to_ovito gsd to_lammps to_gsd write_data paraview xyz ase",
+    "io.open_dataset": "load to_xarray load_dataset to_pandas open results_of trajectory archive hdf5 h5 netcdf "
+    "time_series history",
+    "laws.hertz_mindlin": "hertz mindlin hertzian contact_law contact_model",
+    "laws.linear": "hooke hookean cundall linear_spring",
+    "laws.for_pair": "pair per_pair by_material materials mixture",
+    "laws.custom": "rolling user_law own_law custom_law",
+    "laws.with_rolling": "rolling_resistance rolling_friction",
+    "laws.jkr": "cohesion adhesion van_der_waals cohesive",
+    "laws.liquid_bridge": "cohesion capillary wet",
+    "laws.with_restitution": "restitution coefficient_of_restitution damping dashpot viscous cor",
+    "laws.elastic_constants": "young poisson material material_properties",
+    "control.force_controlled": "servo",
+    "control.stress_controlled": "servo pressure_control triaxial barostat constant_pressure npt",
+    "control.loads": "gravity loads external_force body_force",
+    "results.ContactLoads": "loads",
+    "control.spring_loaded": "spring",
+    "control.strained_at": "shear_rate strain_rate lees_edwards",
+    "control.fixed": "fix freeze clamp",
+    "control": "boundary boundary_conditions wall",
+    "box": "periodic pbc cell unit_cell",
+    "quasirigid.mechanisms": "floppy zero_modes floppy_modes",
+    "quasirigid.rigid_clusters": "pebble_game rigidity rigidity_percolation rigid",
+    "quasirigid.complementarity": "lcp linear_complementarity complementarity_problem constraint_matrix",
+    "quasirigid.contact_status": "status stick slip_status minimum_sliding",
+    "jacobian": "hessian tangent tangent_stiffness",
+    "spectrum": "eigenvalues eigenmodes eigenvectors normal_modes softest_mode lowest_mode eig diagonalize diagonalise",
+    "stability": "buckling is_stable growth_rate oscillatory analyze analyse verdict unstable",
+    "relax": "minimize minimise energy_minimize fire settle",
+    "newton": "solve solver minimize minimise newton_raphson",
+    "equilibrate": "minimize minimise equilibrium",
+    "run": "msd integrate verlet step run_packing simulate_grains md dem dynamics evolve",
+    "simulate": "run_scenario experiment",
+    "figures.packing": "plot plot_packing show draw force_chains picture",
+    "figures.view": "visualize visualise view_3d interactive notebook k3d",
+    "figures.movie": "animate animation video gif mp4 film",
+    "figures.save": "save_figure savefig pdf svg",
+    "friction.fit": "fit_rate_and_state fit_rate_state fit_rsf inversion invert bootstrap least_squares",
+    "friction.posterior": "mcmc emcee bayesian sampling corner_plot credible_interval",
+    "friction.RateState": "rate_and_state dieterich ruina aging_law slip_law a_minus_b ageing_law state_variable",
+    "friction.spring_slider": "block_on_spring slider velocity_step block stick_slip_cycle",
+    "friction.simulate_fault": "recurrence_time earthquake faults seismic_cycle earthquake_cycle seas rupture",
+    "results.FaultEvents": "magnitude moment stress_drop event_catalog seismic_moment b_value gutenberg_richter slip",
+    "friction.nucleation": "nucleation_length nucleation_size h_star",
+    "friction.critical_stiffness": "kc stiffness_criterion",
+    "friction.healing": "frictional_healing ageing aging",
+    "friction": "friction_coefficient rsf",
+    "laws": "friction_coefficient coulomb coulomb_friction",
+    "experiments.gouge": "velocity_step fault_gouge granular_fault",
+    "experiments.element_test": "element_tests soils soil triaxial_test triaxial oedometer oedometric friction_angle "
+    "dilatancy dilation critical_state mohr_circle mohr mohr_coulomb undrained drained cohesion_intercept peak "
+    "geotechnical simple_shear_test plane_strain k0",
+    "experiments.cyclic_shear": "cyclic cyclic_triaxial liquefaction damping_ratio g_gmax shear_modulus_reduction",
+    "experiments.flow": "hopper silo drum rotating_drum column_collapse angle_of_repose mu_i rheology granular_flow "
+    "plane_shear_flow chute inclined_plane heap pile discharge",
+    "experiments.threshold": "static_friction yield_stress yield kinetic_friction",
+    "experiments.catalogue": "catalog statistics_of_events",
+    "protocols.run_batch": "gpu cuda device parallel batch ensemble_run",
+    "run_sweep": "sweep parameter_study parameter_sweep grid_search scan parallel",
+    "ensemble.run_members": "parallel multiprocessing dask ensemble cluster slurm",
+    "io.units_in_use": "units si_units si unit",
+    "`stickslip report`": "report html page summary plot view show display open",
+    "`stickslip movie`": "animate video",
+    "`stickslip resume`": "restart checkpoint resume continue restore",
+    "`stickslip fit`": "fit_rsf rsf inversion invert rate_and_state",
+    "`stickslip convert`": "export import save to translate write read",
+    "`stickslip stability FILE`": "analyze analyse check verdict modes spectrum eigenvalues jacobian unstable status "
+    "inspect pairs growth eig info",
+    "`stickslip run SCENARIO`": "simulate start execute launch dem sweep batch array ensemble",
+    "`stickslip example`": "list ls examples new init create template scenario scenarios start tutorial triaxial",
+    "`stickslip docs`": "help manual man documentation keys settings config options guide howto",
+    "`stickslip --help`": "help commands usage",
+    "`stickslip doctor`": "test selfcheck self_test verify install version check threads set_threads num_threads info",
+    "`stickslip --version`": "version",
+    "`stickslip reproduce`": "demo papers paper claims reproduction benchmark validate validation",
+    "`stickslip docs many_runs`": "submit queue job slurm sweep seed seeds random_seed set_seed statistics average",
+    "`stickslip convert FILE --to packing.gsd` for OVITO or freud": "rdf g_of_r pair_correlation voronoi d2min "
+    "steinhardt hyperuniformity radial_distribution bond_order static_structure_factor",
+    "`to_dataframe()` of a result": "dataframe pandas table csv as_dataframe",
+}  # fmt: skip
+COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "the", "and", "from", "for", "with"}
+ROW = re.compile(r"^ *(\w+(?:, \w+)*)  +(\S.*)$", re.M)
+SHORT = 5  # letters of a part of a word that are compared
+
+
+def suggestions(word: str, limit: int = 3) -> list[str]:
+    """Public names, and commands in backticks, that somebody may mean by a word; the likeliest first.
+
+    Examples
+    --------
+    >>> suggestions("hessian")
+    ['jacobian']
+    >>> suggestions("plane_strain_test")
+    ['experiments.element_test']
+    """
+    word = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", word).replace("-", "_").replace(" ", "_").lower().strip("_")
+    names = public_names_by_space()
+    for forms in ((word,), (word.rstrip("s"), f"{word}s", word.replace("_", "")), _without_an_end(word)):
+        found = [f"{space}.{name}".lstrip(".") for space, own in names.items() for name in own if name.lower() in forms]
+        found += [target for target, words in MEANT.items() if not {*forms}.isdisjoint(words.split())]
+        if found:
+            return list(dict.fromkeys(found))[:limit]
+    return (_spelled_like(word, names) or with_rarest_parts(word, _overview()))[:limit]
+
+
+def public_names_by_space() -> dict[str, list[str]]:
+    """Public names of the package, "", of each namespace, and of those within experiments and figures."""
+    package = import_module(__package__)
+    spaces = _modules(package)
+    within = {f"{name}.{inner}": module for name, space in spaces.items() for inner, module in _modules(space).items()}
+    return {name: public_names(module) for name, module in ({"": package} | spaces | within).items()}
+
+
+def _modules(space) -> dict:
+    """Modules among the public names of a module, by name, without those of wings that are not installed."""
+    public = {}
+    for name in getattr(space, "__all__", ()):
+        with suppress(ImportError):
+            public[name] = getattr(space, name)
+    return {name: value for name, value in public.items() if inspect.ismodule(value)}
+
+
+def public_names(module) -> list[str]:
+    """Public names of a module: those that it lists, or else those that it defines."""
+    own = [name for name, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
+    return list(getattr(module, "__all__", [name for name in own if not name.startswith("_")]))
+
+
+def _without_an_end(word: str) -> list[str]:
+    """The word without its first or last part, as in `get_stress` and `triaxial_test`."""
+    parts = word.split("_")
+    ends = ["_".join(parts[1:]), "_".join(parts[:-1])] if len(parts) > 1 else []
+    return [end for end in ends if len(end) > 2]
+
+
+def _spelled_like(word: str, names: dict[str, list[str]]) -> list[str]:
+    """Public names that are spelled like the word, or contain it."""
+    full = {f"{space}.{name}".lstrip("."): name.lower() for space, own in names.items() for name in own}
+    near = difflib.get_close_matches(word, set(full.values()), n=2, cutoff=0.8)
+    inside = sorted((name for name in set(full.values()) if len(word) > 3 and word in name), key=len)[:2]
+    return [place for name in near or inside for place, own in full.items() if own == name]
+
+
+@cache
+def _overview() -> dict[str, str]:
+    """Each public name with a row in the overview of its namespace, and its row."""
+    rows = {}
+    for space in public_names_by_space():
+        text = inspect.getdoc(import_module(f"{__package__}.{space}".rstrip("."))) or "" if "." not in space else ""
+        for names, about in ROW.findall(text):
+            rows |= {f"{space}.{name}".lstrip("."): f"{name} {about}" for name in names.split(", ")}
+    return rows
+
+
+def with_rarest_parts(word: str, texts: Mapping[str, str]) -> list[str]:
+    """Names whose texts have the rarest parts of a word."""
+    rows, wanted = {name: _parts(text) for name, text in texts.items()}, _parts(word)
+    weight = {part: 1 / max(sum(part in parts for parts in rows.values()), 1) for part in wanted}
+    score = {name: sum(weight[part] for part in wanted & parts) for name, parts in rows.items()}
+    best = max(score.values(), default=0.0)
+    return [name for name, value in sorted(score.items(), key=lambda item: -item[1]) if value > 0.5 * best > 0]
+
+
+def _parts(text: str) -> set[str]:
+    return {part[:SHORT] for part in re.findall(r"[a-z]{3,}", text.lower().replace("_", " ")) if part not in COMMON}

@@ -1,0 +1,207 @@
+"""Recipes of `docs/about/extending.md`, step by step in a copy of the sources: a law, an observable, a claim."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+
+from stickslip.cli import main
+from stickslip.experiments import EXPERIMENTS
+
+ROOT = Path(__file__).parents[2]
+ENTRY = """\
+    BuiltinLaw(
+        "stiffening", "k √R δ^(3/2) (1 + c δ)", 1.5, ("Hertz1882",), uses_radius=True,
+        parameters=(Parameter("stiffening_c", "1/length", "relative growth of the stiffness"),),
+    ),
+"""
+FORMULA = """\
+struct Stiffening : Plain {
+  template <class T>
+  static Elastic<T> spring(const At<T> &at) {
+    Elastic<T> out = hertz(at);
+    return {out.force * (at.q[OWN] * at.overlap + 1.0), out.stiffness};
+  }
+
+  static double energy(const At<double> &at) {
+    return hertz(at).force * at.overlap * (0.4 + 2.0 / 7.0 * at.q[OWN] * at.overlap);
+  }
+};
+
+"""
+CONSTRUCTOR = '''\
+@checked
+def stiffening(
+    kn=1.0, kt=2 / 7, mu=0.5, *, stiffening_c, coulomb="sharp", damping="viscoelastic", damping_n=0.0, damping_t=0.0,
+    tension: bool = True,
+) -> Law:  # fmt: skip
+    """F_n = k_n √R_eff δ^{3/2} (1 + c δ)."""
+    own = {"stiffening_c": stiffening_c}
+    return make_law("stiffening", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t, **own)
+
+
+'''
+FORM = """\
+from math import sqrt
+
+parameters = {"kn": 1.0, "kt": 0.8, "mu": 0.5, "stiffening_c": 0.7}
+damping = "viscoelastic"
+
+
+def normal_force(overlap, r_eff, kn, stiffening_c):
+    return kn * overlap * sqrt(overlap * r_eff) * (1 + stiffening_c * overlap)
+
+
+def normal_energy(overlap, r_eff, kn, stiffening_c):
+    return kn * overlap**2 * sqrt(overlap * r_eff) * (0.4 + 2 / 7 * stiffening_c * overlap)
+
+
+def tangential_stiffness(overlap, r_eff, kt):
+    return kt * sqrt(overlap * r_eff)
+"""
+STEPS = {  # file: text, and the text that comes before it
+    "src/stickslip/builtin_laws.py": (")  # fmt: skip\nBY_NAME", ENTRY),
+    "src/stickslip/_core/normal_laws.cpp": ("enum Member", FORMULA),
+    "src/stickslip/core/laws/builtin.py": ("# by name: each built-in law", CONSTRUCTOR),
+    "src/stickslip/laws.pyi": (
+        "from .core.laws.builtin import walton_braun", "from .core.laws.builtin import stiffening as stiffening\n",
+    ),
+    "docs/contact_laws.md": ("| `walton_braun` |", "| `stiffening` | Hertz (1 + c δ) | `stiffening_c` |\n"),
+}  # fmt: skip
+
+
+STRUCTS = """\
+struct Momentum : Sums<3> {
+  static constexpr const char *NAME = "momentum";
+  template <class View>
+  static void add_grain(const View &view, int64_t a, double *sum) {
+    const Vec<double> v = view.velocity(a);
+    const double entry[3] = {v.x, v.y, v.z};
+    for (int k = 0; k < 3; ++k) sum[k] += view.mass(a) * entry[k];
+  }
+};
+
+struct WallContacts : Sums<1> {
+  static constexpr const char *NAME = "wall_contacts";
+  static void add_contact(const Seen &seen, double *sum) { *sum += seen.wall ? seen.part : 0.0; }
+};
+
+"""
+FIELDS = """\
+    momentum: np.ndarray  # (T, 3) Σ m v over grains [mass length/time]
+    wall_contacts: np.ndarray  # (T,) number of closed contacts with walls
+"""
+OBSERVABLE = {
+    "src/stickslip/_core/observables.h": ("template <class... Ones>", STRUCTS),
+    "src/stickslip/core/dynamics/record.py": ("    group_position: np.ndarray", FIELDS),
+}
+TABLES = {  # file: end of the table, and the end with the new names
+    "src/stickslip/_core/observables.h": ("CellVectors>;", "CellVectors, Momentum, WallContacts>;"),
+    "src/stickslip/core/dynamics/record.py": (
+        '"cell": (3, 3),',
+        '"cell": (3, 3), "momentum": (3,), "wall_contacts": (),',
+    ),
+}
+USED = """
+import numpy as np
+import stickslip as ss
+state, law = ss.packings.biaxial_box(12, seed=1)
+n = len(state.grains.radius)
+velocity = 1e-9 * np.random.default_rng(0).normal(size=(n, 3)) * [1, 1, 0]
+state = state._replace(grains=state.grains._replace(velocity=velocity))
+end, record, _ = ss.run(state, law, 20, 0.05, every=20)
+assert record.momentum.shape == (2, 3) and abs(record.momentum[0, 0]) > 0
+np.testing.assert_allclose(record.momentum[-1], end.grains.mass @ end.grains.velocity, rtol=1e-9, atol=1e-24)
+walls = int((end.contacts.j[ss.measure.touching(end)] >= n).sum())
+assert record.wall_contacts[-1] == walls > 0
+"""
+CLAIM = {  # text of the claims of sheared spheres, and the text that comes before it
+    '    "pairs": 0.0,': '    "rattlers": 0.5,  # a number of a few per cent, from a few packings\n',
+    '    "Sec. II": (': '    "Sec. I": ("rattlers", "share-of-rattlers"),\n',
+    '        claim(\n            "pairs-at-zero-slip"': """\
+        median_claim(
+            "share-of-rattlers", "Sec. I: some spheres are rattlers", 0.02,
+            [p.packed.rattlers / main.scenario.packing.grains for p in paths], "1", "rattlers", "before shear",
+        ),
+""",
+}
+
+
+def copy_sources(to: Path) -> None:
+    for folder in ("src", "tests", "docs", "examples"):
+        shutil.copytree(ROOT / folder, to / folder, ignore=shutil.ignore_patterns("__pycache__", "_build"))
+    shutil.copy(ROOT / "pyproject.toml", to)
+
+
+def insert(path: Path, after: str, text: str) -> None:
+    """Insert a text before another that occurs once."""
+    before = path.read_text()
+    assert before.count(after) == 1, (path, after)
+    path.write_text(before.replace(after, text + after))
+
+
+def run_python(folder: Path, *arguments: str) -> str:
+    environment = os.environ | {"PYTHONPATH": str(folder / "src")}
+    run = subprocess.run([sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_law_needs_one_entry_one_formula_one_constructor_one_form_and_one_line(tmp_path):
+    copy_sources(tmp_path)
+    for name, (after, text) in STEPS.items():
+        insert(tmp_path / name, after, text)
+    formulas, last = tmp_path / "src/stickslip/_core/normal_laws.cpp", "function<LiquidBridge>}"
+    formulas.write_text(formulas.read_text().replace(last, last.replace("}", ", function<Stiffening>}")))
+    (tmp_path / "tests/laws/forms/stiffening.py").write_text(FORM)
+    run_python(tmp_path, "src/stickslip/_core/build.py")
+    tests = ("-m", "pytest", "-x", "-p", "no:cacheprovider", "tests/laws/test_normal_laws.py")
+    said = run_python(tmp_path, *tests, "-k", "stiffening or guide")
+    assert " passed" in said and "skipped" not in said
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_an_observable_needs_a_struct_a_name_in_the_table_a_shape_and_a_field(tmp_path):
+    """Runs record it, of grains and of contacts; batches do so as runs do."""
+    copy_sources(tmp_path)
+    for name, (after, text) in OBSERVABLE.items():
+        insert(tmp_path / name, after, text)
+        path, (end, more) = tmp_path / name, TABLES[name]
+        path.write_text(path.read_text().replace(end, more))
+    run_python(tmp_path, "src/stickslip/_core/build.py")
+    run_python(tmp_path, "-c", USED)
+    tests = ("-m", "pytest", "-x", "-p", "no:cacheprovider", "tests/unit/test_record.py", "tests/device/test_batch.py")
+    assert " passed" in run_python(tmp_path, *tests, "-m", "not slow")
+
+
+@pytest.mark.usefixtures("plain_figures")
+def test_a_claim_needs_a_row_a_tolerance_and_its_place_in_the_paper(tmp_path, monkeypatch, capsys):
+    """The terminal, `claims.md` and `claims.json` have it; the scenario is the smallest one."""
+    name, path = "stickslip.wings.papers.sphere_shear.claims", tmp_path / "copy" / "claims.py"
+    shutil.copytree(ROOT / "src/stickslip/wings/papers/sphere_shear", path.parent)
+    for after, text in CLAIM.items():
+        insert(path, after, text)
+    spec = spec_from_file_location(name, path)
+    copy = module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, name, copy)
+    spec.loader.exec_module(copy)
+    small = copy.validate_scenario(copy.ShearScenario, **EXPERIMENTS["sphere-shear"].smallest[0])
+    monkeypatch.setattr(copy, "paper_scenario", lambda **_: small)
+    monkeypatch.setattr(
+        sys, "argv", ["stickslip", "reproduce", "sphere-shear", "--quick", "--out", str(tmp_path / "out")]
+    )
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 0
+    assert "Sec. I " in capsys.readouterr().out
+    (row,) = (one for one in json.loads((tmp_path / "out/claims.json").read_text()) if one["id"] == "share-of-rattlers")
+    assert (row["paper"], row["tolerance"], row["measured"]) == (0.02, 0.5, 0.0)
+    assert row["verdict"] == "undecided" and "share-of-rattlers" in (tmp_path / "out/claims.md").read_text()
