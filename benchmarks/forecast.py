@@ -85,9 +85,12 @@ def made_along(steps) -> list[Made]:
 
 
 def path(case: Case, seed: int, strain: float) -> list:
-    """Steps of one packing; fewer if there is no equilibrium."""
-    state, _ = ss.packings.jammed(30, packing_fraction=case.fraction, dim=2, law=case.law, seed=seed)
+    """Steps of one packing; fewer if there is no equilibrium, none if it does not jam."""
     steps = []
+    try:
+        state, _ = ss.packings.jammed(30, packing_fraction=case.fraction, dim=2, law=case.law, seed=seed)
+    except ValueError:
+        return steps
     try:
         for step in follow(complete_path(state, case.law, strain, "simple", False, STEP, None, None), state):
             steps.append(step._replace(state=None))

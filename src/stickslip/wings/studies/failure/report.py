@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .... import __version__
 from ....figures import failure_path
 from ....kit import (
     CHANGES,
@@ -31,8 +32,9 @@ from .simulate import FailureResult
 STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
 SHOWN = 12  # events in a table for people
 RECORD = (
-    "An interval contains 80 % of the events that come. Many that are announced do not come, above all with friction, "
-    "and at usual steps the softest eigenvalue announces few. stickslip docs failure has the record."
+    "An interval is meant to contain 80 % of the events that come. Many that are announced do not come, above all with "
+    "friction; the softest eigenvalue announces few at usual steps, and forecasts of pairs were no better than their "
+    "last spacing. stickslip docs failure has the record."
 )
 CURVE = Quantities([
     Quantity("strain", "1", "strain from the first state"),
@@ -234,5 +236,5 @@ def _write_page(result: FailureResult, path: Path) -> None:
     rows += [["note", note] for note in result.notes]
     sections.append(("Packing and options", page.table(["", "value"], rows)))
     sentence = f"{found.end}; at the end: {found.verdict}"
-    write_page(PageContent(f"failure of {Path(given).name}", versions(), frames, labels, len(frames) - 1, [], sections,
+    write_page(PageContent(f"failure of {Path(given).name}", f"stickslip {__version__}, {versions()}", frames, labels, len(frames) - 1, [], sections,
                            verdict=sentence), path)  # fmt: skip
