@@ -236,5 +236,5 @@ def _write_page(result: FailureResult, path: Path) -> None:
     rows += [["note", note] for note in result.notes]
     sections.append(("Packing and options", page.table(["", "value"], rows)))
     sentence = f"{found.end}; at the end: {found.verdict}"
-    write_page(PageContent(f"failure of {Path(given).name}", f"stickslip {__version__}, {versions()}", frames, labels, len(frames) - 1, [], sections,
-                           verdict=sentence), path)  # fmt: skip
+    title, about = f"failure of {Path(given).name}", f"stickslip {__version__}, {versions()}"
+    write_page(PageContent(title, about, frames, labels, len(frames) - 1, [], sections, verdict=sentence), path)
