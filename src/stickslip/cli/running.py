@@ -265,6 +265,20 @@ def run(
         return _run_in("run", chosen, out, spread, output, look, draw)
 
 
+def run_scenario(
+    command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None
+) -> None:  # fmt: skip
+    """Run a scenario in a folder, for a command; `begin` saves what the command has read already."""
+    from ..runs import folder as run_folder
+    from ..runs.folder import mark_look
+
+    with _working_in(folder, output):
+        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        mark_look(folder, chosen, look)
+        begin()
+        _run_in(command, chosen, folder, {}, output, look)
+
+
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
     """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
