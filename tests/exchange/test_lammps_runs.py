@@ -360,7 +360,7 @@ def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
     grains = state.grains
     memory = Restart(
         grains.position, np.zeros((2, 3)), grains.velocity, grains.spin, grains.radius, grains.mass, np.zeros(2),
-        np.zeros(2), *pair, none, none, np.zeros((0, 3)), values, np.zeros((0, 4)), np.arange(2),
+        np.zeros(2), *pair, none, none, np.zeros((0, 3)), values, np.zeros((0, 4)), np.arange(2), none,
     )  # fmt: skip
     assert len(ss.measure.touching(restore_memory(state, law, memory))) == holds
 
@@ -603,6 +603,26 @@ def test_walls_of_regions(end, normal, cases, tmp_path):
     np.testing.assert_array_equal(read.state.walls.normal, [normal])
     if normal == [0, 0, 1]:
         np.testing.assert_array_equal(read.state.contacts.slip, known.contacts.slip)
+
+
+def test_the_parts_of_a_restart_file_are_one_packing(cases, tmp_path):
+    """As its ranks wrote them at the same time step as the whole file."""
+    for name, other in (("", ""), ("parts.base.restart", "ranks.restart"), ("parts.1.restart", "ranks.restart")):
+        state, whole = (ss.io.read_packing(cases / run).state for run in (f"parts/{name}", f"ranks/{other}"))
+        for mine, theirs in zip([*state.grains, *state.contacts], [*whole.grains, *whole.contacts], strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    base, first = cases / "parts" / "parts.base.restart", cases / "parts" / "parts.0.restart"
+    for names, told in (
+        ([base, first], "lacks its part parts.1.restart: copy all parts, or write the restart file without %"),
+        ([first], "is one part of a restart file: the others and the one named base are needed"),
+        ([base, first, first], "is damaged|with a contact of a grain that it lacks"),
+    ):
+        folder = tmp_path / str(len(names))
+        folder.mkdir()
+        for path, name in zip(names, ("base", 0, 1) if base in names else (0,), strict=False):
+            (folder / f"parts.{name}.restart").write_bytes(path.read_bytes())
+        with pytest.raises(ss.packings.PackingError, match=told):
+            ss.io.read_packing(next(folder.iterdir()))
 
 
 def test_gravity_on_a_group(cases, tmp_path):

@@ -64,6 +64,7 @@ FORMATS = (
     Format("archives of stickslip (.h5)", arrays.recognize_archive, arrays.read_archive, packs=False),
     Format("GSD", gsd_file.recognize, gsd_file.read, packs=False),
     Format("LAMMPS restart", lammps_restart.recognize, lammps_restart.read),
+    Format("part of a LAMMPS restart", lammps_restart.recognize_part, lammps_restart.read),
     Format("LAMMPS dump", lammps_file.recognize_dump, lammps_file.read_grain_dump, of_lammps=True),
     Format("LAMMPS data", lammps_file.recognize_data, lammps_file.read_data_file, of_lammps=True),
     Format("VTK", vtk_file.recognize, vtk_file.read),
