@@ -553,6 +553,10 @@ def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path
         "\ufeffX Y Z R vx vy vz\r\n0 0 0 0.5 0 0 1\r\n0.9 0 1 0.5 0 0 1\r\n",
         "% x y z radius\n% of a script\n0 0 0 0.5\n0.9 0 1 0.5\n",
         "ball_id,xc,yc,zc,rad,rho\n1,0,0,0,0.5,2\n2,0.9,0,1,0.5,2\n",
+        "x;y;z;r\n0;0;0;0,5\n0,9;0;1;0,5\n",
+        "x\ty\tz\tr\n0\t0\t0\t0,5\n0,9\t0\t1\t0,5\n",
+        "# x y z r\n0 0 0 0,5\n0,9 0 1 0,5\n",
+        "0 0 0 0,5\n0,9 0,0 1 0,5\n",
     ],
 )
 def test_tables_under_their_usual_names(text, tmp_path):
@@ -574,8 +578,7 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("x y z r\n0 0 0 one\n", "is not a number"),
         ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
         ("x y z r\n0 0 0 1", "ends in the middle of a line"),
-        ("x;y;z;r\n0;0,9;0;0,5\n", "has decimal commas, as in '0;0,9;0;0,5': write decimal points"),
-        ("x\ty\tz\tr\n0\t0\t0\t0,5\n", "has decimal commas"),
+        ("x;y;z;r\n0;1,900;0;1.500\n", "of which one may separate thousands: write all with points"),
         ("x [mm],y [mm],z [mm],r [m]\n0,0,0,1\n", "has lengths in mm and m"),
         ("\n\n", "it is empty"),
         ("x y z r\n", "at least one grain|empty|0 grains"),
