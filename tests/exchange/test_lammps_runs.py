@@ -19,7 +19,7 @@ from stickslip.cli import main
 from stickslip.core.contacts.forces import bodies
 from stickslip.core.contacts.memory import FREE, FROZEN
 from stickslip.core.dynamics.engine import Leg
-from stickslip.core.laws.builtin import DAMPING, DAMPING_N, LEVER, PARAMETERS, ROLLING, rescales, with_values
+from stickslip.core.laws.builtin import DAMPING, DAMPING_N, KT, LEVER, PARAMETERS, ROLLING, rescales, with_values
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.laws.restitution import dashpot_coefficients
 from stickslip.core.library import core
@@ -184,7 +184,7 @@ def contact_loads(state, law, memory=FREE):
     return load[:, : len(state.grains.radius)]
 
 
-@pytest.mark.parametrize("run", ["sheared", "ranks", "dragged", "poured", "classic", "materials"])
+@pytest.mark.parametrize("run", ["sheared", "old", "ranks", "dragged", "poured", "classic", "materials"])
 def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
     """With all memory, of grains and walls; mixed types, frozen grains, gravity and `fix addforce` included."""
     state, law, _ = ss.io.read_packing(cases / run)
@@ -660,6 +660,17 @@ def test_the_parts_of_a_restart_file_are_one_packing(cases, tmp_path):
             (folder / f"parts.{name}.restart").write_bytes(path.read_bytes())
         with pytest.raises(ss.packings.PackingError, match=told):
             ss.io.read_packing(next(folder.iterdir()))
+
+
+@pytest.mark.parametrize(("release", "scaled"), [("22 Jul 2025", True), ("29 Oct 2021", False)])
+def test_releases_that_multiply_the_stiffness_of_walls(release, scaled, cases, tmp_path):
+    """Neither LAMMPS 23 Jun 2022 nor its source before 2019 does, and LAMMPS 2 Aug 2023 does."""
+    (tmp_path / "classic.restart").write_bytes((cases / "classic" / "classic.restart").read_bytes())
+    log = re.sub(r"\ALAMMPS \(.*", f"LAMMPS ({release})", (cases / "classic" / "log.lammps").read_text())
+    (tmp_path / "log.lammps").write_text(log)
+    _, law, notes = ss.io.read_packing(tmp_path)
+    assert (law.table[0, -1, KT] == law.table[0, 0, KT]) != scaled
+    assert any("multiplies by the contact radius" in note for note in notes if isinstance(note, Obstacle)) == scaled
 
 
 def test_walls_in_the_syntax_of_old_releases(cases, tmp_path):

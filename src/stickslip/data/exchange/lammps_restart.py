@@ -36,6 +36,8 @@ from .lammps_text import Table, add_box, restricted_box, whole_periods
 MAGIC = b"LammpS RestartT\x00"
 # the end of the header, which is flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
 HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
+# up to 2023 the header had a flag more at its end, 45, which is 0 unless LAMMPS wrote with MPI-IO
+OLD_END = re.compile(rb"(\x2c\0\0\0[^\xff]{4})\x2d\0{7}(\xff{4}(?:\x2f\0\0\0|LammpS))", re.DOTALL)
 PART = struct.pack("<i", 46)  # the flag at the beginning of a part, before its number of blocks
 POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8, 11, 12, 13, 16
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
@@ -99,7 +101,7 @@ def _read_whole(path: Path) -> bytes:
 
     The base ends with the header, in which the number of parts stands, and each part has the blocks of some ranks.
     """
-    content = read_content(path)
+    content = OLD_END.sub(rb"\1\2", read_content(path), count=1)
     if recognize_part(content):
         numbers = re.finditer(r"\d+", path.name)
         names = [f"{path.name[: number.start()]}base{path.name[number.end() :]}" for number in numbers]
@@ -473,7 +475,8 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
     )  # of a contact among those of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
-    return np.repeat(tag, count), whole[first], block[first[:, None] + 1 + np.arange(3)], more
+    other = np.where(block[first] >= 1, block[first], whole[first]).astype(np.int64)  # up to 2022 a number as it is
+    return np.repeat(tag, count), other, block[first[:, None] + 1 + np.arange(3)], more
 
 
 def _values_after(block: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
