@@ -39,7 +39,11 @@ EXPERIMENT = Experiment(
     show=_here("report.show"),
     figures=_here("report.figures"),
     files=_here("report.files"),
-    writes=(r"(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt", r"(devol|slip|shear_stress|normal_stress)\.dat"),
+    writes=(
+        r"events\.csv",
+        r"(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt",
+        r"(devol|slip|shear_stress|normal_stress)\.dat",
+    ),
     compare=_here("report.compare"),
     compares=("cycles.png",),
     references=references,
