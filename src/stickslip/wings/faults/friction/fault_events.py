@@ -83,7 +83,7 @@ def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bo
 
     Source
     ------
-    L. Knopoff 1958, doi:10.1111/j.1365-246X.1958.tb00033.x; V. T. Starr 1928, doi:10.1017/S0305004100014006.
+    Antiplane: L. Knopoff, Geophys. J. 1, 44 (1958); in-plane: A. T. Starr, Proc. Camb. Phil. Soc. 24, 489 (1928).
     """
     return (2 if surface else 4) / np.pi * fault.modulus / fault.shear_modulus * moment / length**2
 
