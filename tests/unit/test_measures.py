@@ -64,6 +64,9 @@ MEANT = {
         "share_unstable share_unresolved saddle_node_exponent stress_drop_over_pressure jump_over_diameter "
         "auc_softest auc_nonaffine_rate auc_growth auc_tangent_modulus auc_switch auc_loss_ahead",
     },
+    "failure": {
+        NUMBER: "strain first_pair first_event events pairs first_slide drop", STRESS: "stress", RATE: "growth_rate",
+    },
     "rate-state": {
         NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",
         PER_LENGTH: "critical_stiffness", RATE: "growth_rate", TIME: "reached",
@@ -273,6 +276,21 @@ def loaded_sample():
     }  # fmt: skip
 
 
+def failed():
+    """A contact slides in the second of three steps, and the third has an event."""
+    slid, none = np.array([[2, 0, 1]]), np.zeros((0, 3), int)
+    event = Made(strain=2.5e-4, stress_drop=0.1)
+    steps = [
+        Made(strain=k * 1e-4, stress=k, pairs=k, growth=0.1 * k, changes=slid if k == 1 else none) for k in range(1, 4)
+    ]
+    return Made(scenario=ss.scenario(experiment="failure", packing={"file": "a.npz"}), found=Made(
+        steps=steps, events=[event], onset=Made(load=2e-4))
+    ), {
+        "strain": 3e-4, "stress": 3, "pairs": 3, "growth_rate": 0.3, "first_pair": 2e-4, "first_event": 2.5e-4,
+        "events": 1, "drop": 0.1, "first_slide": 1e-4,
+    }  # fmt: skip
+
+
 def cycled_sample():
     """Two elastic samples, which yield at a larger amplitude: loops with a straight axis, and an area of their own."""
     theta = np.linspace(0, 2 * np.pi, 401)
@@ -294,7 +312,7 @@ def cycled_sample():
 
 
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
-        "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced,
+        "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced, "failure": failed,
         "element-test": loaded_sample, "cyclic-shear": cycled_sample}  # fmt: skip
 
 
