@@ -236,6 +236,7 @@ def show(result: FaultResult) -> None:
     if len(events.start):
         show_table(_table_of_events(events))
         show_table(_table_of_sources(result))
+        show_table(_table_of_energies(events))
     if len(events.start) > SHOWN:
         console.print(f"  and {len(events.start) - SHOWN} more")
     for sentence in remarks(result):
@@ -263,7 +264,7 @@ def _known(value: float) -> str:
 def _table_of_events(events: FaultEvents):
     lasted, unit = in_readable_units(events.end - events.start, "s")
     table = new_table(
-        "year", f"duration [{unit}]", "nucleates at [km]", "rupture [km]", "speed [km/s]", "max V [m/s]", "slip [m]",
+        "year", f"lasts [{unit}]", "starts at [km]", "rupture [km]", "speed [km/s]", "max V [m/s]", "slip [m]",
         "surface [m]", title="Events (* the first, after an artificial start)",
     )  # fmt: skip
     for k in range(min(SHOWN, len(events.start))):
@@ -276,19 +277,27 @@ def _table_of_events(events: FaultEvents):
 
 
 def _table_of_sources(result: FaultResult):
-    """Moments, stress drops and energies; energies are per length along strike."""
+    """Moments and stress drops."""
     events, length = result.history.events, result.scenario.line.strike_length
     size = ("moment [N m]", "M_w") if length else ("moment [N]",)
     table = new_table(
-        "year", *size, "mean Δτ [MPa]", "by slip", "by moment", "released [MJ/m]", "friction", "fracture", "radiated",
-        title=f"Sources, {length / 1e3:g} km along strike" if length else "Sources, for each metre along strike",
+        "year", *size, "mean [MPa]", "by slip [MPa]", "by moment [MPa]",
+        title=f"Moments for {length / 1e3:g} km along strike, and stress drops" if length
+        else "Moments for each metre along strike, and stress drops",
     )  # fmt: skip
     drops = np.array([events.stress_drop, events.slip_weighted_stress_drop, events.seismological_stress_drop]) / 1e6
-    energies = np.array([events.released, events.frictional, events.fracture, events.radiated]) / 1e6
     moments = np.array([result.seismic_moment, result.magnitude] if length else [events.moment])
     for k in range(min(SHOWN, len(events.start))):
         cells = f"{moments[0, k]:.3e}", *(f"{m:.2f}" for m in moments[1:, k]), *map(_known, drops[:, k])
-        table.add_row(_year_of(events, k), *cells, *(f"{e:.4g}" for e in energies[:, k]))
+        table.add_row(_year_of(events, k), *cells)
+    return table
+
+
+def _table_of_energies(events: FaultEvents):
+    names = ("released", "frictional", "fracture", "radiated")
+    table = new_table("year", *(f"{name} [GJ]" for name in names), title="Energies for each metre along strike")
+    for k in range(min(SHOWN, len(events.start))):
+        table.add_row(_year_of(events, k), *(f"{getattr(events, name)[k] / 1e9:.4g}" for name in names))
     return table
 
 
