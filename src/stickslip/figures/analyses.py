@@ -60,7 +60,7 @@ def failure_path(found: _Failure):
         name: np.insert(x, jumps, np.nan) for name, x in (("strain", strain), *((k, r[0]) for k, r in enumerate(rows)))
     }
     for k, (axes, (value, color, label)) in enumerate(zip(panels, rows, strict=True)):
-        axes.plot(broken["strain"], broken[k], "." if len(strain) <= MARKED else "", ls="-", ms=3, color=color)
+        axes.plot(broken["strain"], broken[k], marker="." if len(strain) <= MARKED else None, ms=3, color=color)
         for first, event in enumerate(found.events):
             axes.axvline(event.strain, color=RED, lw=0.8, label=None if first else "event")
         if found.onset:

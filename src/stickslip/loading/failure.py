@@ -56,7 +56,7 @@ class PathStep(NamedTuple):
     touching: int  # contacts
     sliding: int  # contacts at the Coulomb limit that bear something
     loss_ahead: float  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
-    couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time⁴], overlap [1]
+    couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
     changes: np.ndarray  # (C, 3) what a contact did since the last step, index in CHANGES, and its two grains
     events: tuple[Event, ...]  # discontinuities since the last step; their strains count upwards
     tolerated: bool  # the spectrum is unstable, but dynamics was found to stay here
@@ -70,6 +70,7 @@ class PathStep(NamedTuple):
         return "unstable: oscillations grow" if self.pairs else "stable"
 
 
+@readable
 class PairLife(NamedTuple):
     """A complex pair from its birth to its death. Brackets are NaN where the path begins or ends with the pair."""
 
@@ -82,6 +83,7 @@ class PairLife(NamedTuple):
     event: bool  # whether an event lies in one of these brackets: the pair then began or ended with the jump
 
 
+@readable
 class DecisiveContact(NamedTuple):
     """Contact whose opening or sliding changes the growth of a state most; see `contact_sensitivity`."""
 
