@@ -34,7 +34,7 @@ from .solve.spectrum import Spectrum as Spectrum
 from .solve.stability import Stability as Stability
 from .solve.transient import TransientGrowth as TransientGrowth
 from .wings.faults.friction.fault_cycles import FaultHistory as FaultHistory
-from .wings.faults.friction.fault_record import FaultEvents as FaultEvents
+from .wings.faults.friction.fault_events import FaultEvents as FaultEvents
 from .wings.faults.friction.fitting import Fit as Fit
 from .wings.faults.friction.measure import Healing as Healing
 from .wings.faults.friction.measure import HoldResponse as HoldResponse
