@@ -85,6 +85,7 @@ def test_refusals(tmp_path, name, sources, message):
 
 def test_stability_writes_matrices_once(tmp_path):
     packing = [str(ROOT / "examples" / "sheared_spheres.npz"), "--json", "--matrices", "m"]
+    packing += ["--damping", "viscoelastic", "--damping-n", "1", "--no-dashpots"]
     assert stickslip_here("stability", *packing, cwd=tmp_path).returncode == 0
     found = read(tmp_path / "m")
     assert found["jacobian"].shape == (300, 300) and found["damping"].nnz == 0

@@ -212,7 +212,11 @@ def stability(
             if settle:
                 state, calm = stability_report.let_settle(state, its_law)
                 notes.append(f"settled: {calm.how}")
-            written = write_matrices(matrices, equations_of_motion(state, its_law)) if matrices else []
+            written = []
+            if matrices:
+                motion = equations_of_motion(state, its_law)
+                c = motion.damping if dashpots else type(motion.damping)(motion.damping.shape)
+                written = write_matrices(matrices, motion._replace(damping=c))
             result = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
