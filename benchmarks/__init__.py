@@ -47,6 +47,7 @@ BENCHMARKS = {
     "equilibrium": Benchmark("reliability of verdicts off equilibrium", 600, STATICS),
     "fault": Benchmark("time steppers for earthquake cycles, beside SciPy", 300, FRICTION),
     "first_result": Benchmark("seconds to the first result of each command", 200, (*STATICS, "cli", "experiments")),
+    "forecast": Benchmark("forecasts of events and pairs, beside naive ones", 300, STATICS),
     "frictionless_shear": Benchmark("angle of friction of spheres without friction", 900, STATICS),
     "gouge": Benchmark("time steps of fault gouge, beside LAMMPS", 900, GOUGE, ratios=True),
     "gouge_samples": Benchmark(

@@ -4,6 +4,7 @@ from .builtin_laws import BY_NAME as BY_NAME
 from .cli.app import FigureOptions as FigureOptions
 from .cli.app import Out as Out
 from .cli.app import Output as Output
+from .cli.app import Overwrite as Overwrite
 from .cli.app import StoppedError as StoppedError
 from .cli.app import check_choice as check_choice
 from .cli.app import command as command
@@ -13,6 +14,7 @@ from .cli.app import finish as finish
 from .cli.app import number_option as number_option
 from .cli.packings import PackingOptions as PackingOptions
 from .cli.packings import in_units_of_packing as in_units_of_packing
+from .cli.running import run_scenario as run_scenario
 from .core.arguments import FILLED as FILLED
 from .core.arguments import NOT_NEGATIVE as NOT_NEGATIVE
 from .core.arguments import POSITIVE as POSITIVE
@@ -107,6 +109,7 @@ from .data import archive as archive
 from .data import laboratory_table as laboratory_table
 from .data import run_files as run_files
 from .data.archive import ArchiveError as ArchiveError
+from .data.archive import versions as versions
 from .data.atomic import check_free as check_free
 from .data.atomic import write_atomically as write_atomically
 from .data.checkpoint import LEGS as LEGS
@@ -118,8 +121,13 @@ from .data.checkpoint import load_or_compute as load_or_compute
 from .data.exchange import lammps_laws as lammps_laws
 from .data.exchange import lammps_restart as lammps_restart
 from .data.exchange import lammps_series as lammps_series
+from .data.exchange.files import capture_warnings as capture_warnings
+from .data.exchange.frame import frame_of as frame_of
 from .data.exchange.frame import wrapped_into as wrapped_into
 from .data.exchange.lammps_text import read_dump as read_dump
+from .data.law_file import LawFile as LawFile
+from .data.law_file import LawOrFile as LawOrFile
+from .data.law_file import trust_law_files as trust_law_files
 from .data.law_schema import LawTable as LawTable
 from .data.law_schema import Packing as Packing
 from .data.law_schema import PackingLaw as PackingLaw
@@ -130,6 +138,7 @@ from .data.nodes import archive_fields as archive_fields
 from .data.run_files import foreign_files_message as foreign_files_message
 from .data.sample import Account as Account
 from .data.sample import MemoryNote as MemoryNote
+from .data.sample import Obstacle as Obstacle
 from .data.schema import Duration as Duration
 from .data.schema import Finite as Finite
 from .data.schema import Listed as Listed
@@ -214,6 +223,8 @@ from .loading.compression import check_pressure as check_pressure
 from .loading.compression import compression_scales as compression_scales
 from .loading.compression import stopped as stopped
 from .loading.event_class import EVENT_RATIO as EVENT_RATIO
+from .loading.failure import CHANGES as CHANGES
+from .loading.failure import complete_path as complete_path
 from .loading.packing import packing_info as packing_info
 from .loading.protocols import Change as Change
 from .loading.protocols import Family as Family
@@ -239,10 +250,13 @@ from .reports.claims import note_quick_run as note_quick_run
 from .reports.claims import standard_error as standard_error
 from .reports.claims import statement as statement
 from .reports.packing import describe_law as describe_law
+from .reports.packing import let_settle as let_settle
 from .reports.packing import to_dict as to_dict
 from .reports.packing import verdict as verdict
+from .reports.page import PageContent as PageContent
 from .reports.page import check_output as check_output
 from .reports.page import staged_file as staged_file
+from .reports.page import write_page as write_page
 from .reports.terminal import console as console
 from .reports.terminal import new_table as new_table
 from .reports.terminal import progress as progress

@@ -39,6 +39,9 @@ TABLE = (
     Row("line of a log", HARMLESS, "using prefer dynamic"),
     Row("style beside the pair style", HARMLESS, "none zero"),
     Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
+    Row("pair style whose force is proportional to its first coefficient", HARMLESS, "lj/cut lj/cut/soft lj/cut/sphere "
+        "lj/expand lj/expand/sphere lj/smooth lj/smooth/linear lj/gromacs lj/mdf lj96/cut mie/cut nm/cut soft gauss "
+        "harmonic/cut morse ufm wf/cut yukawa"),
     Row("fix", USED, "wall/gran wall/gran/region gravity freeze setforce addforce deform nve nve/sphere nve/limit "
         "momentum recenter NEIGH_HISTORY* neigh_history*"),
     Row("fix", HARMLESS, "enforce2d print ave/* vector balance property/atom store/* STORE/* halt pour "

@@ -15,6 +15,7 @@ Envelope        its result
 localisation    plane across which a shear band forms most easily
 inflate         quasi-static inflation of a grain, with the displacements around it
 find_events     discontinuities of quasi-static shear, bracketed and classified
+shear_to_failure  path of a packing to its first pair or event, with forecasts
 release         undamped run from an unstable state, with snapshots of its spectrum
 run_batch       many systems side by side on a graphics processor
 lammps_engine   LAMMPS as the engine of `run`

@@ -3,6 +3,7 @@ from .loading.envelope import Envelope as Envelope
 from .loading.envelope import localisation as localisation
 from .loading.envelope import response_envelope as response_envelope
 from .loading.events import find_events as find_events
+from .loading.failure import shear_to_failure as shear_to_failure
 from .loading.protocols import Protocol as Protocol
 from .loading.protocols import fit_growth as fit_growth
 from .loading.protocols import free_run as free_run

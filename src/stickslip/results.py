@@ -14,6 +14,7 @@ Loading
     Equilibrium, Released, KineticThreshold     `protocols.ramp`, `protocols.release`, `protocols.kinetic_threshold`
     Localisation            `protocols.localisation`
     Event, EventKind, Events, StrainStep        `protocols.find_events`
+    Failure, PathStep, PairLife, Forecast       `protocols.shear_to_failure`
     PackingInfo, Poured     `packings.jammed` and `packings.compressed`; `packings.poured`
     Record, Ledger          `run`
     Collision               `laws.collision`

@@ -17,6 +17,7 @@ SWEPT = {  # the swept key and a measure with its unit
     "flow": ({"grains.number": [40]}, "deposit_top", "length"),
     "gouge": ({"law.mu": [0.5]}, "steady_friction@0.3", "1"),
     "catalogue": ({"law.mu": [0.5]}, "events", "1"),
+    "failure": ({"law.mu": [10.0]}, "stress", "force/length^(dim-1)"),
     "rate-state": ({"surface.law": ["slip"]}, "critical_stiffness", "1/m"),
     "threshold": ({"kicks.realizations": [1]}, "largest_share@1e-06", "1"),
     "element-test": ({"sample.friction": [0.2]}, "phi_peak", "degrees"),

@@ -18,7 +18,7 @@ from stickslip.runs.sweep import report
 from stickslip.runs.sweep.axes import OPTIONS, quantiles
 from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep, write_sweep
 from stickslip.runs.sweep.definition import members, read_sweep, sweep
-from stickslip.runs.sweep.run import MEASURES, MEMBERS, SweepResult, run_sweep
+from stickslip.runs.sweep.run import MEASURES, MEMBERS, SweepResult, gather_members, run_sweep
 from tests.conftest import stickslip_here
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"
@@ -176,6 +176,22 @@ def test_the_dataset_does_not_depend_on_how_members_were_run(tmp_path, cluster):
         found.append(open_sweep(tmp_path / str(k)).drop_vars("seconds"))
     assert found[0].identical(found[1])
     assert found[0].identical(found[2])
+
+
+def test_parts_gathered_are_the_whole(tmp_path):
+    chosen, parts = small(), [tmp_path / f"part {k}" for k in (1, 2, 3, 4)]
+    ran = [run_sweep(chosen, folder, workers=1, part=(k + 1, 4)) for k, folder in enumerate(parts)]
+    assert [sum(one is not None for one in swept.found) for swept in ran] == [2, 2, 1, 1]
+    assert find_unfinished(parts[1]).part == (2, 4)
+    names = ran[0].names
+    (tmp_path / "whole" / MEMBERS / names[0]).mkdir(parents=True)
+    assert gather_members(tmp_path / "whole", chosen, names, parts) == 6
+    assert run_sweep(chosen, tmp_path / "whole", workers=1).reused == 6
+    run_sweep(chosen, tmp_path / "once", workers=1)
+    whole, once = (open_sweep(tmp_path / name).drop_vars("seconds") for name in ("whole", "once"))
+    assert whole.identical(once)
+    with pytest.raises(ValueError, match="part 1 does not hold this sweep"):
+        gather_members(tmp_path / "whole", small(seed={"count": 3}), names, parts)
 
 
 def test_files_of_a_member_travel_when_its_worker_does_not_see_the_folder(tmp_path, monkeypatch):

@@ -57,6 +57,7 @@ def test_brackets_are_as_narrow_as_the_resolution(frictionless, sliding, varied)
             assert (np.diff(event.distances) < 0).all() and event.distances[0] <= record.step
 
 
+# 6 s: two more searches for events, with another step and another drag
 def test_events_do_not_depend_on_step_and_drag(frictionless, sliding, varied):
     """Newton's method adds the slip of a step at once, so that brackets move by the square of the step."""
     for record, known, most in zip(varied, (frictionless, sliding), (1e-6, 3e-5), strict=True):

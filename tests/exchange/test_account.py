@@ -55,7 +55,7 @@ def _elsewhere(tmp_path, monkeypatch):
         ),
         ("fix l all langevin/omp 1 1 1 4", "fix l (langevin) was not taken over"),
         ("group low id 1:3\nfix z low freeze\nfix h all gravity 1 vector 0 0 -1", "it comes after the fix that holds"),
-        ("fix w2 all wall/gran 2000 NULL 50 NULL 0.5 1 zplane 0 NULL", "as in LAMMPS before 2019"),
+        ("fix w2 all wall/gran 2000 NULL 50 NULL 0.5 1 zplane 0 NULL", ""),
         ("fix q all gravity v_g vector 0 0 -1", "v_g is a variable, whose value only LAMMPS knows"),
         ("pair_style hybrid/overlay granular lj/cut 0.5", "no pair_coeff gives the types of the grains a law"),
         ("fix twice all nve/sphere", "fix twice (nve/sphere) was not taken over: it moves 24 grains that another fix"),
@@ -575,15 +575,6 @@ def test_tables_with_several_times_and_without_headings(tmp_path):
         ss.io.read_packing(tmp_path / "bare.txt")
     np.savez(tmp_path / "p.npz", positions=np.eye(3) * 5, radii=np.full(3, 0.5), box=np.ones(3))
     assert any("column box" in note for note in ss.io.read_packing(tmp_path / "p.npz").assumed)
-
-
-def test_a_restart_file_in_parts_is_told(cases, tmp_path):
-    content = (cases / "poured" / "poured.restart").read_bytes()
-    end = content.index(lammps_restart.HEADER_END) + 4
-    base = content[:end] + np.array([1, -1], np.int32).tobytes() + lammps_restart.MAGIC
-    (tmp_path / "mp.base.restart").write_bytes(base)
-    with pytest.raises(ss.packings.PackingError, match=r"written in parts.*read_restart mp\.%\.restart"):
-        ss.io.read_packing(tmp_path / "mp.base.restart")
 
 
 def test_dumps_of_a_group_and_names_of_columns(cases):

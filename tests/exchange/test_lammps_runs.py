@@ -19,7 +19,7 @@ from stickslip.cli import main
 from stickslip.core.contacts.forces import bodies
 from stickslip.core.contacts.memory import FREE, FROZEN
 from stickslip.core.dynamics.engine import Leg
-from stickslip.core.laws.builtin import DAMPING, DAMPING_N, LEVER, PARAMETERS, ROLLING, rescales, with_values
+from stickslip.core.laws.builtin import DAMPING, DAMPING_N, KT, LEVER, PARAMETERS, ROLLING, rescales, with_values
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.laws.restitution import dashpot_coefficients
 from stickslip.core.library import core
@@ -184,7 +184,7 @@ def contact_loads(state, law, memory=FREE):
     return load[:, : len(state.grains.radius)]
 
 
-@pytest.mark.parametrize("run", ["sheared", "ranks", "dragged", "poured", "classic", "materials"])
+@pytest.mark.parametrize("run", ["sheared", "old", "ranks", "dragged", "poured", "classic", "materials"])
 def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
     """With all memory, of grains and walls; mixed types, frozen grains, gravity and `fix addforce` included."""
     state, law, _ = ss.io.read_packing(cases / run)
@@ -203,9 +203,9 @@ def test_one_evaluation_of_forces_is_that_of_lammps(run, cases):
         assert (~control.free[:n].any(axis=1)).sum() > 0 and control.force.any()
 
 
-@pytest.mark.parametrize("run", ["adhesive", "bouncy", "tsuji", "forces", "marshall"])
+@pytest.mark.parametrize("run", ["adhesive", "bouncy", "tsuji", "forces", "marshall", "boxed"])
 def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases):
-    """With full memory, all but the first in motion."""
+    """With full memory, all but the first in motion; the last in a block, on another, beside a part of zero."""
     state, law, notes = ss.io.read_packing(cases / run)
     assert not [note for note in notes if isinstance(note, Obstacle)]
     force, torque = contact_loads(state, law, FROZEN)
@@ -360,7 +360,7 @@ def test_bonds_that_lammps_has_separated_are_left_out(gap, holds):
     grains = state.grains
     memory = Restart(
         grains.position, np.zeros((2, 3)), grains.velocity, grains.spin, grains.radius, grains.mass, np.zeros(2),
-        np.zeros(2), *pair, none, none, np.zeros((0, 3)), values, np.zeros((0, 4)), np.arange(2),
+        np.zeros(2), *pair, none, none, np.zeros((0, 3)), values, np.zeros((0, 4)), np.arange(2), none,
     )  # fmt: skip
     assert len(ss.measure.touching(restore_memory(state, law, memory))) == holds
 
@@ -458,6 +458,11 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
         ("fix x all print 10 'now'", ""),
         (
+            "pair_style hybrid/overlay gran/hooke/history 2000 571.428571428571 20 10 0.4 1 coul/cut 2\n"
+            "pair_coeff * * gran/hooke/history\npair_coeff * * coul/cut 0",
+            "it adds the forces of gran/hooke/history and coul/cut",
+        ),
+        (
             "fix q all wall/gran hertz/history 1 1 0 0 0.5 1 zplane NULL 9",
             "the model of type 1 and wall 2, which differs",
         ),
@@ -548,6 +553,10 @@ def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path
         "\ufeffX Y Z R vx vy vz\r\n0 0 0 0.5 0 0 1\r\n0.9 0 1 0.5 0 0 1\r\n",
         "% x y z radius\n% of a script\n0 0 0 0.5\n0.9 0 1 0.5\n",
         "ball_id,xc,yc,zc,rad,rho\n1,0,0,0,0.5,2\n2,0.9,0,1,0.5,2\n",
+        "x;y;z;r\n0;0;0;0,5\n0,9;0;1;0,5\n",
+        "x\ty\tz\tr\n0\t0\t0\t0,5\n0,9\t0\t1\t0,5\n",
+        "# x y z r\n0 0 0 0,5\n0,9 0 1 0,5\n",
+        "0 0 0 0,5\n0,9 0,0 1 0,5\n",
     ],
 )
 def test_tables_under_their_usual_names(text, tmp_path):
@@ -569,8 +578,7 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("x y z r\n0 0 0 one\n", "is not a number"),
         ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
         ("x y z r\n0 0 0 1", "ends in the middle of a line"),
-        ("x;y;z;r\n0;0,9;0;0,5\n", "has decimal commas, as in '0;0,9;0;0,5': write decimal points"),
-        ("x\ty\tz\tr\n0\t0\t0\t0,5\n", "has decimal commas"),
+        ("x;y;z;r\n0;1,900;0;1.500\n", "of which one may separate thousands: write all with points"),
         ("x [mm],y [mm],z [mm],r [m]\n0,0,0,1\n", "has lengths in mm and m"),
         ("\n\n", "it is empty"),
         ("x y z r\n", "at least one grain|empty|0 grains"),
@@ -603,6 +611,82 @@ def test_walls_of_regions(end, normal, cases, tmp_path):
     np.testing.assert_array_equal(read.state.walls.normal, [normal])
     if normal == [0, 0, 1]:
         np.testing.assert_array_equal(read.state.contacts.slip, known.contacts.slip)
+
+
+@pytest.mark.parametrize(
+    ("region", "told"),
+    [
+        ("block -9 9 INF INF INF 0.1 side out units box", ""),
+        ("block INF 1.5 INF INF INF 0.1 side out units box", "grains touch several faces of its block from outside"),
+        ("block INF INF INF INF INF 0.1 side out open 5", "a block with open faces and grains outside is not read"),
+        ("block INF INF INF INF EDGE INF", "'EDGE'"),
+        ("cylinder z 0 0 9 INF INF units box", "planes or blocks and touch all grains are read, not `cylinder z 0 0 9"),
+        ("block INF INF INF INF 0.1 INF units box", ""),
+    ],
+)
+def test_blocks_that_are_flat_walls_and_others(region, told, cases, tmp_path):
+    (tmp_path / "boxed.restart").write_bytes((cases / "boxed" / "boxed.restart").read_bytes())
+    log = (cases / "boxed" / "log.lammps").read_text()
+    (tmp_path / "log.lammps").write_text(
+        re.sub(r"(?m)^(region ground) block [^&]*side out units box", rf"\1 {region}", log)
+    )
+    state, _, notes = ss.io.read_packing(tmp_path)
+    left_out = [str(note) for note in notes if isinstance(note, Obstacle)]
+    assert len(state.walls.mass) == 5 + (not told)
+    assert len(left_out) == bool(told) and all("fix v (wall/gran/region)" in note and told in note for note in left_out)
+    if not told:
+        known = ss.io.read_packing(cases / "boxed").state
+        np.testing.assert_array_equal(state.walls.normal, known.walls.normal)
+        np.testing.assert_array_equal(
+            state.walls.point @ state.walls.normal.T, known.walls.point @ known.walls.normal.T
+        )
+
+
+def test_the_parts_of_a_restart_file_are_one_packing(cases, tmp_path):
+    """As its ranks wrote them at the same time step as the whole file."""
+    for name, other in (("", ""), ("parts.base.restart", "ranks.restart"), ("parts.1.restart", "ranks.restart")):
+        state, whole = (ss.io.read_packing(cases / run).state for run in (f"parts/{name}", f"ranks/{other}"))
+        for mine, theirs in zip([*state.grains, *state.contacts], [*whole.grains, *whole.contacts], strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    base, first = cases / "parts" / "parts.base.restart", cases / "parts" / "parts.0.restart"
+    for names, told in (
+        ([base, first], "lacks its part parts.1.restart: copy all parts, or write the restart file without %"),
+        ([first], "is one part of a restart file: the others and the one named base are needed"),
+        ([base, first, first], "is damaged|with a contact of a grain that it lacks"),
+    ):
+        folder = tmp_path / str(len(names))
+        folder.mkdir()
+        for path, name in zip(names, ("base", 0, 1) if base in names else (0,), strict=False):
+            (folder / f"parts.{name}.restart").write_bytes(path.read_bytes())
+        with pytest.raises(ss.packings.PackingError, match=told):
+            ss.io.read_packing(next(folder.iterdir()))
+
+
+@pytest.mark.parametrize(("release", "scaled"), [("22 Jul 2025", True), ("29 Oct 2021", False)])
+def test_releases_that_multiply_the_stiffness_of_walls(release, scaled, cases, tmp_path):
+    """Neither LAMMPS 23 Jun 2022 nor its source before 2019 does, and LAMMPS 2 Aug 2023 does."""
+    (tmp_path / "classic.restart").write_bytes((cases / "classic" / "classic.restart").read_bytes())
+    log = re.sub(r"\ALAMMPS \(.*", f"LAMMPS ({release})", (cases / "classic" / "log.lammps").read_text())
+    (tmp_path / "log.lammps").write_text(log)
+    _, law, notes = ss.io.read_packing(tmp_path)
+    assert (law.table[0, -1, KT] == law.table[0, 0, KT]) != scaled
+    assert any("multiplies by the contact radius" in note for note in notes if isinstance(note, Obstacle)) == scaled
+
+
+def test_walls_in_the_syntax_of_old_releases(cases, tmp_path):
+    """Without a style of its own, a wall has that of the pair style, and k_t as it is given."""
+    old = "fix w all wall/gran 2000 NULL 20 10 0.4 1 zplane 0 NULL"
+    state, law, notes = ss.io.read_packing(in_poured(cases, tmp_path, f"unfix w\n{old}"))
+    assert not [note for note in notes if isinstance(note, Obstacle)]
+    known = ss.io.read_packing(cases / "poured").state
+    force = contact_loads(state, law)[0] + state.grains.mass[:, None] * state.control.gravity
+    scale = float(np.abs(frame_of(state, law).contacts["force_n"]).mean())
+    assert np.abs(force - read_grain_dump(cases / "poured" / "dump.grains")[0].force).max() < 1e-6 * scale
+    np.testing.assert_array_equal(state.contacts.slip, known.contacts.slip)
+    log = tmp_path / "log.lammps"
+    log.write_text(log.read_text().replace("pair_style gran/hooke/history", "pair_style gran/hooke"))
+    left_out = " ".join(note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle))
+    assert "names no style, as in old releases, where it is that of pair_style hooke: it has no springs" in left_out
 
 
 def test_gravity_on_a_group(cases, tmp_path):
@@ -667,7 +751,7 @@ def test_memory_of_a_fix_with_two_walls_goes_to_the_nearer():
     arrays = {"position": np.array([[0, 0, 0.49], [0, 0, 2.51]]), "radius": np.full(2, 0.5)}
     memory = Restart(*[None] * len(Restart._fields))
     memory = memory._replace(wall=np.array([0, 0]), grain=np.array([1, 0]), wall_slip=np.eye(3)[:2])
-    memory = memory._replace(more=np.zeros((0, 7)), wall_more=np.zeros((2, 7)))
+    memory = memory._replace(more=np.zeros((0, 7)), wall_more=np.zeros((2, 7)), face=np.full(2, -1))
     contact, _ = contact_of("hooke/history", ["7", "NULL", "2", "NULL", "0.3", "1"])
     contacts = dict.fromkeys([(0, 0), (0, 1), (0, 2)], contact)
     packing = SimpleNamespace(arrays=arrays)

@@ -12,18 +12,18 @@ from stickslip.experiments.experiment import meaning_of
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.wings.faults.fault.simulate import FaultResult
 from stickslip.wings.faults.friction.fault_cycles import Energy
-from stickslip.wings.faults.friction.fault_record import FaultEvents
+from stickslip.wings.faults.friction.fault_events import FaultEvents
 from stickslip.wings.faults.rate_state.simulate import simulate_slider
 from stickslip.wings.papers.gouge import protocol as gouge_run
 from stickslip.wings.soils.cyclic_shear.simulate import CyclicRun, Response
 from stickslip.wings.soils.element_test.simulate import ElementRun, ElementSeries, SmallStrain
 from tests.events.made import samples
 
-LENGTH, TIME, VELOCITY, RATE, RATE_SQUARED, PER_LENGTH, FORCE, ENERGY, STRESS, NUMBER = range(10)
+LENGTH, TIME, VELOCITY, RATE, RATE_SQUARED, PER_LENGTH, FORCE, ENERGY, STRESS, LINE_ENERGY, NUMBER = range(11)
 WRITTEN = {  # as dimensions, and in SI
     LENGTH: ("length", "m"), TIME: ("time", "s"), VELOCITY: ("length/time", "m/s"), FORCE: ("force", "N"),
     ENERGY: ("energy", "J"), STRESS: ("force/length^(dim-1)", "Pa"), RATE: ("1/time", "1/s"),
-    RATE_SQUARED: ("1/time^2", "1/s^2"), NUMBER: ("1", "1"),
+    RATE_SQUARED: ("1/time^2", "1/s^2"), LINE_ENERGY: ("energy/length", "J/m"), NUMBER: ("1", "1"),
 }  # fmt: skip
 SI = ("gouge", "rate-state", "fault")
 
@@ -64,19 +64,25 @@ MEANT = {
         "share_unstable share_unresolved saddle_node_exponent stress_drop_over_pressure jump_over_diameter "
         "auc_softest auc_nonaffine_rate auc_growth auc_tangent_modulus auc_switch auc_loss_ahead",
     },
+    "failure": {
+        NUMBER: "strain first_pair first_event events pairs first_slide drop", STRESS: "stress", RATE: "growth_rate",
+    },
     "rate-state": {
         NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",
         PER_LENGTH: "critical_stiffness", RATE: "growth_rate", TIME: "reached",
     },
     "fault": {
-        NUMBER: "events radiated_fraction energy_residual", TIME: "first_event recurrence duration",
-        LENGTH: "surface_slip max_slip nucleation_depth nucleation_length rupture_bottom crept_length",
-        VELOCITY: "max_velocity", FORCE: "moment",
+        NUMBER: "events radiated_fraction energy_residual event_energy_residual magnitude",
+        TIME: "first_event recurrence duration", VELOCITY: "max_velocity rupture_speed", FORCE: "moment",
+        LENGTH: "surface_slip max_slip nucleation_depth nucleation_length rupture_bottom rupture_length crept_length",
+        STRESS: "stress_drop slip_weighted_stress_drop seismological_stress_drop",
+        LINE_ENERGY: "released radiated fracture",
     },
     "element-test": {
         NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation skempton "
-        "largest_unbalanced rearranged_share strain_at_cone"),
-        STRESS: both("G0 E0 E50 p_critical u_at_peak"),
+        "largest_unbalanced rearranged_share strain_at_cone stiffness_number critical_reached critical_from "
+        "critical_ratio compression_misfit swelling_index swelling_misfit reloading_index reloading_misfit skempton_B"),
+        STRESS: both("G0 E0 E50 p_critical u_at_peak sigma1_peak sigma3_peak sigma1_critical sigma3_critical"),
         "angle": both("phi_peak psi phi_residual phi_rowe cone_direction"),
     },
     "cyclic-shear": {
@@ -227,9 +233,9 @@ def cycled():
     }
     fault, state = Made(cell=50.0, dc=0.1, changes=("injection",)), Made(excess_slip=np.array([0.05, 0.1, 0.3]))
     history = Made(events=FaultEvents(**steady), energy=Energy(10.0, 7.0, 1.0, 1.0), fault=fault, state=state)
-    return FaultResult(None, history, None), {
-        "events": 5, "first_event": 0.0, "recurrence": 10.0, "duration": 2.0, "radiated_fraction": 0.1,
-        "energy_residual": 0.1, "moment": 1.0, "crept_length": 100.0,
+    return FaultResult(Made(line=Made(strike_length=10**19.6)), history, None), {
+        "events": 5, "magnitude": 7.0, "event_energy_residual": 0.0, "first_event": 0.0, "recurrence": 10.0,
+        "duration": 2.0, "radiated_fraction": 0.1, "energy_residual": 0.1, "moment": 1.0, "crept_length": 100.0,
     }  # fmt: skip
 
 
@@ -271,6 +277,21 @@ def loaded_sample():
     }  # fmt: skip
 
 
+def failed():
+    """A contact slides in the second of three steps, and the third has an event."""
+    slid, none = np.array([[2, 0, 1]]), np.zeros((0, 3), int)
+    event = Made(strain=2.5e-4, stress_drop=0.1)
+    steps = [
+        Made(strain=k * 1e-4, stress=k, pairs=k, growth=0.1 * k, changes=slid if k == 1 else none) for k in range(1, 4)
+    ]
+    return Made(scenario=ss.scenario(experiment="failure", packing={"file": "a.npz"}), found=Made(
+        steps=steps, events=[event], onset=Made(load=2e-4))
+    ), {
+        "strain": 3e-4, "stress": 3, "pairs": 3, "growth_rate": 0.3, "first_pair": 2e-4, "first_event": 2.5e-4,
+        "events": 1, "drop": 0.1, "first_slide": 1e-4,
+    }  # fmt: skip
+
+
 def cycled_sample():
     """Two elastic samples, which yield at a larger amplitude: loops with a straight axis, and an area of their own."""
     theta = np.linspace(0, 2 * np.pi, 401)
@@ -292,7 +313,7 @@ def cycled_sample():
 
 
 MADE = {"disk-array": disks, "sphere-shear": spheres, "quasi-rigid": rigid, "flow": poured, "gouge": crushed,
-        "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced,
+        "rate-state": slid, "fault": cycled, "threshold": kicked, "catalogue": announced, "failure": failed,
         "element-test": loaded_sample, "cyclic-shear": cycled_sample}  # fmt: skip
 
 

@@ -72,7 +72,7 @@ def test_a_run_some_of_whose_realizations_failed_is_incomplete(tmp_path):
     assert whole["status"] == "finished"
     assert "failures" not in whole
     assert (whole["claims"][0]["verdict"], whole["claims"][0]["measured"]) == ("undecided", None)
-    swept = {"names": ["a", "b"], "failures": ["", "no equilibrium"], "reused": 1}
+    swept = {"names": ["a", "b"], "found": [{}, None], "failures": ["", "no equilibrium"], "reused": 1, "remarks": ()}
     swept["sweep"] = SimpleNamespace(base={}, digest="0", refused=(("b > a", 3),))
     answer = answers.describe_sweep("run", tmp_path, SimpleNamespace(**swept), {})
     assert answer["status"] == "failed"

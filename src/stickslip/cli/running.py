@@ -3,7 +3,7 @@
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -176,6 +176,30 @@ def _reproduce_in(
     )  # fmt: skip
 
 
+class SweepOptions(NamedTuple):
+    """Options of sweeps."""
+
+    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False
+    figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False
+    part: Annotated[
+        str | None,
+        typer.Option("--part", metavar="K/N", help="Run the K-th of N parts of a sweep, for arrays of jobs."),
+    ] = None
+    gather: Annotated[
+        list[Path] | None,
+        typer.Option("--gather", help="Take finished members from the folder of a part; repeatable.", metavar="FOLDER"),
+    ] = None
+
+    def numbers(self) -> tuple[int, int] | None:
+        """K and N of the part."""
+        if self.part is None:
+            return None
+        k, _, n = self.part.partition("/")
+        if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+            raise ValueError(f"--part {self.part} was given: give K/N with 1 ≤ K ≤ N, such as 3/16")
+        return int(k), int(n)
+
+
 @command(epilog=RUN, short_help="Run a scenario, or a sweep of many.")
 def run(
     *,
@@ -195,8 +219,7 @@ def run(
     processes: ProcessOptions,
     overwrite: Overwrite = False,
     trust: Trust = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Run a sweep with any number of members.")] = False,
-    figures: Annotated[bool, typer.Option("--figures", help="Draw figures of every member of a sweep.")] = False,
+    sweeps: SweepOptions,
     drawing: FigureOptions,
     output: Output,
 ) -> None:
@@ -210,7 +233,8 @@ def run(
     look = drawing.look()
     if out is not None and export is not None:
         raise ValueError("--out was given with --export: give a folder for results, or one for the input of LAMMPS")
-    out = out or Path("results") / scenario.stem
+    piece = sweeps.numbers()
+    out = out or Path("results") / (scenario.stem + (f"-{piece[0]}-of-{piece[1]}" if piece else ""))
     tables = read_tables(scenario)
     if trust:
         trust_law_files(tables)
@@ -222,8 +246,11 @@ def run(
             check_choice("engine", engine.engine, ENGINES)
         tables, spread = tables | engine.values(), _choose_processes(processes)
         with _working_in(out, output):
-            options = {"overwrite": overwrite, "yes": yes, "figures": figures, "look": look}
+            options = {"overwrite": overwrite, "yes": sweeps.yes, "figures": sweeps.figures, "look": look}
+            options |= {"part": piece, "gather": sweeps.gather or []}
             return _run_sweep_in("run", tables, out, spread, output, **options)
+    if piece or sweeps.gather:
+        raise ValueError(f"--{'part' if piece else 'gather'} was given, but {scenario} has no [sweep]: leave it out")
     chosen = _with_engine(make_scenario(**tables), engine)
     draw = _open_laboratory(chosen, compare) if compare else None
     if export:
@@ -236,6 +263,20 @@ def run(
         run_folder.prepare_folder(out, chosen, overwrite=overwrite)
         mark_look(out, chosen, look)
         return _run_in("run", chosen, out, spread, output, look, draw)
+
+
+def run_scenario(
+    command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None
+) -> None:  # fmt: skip
+    """Run a scenario in a folder, for a command; `begin` saves what the command has read already."""
+    from ..runs import folder as run_folder
+    from ..runs.folder import mark_look
+
+    with _working_in(folder, output):
+        run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
+        mark_look(folder, chosen, look)
+        begin()
+        _run_in(command, chosen, folder, {}, output, look)
 
 
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
@@ -346,7 +387,7 @@ def resume(
                 return _reproduce_in("resume", folder, spread, output, saved.look, **saved.reproduction)
             if saved.sweep:
                 _note_levels(folder)
-                options = {"yes": True, "figures": saved.figures, "look": saved.look}
+                options = {"yes": True, "figures": saved.figures, "look": saved.look, "part": saved.part}
                 return _run_sweep_in("resume", saved.sweep, folder, spread, output, **options)
             return _run_in("resume", saved.scenario, folder, spread, output, saved.look)
 
@@ -367,7 +408,7 @@ def _report_finished(folder: Path, output: Output) -> None:
 
 def _run_sweep_in(
     command: str, tables: dict, out: Path, spread, output: Output, *, yes: bool, figures: bool, look,
-    overwrite: bool = False,
+    overwrite: bool = False, part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> None:  # fmt: skip
     """Run or continue a sweep in a folder; if members fail, the others are saved and the exit code is 1."""
     from ..runs import json_output
@@ -384,7 +425,8 @@ def _run_sweep_in(
         return typer.confirm(f"Run {chosen.count} members?")
 
     swept = sweep_report.run_with_progress(
-        chosen, out, **spread, overwrite=overwrite, figures=figures, look=look, confirm=confirm
+        chosen, out, **spread, overwrite=overwrite, figures=figures, look=look, confirm=confirm,
+        part=part, gather=gather,
     )  # fmt: skip
     if swept is None:
         return print("nothing was run")

@@ -230,11 +230,12 @@ def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
 
 
 def _resolve_files(tables: dict, folder: Path) -> dict:
-    """Return the tables with absolute paths of files of laws and of draws, which are relative to the scenario."""
+    """Return the tables with absolute paths of files of laws, packings and draws, relative to the scenario."""
 
     def resolve(table: dict, key: str) -> dict:
         return table | {key: str(folder.absolute() / table[key])} if isinstance(table.get(key), str) else table
 
-    if isinstance(tables.get("sweep"), dict):
-        tables["sweep"] = resolve(tables["sweep"], "draws")
+    for table, key in (("sweep", "draws"), ("packing", "file"), ("packing", "contacts")):
+        if isinstance(tables.get(table), dict):
+            tables[table] = resolve(tables[table], key)
     return with_laws(tables, lambda law: resolve(law, "file"))

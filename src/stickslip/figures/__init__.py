@@ -14,6 +14,7 @@ Any packing
 
 What follows an instability
 
+    failure_path           stress, growth and softest mode of a packing until it fails, with forecasts
     growth_by_amplitude    growth rate of a pair at finite amplitude
     response_envelopes     stress and second-order work of small strains in all directions
     dispersion             frequency and damping of waves against the wave number, with the lines of the moduli

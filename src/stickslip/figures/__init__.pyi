@@ -10,6 +10,7 @@ from ..wings.studies.catalogue import figures as catalogue
 from ..wings.studies.flow import figures as flow
 from .analyses import bursts as bursts
 from .analyses import dispersion as dispersion
+from .analyses import failure_path as failure_path
 from .analyses import growth_by_amplitude as growth_by_amplitude
 from .analyses import inclusion as inclusion
 from .analyses import response_envelopes as response_envelopes
@@ -30,6 +31,7 @@ __all__ = [
     "disk_array",
     "dispersion",
     "element_test",
+    "failure_path",
     "fault",
     "flow",
     "gouge",

@@ -19,9 +19,11 @@ from .style import (
     ORANGE,
     PAGE,
     RED,
+    SKY,
     WIDTH,
     column_axes,
     label_axes,
+    legend_above,
     plot_fast,
     power_of_ten,
     styled,
@@ -32,8 +34,53 @@ _Load = Annotated[Any, Array((0,), finite=False)]  # NaN if it is not known
 _Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
 _Form = Annotated[Any, Result("BirthForm", ("growth_rate", "peak", "mode", "free"))]
 _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
+_Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "forecasts", "sign"))]
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 LOOK = {"elastic": (BLUE, "-"), "dipole": (GREEN, "--"), "odd": (RED, ":")}
+MARKED = 80  # points up to which each has a marker
+
+
+@styled
+def failure_path(found: _Failure):
+    """Stress, growth rate and softest eigenvalue along the path of a packing, with events, first pair and forecasts.
+
+    Lines are broken where the path jumps. Without a complex pair there is no growth rate.
+    """
+    steps, word = found.steps, {"isotropic": "pressure\n", "uniaxial": "$\\sigma_{yy}$\n"}
+    strain, stress, growth, soft, pairs = (
+        np.array([getattr(step, name) for step in steps]) for name in ("strain", "stress", "growth", "softest", "pairs")
+    )
+    stress_unit = "force/length" if steps[0].state.cell.dim == 2 else "force/length^2"
+    rows = [(stress, BLUE, (word.get(found.mode, "shear stress\n"), stress_unit))]
+    rows += [(np.where(pairs > 0, growth, 0.0), SKY, ("growth rate\n", "1/time"))] if pairs.any() else []
+    rows += [(soft, GREEN, ("softest real $\\lambda$\n", "1/time^2"))]
+    figure, panels = column_axes(len(rows), 0.6 + 1.6 * len(rows), sharex=True)
+    jumps = [k for k, step in enumerate(steps) if step.events]
+    broken = {
+        name: np.insert(x, jumps, np.nan) for name, x in (("strain", strain), *((k, r[0]) for k, r in enumerate(rows)))
+    }
+    for k, (axes, (value, color, label)) in enumerate(zip(panels, rows, strict=True)):
+        axes.plot(broken["strain"], broken[k], marker="." if len(strain) <= MARKED else None, ms=3, color=color)
+        for first, event in enumerate(found.events):
+            axes.axvline(event.strain, color=RED, lw=0.8, label=None if first else "event")
+        if found.onset:
+            axes.axvline(found.onset.load, color=ORANGE, ls="--", lw=0.8, label="first pair")
+        for one in found.forecasts:
+            color = RED if one.of == "event" else ORANGE
+            axes.axvspan(one.low, one.high, color=color, alpha=0.15, lw=0, label=f"next {one.of}, 80 %")
+            axes.axvline(one.strain, color=color, ls=":", lw=0.8)
+        if k:
+            known = value[np.isfinite(value)]
+            axes.set_ylim(min(0.0, 1.08 * known.min(initial=0.0)), 1.08 * known.max(initial=0.0) or None)
+        label_axes(axes, y=label)
+    ends = np.array([strain.min(), strain.max(), *(end for one in found.forecasts for end in (one.low, one.high))])
+    room = 1.5 * np.ptp(strain)  # a wide interval is cut off at half the length of the path
+    first, last = max(ends.min(), strain.max() - room), min(ends.max(), strain.min() + room)
+    if last > first:
+        panels[-1].set_xlim(first - 0.03 * (last - first), last + 0.03 * (last - first))
+    label_axes(panels[-1], x=r"strain $\gamma$" if found.mode in ("simple", "pure") else r"strain $\varepsilon$")
+    legend_above(panels[0])
+    return figure
 
 
 @styled

@@ -136,7 +136,7 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
         growth = float(judge.exponents(values).max())
     else:
         growth = motion_growth(before, event.upper, judge)
-    moved = displacement(before.state, after.state, after.strain - before.strain)
+    moved = displacement(before.state, after.state, after.strain - before.strain, judge.way)
     jump, participation = jump_size(moved, before.response.support.grains)
     (shear, pressure), end = before.stress, after.stress[0]
     # contacts that bear nothing neither open nor close

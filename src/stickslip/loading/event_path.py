@@ -16,7 +16,7 @@ from ..solve.freedom import displaced
 from ..solve.linear import suitable_threads
 from ..solve.newton import Factorisation, newton
 from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_square, support
-from .packing import sheared
+from .deformation import SIMPLE, Deformation
 
 BEND = 0.05  # distance of a step from the motions predicted at its ends, over the larger of them, in a continuous path
 JUMP = 10.0  # motion over that predicted in a bracket, from which it is a jump
@@ -38,8 +38,11 @@ GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest
 class Judge:
     """The law, the drag and the scales of a search for events."""
 
-    def __init__(self, state: State, law: Law, drag: float, prune: float = PRUNE, *, slip: bool = True):
-        self.law, self.drag, self.prune, self.slip = law, drag, prune, slip
+    def __init__(
+        self, state: State, law: Law, drag: float, prune: float = PRUNE, *, slip: bool = True,
+        way: Deformation = SIMPLE,
+    ):  # fmt: skip
+        self.law, self.drag, self.prune, self.slip, self.way = law, drag, prune, slip, way
         self.force = mean_normal_force(state, law)
         self.diameter = float(2 * state.grains.radius.mean())
         self.overlap = mean_overlap(state)
@@ -89,7 +92,8 @@ class Point:
     @cached_property
     def response(self) -> Response:
         """Linear response."""
-        return Response(self.state, self.judge.law, self.judge.prune, slip=self.judge.slip)
+        judge = self.judge
+        return Response(self.state, judge.law, judge.prune, slip=judge.slip, gradient=judge.way.gradient)
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
@@ -122,14 +126,14 @@ class Point:
 
     @property
     def stress(self) -> tuple[float, float]:
-        """−σ_xy and the pressure [force/length^(dim−1)]."""
+        """Stress that does work on the strain, −σ_xy in simple shear, and the pressure [force/length^(dim−1)]."""
         force, branch, dim = contact_forces(self.state, self.judge.law), self.response.branch, self.state.cell.dim
         sigma = np.einsum("ca,cb->ab", force, branch) / volume(self.state)
-        return -float(sigma[0, 1]), float(np.trace(sigma)) / dim
+        return -float((sigma * self.judge.way.gradient).sum()), float(np.trace(sigma)) / dim
 
     def strained_to(self, strain: float) -> State:
         """State strained affinely from here to a given strain, not in equilibrium."""
-        return sheared(self.state, strain - self.strain, slip=self.judge.slip)
+        return self.judge.way.apply(self.state, strain - self.strain, slip=self.judge.slip)
 
     def newton(self, strain: float, *, thorough: bool = False) -> "Point | None":
         """Equilibrium of Newton's method at another strain, in one step; None if it fails."""
@@ -174,10 +178,9 @@ def mean_overlap(state: State) -> float:
     return float((radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart).mean())
 
 
-def displacement(a: State, b: State, strain: float = 0.0) -> np.ndarray:
-    """(N, 6) motion (x, y, z, R·angle) from one state to another beyond an affine shear [length]."""
-    moved = b.grains.position - a.grains.position
-    moved[:, 0] -= strain * a.grains.position[:, 1]
+def displacement(a: State, b: State, strain: float = 0.0, way: Deformation = SIMPLE) -> np.ndarray:
+    """(N, 6) motion (x, y, z, R·angle) from one state to another beyond an affine deformation [length]."""
+    moved = b.grains.position - a.grains.position - a.grains.position @ way.finite(strain).T
     turned = (b.grains.angle - a.grains.angle) * a.grains.radius[:, None]
     return np.hstack([moved, turned])
 
@@ -196,7 +199,8 @@ def continuous(a: Point, b: Point, bend: float = BEND) -> bool:
     both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
     if not both.any():
         return False
-    moved, first, last = displacement(a.state, b.state, strain), strain * a.response.rate, strain * b.response.rate
+    moved = displacement(a.state, b.state, strain, a.judge.way)
+    first, last = strain * a.response.rate, strain * b.response.rate
     moved, first, last = (_subtract_mean(x[both]) for x in (moved, first, last))
     line = last - first
     share = np.clip(((moved - first) * line).sum() / max((line * line).sum(), np.finfo(float).tiny), 0.0, 1.0)
@@ -210,7 +214,7 @@ def is_jump(a: Point, b: Point) -> bool:
     Where contacts switch between stick and slide, dynamics need not follow the linear response at either end.
     """
     both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
-    moved = root_mean_square(displacement(a.state, b.state, strain), both)
+    moved = root_mean_square(displacement(a.state, b.state, strain, a.judge.way), both)
     return not both.any() or moved > JUMP * strain * min(a.response.speed, b.response.speed)
 
 

@@ -1,6 +1,6 @@
 """Events of quasi-static shear: discontinuities of the path of equilibria, bracketed, classified and measured."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ..core.progress import Report, silent
 from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
+from .deformation import Deformation, Mode, deformation
 from .event_class import Break, Event, Events, StrainStep, describe, jump_size, loss_ahead
 from .event_path import (
     BALANCED,
@@ -41,10 +42,10 @@ SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
 def find_events(
     state: State, law: Law, *, to: Positive, drag: Positive, step: Positive = 4e-4,
     resolution: Positive = 1e-6, most: Annotated[int, POSITIVE] | None = None, smallest: Positive = SMALLEST,
-    prune: Positive = PRUNE,
+    prune: Positive = PRUNE, mode: Mode = "simple", sign: Literal[1, -1] = 1,
     report: Report = silent,
 ) -> Events:  # fmt: skip
-    """Shear a packing quasi-statically and find the discontinuities of its path.
+    """Shear or compress a packing quasi-statically and find the discontinuities of its path.
 
     The path is followed by Newton's method. A step counts as continuous if it ends at an equilibrium that is stable
     under the drag and if the grains moved as the linear responses at both ends predict. Any other step is divided in
@@ -65,6 +66,7 @@ def find_events(
         jump is an event; smaller ones are part of the path, such as the stick-slip of a single contact
     most : number of events after which the search ends, with the strain step in which it is reached
     prune : share of the mean overlap below which a contact supports nothing; see `solve.shear_response`
+    mode, sign : how the cell is deformed, see `aqs`; stresses are those that do work on the strain
     report : called as report(stage, share done, text) after each strain step
 
     Raises
@@ -83,23 +85,30 @@ def find_events(
     >>> len(found.events), found.end
     (0, 'the last strain was reached')
     """
-    _check(state, law, to, step, resolution)
-    search = Search(_first_point(state, law, drag, prune), step, resolution, smallest)
-    end = "the last strain was reached"
+    check_packing(state, law)
+    _check(to, step, resolution)
+    way = deformation(mode, 2 if state.cell.dim == 2 else 3, sign)
+    search = Search(settle(first_point(state, law, drag, prune, way)), step, resolution, smallest)
+    end, rows = "the last strain was reached", []
     for k in range(int(np.ceil(round(to / step, 9)))):
         if most is not None and len(search.events) >= most:
             end = "the number of events was reached"
             break
         goal = min(to, (k + 1) * step)
+        rows.append((*_predictors(search.point), loss_ahead(search.point, step)))
         if not search.advance(goal):
             end = f"at strain {search.point.strain:.6g} dynamics did not come to rest"
             break
+        if search.fell_apart:
+            end = f"at strain {search.point.strain:.6g} the packing fell apart: nothing bears a load any more"
+            break
         report("search for events", goal / to, f"strain {goal:.4g}, {len(search.events)} events")
-    steps = StrainStep(*np.array(search.rows).reshape(-1, len(StrainStep._fields)).T)
+    steps = StrainStep(*np.array(rows).reshape(-1, len(StrainStep._fields)).T)
     return Events(tuple(search.events), steps, search.point.state, drag, step, resolution, end)
 
 
-def _check(state: State, law: Law, to: float, step: float, resolution: float) -> None:
+def check_packing(state: State, law: Law) -> None:
+    """Raise ValueError for a packing that only strain does not load, or a law with which events are not sought."""
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
         raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
@@ -116,25 +125,28 @@ def _check(state: State, law: Law, to: float, step: float, resolution: float) ->
         raise ValueError(
             "a law with a memory of forces was given: events are sought with slips, with_memory(law, 'slip')"
         )
+
+
+def _check(to: float, step: float, resolution: float) -> None:
     if to > MOST_STEPS * step:
         raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
     if resolution > step:
         raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
 
 
-def _first_point(state: State, law: Law, drag: float, prune: float) -> Point:
+def first_point(state: State, law: Law, drag: float, prune: float, way: Deformation) -> Point:
     """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
     here = commit(state, law)
     if not len(touching(here)):
         raise ValueError("a packing without contacts was given: it bears no load; compress it first")
-    judge = Judge(here, law, drag, prune)
+    judge = Judge(here, law, drag, prune, way=way)
     end, outcome = equilibrate(here, law, tolerance=BALANCED * judge.force, check="nothing")
     if not outcome.ok:
         raise NotInEquilibriumError("the first state of the path could not be brought to rest", outcome)
-    point = Point(0.0, end, Judge(end, law, drag, prune))
+    point = Point(0.0, end, Judge(end, law, drag, prune, way=way))
     if not point.response.support.grains.any():
         raise ValueError("a packing of rattlers was given: compress it first")
-    return settle(point)
+    return point
 
 
 class Search:
@@ -144,16 +156,14 @@ class Search:
         self.point, self.step, self.resolution = point, step, resolution
         self.least = smallest * point.judge.overlap  # displacement of an event
         self.events: list[Event] = []
-        self.rows: list[tuple] = []
         self.history = [point]  # since the last event
         self.loss: Break | None = None  # where stability was lost, if the path went on
 
     def advance(self, goal: float) -> bool:
         """Follow the path to a strain; False if dynamics does not come to rest."""
-        self.rows.append((*_predictors(self.point), loss_ahead(self.point, self.step)))
         first, known = self.point, len(self.events)
         waiting, trial = [goal], first.newton(goal)
-        while waiting:
+        while waiting and not self.fell_apart:
             if self._continues(trial):
                 self._accept(trial)
                 waiting.pop()
@@ -163,12 +173,19 @@ class Search:
                 waiting.pop()
             else:
                 return False
-            trial = self._try(waiting[-1]) if waiting else None
+            trial = self._try(waiting[-1]) if waiting and not self.fell_apart else None
+        if self.fell_apart:
+            return True
         if len(self.events) > known:
             off = self._distance_from(first.newton(goal, thorough=True))
             self.events[known:] = [event._replace(newton_distance=off) for event in self.events[known:]]
         self._choose_cell()
         return True
+
+    @property
+    def fell_apart(self) -> bool:
+        """True if only rattlers are left, and nothing to follow."""
+        return not self.point.response.support.grains.any()
 
     def _distance_from(self, other: Point | None) -> float:
         """Distance of a point from the present one, in mean diameters; NaN without a point."""
@@ -231,7 +248,7 @@ class Search:
         return True
 
     def _is_far(self, a: Point, b: Point) -> bool:
-        moved = displacement(a.state, b.state, b.strain - a.strain)
+        moved = displacement(a.state, b.state, b.strain - a.strain, a.judge.way)
         return jump_size(moved, a.response.support.grains)[0] > self.least
 
     def _record(self, event: Break) -> None:

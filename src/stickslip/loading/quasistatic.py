@@ -1,6 +1,8 @@
 """Quasi-static steps: athermal shear, with a check of the path, shear under a stress or by a plate, and inflation."""
 
 import warnings
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -22,8 +24,8 @@ from ..solve.inclusion import Inflation, as_inflation, inflated_grains
 from ..solve.newton import Factorisation
 from ..solve.shear_response import damped_exponents, root_mean_square
 from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
+from .deformation import Deformation, Mode, deformation
 from .event_path import Judge, Point, commit, continuous, displacement, distance, fall
-from .packing import shear_strain, sheared
 from .protocols import Equilibrium, Protocol
 
 STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
@@ -36,6 +38,7 @@ BALANCED = 1e-9  # under a stress: default tolerance, in units of the normal for
 def aqs(
     law: Law, *, slip: bool = True, tolerance: float | None = None, modes: bool = False,
     on_instability: Literal["tell", "follow-dynamics", "stop"] = "tell", drag: Positive | None = None,
+    mode: Mode = "simple", sign: Literal[1, -1] = 1,
 ) -> Protocol:  # fmt: skip
     """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
 
@@ -58,6 +61,9 @@ def aqs(
         unstable under the drag or on another branch; there is a warning, too. "stop": a LeftPathError is raised
     drag : of the dynamics, for translations and rotations; needed for "follow-dynamics", because it decides which
         oscillations grow. If given, only pairs that grow in spite of it count as unstable [1/time]
+    mode : "simple" shear along x with the gradient along y; "pure" shear, γ = ln(Lx/Ly); "isotropic" compression,
+        ε = −ln V; "uniaxial" compression along y, ε = −ln Ly
+    sign : −1 counts the strain downwards: a growing load shears the other way, or unloads
 
     Raises
     ------
@@ -75,10 +81,11 @@ def aqs(
     """
     if on_instability == "follow-dynamics" and drag is None:
         raise ValueError("on_instability='follow-dynamics' was given without drag: it decides which oscillations grow")
-    keep, watch = Factorisation(), Watch(law, slip, modes, on_instability, drag)
+    keep, watch = Factorisation(), Watch(law, slip, modes, on_instability, drag, partial(_way, mode, sign))
 
     def apply(state, strain):
-        return sheared(state, strain - shear_strain(state), slip=slip)
+        way = watch.way(state)
+        return way.apply(state, strain - way.place(state), slip=slip)
 
     def settle(state, strain):
         end, outcome = equilibrate(state, law, tolerance=tolerance, keep=keep, check="nothing")
@@ -86,13 +93,18 @@ def aqs(
             raise NotInEquilibriumError(f"no equilibrium at strain {strain:g}", outcome)
         return end, outcome
 
-    return Protocol(law, apply, settle, modes, watch.check, shear_strain)
+    return Protocol(law, apply, settle, modes, watch.check, lambda state: watch.way(state).place(state))
+
+
+def _way(mode: Mode, sign: Literal[1, -1], state: State) -> Deformation:
+    return deformation(mode, 2 if state.cell.dim == 2 else 3, sign)
 
 
 class Watch:
     """Check of the steps of a path of quasi-static shear."""
 
-    def __init__(self, law: Law, slip: bool, modes: bool, choice: str, drag: float | None):
+    def __init__(self, law: Law, slip: bool, modes: bool, choice: str, drag: float | None, way):
+        self.way: Callable[[State], Deformation] = way
         self.law, self.slip, self.modes, self.choice, self.drag = law, slip, modes, choice, drag
         self.rate: np.ndarray | None = None  # (N, 6) motion per strain in the last step
         self.warned = False
@@ -121,10 +133,12 @@ class Watch:
 
     def _distance(self, start: State, point: Equilibrium) -> float:
         """Distance of the end of a step from its branch, in mean diameters; see `branch_distance`."""
-        strain, before = shear_strain(point.state) - shear_strain(start), self.rate
+        way = self.way(start)
+        strain, before = way.place(point.state) - way.place(start), self.rate
         if not strain:
             return 0.0
-        moved, everything = displacement(start, point.state, strain) / strain, np.ones(len(start.grains.radius), bool)
+        moved = displacement(start, point.state, strain, way) / strain
+        everything = np.ones(len(start.grains.radius), bool)
         self.rate = moved
         if before is not None and before.shape == moved.shape:
             change = root_mean_square(moved - before, everything)
@@ -132,17 +146,18 @@ class Watch:
                 return 0.0
         start = commit(start, self.law)
         judge = self._judge(start)
-        begin, end = (Point(shear_strain(s), s, judge) for s in (start, point.state))
+        begin, end = (Point(way.place(s), s, judge) for s in (start, point.state))
         off = branch_distance(begin, end)
         self.rate = self.rate if off == 0 else None
         return off / judge.diameter
 
     def _judge(self, state: State) -> Judge:
-        return Judge(state, self.law, self.drag or 0.0, slip=self.slip)
+        return Judge(state, self.law, self.drag or 0.0, slip=self.slip, way=self.way(state))
 
     def _follow(self, start: State, point: Equilibrium, left: bool) -> tuple[Equilibrium, bool]:
         """Equilibrium to which damped dynamics leads, and whether it is another one."""
-        start, begin, goal = commit(start, self.law), shear_strain(start), shear_strain(point.state)
+        way = self.way(start)
+        start, begin, goal = commit(start, self.law), way.place(start), way.place(point.state)
         judge = self._judge(start)
         if not left and Point(goal, point.state, judge).stable:
             return point, False  # stable under the drag

@@ -265,6 +265,7 @@ class UnfinishedRun(NamedTuple):
     sweep: dict | None = None  # tables, if it is a sweep
     figures: bool = False  # whether the members of the sweep draw figures
     look: Look = PLAIN  # of figures
+    part: tuple[int, int] | None = None  # of a sweep, if only this one is run here
 
 
 @cache
@@ -307,7 +308,10 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
         options = folder / OPTIONS
         given = read_json(options) if options.is_file() else {}
         look = _look_in(given["look"], options) if "look" in given else PLAIN
-        return UnfinishedRun(None, None, read_tables(folder / SWEEP), given.get("figures", False), look)
+        part = given.get("part")
+        return UnfinishedRun(
+            None, None, read_tables(folder / SWEEP), given.get("figures", False), look, part and tuple(part)
+        )
     install_results(folder)
     known, arguments = unfinished_scenario(folder), folder / UNFINISHED / REPRODUCTION
     if known is None and not (folder / SCENARIO).is_file():

@@ -72,7 +72,7 @@ def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dic
 
     failures = {name: message for name, message in zip(swept.names, swept.failures, strict=True) if message}
     total = len(swept.names)
-    members = {"total": total, "finished": total - sum(map(bool, swept.failures)), "reused": swept.reused}
+    members = {"total": total, "finished": sum(one is not None for one in swept.found), "reused": swept.reused}
     status = "failed" if failures else "finished"
     more = [folder / name for name in comparison_files() if (folder / name).is_file()]
     files = [folder / DATASET, *more, folder / MEMBERS]

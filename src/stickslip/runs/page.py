@@ -112,6 +112,8 @@ def folder_content(
         sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
     if remarks := tree.get("remarks"):
         sections.append(("Remarks", "".join(map(page.paragraph, remarks.splitlines()))))
+    if len((events := tree.get("events", {})).get("start", ())):
+        sections.append(("Events", _events_table(events, units)))
     if rows := _summarize_series(tree.get("series"), units):
         sections.append(("Time series", _limited_table(["quantity", "final", "least", "greatest", "unit"], rows)))
     shown = [path for path in list_files(folder) if path.suffix in (".png", ".gif") and path.name not in (FILM, CHART)]
@@ -277,6 +279,16 @@ def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
             numbers, unit = in_readable_units((known[-1], known.min(), known.max()), units.get(f"series/{name}", ""))
             rows.append([_readable(name), *(f"{v:.5g}" for v in numbers), unit])
     return rows
+
+
+def _events_table(events: dict, units: dict[str, str]) -> str:
+    """Table of events that have a time: a row for each, times in years if they are long."""
+    columns, cells = [], []
+    for name in ("start", *(name for name in events if name not in ("start", "end"))):
+        values, unit = in_readable_units(events[name], units.get(f"events/{name}", ""))
+        columns.append(f"{_readable(name)} [{unit}]" if unit else _readable(name))
+        cells.append([f"{value:.5g}" if isinstance(value, float) else str(value) for value in values])
+    return _limited_table(columns, list(map(list, zip(*cells, strict=True))), numbers=())
 
 
 def _limited_table(columns: list[str], rows: list[list[str]], *, numbers=slice(1, -1), file: str = NUMBERS) -> str:

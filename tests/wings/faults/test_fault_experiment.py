@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -13,6 +14,7 @@ from stickslip.friction import fault_dataset
 from stickslip.reports.page import write_page
 from stickslip.runs.folder import write_result
 from stickslip.runs.page import folder_content
+from stickslip.wings.faults.fault import report
 from stickslip.wings.faults.fault import simulate as room
 from stickslip.wings.faults.fault.claims import evaluate_claims, paper_scenario
 from stickslip.wings.faults.fault.figures import max_slip_velocity
@@ -25,6 +27,7 @@ experiment = "fault"
 [line]
 width = 5e3
 cell = 100.0
+strike_length = 1e4
 [friction]
 a = [[2000, 0.010], [3000, 0.025]]
 dc = 1.5e-3
@@ -55,9 +58,28 @@ def result(folder):
 def test_files(folder):
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        "devol.dat", "fig1_slip.png", "fig2_velocity.png", "fig3_stations.png", "fltst_dp000.txt", "fltst_dp015.txt",
-        "manifest.json", "results.h5", "scenario.json",
+        "devol.dat", "events.csv", "fig1_slip.png", "fig2_velocity.png", "fig3_stations.png", "fltst_dp000.txt",
+        "fltst_dp015.txt", "manifest.json", "results.h5", "scenario.json",
     }  # fmt: skip
+
+
+def test_the_table_of_events_has_moments_and_magnitudes(folder, result):
+    """The file, the archive and the measures are those of the result; without a length along strike there are none."""
+    notes = [line for line in (folder / "events.csv").read_text().splitlines() if line.startswith("#")]
+    assert "# moments and magnitudes are those of a length along strike of 10000 m" in notes
+    assert any(note.startswith("# The first event, after 8.9") for note in notes)
+    table, events = pd.read_csv(folder / "events.csv", comment="#"), result.history.events
+    assert np.allclose(table["seismic_moment [N m]"], 1e4 * events.moment, rtol=1e-11)
+    assert np.allclose(table["magnitude [-]"], 2 / 3 * (np.log10(1e4 * events.moment) - 9.1), rtol=1e-11)
+    assert np.allclose(table["slip_weighted_stress_drop [Pa]"], events.slip_weighted_stress_drop, rtol=1e-11)
+    assert np.allclose(table["released [J/m]"], events.released, rtol=1e-11)
+    assert table["first [-]"].tolist() == [1] + [0] * (len(table) - 1)
+    saved = ss.io.open_dataset(folder)["events"]
+    assert np.array_equal(saved.magnitude, result.magnitude) and saved.seismic_moment.attrs["units"] == "N m"
+    late = result.magnitude[room.SETTLING :]
+    assert EXPERIMENTS["fault"].measures(result)["magnitude"][0] == pytest.approx(late.mean())
+    plain = result._replace(scenario=scenario(experiment="fault"))
+    assert np.isnan(plain.magnitude).all() and "magnitude" not in report.event_table(plain)
 
 
 def test_files_of_the_platform_are_what_was_simulated(folder, result):
@@ -155,12 +177,16 @@ def test_a_fault_without_events_says_so_everywhere(tmp_path, capsys):
     said = "There was no event in 1.56 years: no slip velocity reached 0.001 m/s."
     EXPERIMENTS["fault"].show(result)
     assert said in " ".join(capsys.readouterr().out.split())
+    report.write_events(result, tmp_path / "events.csv")
+    notes = (tmp_path / "events.csv").read_text().splitlines()
+    assert f"# {said}" in notes and notes[-1].startswith("start [s],")
     assert max_slip_velocity(result.history).axes[0].get_title() == "no event in 1.56 years"
     write_result(tmp_path / "out", EXPERIMENTS["fault"], result)
     shown = folder_content(tmp_path / "out")
     sections = dict(shown.sections)
     assert said in sections["Remarks"] and "max velocity" in sections["Time series"]
     assert "station" not in sections["Time series"]
+    assert "Events" not in sections
     write_page(shown, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
     assert "no packing" not in page and page.index("<h2>Measures") == page.index("<h2>")

@@ -58,6 +58,21 @@ def test_exact_data_give_exact_parameters(law, legs, free):
     assert surface[:5] == pytest.approx(PAPER[:5], rel=1e-5)
 
 
+def test_a_fit_reports_its_misfit_and_parameters_on_the_way():
+    """Shares never fall, and the last report has the root mean square of the residuals and the fitted values."""
+    told = []
+    found = fit(
+        record(STEP, noise=1e-3), law="slip", fixed={"stiffness": STIFFNESS, "v0": 0.02},
+        report=lambda stage, share, text: told.append((stage, share, text)),
+    )  # fmt: skip
+    shares = [share for _, share, _ in told]
+    assert all(np.diff(shares) >= 0) and 0 < shares[0] < 0.05 and 0.8 < shares[-1] <= 1
+    assert "guesses, least misfit" in told[0][2]
+    first, second = (float(told[k][2].split("misfit ")[1].split(",")[0]) for k in (0, -1))
+    assert second == pytest.approx(np.std(found.residuals[0]), rel=0.01) and second < first
+    assert f"a {found.values['a']:.3g}, b {found.values['b']:.3g}, dc {found.values['dc']:.3g}" in told[-1][2]
+
+
 def coverage(law, legs, rho, free, count, seed=0):
     """How often the 95 % intervals of `count` fits hold the truth, by parameter."""
     fixed = {} if free else {"stiffness": STIFFNESS}

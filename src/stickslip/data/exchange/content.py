@@ -100,11 +100,13 @@ def is_compressed(path: Path) -> bool:
 
 
 def read_lines(
-    path: Path, remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`"
+    path: Path,
+    remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`",
+    fallback: str | None = None,
 ) -> str:
-    """Text of a file; PackingError if it is none, or ends in the middle of a line."""
+    """Text of a file, in UTF-8 or another encoding; PackingError if it is none, or ends in the middle of a line."""
     try:
-        text = decode_text(read_content(path), path, remedy=remedy)
+        text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     if text and not text.endswith("\n"):  # a truncated number is still a number

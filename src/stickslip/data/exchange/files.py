@@ -36,7 +36,7 @@ from ..sample import (
     notes_about,
     with_one_account,
 )
-from . import arrays, gsd_file, lammps_file, lammps_restart, table_file, vtk_file
+from . import arrays, dialects, gsd_file, lammps_file, lammps_restart, table_file, vtk_file
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .columns import at_rest, mass_note
 from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, read_content
@@ -64,11 +64,15 @@ FORMATS = (
     Format("archives of stickslip (.h5)", arrays.recognize_archive, arrays.read_archive, packs=False),
     Format("GSD", gsd_file.recognize, gsd_file.read, packs=False),
     Format("LAMMPS restart", lammps_restart.recognize, lammps_restart.read),
+    Format("part of a LAMMPS restart", lammps_restart.recognize_part, lammps_restart.read),
     Format("LAMMPS dump", lammps_file.recognize_dump, lammps_file.read_grain_dump, of_lammps=True),
     Format("LAMMPS data", lammps_file.recognize_data, lammps_file.read_data_file, of_lammps=True),
     Format("VTK", vtk_file.recognize, vtk_file.read),
     Format("extended XYZ", table_file.recognize_xyz, table_file.read_xyz),
     Format("MercuryDPM .data", table_file.recognize_mercury, table_file.read_mercury),
+    Format("EDEM's export", dialects.recognize_edem, dialects.read_edem),
+    Format("jamBashBulk", dialects.recognize_jambash, dialects.read_jambash),
+    Format("PackLSD", dialects.recognize_packlsd, dialects.read_packlsd),
     Format("CSV, YADE and other tables", table_file.recognize, table_file.read),
 )
 

@@ -171,6 +171,7 @@ RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that cha
 COMBINED = ("union", "subtract", "intersect")  # groups made of others
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
 WRITING = ("write_restart", "write_data", "write_dump")
+NODES = {"sc": 1, "bcc": 2, "fcc": 4, "diamond": 8, "sq": 1, "sq2": 2}  # of a lattice in its cell, a cube or square
 BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
 FILING = (*WRITING, *BEGINNING, "restart", "dump")  # commands that name files of grains
 
@@ -435,8 +436,8 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     key, rest = tokens[0], tokens[1:]
     if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
-    if key == LATTICE:
-        run.settings[LATTICE] = rest
+    if key == LATTICE:  # with eight digits
+        run.settings[LATTICE] = run.settings.get(LATTICE) or rest
         return run
     if key == BONDS:
         run.acts[key] = f"{' '.join(rest)} ({place}) were not taken over: {find_row('section', 'Bonds').why}"
@@ -475,7 +476,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
 def _set(run: Run, key: str, rest: list[str]) -> None:
     """Take a command that changes a setting."""
     if rest and key in ("units", "atom_style", "newton", "boundary", "dimension"):
-        run.settings[key] = rest
+        run.settings[key] = [*map(plain_style, rest)]
     elif key == "change_box" and "boundary" in rest:
         run.settings["boundary"] = rest[rest.index("boundary") + 1 :][:3]
     elif key == "neigh_modify" and "exclude" in rest:
@@ -488,7 +489,19 @@ def _set(run: Run, key: str, rest: list[str]) -> None:
     elif key == "labelmap" and rest[:1] == ["clear"]:
         run.labels.clear()
     elif key == "lattice":
-        run.settings[LATTICE] = []  # a log has it in the next line
+        run.settings[LATTICE] = _spacing_of(rest, run.settings)
+
+
+def _spacing_of(lattice: list[str], settings: dict[str, list[str]]) -> list[str]:
+    """Spacing of a lattice along x, y and z; empty if only a log has it, in the next line."""
+    style, scale = lattice[0] if lattice else "", (*numbers_in(lattice[1:]), 0.0)[0]
+    if style == "none":
+        return lattice[1:2] * 3
+    if len(lattice) != 2 or style not in NODES or not scale > 0:
+        return []
+    if settings.get("units", ["lj"]) == ["lj"]:  # a density
+        scale = (NODES[style] / scale) ** (1 / (2 if settings.get("dimension") == ["2"] else 3))
+    return [repr(scale)] * 3
 
 
 def _define(run: Run, key: str, rest: list[str], place: str) -> None:

@@ -44,6 +44,7 @@ class Plane(NamedTuple):
     normal: np.ndarray  # (3,) towards the grains
     number: int  # of the fix, among those of walls
     scale: float = 0.0  # mean contact radius, if LAMMPS multiplies k_t by it [length]
+    face: int = 0  # of its region, from 0
 
     def overlap(self, position: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """(N,) overlaps of grains with the wall [length]."""
@@ -112,7 +113,7 @@ class Course:
 def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> None:
     """Flat walls of `fix wall/gran`, each with its own row in the law's table."""
     number = course.wall_number(name)
-    contact, (kind, *rest) = _wall_law(arguments)
+    contact, (kind, *rest) = _wall_law(course, arguments)
     rest = rest[:-1] if rest[-1:] == ["contacts"] else rest  # adds output only
     if kind not in ("xplane", "yplane", "zplane") or len(rest) != 2 or not course.members(group).all():
         raise ValueError(
@@ -125,13 +126,16 @@ def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> N
             _add_wall_law(course, contact, arguments)
 
 
-def _wall_law(arguments: list[str]) -> tuple[Contact, list[str]]:
-    """Law of a wall, and the words that follow it."""
-    if numbers_in(arguments[:1]):
+def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]:
+    """Law of a wall, and the words that follow it; old releases name no style, and take that of the pair style."""
+    if not numbers_in(arguments[:1]):
+        return wall_contact(plain_style(arguments[0]), arguments[1:])
+    style = next(iter(course.run.pair_style), "none").removeprefix("gran/")
+    if style not in HISTORY:
         raise ValueError(
-            "its arguments begin with numbers, not with the name of a style, as in LAMMPS before 2019, and are not read"
+            f"it names no style, as in old releases, where it is that of pair_style {style}: {no_equal(style)}"
         )
-    return wall_contact(plain_style(arguments[0]), arguments[1:])
+    return wall_contact(style, arguments)
 
 
 def _add_wall(course: Course, name: str, wall: Plane) -> None:
@@ -167,7 +171,7 @@ def _classic(course: Course, contact: Contact) -> Contact:
     radius = course.packing.arrays["radius"]
     overlap = course.walls[-1].overlap(course.packing.arrays["position"], radius)
     touches = overlap > 0
-    if course.run.year > 2025 or not touches.any():
+    if course.run.year > 2025 or 0 < course.run.year < 2022 or not touches.any():
         return contact
     scale = float(np.sqrt(overlap[touches] * radius[touches]).mean())
     course.walls[-1] = course.walls[-1]._replace(scale=scale)
@@ -176,26 +180,63 @@ def _classic(course: Course, contact: Contact) -> Contact:
 
 
 OPTIONS = {"side": 1, "units": 1, "open": 1, "move": 3, "rotate": 7}  # of regions, and the number of their arguments
+FLAT = ("plane", "block")  # regions with flat faces
 
 
-def _take_plane(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Plane of `fix wall/gran/region`."""
+def _take_region(course: Course, name: str, group: str, arguments: list[str]) -> None:
+    """Plane, or faces of a block, of `fix wall/gran/region`."""
     number = course.wall_number(name)
-    contact, rest = _wall_law(arguments)
+    contact, rest = _wall_law(course, arguments)
     region = course.run.regions[rest[rest.index("region") + 1]]
     style, *words = region.words
     rest = rest[:-1] if rest[-1:] == ["contacts"] else rest
     given, k = {}, 6
-    while style == "plane" and k < len(words):
-        given[words[k]], k = words[k + 1 : k + 1 + OPTIONS[words[k]]], k + 1 + OPTIONS[words[k]]
-    if style != "plane" or {"move", "rotate"} & set(given) or len(rest) != 2 or not course.members(group).all():
+    while style in FLAT and k < len(words):
+        given.setdefault(words[k], []).extend(words[k + 1 : k + 1 + OPTIONS[words[k]]])
+        k += 1 + OPTIONS[words[k]]
+    if style not in FLAT or {"move", "rotate"} & set(given) or len(rest) != 2 or not course.members(group).all():
         told = f"`{' '.join([style, *words, *rest[2:]])}` of group {group}"
-        raise ValueError(f"only regions that are fixed planes and touch all grains are read, not {told}")
+        raise ValueError(f"only regions that are fixed planes or blocks and touch all grains are read, not {told}")
     scale = np.ones(3) if given.get("units") == ["box"] else _spacing(region)
-    point, normal = np.array([_finite(w) for w in words[:6]]).reshape(2, 3) * scale
-    normal = (-1.0 if given.get("side") == ["out"] else 1.0) * normal / np.linalg.norm(normal)
-    _add_wall(course, name, Plane(float(point @ normal), normal, number))
-    _add_wall_law(course, contact, arguments)
+    outside = given.get("side") == ["out"]
+    if style == "plane":
+        point, normal = np.array([_finite(w) for w in words[:6]]).reshape(2, 3) * scale
+        normal = (-1.0 if outside else 1.0) * normal / np.linalg.norm(normal)
+        walls = [Plane(float(point @ normal), normal, number)]
+    else:
+        ends = zip(words[:6], (-np.inf, np.inf) * 3, strict=True)
+        bounds = (
+            np.array([end if word == "INF" else _finite(word) for word, end in ends]).reshape(3, 2) * scale[:, None]
+        )
+        if outside and "open" in given:
+            raise ValueError("a block with open faces and grains outside is not read")
+        walls = (
+            [_touched_face(course, bounds, number)] if outside else _inner_faces(bounds, given.get("open", ()), number)
+        )
+    for wall in walls:
+        _add_wall(course, name, wall)
+        _add_wall_law(course, contact, arguments)
+
+
+def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> list[Plane]:
+    """Faces of a block with grains inside, in the order in which LAMMPS numbers them from 1, without open ones."""
+    faces = []
+    for face, bound in enumerate(bounds.ravel()):
+        side = 1.0 - 2.0 * (face % 2)
+        if np.isfinite(bound) and str(face + 1) not in left_open:
+            faces.append(Plane(side * bound, side * np.eye(3)[face // 2], number, face=face))
+    return faces
+
+
+def _touched_face(course: Course, bounds: np.ndarray, number: int) -> Plane:
+    """Face of a block that is the wall of grains outside; ValueError if they touch several, or an edge."""
+    place, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
+    for wall in _inner_faces(bounds, (), number):
+        axis, wall = wall.face // 2, Plane(-wall.height, -wall.normal, number)
+        above = np.delete((place >= bounds[:, 0]) & (place <= bounds[:, 1]), axis, axis=1).all(axis=1)
+        if (place @ wall.normal >= wall.height).all() and above[wall.overlap(place, radius) > 0].all():
+            return wall
+    raise ValueError("grains touch several faces of its block from outside, or its edges, and a wall here has none")
 
 
 def _spacing(region: Region) -> np.ndarray:
@@ -281,13 +322,13 @@ def _take_momentum(course: Course, name: str, group: str, arguments: list[str]) 
 
 
 TAKEN = {
-    "wall/gran": _take_wall, "wall/gran/region": _take_plane, "gravity": _take_gravity, "freeze": _take_freeze,
+    "wall/gran": _take_wall, "wall/gran/region": _take_region, "gravity": _take_gravity, "freeze": _take_freeze,
     "setforce": _take_setforce, "addforce": _take_addforce, "deform": _take_deform,
     **dict.fromkeys(CENTRED, _take_momentum),
 }  # fmt: skip
 
 
-BESIDE = "style beside the pair style"
+BESIDE, LINEAR = "style beside the pair style", "pair style whose force is proportional to its first coefficient"
 HEAVY = "held grains count as infinitely heavy in dashpots, as under fix freeze, where LAMMPS takes their masses"
 MOVERS = {  # fixes that move grains, and whether these also turn
     "nve": False, "nve/limit": False, "nve/noforce": False, "nve/sphere": True, "nve/bpm/sphere": True, "move": True,
@@ -304,7 +345,8 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
     for k, plane in enumerate(course.walls):
         overlap, contact = plane.overlap(place, radius), course.contacts[0, course.kinds + k]
         touches, slips, more = lammps_restart.wall_values(memory, BY_NAME[contact.law].bonds)
-        mine = (memory.wall == plane.number) & (overlap > deepest) & touches
+        mine = (memory.wall == plane.number) & ((memory.face == plane.face) | (memory.face < 0))
+        mine &= (overlap > deepest) & touches
         wall[mine], deepest[mine], slip[mine] = k, overlap[mine], slips[mine]
         turned[mine] = lammps_restart.rotations(more[mine], *memory_layout([contact]))
         if plane.scale:  # the force of LAMMPS, under a k_t that is the same for all grains
@@ -438,7 +480,7 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
             others = acting.get(pair, {}) if style != "hybrid" and part != "none" else {}
             acting[pair] = others | {plain_style(part): rest}
     for pair, own in acting.items():
-        own = {part: rest for part, rest in own.items() if find_row(BESIDE, part).group != HARMLESS}
+        own = {part: rest for part, rest in own.items() if not _has_no_force(part, rest)}
         if len(own) > 1:
             raise ValueError(f"it adds the forces of {' and '.join(own)}, and one contact law is read")
         for part, rest in own.items():
@@ -452,6 +494,12 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
     if course.types is None and (apart or len({str(contact) for contact in course.contacts.values()}) > 1):
         raise ValueError("the grains have no types (a column type), and its parts act between some types only")
     _check_apart(course, apart)
+
+
+def _has_no_force(part: str, coefficients: list[str]) -> bool:
+    """Return True for a part of a hybrid style that makes no forces between two types with these coefficients."""
+    zero = numbers_in(coefficients[:1]) == [0.0] and find_row(LINEAR, part).group == HARMLESS
+    return zero or find_row(BESIDE, part).group == HARMLESS
 
 
 def _split_hybrid(arguments: list[str], given: set[str]) -> tuple[dict[str, list[str]], list[str]]:

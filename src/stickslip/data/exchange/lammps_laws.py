@@ -69,8 +69,8 @@ LIMITED = (
     "with these dashpots, which is larger than the number in LAMMPS"
 )
 WALL_CLASSIC = (
-    "the k_t of fix wall/gran hooke/history, which LAMMPS up to 2025 multiplies by the contact radius sqrt(delta R) "
-    "(taken at its mean over contacts)"
+    "the k_t of fix wall/gran hooke/history, which LAMMPS from 2022 to 2025 multiplies by the contact radius "
+    "sqrt(delta R) (taken at its mean over contacts)"
 )
 LEVER_ARMS = (
     "pair_style granular takes lever arms R - delta/2 for torques and R for the slip: here both are R - delta/2, "

@@ -36,7 +36,9 @@ from .lammps_text import Table, add_box, restricted_box, whole_periods
 MAGIC = b"LammpS RestartT\x00"
 # the end of the header, which is flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
 HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
-SPLIT = rb"\x2c\0\0\0[^\0]...\xff\xff\xff\xff" + MAGIC  # a base file, whose grains are in others
+# up to 2023 the header had a flag more at its end, 45, which is 0 unless LAMMPS wrote with MPI-IO
+OLD_END = re.compile(rb"(\x2c\0\0\0[^\xff]{4})\x2d\0{7}(\xff{4}(?:\x2f\0\0\0|LammpS))", re.DOTALL)
+PART = struct.pack("<i", 46)  # the flag at the beginning of a part, before its number of blocks
 POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8, 11, 12, 13, 16
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory with grains
@@ -56,7 +58,7 @@ FLAGS = {  # what follows the flags of a header
     **dict.fromkeys((1, 2, 3, 6, 7, 9, 10, 11, 12, 13, 17, 19, 20, 22, 23, 25, 26, 28, 29, 30, 48, 73, 75), INT),
     **dict.fromkeys((51, 52, 53, 54, 56, 58, *range(60, 66)), INT),
 }  # fmt: skip
-UNITS, STEP, BOUNDARY, STYLE, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 31, 32, 33, 34, 35
+UNITS, STEP, BOUNDARY, STYLE, ATOMS, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 16, 31, 32, 33, 34, 35
 MOST_GROUPS = 32
 LABELS = 72  # the flag before labels of types
 NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
@@ -82,6 +84,7 @@ class Restart(NamedTuple):
     more: np.ndarray  # (C, 7) values after the slip, or its `rotations`, (C, 4)
     wall_more: np.ndarray  # (K, 7), or (K, 4)
     ids: np.ndarray  # (N,) numbers of the grains in LAMMPS, increasing
+    face: np.ndarray  # (K,) of the region that is the wall, from 0; −1 for walls that are none
 
 
 def is_complete(path: Path) -> bool:
@@ -93,11 +96,45 @@ def is_complete(path: Path) -> bool:
         return file.read() == MAGIC
 
 
+def _read_whole(path: Path) -> bytes:
+    """Content of a restart file, with the blocks of its parts if LAMMPS wrote these to other files, as for % in a name.
+
+    The base ends with the header, in which the number of parts stands, and each part has the blocks of some ranks.
+    """
+    content = OLD_END.sub(rb"\1\2", read_content(path), count=1)
+    if recognize_part(content):
+        numbers = re.finditer(r"\d+", path.name)
+        names = [f"{path.name[: number.start()]}base{path.name[number.end() :]}" for number in numbers]
+        base = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
+        if base is None:
+            raise PackingError(f"{path} is one part of a restart file: the others and the one named base are needed")
+        return _read_whole(base)
+    end = len(content) - len(MAGIC) - len(HEADER_END)
+    flag, count, last = struct.unpack("<iii", content[end : -len(MAGIC)]) if end > 0 else (0, 0, 0)
+    if not (content.startswith(MAGIC) and content.endswith(MAGIC) and (flag, last) == (44, -1) and count > 0):
+        return content
+    before, _, after = path.name.rpartition("base")
+    return b"".join(
+        [content[:end], HEADER_END, *(_read_part(path, f"{before}{k}{after}") for k in range(count)), MAGIC]
+    )
+
+
+def _read_part(base: Path, name: str) -> bytes:
+    """Blocks of one part of a restart file."""
+    path = base.with_name(name)
+    if not path.is_file():
+        raise PackingError(
+            f"{base} lacks its part {name}: copy all parts, or write the restart file without % in its name"
+        )
+    content = read_content(path)
+    if not (recognize_part(content) and content.endswith(MAGIC)):
+        raise PackingError(f"{path} is no complete part of the restart file {base.name}: copy it again")
+    return content[2 * len(PART) : -len(MAGIC)]
+
+
 def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
     """Start of the first block of a restart file, and the doubles of each block; ValueError if it is no such file."""
     mark, start = HEADER_END + BLOCK, 0
-    if content.startswith(MAGIC) and re.search(SPLIT, content[-len(MAGIC) - 12 :], re.DOTALL):
-        raise ValueError("it is the base of a restart that was written in parts, as % in a name asks for")
     if not content.startswith(MAGIC) or not content.endswith(MAGIC):
         raise ValueError("no complete restart file of LAMMPS")
     while (start := content.find(mark, start)) >= 0:
@@ -145,7 +182,7 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     ValueError
         If the file is incomplete or in another format.
     """
-    content = read_content(path)
+    content = _read_whole(path)
     start, blocks = _blocks(content)
     named = [style for _, style in _fixes(content[:start])[1]]  # in the order of their entries in a record
     stores = named if walls is None else [HISTORY, *[REGION] * walls]
@@ -163,8 +200,8 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     pairs[:2], touched[1] = (np.searchsorted(ids, column) for column in pairs[:2]), np.searchsorted(ids, touched[1])
     once = pairs[0] < pairs[1]
     more = _first_copies(*pairs[:2], pairs.pop())[once]
-    ends, wall_more = (column[once] for column in pairs), touched.pop()
-    return Restart(*(column[order] for column in grains), *ends, *touched, more, wall_more, ids)
+    ends, face, wall_more = (column[once] for column in pairs), touched.pop(), touched.pop()
+    return Restart(*(column[order] for column in grains), *ends, *touched, more, wall_more, ids, face)
 
 
 def _first_copies(i: np.ndarray, j: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -188,6 +225,11 @@ def rotations(values: np.ndarray, rolls: int, twists: int) -> np.ndarray:
     return out
 
 
+def recognize_part(head: bytes) -> bool:
+    """Return True for a part of a restart file of LAMMPS, which has the grains of some ranks only."""
+    return head.startswith(PART) and head[2 * len(PART) :].startswith(BLOCK)
+
+
 def recognize(head: bytes) -> bool:
     """Return True for a restart file of LAMMPS."""
     return head.startswith(MAGIC)
@@ -196,7 +238,7 @@ def recognize(head: bytes) -> bool:
 def read(path: Path, frame: str | None = None) -> list[Packing]:
     """Read the grains of a restart file, the memory of their contacts, and the law if its pair style stores it."""
     only_state(path, frame)
-    content = read_content(path)
+    content = _read_whole(path)
     whole = path.name.replace(".base", ".%")
     remedy = f"convert it with LAMMPS: `read_restart {whole}`, then `write_data packing.data`"
     try:
@@ -211,9 +253,13 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     """Packing of a restart file; ValueError, KeyError or IndexError if it is damaged."""
     start, _ = _blocks(content)
     about = _header(content)[0]
-    if about[STYLE] != "sphere":
+    if plain_style(about[STYLE]) != "sphere":
         raise PackingError(f"{path} has atoms of style {about[STYLE]}, and only sphere is read: {remedy}")
     known = read_restart(path)
+    if len(known.ids) != about[ATOMS]:
+        raise PackingError(
+            f"{path} has {len(known.ids)} of {about[ATOMS]} grains: its parts are of other runs or times"
+        )
     vectors = restricted_box(about[HIGH] - about[LOW], about.get(XY, 0.0), about.get(XZ, 0.0), about.get(YZ, 0.0))
     arrays = {
         "position": known.position + whole_periods(known.image, vectors), "radius": known.radius, "mass": known.mass,
@@ -254,7 +300,7 @@ def stored_fixes(head: bytes) -> dict[str, str]:
 
 def read_stored_fixes(path: Path) -> dict[str, str]:
     """Styles of the fixes that a restart file stores something of, by id, without those that LAMMPS adds itself."""
-    content = read_content(path)
+    content = _read_whole(path)
     fixes = stored_fixes(content[: _blocks(content)[0]])
     return {name: style for name, style in fixes.items() if style == style.lower()}
 
@@ -269,7 +315,7 @@ def time_step(path: Path) -> int:
 
 def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
     """(N,) bool, members of each group whose name the file has."""
-    return _groups_and_labels(read_content(path), memory.mask)[0]
+    return _groups_and_labels(_read_whole(path), memory.mask)[0]
 
 
 def _groups_and_labels(content: bytes, mask: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, int]]:
@@ -325,7 +371,7 @@ def _pair_style(head: bytes) -> tuple[str, int]:
 
 def compare_pair_style(path: Path, numbers: Sequence[float]) -> tuple[str, list[float]]:
     """Pair style of a restart file, empty without one, and those of some coefficients that it does not have."""
-    content = read_content(path)
+    content = _read_whole(path)
     head = content[: _blocks(content)[0]]
     style, at = _pair_style(head)
     lacking = [number for number in dict.fromkeys(numbers) if struct.pack("<d", number) not in head[at:]]
@@ -394,28 +440,28 @@ def _read_block(block: np.ndarray, stores: list[str], values: int | None):
     sizes = block[start + RADIUS], block[start + MASS], whole[start + TYPE] - 1, whole[start + TYPE + 1]
     entry, walls = start + EXTRA, 0
     none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
-    pairs, touched = [none], [none]  # of each part of a hybrid style, and of each wall
+    pairs, touched = [none], [(*none, none[0])]  # of each part of a hybrid style, and of each wall
     for style in stores:
         end = _ends(block, entry, stop)
         if style.startswith(HISTORY):
-            pairs.append(_read_pairs(block, entry, end, tag, values))
+            pairs.append(_read_pairs(block, entry, end, tag, block[entry + 1], values))
+        elif style.startswith(REGION):
+            on, face, slip, more = _read_pairs(block, entry, end, tag, whole[entry + 1])
+            touched.append((np.full(len(on), walls), on, slip, more, face))
+            walls += 1
         elif style.startswith(WALL):
-            on, first = np.arange(len(tag)), 1
-            if style.startswith(REGION):
-                on, first = np.flatnonzero(whole[entry + 1] > 0), 3
-            _ends(block, entry[on], stop[on], first + 3)
-            slip = block[entry[on][:, None] + first + np.arange(3)]
-            more = _values_after(block, entry[on] + first + 3, end[on])
-            touched.append((np.full(len(on), walls), tag[on], slip, more))
+            _ends(block, entry, stop, 4)
+            slip, more = block[entry[:, None] + 1 + np.arange(3)], _values_after(block, entry + 4, end)
+            touched.append((np.full(len(tag), walls), tag, slip, more, np.full(len(tag), -1)))
             walls += 1
         entry = end
     joined = (tuple(map(np.concatenate, zip(*parts, strict=True))) for parts in (pairs, touched))
     return (tag, position, image, velocity, spin, *sizes), *joined
 
 
-def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.ndarray, values: int | None):
-    """Ids of both grains and the slip of each contact, as each grain lists its own."""
-    whole, count = block.view("<i8"), block[entry + 1]
+def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.ndarray, count: np.ndarray, values=None):
+    """Ids of grains, the ids or faces that they touch, and the memory of each contact, as each grain lists its own."""
+    whole = block.view("<i8")
     if not ((count >= 0) & (count < len(block))).all():
         raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
     count = count.astype(np.int64)
@@ -429,7 +475,8 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
     )  # of a contact among those of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
-    return np.repeat(tag, count), whole[first], block[first[:, None] + 1 + np.arange(3)], more
+    other = np.where(block[first] >= 1, block[first], whole[first]).astype(np.int64)  # up to 2022 a number as it is
+    return np.repeat(tag, count), other, block[first[:, None] + 1 + np.arange(3)], more
 
 
 def _values_after(block: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.state import SLIDE
-from ...core.tables import write_table
+from ...core.tables import split_rows, write_table
 from ...core.text import parse_numbers
 from ..atomic import replace_atomically
 from ..sample import COLUMNS, NO_CONTACTS, Assumption, PackingError
@@ -24,7 +24,7 @@ MERCURY = {  # numbers in the header, and columns of a row
     6: ["x", "y", "vx", "vy", "r", "a", "w", "info"],
 }  # fmt: skip
 COMMENT = ("#", "%")
-DECIMAL_COMMA = re.compile(r"\d,\d+[;\t ]+[-+]?\d+[,;\t ]|\d[;\t ]+[-+]?\d+,\d+$")
+NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf")
 
 
 def recognize(head: bytes) -> bool:
@@ -68,7 +68,7 @@ def _are_times(name: str, values: np.ndarray) -> bool:
 
 def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """Columns of a table by their names, which are x y z radius if it has none, and a note if so."""
-    lines = _content_lines(read_lines(path))
+    lines = _content_lines(read_lines(path, fallback="cp1252"))
     names, notes = _names(lines[0]) if lines else None, []
     if names is None:
         names = ["x", "y", "z", "radius"]
@@ -90,9 +90,15 @@ def _content_lines(text: str) -> list[str]:
     return lines[first if named is None else named :]
 
 
+def _separator(line: str) -> str | None:
+    """What separates the entries of a line; None is white space, beside which numbers may have decimal commas."""
+    mark = next((mark for mark in ";\t," if mark in line), None)
+    return None if mark == "," and re.search(r"\d\s+[-+.]?\d", line) else mark
+
+
 def _split(line: str) -> list[str]:
     """Entries of a line separated by commas, semicolons, tabs or spaces."""
-    mark = next((m for m in ";,\t" if m in line), None)
+    mark = _separator(line)
     return [word.strip().strip('"') for word in (line.split(mark) if mark else line.split())]
 
 
@@ -101,11 +107,7 @@ def _names(line: str) -> list[str] | None:
     fields = _split(line.lstrip("#%").strip())
     if line.startswith("#format"):
         fields = line.split()[1].split("_") if len(line.split()) > 1 else []
-    return (
-        None
-        if not fields or all(re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf", w.lower()) for w in fields)
-        else fields
-    )
+    return None if not fields or all(NUMBER.fullmatch(word.lower().replace(",", ".")) for word in fields) else fields
 
 
 def _check_names(path: Path, names: list[str]) -> None:
@@ -117,10 +119,12 @@ def _check_names(path: Path, names: list[str]) -> None:
 
 
 def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
-    """(rows, width) numbers of lines, all of the same length."""
-    if lines and DECIMAL_COMMA.search(lines[0]):
-        raise PackingError(f"{path} has decimal commas, as in {lines[0][:60]!r}: write decimal points")
-    rows = [_split(line) for line in lines]
+    """(rows, width) numbers of lines, all of the same length; with decimal commas unless commas separate."""
+    try:
+        mark = _separator(lines[0]) if lines else None
+        rows = [row for _, row in split_rows(path, list(enumerate(lines, 1)), mark)]
+    except ValueError as problem:
+        raise PackingError(str(problem)) from None
     for number, row in enumerate(rows, 1):
         if len(row) != width:
             raise PackingError(

@@ -21,7 +21,17 @@ from ...reports.terminal import console, new_table, progress, show_lines, show_t
 from ..folder import check_writable, read_json
 from .dataset import DATASET, comparison_files, write_comparison
 from .definition import Sweep, describe_differences, member
-from .run import MANY, SweepResult, estimate, is_same_sweep, read_finished, run_sweep, validate_members
+from .run import (
+    MANY,
+    SweepResult,
+    estimate,
+    gather_members,
+    is_same_sweep,
+    members_of,
+    read_finished,
+    run_sweep,
+    validate_members,
+)
 
 LISTED = 10  # failures, and measures that no member has, that are listed
 READY = "ready"  # file that marks a sweep that replaces another one as complete
@@ -29,7 +39,7 @@ READY = "ready"  # file that marks a sweep that replaces another one as complete
 
 def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, look: Look,
-    confirm: Callable[[], bool],
+    confirm: Callable[[], bool], part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> SweepResult | None:  # fmt: skip
     """Print the number of members, ask for confirmation if there are many, validate them and run the unfinished ones.
 
@@ -37,6 +47,7 @@ def run_with_progress(
     ----------
     confirm : called after the number and the estimated time have been printed, if there are more than MANY members;
         if it returns False, nothing is run
+    part, gather : see `run_sweep` and `gather_members`
     """
     where = reach(workers)
     check_writable(out)
@@ -56,12 +67,18 @@ def run_with_progress(
         names = validate_members(chosen, report if chosen.count > MANY else silent)
         if target != out and not is_same_sweep(target / SWEEP, chosen.text):
             shutil.rmtree(target, ignore_errors=True)
-        done = _count_finished(target, names)
-        stage = f"{len(set(names)) - done} members to run" + (f", {done} already done" if done else "")
+        if count := gather_members(target, chosen, names, gather):
+            console.print(f"{count} members gathered from {len(gather)} folders.")
+        done, own = _count_finished(target, names), [names[k] for k in sorted(members_of(part, names))]
+        if part:
+            console.print(f"Part {part[0]} of {part[1]}: {len(own)} members.")
+        stage = f"{len(set(own)) - _count_finished(target, own)} members to run" + (
+            f", {done} already done" if done else ""
+        )
         report(stage, 0.0, f"on {where.words}")
         try:
             swept = run_sweep(
-                chosen, target, names=names, workers=workers, figures=figures, look=look,
+                chosen, target, names=names, workers=workers, figures=figures, look=look, part=part,
                 report=within(report, stage=stage),
             )  # fmt: skip
         except KeyboardInterrupt:

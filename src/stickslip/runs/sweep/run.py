@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import statistics
 import tempfile
 import time
@@ -17,12 +18,12 @@ from ...data.archive import ArchiveError
 from ...data.atomic import write_atomically
 from ...data.checkpoint import MEMBERS, SWEEP
 from ...data.checkpoint import remove_checkpoint as drop_pieces
-from ...data.manifest import add_to_manifest, write_file
+from ...data.manifest import add_to_manifest, check_hidden, write_file
 from ...data.run_files import NUMBERS, OPTIONS
 from ...data.schema import ScenarioBase
 from ...ensemble import Workers, run_members, trial
 from ...experiments.experiment import named_measures
-from ...experiments.registry import experiment_of, list_files
+from ...experiments.registry import experiment_of, is_run_file, list_files
 from ...figures.saving import PLAIN, Look
 from ...reports.terminal import format_duration
 from ..folder import staged_results, write_numbers, write_result
@@ -131,6 +132,7 @@ def run_sweep(
     workers: Workers = None,
     figures: bool = False,
     look: Look = PLAIN,
+    part: tuple[int, int] | None = None,
     report: Report = silent,
 ) -> SweepResult:
     """Run all members that are not in the folder yet, and write the dataset of all finished ones.
@@ -141,16 +143,19 @@ def run_sweep(
     workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
     figures : whether each member also draws its figures
     look : how figures are written
+    part : (k, n), to run only the k-th of n parts, in a folder of its own; `gather_members` joins the folders
     report : called as report(stage, share of the pending work done, text)
     """
     folder, names = Path(folder).resolve(), names or validate_members(chosen)
     (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
-    write_file(folder, OPTIONS, json.dumps({"figures": figures, "look": look._asdict()}).encode())
+    options = {"figures": figures, "look": look._asdict()} | ({"part": part} if part else {})
+    write_file(folder, OPTIONS, json.dumps(options).encode())
     write_file(folder, SWEEP, chosen.text.encode())
     add_to_manifest(folder, MEMBERS)
     outputs = [read_finished(folder / MEMBERS / name) for name in names]
     first = {name: k for k, name in reversed(list(enumerate(names)))}  # a sample may contain a scenario twice
-    failures, missing = [""] * len(names), [k for k in first.values() if outputs[k] is None][::-1]
+    wanted = members_of(part, names)
+    failures, missing = [""] * len(names), [k for k in first.values() if k in wanted and outputs[k] is None][::-1]
 
     def save(place: int, output: MemberOutput) -> None:
         outputs[missing[place]] = _store_output(folder / MEMBERS / names[missing[place]], output)
@@ -163,7 +168,38 @@ def run_sweep(
     finally:
         outputs = [outputs[first[name]] for name in names]
         write_sweep(folder, chosen, names, outputs, failures)
-    return SweepResult(chosen, names, outputs, failures, len(first) - len(missing))
+    return SweepResult(chosen, names, outputs, failures, len(wanted & {*first.values()}) - len(missing))
+
+
+def members_of(part: tuple[int, int] | None, names: list[str]) -> set[int]:
+    """Numbers of the members of a part: every n-th one."""
+    first, every = part or (1, 1)
+    return set(range(first - 1, len(names), every))
+
+
+def gather_members(folder: Path, chosen: Sweep, names: list[str], parts: list[Path]) -> int:
+    """Copy finished members that a folder lacks from folders of parts of the same sweep; return their number.
+
+    Raises
+    ------
+    ValueError
+        if a folder does not hold this sweep.
+    """
+    count = 0
+    for part in parts:
+        if not is_same_sweep(part / SWEEP, chosen.text):
+            raise ValueError(f"{part} does not hold this sweep: give folders that --part wrote for the same scenario")
+        check_hidden(part, is_run_file)
+        for name in dict.fromkeys(names):
+            place, source = folder / MEMBERS / name, part / MEMBERS / name
+            if read_finished(source) and not read_finished(place):
+                copy = place.with_name(f".{name}")
+                for old in (copy, place):
+                    shutil.rmtree(old, ignore_errors=True)
+                shutil.copytree(source, copy)
+                copy.replace(place)
+                count += 1
+    return count
 
 
 def _store_output(folder: Path, output: MemberOutput) -> dict:

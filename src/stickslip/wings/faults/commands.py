@@ -105,3 +105,5 @@ def fit(
         fit_report.show(result)
         if paths:
             terminal.show_paths(paths)
+        elif posterior:
+            terminal.show_lines(("Give --out FOLDER for the draws and the figure of the posterior.",))

@@ -4,8 +4,9 @@ from ...wing import Wing
 
 WING = Wing(
     package=__package__,
-    words="granular flows, thresholds of friction, a catalogue of events",
+    words="granular flows, thresholds of friction, a catalogue of events, failure of a packing",
     needs=("papers", "faults", "status", "lammps"),
-    experiments={"flow": "flow", "threshold": "threshold", "catalogue": "catalogue"},
-    pages=("catalogue",),
+    experiments={"flow": "flow", "threshold": "threshold", "catalogue": "catalogue", "failure": "failure"},
+    commands="commands",
+    pages=("catalogue", "failure"),
 )

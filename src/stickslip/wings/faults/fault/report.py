@@ -18,12 +18,16 @@ from ....kit import (
     Quantity,
     SweepMember,
     console,
+    heading_of,
     in_readable_units,
     new_table,
     show_table,
+    units_of,
+    write_table,
 )
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
+from ..friction.fault_events import FaultEvents
 from ..friction.fault_record import YEAR, origin_of_value
 from ..friction.measure import repeated_slip
 from ..rate_state.report import compare_cycles
@@ -130,7 +134,33 @@ def write_profiles(history: FaultHistory, quantity: str, path: Path) -> None:
         np.savetxt(file, rows, fmt=layout)
 
 
-SHOWN = 12  # events in the table
+SHOWN = 12  # events in a table
+EVENTS = "events.csv"
+EVENT_UNITS = {"seismic_moment": "N m"}
+
+
+def event_table(result: FaultResult) -> dict[str, np.ndarray]:
+    """Columns of the events, with moments and magnitudes if the length along strike is given."""
+    columns = result.history.events._asdict()
+    if result.scenario.line.strike_length:
+        columns |= {"seismic_moment": result.seismic_moment, "magnitude": result.magnitude}
+    return columns
+
+
+def write_events(result: FaultResult, path: Path) -> None:
+    """Write the table of events: a row for each, with units in the headings; without any, comments and headings."""
+    run, length, units = result.scenario.run, result.scenario.line.strike_length, units_of(FaultEvents) | EVENT_UNITS
+    table = event_table(result) | {"first": result.history.events.first.astype(int)}
+    columns = [heading_of(name, units.get(name, "1")) for name in table]
+    notes = [
+        f"events of a fault, intervals in which the largest slip velocity is at least {run.threshold:g} m/s",
+        f"moments and magnitudes are those of a length along strike of {length:g} m" if length
+        else "moments are those of each metre along strike; line.strike_length gives magnitudes",
+        *remarks(result),
+    ]  # fmt: skip
+    write_table(
+        path, columns, zip(*(values.tolist() for values in table.values()), strict=True), digits=12, comments=notes
+    )
 
 
 def figures(result: FaultResult):
@@ -149,6 +179,7 @@ def figures(result: FaultResult):
 def files(result: FaultResult):
     """Yield (file name, function that writes it) in the format of the SEAS platform."""
     history = result.history
+    yield EVENTS, partial(write_events, result)
     for number, depth in enumerate(history.station):
         yield station_file(depth), partial(write_station, history, number)
     for number, place in enumerate(history.surface):
@@ -158,11 +189,15 @@ def files(result: FaultResult):
 
 
 def remarks(result: FaultResult) -> list[str]:
-    """Sentences on what did not happen, and on nucleation."""
-    run = result.scenario.run
+    """Sentences on what did not happen, on the first event, and on nucleation."""
+    run, events = result.scenario.run, result.history.events
     (lasted,), unit = in_readable_units([result.history.time[-1]], "s")
     nothing = f"There was no event in {lasted:.3g} {unit}: no slip velocity reached {run.threshold:g} m/s."
-    return [nothing] * (not len(result.history.events.start)) + [result.nucleation.sentence]
+    first = [
+        f"The first event, after {years:.4g} years, follows from the initial state and not from an earlier event."
+        for years in events.start[events.first] / YEAR
+    ]
+    return [nothing] * (not len(events.start)) + first + [result.nucleation.sentence]
 
 
 def numbers(result: FaultResult) -> dict:
@@ -189,27 +224,19 @@ def numbers(result: FaultResult) -> dict:
     beside = {"surface": Fields(surface, FaultHistory)} if len(h.surface) else {}
     return {
         **beside, "series": Fields(series, FaultHistory, Fault), "profiles": Fields(profiles, FaultHistory, Fault),
-        "events": h.events, "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory),
+        "events": Fields(event_table(result), FaultEvents, **EVENT_UNITS),
+        "energy": h.energy, "fault": Fields(fault | state, Fault, FaultHistory),
         "remarks": "\n".join(remarks(result)), "units": "SI",
     }  # fmt: skip
 
 
 def show(result: FaultResult) -> None:
-    """Print the events and their average."""
+    """Print the events, their sources and their average."""
     events = result.history.events
-    lasted, unit = in_readable_units(events.end - events.start, "s")
-    table = new_table(
-        "year", f"duration [{unit}]", "nucleates at [km]", "rupture [km]", "max V [m/s]", "slip [m]", "surface [m]",
-        title="Events",
-    )  # fmt: skip
-    for k in range(min(SHOWN, len(events.start))):
-        table.add_row(
-            f"{events.start[k] / YEAR:.3f}", f"{lasted[k]:.4g}", f"{events.depth[k] / 1e3:.2f}",
-            f"{events.top[k] / 1e3:.1f}–{events.bottom[k] / 1e3:.1f}", f"{events.max_velocity[k]:.3g}",
-            f"{events.max_slip[k]:.3f}", f"{events.surface_slip[k]:.3f}",
-        )  # fmt: skip
     if len(events.start):
-        show_table(table)
+        show_table(_table_of_events(events))
+        show_table(_table_of_sources(result))
+        show_table(_table_of_energies(events))
     if len(events.start) > SHOWN:
         console.print(f"  and {len(events.start) - SHOWN} more")
     for sentence in remarks(result):
@@ -220,6 +247,58 @@ def show(result: FaultResult) -> None:
         console.print(f"  {result.crept_length / 1e3:.4g} km of the fault slipped by D_c or more beyond plate motion")
     work = "loading" if result.history.energy.loading else "friction"
     console.print(f"  energy balance closed to {abs(result.history.energy.residual):.1e} of the work of {work}")
+    if len(events.start):
+        rest = np.abs(events.energy_residual).max()
+        console.print(f"  energies of each event balanced to {rest:.1e} of the energy that it released")
+
+
+def _year_of(events: FaultEvents, k: int) -> str:
+    """Year of an event, with an asterisk for the first one."""
+    return f"{events.start[k] / YEAR:.3f}{'*' if events.first[k] else ' '}"
+
+
+def _known(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "–"
+
+
+def _table_of_events(events: FaultEvents):
+    lasted, unit = in_readable_units(events.end - events.start, "s")
+    table = new_table(
+        "year", f"lasts [{unit}]", "starts at [km]", "rupture [km]", "speed [km/s]", "max V [m/s]", "slip [m]",
+        "surface [m]", title="Events (* the first, after an artificial start)",
+    )  # fmt: skip
+    for k in range(min(SHOWN, len(events.start))):
+        table.add_row(
+            _year_of(events, k), f"{lasted[k]:.4g}", f"{events.depth[k] / 1e3:.2f}",
+            f"{events.top[k] / 1e3:.1f}–{events.bottom[k] / 1e3:.1f}", _known(events.rupture_speed[k] / 1e3),
+            f"{events.max_velocity[k]:.3g}", f"{events.max_slip[k]:.3f}", f"{events.surface_slip[k]:.3f}",
+        )  # fmt: skip
+    return table
+
+
+def _table_of_sources(result: FaultResult):
+    """Moments and stress drops."""
+    events, length = result.history.events, result.scenario.line.strike_length
+    size = ("moment [N m]", "M_w") if length else ("moment [N]",)
+    table = new_table(
+        "year", *size, "mean [MPa]", "by slip [MPa]", "by moment [MPa]",
+        title=f"Moments for {length / 1e3:g} km along strike, and stress drops" if length
+        else "Moments for each metre along strike, and stress drops",
+    )  # fmt: skip
+    drops = np.array([events.stress_drop, events.slip_weighted_stress_drop, events.seismological_stress_drop]) / 1e6
+    moments = np.array([result.seismic_moment, result.magnitude] if length else [events.moment])
+    for k in range(min(SHOWN, len(events.start))):
+        cells = f"{moments[0, k]:.3e}", *(f"{m:.2f}" for m in moments[1:, k]), *map(_known, drops[:, k])
+        table.add_row(_year_of(events, k), *cells)
+    return table
+
+
+def _table_of_energies(events: FaultEvents):
+    names = ("released", "frictional", "fracture", "radiated")
+    table = new_table("year", *(f"{name} [GJ]" for name in names), title="Energies for each metre along strike")
+    for k in range(min(SHOWN, len(events.start))):
+        table.add_row(_year_of(events, k), *(f"{getattr(events, name)[k] / 1e9:.4g}" for name in names))
+    return table
 
 
 def compare(members: list[SweepMember]) -> Comparison:
@@ -258,6 +337,18 @@ MEASURES = Measures([
     _of_events("nucleation_length", "m", "length of the nucleation"),
     _of_events("rupture_bottom", "m", "lower end of the rupture", lambda events: events.bottom),
     _of_events("moment", "N", "moment for each unit of length along strike"),
+    Quantity("magnitude", "1", "moment magnitude for line.strike_length, mean over settled events",
+             lambda r: float(np.mean(r.magnitude[r.settled])) if len(r.late_events.start) else np.nan),
+    _of_events("rupture_length", "m", "length of the rupture"),
+    _of_events("rupture_speed", "m/s", "mean speed of the rupture"),
+    _of_events("stress_drop", "Pa", "mean stress drop over the rupture"),
+    _of_events("slip_weighted_stress_drop", "Pa", "stress drop weighted with slip"),
+    _of_events("seismological_stress_drop", "Pa", "stress drop from moment and length"),
+    _of_events("released", "J/m", "elastic energy released, per length along strike"),
+    _of_events("radiated", "J/m", "radiated energy, per length along strike"),
+    _of_events("fracture", "J/m", "work of friction above slip times final stress, per length along strike"),
+    Quantity("event_energy_residual", "1", "largest rest of an event's energies over the energy released",
+             lambda r: float(np.abs(r.history.events.energy_residual).max(initial=0.0))),
     Quantity("radiated_fraction", "1", "radiated energy over the work of loading",
              lambda r: r.history.energy.radiated / r.history.energy.loading if r.history.energy.loading else np.nan),
     Quantity("energy_residual", "1", "rest of the energy balance over the work", "history.energy.residual"),

@@ -34,6 +34,11 @@ class Line(ScenarioTable):
         description="surface: free at depth 0; infinite: a segment in an infinite body; periodic: period width",
     )
     thickness: Positive | None = Field(None, description="of the plates beside a periodic fault [m]")
+    strike_length: Positive | None = Field(
+        None,
+        description="length of the ruptures along strike, across the plane of the model, for seismic moments and "
+        "magnitudes; default: moments are for each metre, and there are no magnitudes [m]",
+    )
 
 
 class Medium(ScenarioTable):

@@ -8,7 +8,8 @@ import numpy as np
 from ....kit import Report, ScenarioError, checked, checkpoint_in, result_of, silent, within
 from ..friction.fault import Fault, profile
 from ..friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
-from ..friction.fault_record import YEAR, FaultEvents, Recording
+from ..friction.fault_events import FaultEvents, moment_magnitude
+from ..friction.fault_record import YEAR, Recording
 from ..friction.fault_state import FaultState, initial_state
 from ..friction.stability import Nucleation, nucleation
 from ..friction.stress_transfer import Injection, Oscillation, StressTable
@@ -28,11 +29,25 @@ class FaultResult(NamedTuple):
     nucleation: Nucleation
 
     @property
+    def settled(self) -> slice:
+        """Numbers of the events after the first three, or of all if there are fewer than five."""
+        return slice(SETTLING if len(self.history.events.start) >= SETTLING + 2 else 0, None)
+
+    @property
     def late_events(self) -> FaultEvents:
         """Events after the first three, or all if there are fewer than five."""
-        events = self.history.events
-        skipped = SETTLING if len(events.start) >= SETTLING + 2 else 0
-        return FaultEvents(*(column[skipped:] for column in events))
+        return FaultEvents(*(column[self.settled] for column in self.history.events))
+
+    @property
+    def seismic_moment(self) -> np.ndarray:
+        """Seismic moments of the events for `line.strike_length` (E,); NaN if it is not given [N m]."""
+        return self.history.events.moment * (self.scenario.line.strike_length or np.nan)
+
+    @property
+    def magnitude(self) -> np.ndarray:
+        """Moment magnitudes of the events (E,); NaN if `line.strike_length` is not given."""
+        moment = self.seismic_moment
+        return moment_magnitude(moment) if len(moment) and self.scenario.line.strike_length else moment
 
     @property
     def recurrence(self) -> float:

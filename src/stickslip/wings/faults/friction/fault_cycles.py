@@ -11,7 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from ....kit import Report, check_types, checked, readable, require_positive, require_shape, silent, units_of
 from .fault import Fault, check_fault, check_normal
-from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
+from .fault_events import FaultEvents
+from .fault_record import YEAR, Moment, Recorder, Recording
 from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_state, initial_state
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ def simulate_fault(
     check_recording(fault, recording)
     state = initial_state(fault) if start is None else start
     check_state(fault, state)
-    recorder = Recorder(fault, recording, state.sampled, state.prestress)
+    recorder = Recorder(fault, recording, state)
     if start is None or not np.isfinite(state.sampled[0]):
         recorder.begin(_moment(fault, state))
     with threadpool_limits(1, "blas"):  # products with tables of a few hundred rows
@@ -188,9 +189,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
         last = error
         before, now = (
             now,
-            Moment(
-                time, y[0].copy(), stages[0, 0].copy(), y[1:], w, fault.v0 * float(np.exp(w.max())), float(energy[2])
-            ),
+            Moment(time, y[0].copy(), stages[0, 0].copy(), y[1:], w, fault.v0 * float(np.exp(w.max())), energy.copy()),
         )
         recorder.step(before, now)
         if steps % REPORTED == 0:
@@ -198,7 +197,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
             report("fault", min(1.0, time / until), text)
     end = FaultState(
         time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
-        recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None,
+        recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None, recorder.past + len(recorder.events),
     )  # fmt: skip
     return end, steps, rejected
 
@@ -215,7 +214,7 @@ def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
 def _moment(fault: Fault, state: FaultState) -> Moment:
     fastest = fault.v0 * float(np.exp(state.log_velocity.max()))
     u, *states = state.unknowns
-    return Moment(state.time, u, state.rates[0], np.array(states), state.log_velocity, fastest, state.energy[2])
+    return Moment(state.time, u, state.rates[0], np.array(states), state.log_velocity, fastest, state.energy)
 
 
 def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultState, steps: int, rejected: int):
@@ -231,6 +230,7 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
     profiles = [np.array(table, float).reshape(len(times), -1 if times else len(points)) for table in tables_of]
     width = len(FaultEvents._fields)
     events = FaultEvents(*np.array(recorder.events, float).reshape(-1, width).T)
+    events = events._replace(first=events.first.astype(bool))
     work = end.energy - start.energy
     energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
     return FaultHistory(

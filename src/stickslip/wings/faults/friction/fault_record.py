@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import YEAR, pluralize, readable
+from ....kit import YEAR, readable
 from .fault import Fault
-from .fault_state import frictional_stress
+from .fault_events import NAMES, measure_source
+from .fault_state import FaultState, frictional_stress
 from .stress_transfer import surface_displacement
 
 CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
@@ -25,29 +26,6 @@ class Recording(NamedTuple):
     quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
     seismic_profiles: float = 1.0
     spacing: float = 500.0  # of the points of a profile [m]
-
-
-@readable(head=lambda events: pluralize(len(events.start), "event"))
-class FaultEvents(NamedTuple):
-    """Earthquakes (E,): intervals in which the maximum slip velocity exceeds the threshold."""
-
-    start: np.ndarray  # [s]
-    end: np.ndarray  # [s]
-    depth: np.ndarray  # of the fastest cell when the threshold is reached [m]
-    nucleation_length: np.ndarray  # around it, with at least a tenth of the largest slip velocity [m]
-    top: np.ndarray  # shallowest and deepest points at which slip reached the threshold velocity [m]
-    bottom: np.ndarray  # [m]
-    max_velocity: np.ndarray  # [m/s]
-    surface_velocity: np.ndarray  # largest of the first cell [m/s]
-    max_slip: np.ndarray  # [m]
-    surface_slip: np.ndarray  # of the first cell [m]
-    moment: np.ndarray  # G × slip, integrated over depth: moment per length along strike [N]
-    radiated: np.ndarray  # radiated energy per length along strike [J/m]
-
-    @property
-    def recurrence(self) -> np.ndarray:
-        """Times between the starts of events (E − 1,) [s]."""
-        return np.diff(self.start)
 
 
 class Points(NamedTuple):
@@ -121,14 +99,15 @@ class Moment(NamedTuple):
     log_states: np.ndarray  # (S, N) of its one or two states, plus their shift
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity
-    radiated: float
+    energy: np.ndarray  # (3,) work of the plates, of friction and of radiation damping since the start [J/m]
 
 
 class Recorder:
     """Lists that grow during a simulation."""
 
-    def __init__(self, fault: Fault, wanted: Recording, sampled, prestress: np.ndarray):
-        self.fault, self.wanted, self.sampled, self.prestress = fault, wanted, np.array(sampled, float), prestress
+    def __init__(self, fault: Fault, wanted: Recording, start: FaultState):
+        self.fault, self.wanted, self.prestress = fault, wanted, start.prestress
+        self.sampled, self.past = np.array(start.sampled, float), start.events
         self.stations = points(fault, wanted.stations)
         self.surface = Surface(fault, wanted.surface)
         self.profile = points(fault, np.arange(0.0, fault.width + 1e-6 * fault.cell, wanted.spacing))
@@ -153,6 +132,7 @@ class Recorder:
         else:
             np.maximum(self.event["peak"], now.log_velocity, out=self.event["peak"])
             self.event["fastest"] = max(self.event["fastest"], now.fastest)
+            self._arrive(before, now)
         if self.event is not None:
             pause, start = self.wanted.seismic_profiles, self.event["start"]
             done = np.floor((before.time - start) / pause) + 1 if before.time >= start else 0
@@ -212,24 +192,35 @@ class Recorder:
         low = place - int(np.argmin(fast[place::-1])) if not fast[: place + 1].all() else -1
         high = place + int(np.argmin(fast[place:])) if not fast[place:].all() else len(fast)
         self.event = {
-            "start": self._crossing(before, now), "excess": before.excess_slip.copy(), "from": before.time,
-            "peak": now.log_velocity.copy(), "depth": self.fault.depth[place], "fastest": now.fastest,
-            "zone": (high - low - 1) * self.fault.cell, "radiated": before.radiated,
+            "start": self._crossing(before, now), "before": before, "peak": now.log_velocity.copy(),
+            "depth": self.fault.depth[place], "fastest": now.fastest, "zone": (high - low - 1) * self.fault.cell,
+            "arrival": np.full(len(self.fault.depth), np.inf),
         }  # fmt: skip
+        self._arrive(before, now)
+
+    def _arrive(self, before: Moment, now: Moment) -> None:
+        """Note when cells first reach the threshold velocity, interpolated in ln V."""
+        assert self.event is not None
+        w, threshold = before.log_velocity, np.log(self.wanted.threshold / self.fault.v0)
+        new = np.isinf(self.event["arrival"]) & (now.log_velocity >= threshold)
+        gain = now.log_velocity - w
+        share = np.clip((threshold - w) / np.where(gain > 0, gain, 1.0), 0.0, 1.0)
+        self.event["arrival"][new] = (before.time + (now.time - before.time) * share)[new]
 
     def _end_event(self, before: Moment, now: Moment) -> None:
         fault, event = self.fault, self.event
         assert event is not None
-        slip = now.excess_slip - event["excess"] + fault.plate_rate * (now.time - event["from"])
-        velocity = fault.v0 * np.exp(event["peak"])
-        moved = fault.depth[velocity >= self.wanted.threshold]
-        self.events.append(
-            (
-                event["start"], self._crossing(before, now), event["depth"], event["zone"],
-                moved[0] - 0.5 * fault.cell, moved[-1] + 0.5 * fault.cell, event["fastest"], velocity[0], slip.max(),
-                slip[0], fault.shear_modulus * fault.cell * slip.sum(), now.radiated - event["radiated"],
-            )
-        )  # fmt: skip
+        begin = event["before"]
+        slip = now.excess_slip - begin.excess_slip + fault.plate_rate * (now.time - begin.time)
+        moved = fault.depth[np.isfinite(event["arrival"])]
+        row = measure_source(fault, self.prestress, begin, now, event["arrival"]) | {
+            "start": event["start"], "end": self._crossing(before, now), "depth": event["depth"],
+            "nucleation_length": event["zone"], "top": moved[0] - 0.5 * fault.cell,
+            "bottom": moved[-1] + 0.5 * fault.cell, "max_velocity": event["fastest"],
+            "surface_velocity": fault.v0 * np.exp(event["peak"][0]), "max_slip": slip.max(), "surface_slip": slip[0],
+            "first": self.past + len(self.events) == 0,
+        }  # fmt: skip
+        self.events.append(tuple(row[name] for name in NAMES))
         self.event = None
 
 

@@ -104,6 +104,7 @@ class FaultState(NamedTuple):
     error: float  # of the last step, over the tolerance
     sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
     log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
+    events: int = 0  # number of events since an artificial start: 0 in a state that was not simulated
 
     @property
     def unknowns(self) -> np.ndarray:
@@ -287,7 +288,8 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
     second = state.log_state2
     if second is not None:
         second = np.where(fault.b > 0, second, _log_state(fault, terms, effects[1], states[1]) + shift)
-    return with_rates(fault, state._replace(log_state=first + shift, log_state2=second, log_velocity=w))
+    state = state._replace(log_state=first + shift, log_state2=second, log_velocity=w, events=0)
+    return with_rates(fault, state)
 
 
 def check_state(fault: Fault, state: FaultState) -> None:

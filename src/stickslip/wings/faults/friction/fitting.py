@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ....kit import checked, readable
+from ....kit import Report, checked, readable, silent, within
 from .laws import EVOLUTIONS, FORMS
 from .model import (
     DEFAULTS,
@@ -66,6 +66,7 @@ MAX_EXCESS = 1.0
 # filtered residuals over noise: 0.8 to 1.1 for the right law, with correlated noise, too, and up to 1.31 with noise of
 # long tails (Student's t, 3 degrees of freedom); from 1.4 on if a stiffness is wrong by a factor of three
 MOST_REDUCED = 1.35
+SHARE_OF_SEARCH = 0.8  # of the work of a fit, before noise is modelled
 ROUNDS = 3  # alternations between noise and parameters
 EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
 TINY = 1e-15  # smallest size of noise
@@ -124,6 +125,7 @@ def fit(
     own: Iterable[str] = OWN,
     windows=None,
     noise: str = "correlated",
+    report: Report = silent,
 ) -> Fit:
     """Fit a, b, D_c, μ0 and other free parameters to one or several records.
 
@@ -147,6 +149,7 @@ def fit(
     windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them. None
         for all samples
     noise : "correlated", or "white" if neighbouring samples are known to be independent
+    report : called as report(stage, share done, text with the misfit and the parameters)
 
     Returns
     -------
@@ -176,7 +179,8 @@ def fit(
     >>> print(round(found.values["a"], 6), round(found.values["b"], 6))
     0.01 0.006
     """
-    return build_fit(solve_fit(data, law=law, form=form, fixed=fixed, free=free, own=own, windows=windows, noise=noise))
+    options = {"own": own, "windows": windows, "noise": noise, "report": report}
+    return build_fit(solve_fit(data, law=law, form=form, fixed=fixed, free=free, **options))
 
 
 class Solution(NamedTuple):
@@ -195,6 +199,7 @@ class Solution(NamedTuple):
 def solve_fit(
     data: Data | list[Data], *, law: str = "aging", form: str = "logarithmic", fixed: dict[str, float] | None = None,
     free: Iterable[str] = (), own: Iterable[str] = OWN, windows=None, noise: str = "correlated",
+    report: Report = silent,
 ) -> Solution:  # fmt: skip
     """Find the best parameters; the arguments are those of `fit`."""
     records = [data] if isinstance(data, Data) else list(data)
@@ -208,7 +213,8 @@ def solve_fit(
     cases = [case._replace(used=without(case.used, left)) for case, left in zip(cases, spikes, strict=True)]
     fixed, names = _check_parameters(cases, (law, form), dict(fixed or {}), tuple(free), noise)
     task = _build_task(cases, (law, form), names, fixed, own)
-    x, evaluations = find_best(task)
+    x, evaluations = find_best(task._replace(report=within(report, end=SHARE_OF_SEARCH)))
+    task = task._replace(report=within(report, SHARE_OF_SEARCH, 1.0))
     filters, adequate, least = WHITE, True, x
     if noise == "correlated":
         x, filters, adequate, more = _fit_correlated(task, x)
@@ -241,7 +247,9 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
         return start, WHITE, True, 0
     runs = pieces(task)
     first = filters = autoregression([rest[run] for run in runs])
-    for _ in range(ROUNDS):
+    report = task.report
+    for number in range(ROUNDS):
+        task = task._replace(report=within(report, number / ROUNDS, (number + 1) / ROUNDS))
         if effective_samples(filters, len(rest)) < MIN_INDEPENDENT * len(x):
             return start, first, False, evaluations
         solved = solve(task, x, filters)

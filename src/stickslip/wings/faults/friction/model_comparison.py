@@ -190,7 +190,9 @@ def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None)
     usual = _is_near(given, _steepest_rise(case), STEEP)
     fixed = {name: value for name, value in task.fixed.items() if name != "stiffness" and np.isfinite(value)}
     free = tuple(name for name in task.names if name not in ("a", "b", "dc", "mu0"))
-    again = build_fit(solve_fit(data, law=task.law, form=task.form, fixed=fixed, free=(*free, "stiffness")))
+    again = build_fit(
+        solve_fit(data, law=task.law, form=task.form, fixed=fixed, free=(*free, "stiffness"), report=task.report)
+    )
     shown, interval = again.values["stiffness"], again.intervals["stiffness"]
     if not np.isfinite(shown) or _is_near(given, shown, SURELY if again.adequate else FAR):
         return None

@@ -6,8 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from ....kit import Report, silent, within
 from .model import DEFAULTS, LINEAR, LOGARITHMIC, PLAIN, WHITE, Prepared, linear_column, model_friction, whitened
 
+SEARCHED, FOUND = 0.5, 0.9  # shares of the work after which guesses are found, and the best minimum
 SINGULAR = (
     1e-5  # singular value of the scaled Jacobian, over the largest, below which it is an error of finite differences
 )
@@ -123,20 +125,25 @@ FAST = 10.0  # cut-off velocities over the greatest velocity
 BEST = 5  # number of guesses that are returned
 
 
-def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict) -> list[dict]:
+def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict, report: Report = silent) -> list[dict]:
     """Best points of a grid, each with mu0, trend and drift from linear least squares, best first.
 
     The search uses the logarithmic form, with one state and without cut-off velocities.
     """
+    samples = sum(int(case.used.sum()) for case in cases)
     fixed = fixed | {name: value for name, value in PLAIN.items() if name in free}
     grid = {name: _grid(name, cases) if name in free else (fixed[name],) for name in ("a", "dc", "stiffness")}
     grid["b/a"] = RATIOS if "b" in free else (None,)
-    points = []
-    for a, length, k, ratio in product(grid["a"], grid["dc"], grid["stiffness"], grid["b/a"]):
+    points, nodes = [], list(product(*(grid[name] for name in ("a", "dc", "stiffness", "b/a"))))
+    for number, (a, length, k, ratio) in enumerate(nodes, start=1):
         values = {**fixed, "a": a, "dc": length, "stiffness": k, "b": fixed["b"] if ratio is None else a * ratio}
         cost, linear = _cost(cases, law, values, free)
         if np.isfinite(cost):
             points.append((cost, values, linear))
+        if points:
+            least = min(point[0] for point in points)
+            text = f"{number} of {len(nodes)} guesses, least misfit {np.sqrt(least / samples):.2e}"
+            report("search", number / len(nodes), text)
     points.sort(key=lambda point: point[0])
     return [{**values, "linear": linear} for _, values, linear in points[:BEST]]
 
@@ -240,6 +247,7 @@ class Task(NamedTuple):
     fixed: dict
     scatter: float  # of friction in the records
     form: str = "logarithmic"
+    report: Report = silent  # called as report(stage, share done, text with the misfit and the parameters)
 
     @property
     def logs(self) -> np.ndarray:
@@ -314,8 +322,16 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close
     def whole(y):
         return np.where(moves, np.insert(y, held, 0.0) if held is not None else y, x)
 
+    number = 0
+
+    def rest(y):
+        nonlocal number
+        out, number = residual(task, whole(y)), number + 1
+        task.report("fit", min(number / most, 1.0), describe(task, whole(y), out))
+        return whitened(out, filters, runs)
+
     return least_squares(
-        lambda y: whitened(residual(task, whole(y)), filters, runs),
+        rest,
         x[moves],
         jac=lambda y: whitened(jacobian(task, whole(y)), filters, runs)[:, moves],
         bounds=(x[moves] - span, x[moves] + span),
@@ -327,15 +343,26 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close
     )
 
 
+def describe(task: Task, x, rest) -> str:
+    """Misfit, the root mean square of the residuals, and the first parameters, for progress."""
+    values = parameters_of(task, x, 0)
+    shown = (f"{name} {values[name]:.3g}" for name in ("a", "b", "dc", "stiffness") if name in task.slots[0])
+    return ", ".join((f"misfit {np.sqrt(np.mean(rest**2)):.2e}", *shown))
+
+
 def find_best(task: Task) -> tuple[np.ndarray, int]:
     """Best minimum reached from the initial guesses."""
     free = {label.split("[")[0] for label in task.names}
     minima, count = [], 0
-    guesses = initial_guesses(task.cases, task.law, free, {**BLANK, **task.fixed})
-    for start in (more for guess in guesses for more in extended_guesses(guess, task.cases, free)):
+    fixed, report = {**BLANK, **task.fixed}, task.report
+    guesses = initial_guesses(task.cases, task.law, free, fixed, within(report, end=SEARCHED))
+    starts = [more for guess in guesses for more in extended_guesses(guess, task.cases, free)]
+    for number, start in enumerate(starts):
+        shares = (SEARCHED + (FOUND - SEARCHED) * (number + k) / len(starts) for k in (0, 1))
+        task = task._replace(report=within(report, *shares))
         begin = _start_vector(task, start, free)
-        starts = [(case, parameters_of(task, begin, k)) for k, case in enumerate(task.cases)]
-        if any(model_friction(case, values, task.law, task.form) is None for case, values in starts):
+        there = [(case, parameters_of(task, begin, k)) for k, case in enumerate(task.cases)]
+        if any(model_friction(case, values, task.law, task.form) is None for case, values in there):
             continue  # the slider runs away
         solved = solve(task, begin, WHITE, most=25, close=1e-6)
         count += solved.nfev
@@ -346,6 +373,7 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
     if not minima:
         raise RuntimeError("the slider runs away for all parameters tried: give the damping, or the stiffness")
     x = min(minima, key=lambda minimum: minimum[0])[1]
+    task = task._replace(report=within(report, FOUND, 1.0))
     solved = solve(task, with_states_in_order(task, x), WHITE)
     return solved.x, count + solved.nfev
 

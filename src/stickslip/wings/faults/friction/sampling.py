@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Report, Seed, Size, checked, readable, require, require_options, require_sizes, silent
+from ....kit import Report, Seed, Size, checked, readable, require, require_options, require_sizes, silent, within
 from .fitting import Fit, Solution, build_fit, noise_size, solve_fit
 from .model import Data, whitened
 from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
@@ -23,6 +23,7 @@ from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces,
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
 LONG = 50.0  # autocorrelation times that a chain must have
 BURN = 5.0  # autocorrelation times that are left out at the start
+FITTED = 0.1  # share of the work after which the best fit is known
 LEAST = 300  # steps of a chain, however short the autocorrelation time is
 BLOCK = 50  # steps between two estimates of the autocorrelation time
 FREEDOM = 4.0  # degrees of freedom of the proposals, whose tails must be wider than those of the posterior
@@ -95,7 +96,7 @@ def posterior(
     require_sizes(Size("the chains are of", number, kind, "use fewer") for number, kind in sizes)
     require_options(solve_fit, options)
     emcee = require("emcee", "posterior")
-    solution = solve_fit(data, **options)
+    solution = solve_fit(data, **options, report=within(report, end=FITTED))
     fit = build_fit(solution)
     m = len(fit.names)
     if walkers < 2 * m or walkers % 2:
@@ -115,7 +116,8 @@ def posterior(
         length = sampler.iteration - int(np.ceil(BURN * tau.max()))
         ratio, acceptance = length / tau.max(), float(np.mean(sampler.acceptance_fraction))
         words = f"acceptance {acceptance:.2f}, autocorrelation time τ = {tau.max():.1f} steps"
-        report("posterior", min(max(ratio, 0.0) / LONG, 1.0), f"{words}, {sampler.iteration} steps")
+        done = min(max(ratio, 0.0) / LONG, 1.0)
+        report("posterior", FITTED + (1 - FITTED) * done, f"{words}, {sampler.iteration} steps")
         if (ratio >= LONG and length >= LEAST) or sampler.iteration >= steps:
             break
     if not ratio >= LONG:

@@ -10,6 +10,7 @@ from ....figures import Look
 from ....kit import (
     FORMATS,
     PLAIN,
+    Report,
     console,
     find_foreign,
     foreign_files_message,
@@ -22,6 +23,7 @@ from ....kit import (
     render_all,
     require,
     show_table,
+    silent,
     within,
     write_file,
 )
@@ -86,22 +88,31 @@ def fit_record(
         free = tuple(dict.fromkeys([*(name for name in free if name == "stiffness"), "alpha", *free]))
     if steps is not None:
         require("emcee", "posterior")
-    solutions = [solve_fit(record, law=law, form=form, fixed=fixed, free=free) for law in laws]
-    fits = tuple(map(build_fit, solutions))
-    comparison = compare_laws(*fits) if len(fits) == 2 else None
-    best = [s for s in solutions if comparison is None or comparison.preferred in (None, s.task.law)]
-    met = record_columns(file, columns=_parse_columns(columns))
-    remedies = (
-        *_remedies(raw, record, best),
-        *(f"column {text}" for text in met[known.UNKNOWN] if text.endswith("normal stress")),
-    )
-    result = RecordFits(file, record, fits, comparison, remedies=remedies, met=met)
-    return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps))
+    with progress() as tell:
+        solutions = [
+            solve_fit(record, law=law, form=form, fixed=fixed, free=free, report=within(tell, stage=f"{law} law"))
+            for law in laws
+        ]
+        fits = tuple(map(build_fit, solutions))
+        comparison = compare_laws(*fits) if len(fits) == 2 else None
+        best = [s for s in solutions if comparison is None or comparison.preferred in (None, s.task.law)]
+        met = record_columns(file, columns=_parse_columns(columns))
+        remedies = (
+            *_remedies(raw, record, best, tell),
+            *(f"column {text}" for text in met[known.UNKNOWN] if text.endswith("normal stress")),
+        )
+        result = RecordFits(file, record, fits, comparison, remedies=remedies, met=met)
+        return result if steps is None else result._replace(posterior=_sample(result, form, fixed, free, steps, tell))
 
 
-def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[str, ...]:
+def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Report = silent) -> tuple[str, ...]:
     """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
+    solutions = [
+        solution._replace(task=solution.task._replace(report=within(tell, stage=f"doubts about the {law} law")))
+        for solution in solutions
+        for law in (solution.task.law,)
+    ]
     found = [stiffness_doubt(record, solution, normal) for solution in solutions]
     some = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
     for solution, doubt in zip(solutions, found, strict=True):
@@ -126,18 +137,17 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution]) -> tuple[
     return tuple(out)
 
 
-def _sample(result: RecordFits, form: str, fixed: dict, free, steps: int) -> Posterior:
+def _sample(result: RecordFits, form: str, fixed: dict, free, steps: int, tell: Report) -> Posterior:
     """Sample the posterior of the only law, or of the preferred one."""
     law = result.fits[0].law if result.comparison is None else result.comparison.preferred
     if law is None:
         raise RuntimeError(
             f"{result.comparison.sentence}: choose the law of the posterior with --law aging or --law slip"
         )
-    with progress() as tell:
-        return posterior(
-            result.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
-            report=within(tell, stage=f"posterior, {law} law"),
-        )  # fmt: skip
+    return posterior(
+        result.data, law=law, form=form, fixed=fixed, free=free, steps=steps,
+        report=within(tell, stage=f"posterior, {law} law"),
+    )  # fmt: skip
 
 
 def _parse_columns(text: str | None) -> dict[str, int | str] | None:
@@ -257,7 +267,7 @@ def _show_posterior(result: Posterior) -> None:
     names = ("parameter", *(f"{percent:g} %" for percent in PERCENTS), "unit")
     table = new_table(*names, title=f"Posterior, {result.fit.law} law", left=("parameter", "unit"))
     for name in result.names:
-        table.add_row(name, *(f"{value:.5g}" for value in result.percentiles[name]), UNITS.get(name, ""))
+        table.add_row(name, *(f"{value:.4g}" for value in result.percentiles[name]), UNITS.get(name, ""))
     show_table(table)
     slowest = max(result.times.values())
     console.print(

@@ -1,0 +1,441 @@
+"""Loading a packing until it fails: stress, complex pairs, contacts, events and forecasts along a quasi-static path."""
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+
+from ..core.arguments import POSITIVE, Positive, checked
+from ..core.dynamics.timestep import stable_time_step
+from ..core.laws.builtin import Law, damping_model, with_values
+from ..core.measure import touching
+from ..core.outcome import NotInEquilibriumError, Outcome, Status
+from ..core.progress import Report, silent
+from ..core.readable import pluralize, readable
+from ..core.state import SLIDE, State
+from ..data.checkpoint import Checkpoint, load_or_compute
+from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
+from ..solve.freedom import backbone
+from ..solve.sensitivity import contact_sensitivity
+from ..solve.shear_response import PRUNE, softest
+from ..solve.spectrum import REAL_BELOW, Spectrum, match_pairs, spectrum
+from ..solve.stability import stability
+from .deformation import Deformation, Mode, deformation
+from .event_class import Event, loss_ahead
+from .event_path import Judge, Point, mean_overlap
+from .events import SMALLEST, Search, check_packing, first_point
+from .forecast import COUPLED, Forecast, Signs, forecast
+from .protocols import SAME_PAIR, Change, Equilibrium, bisect_change
+from .quasistatic import aqs
+
+STEP = 0.02  # default strain step, in mean overlaps over the mean diameter
+STEPS = 500  # default largest number of steps
+RESOLUTION = 2.5e-3  # width of the bracket of an event, in strain steps
+DRAG = 0.1  # default drag, in units of the highest frequency
+AT_MOST = 2500  # coordinates: each step needs several dense spectra
+MOST_STEPS = 100_000
+COUPLES = 8  # pairs of coupled real modes that are stored at each step
+TRIED, DECISIVE = 25, 5  # changes of contacts whose spectrum is computed, and those that are reported
+CHANGES = ("opens", "closes", "starts to slide", "sticks again")
+
+
+@readable(head=lambda step: f"strain {step.strain:.6g}, {pluralize(step.pairs, 'complex pair')}")
+class PathStep(NamedTuple):
+    """End of a strain step, an equilibrium, with what happened on the way."""
+
+    strain: float  # from the first state, negative if it falls [1]
+    stress: float  # does work on the strain: −σ_xy, (σ_yy − σ_xx)/2, pressure or σ_yy [force/length^(dim−1)]
+    pressure: float  # [force/length^(dim−1)]
+    pairs: int  # complex pairs
+    growth: float  # growth rate |Im √λ| of the fastest pair without drag, 0 without a pair [1/time]
+    softest: float  # smallest real eigenvalue of −M⁻¹J [1/time²]
+    exponent: float  # largest exponent of growth under the drag, negative if the state is stable [1/time]
+    negative: int  # directions of negative stiffness
+    touching: int  # contacts
+    sliding: int  # contacts at the Coulomb limit that bear something
+    loss_ahead: float  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
+    couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
+    changes: np.ndarray  # (C, 3) what a contact did since the last step, index in CHANGES, and its two grains
+    events: tuple[Event, ...]  # discontinuities since the last step; their strains count upwards
+    tolerated: bool  # the spectrum is unstable, but dynamics was found to stay here
+    state: State
+
+    @property
+    def verdict(self) -> str:
+        """Verdict on the motion without drag."""
+        if self.negative:
+            return "unstable: negative stiffness"
+        return "unstable: oscillations grow" if self.pairs else "stable"
+
+
+@readable
+class PairLife(NamedTuple):
+    """A complex pair from its birth to its death. Brackets are NaN where the path begins or ends with the pair."""
+
+    born_below: float  # strains between which it was born
+    born: float
+    died: float  # strains between which it died
+    died_above: float
+    growth: float  # largest growth rate [1/time]
+    at: float  # strain of the largest growth rate
+    event: bool  # whether an event lies in one of these brackets: the pair then began or ended with the jump
+
+
+@readable
+class DecisiveContact(NamedTuple):
+    """Contact whose opening or sliding changes the growth of a state most; see `contact_sensitivity`."""
+
+    i: int
+    j: int
+    what: str  # "opens" or "slides"
+    mobilised: float  # |F_t|/(μ F_n), NaN without friction
+    growth: float  # growth rate after this change [1/time]
+    verdict: str  # after it
+
+
+@readable(head=lambda found: found.end)
+class Failure(NamedTuple):
+    """Path of a packing to its failure, or to a given strain."""
+
+    law: Law
+    mode: Mode
+    sign: int  # −1 if the strain falls
+    step: float
+    drag: float  # [1/time]
+    resolution: float  # largest width of the bracket of an event
+    steps: tuple[PathStep, ...]
+    pairs: tuple[PairLife, ...]
+    onset: Change | None  # bracket of the first complex pair
+    decisive: tuple[DecisiveContact, ...]  # contacts of the last state on which its growth depends most
+    verdict: str  # on the last state
+    reason: str  # why the path ended
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Events of the path, with strains that carry the sign of the path."""
+        found = (event for step in self.steps for event in step.events)
+        return tuple(e._replace(strain=self.sign * e.strain, below=self.sign * e.below) for e in found)
+
+    @property
+    def signs(self) -> Signs:
+        """What forecasts rest on."""
+        return signs_of(self.steps)
+
+    @property
+    def forecasts(self) -> tuple[Forecast, ...]:
+        """Forecasts of the next event and of the next pair at the end of the path."""
+        return tuple(one.signed(self.sign) for one in forecast(self.signs))
+
+    @property
+    def end(self) -> str:
+        """What became of the packing, in one sentence."""
+        last, events = self.steps[-1], self.events
+        out = f"at strain {last.strain:.6g} {self.reason}"
+        if self.onset:
+            out += f"; first complex pair at {self.onset.load:.6g}"
+        if events:
+            out += f"; {pluralize(len(events), 'event')}, the first at {events[0].strain:.6g}: {events[0].kind.value}"
+            if events[0].trigger[0] >= 0:
+                out += " (grains {} and {})".format(*events[0].trigger)
+        return out
+
+    def to_dataframe(self):
+        """Curve with a row for each strain step, as a pandas DataFrame."""
+        import pandas
+
+        names = [name for name, kind in PathStep.__annotations__.items() if kind in (int, float, bool)]
+        rows = [[getattr(step, name) for name in names] + [step.verdict] for step in self.steps]
+        return pandas.DataFrame(rows, columns=[*names, "verdict"])
+
+
+class Loading(NamedTuple):
+    """Options of a path, completed from the packing."""
+
+    law: Law  # without dashpots
+    way: Deformation
+    until: str | float
+    limit: float  # largest strain, positive
+    step: float
+    drag: float
+    prune: float
+
+    @property
+    def resolution(self) -> float:
+        """Largest width of the bracket of an event."""
+        return RESOLUTION * self.step
+
+
+@checked
+def shear_to_failure(
+    state: State, law: Law, *, until: Literal["first-pair", "first-event"] | float = "first-event",
+    mode: Mode = "simple", reverse: bool = False, step: Positive | None = None, limit: Positive | None = None,
+    drag: Positive | None = None, prune: Annotated[float, POSITIVE] = PRUNE, kept: Checkpoint | None = None,
+    report: Report = silent,
+) -> Failure:  # fmt: skip
+    """Shear or compress a packing quasi-statically from where it is until it fails, or to a given strain.
+
+    Each strain step follows the path as `find_events` does: by Newton's method where the path is smooth and stable
+    under the drag, and by dynamics with the drag where it is not. Dashpots of the law have no influence on the
+    equilibria; they are left out until the verdict on the last state. Each step depends on the state before it alone,
+    so that a path that is continued from `kept` has the same bits.
+
+    Parameters
+    ----------
+    state : packing at rest in a periodic cell, without walls and loads
+    until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path; or a strain, negative
+        to shear the other way or to unload
+    mode, reverse : how the cell is deformed, see `aqs`; True counts the strain downwards, with "first-…"
+    step : largest strain step; default 0.02 mean overlaps over the mean diameter, as one digit
+    limit : strain at which the path ends without an instability; default 500 steps
+    drag : ν of the dynamics that decide over events, see `find_events`; default a tenth of the highest
+        frequency [1/time]
+    prune : see `find_events`
+    kept : where each step is saved as soon as it is finished
+    report : called as report(stage, share done, text with strain, stress and growth)
+
+    Raises
+    ------
+    ValueError
+        if the packing is not in equilibrium, bears no load, has walls or no periodic cell, is too large for dense
+        spectra, or if options do not fit together.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> law = ss.laws.hertz_mindlin(mu=0.5)
+    >>> state, _ = ss.packings.jammed(20, packing_fraction=0.88, dim=2, law=law, seed=1)
+    >>> found = shear_to_failure(state, law, until=4e-4, step=2e-4)
+    >>> found.to_dataframe()[["strain", "verdict"]].values.tolist()
+    [[0.0, 'stable'], [0.0002, 'stable'], [0.0004, 'stable']]
+    """
+    how = complete_path(state, law, until, mode, reverse, step, limit, drag, prune)
+    steps: list[PathStep] = []
+    reason = ""
+    try:
+        for now in follow(how, state, kept):
+            steps.append(now)
+            report("shear", abs(now.strain) / how.limit, _describe(now))
+            if reason := _reached(how.until, steps):
+                break
+    except NotInEquilibriumError as problem:
+        if not steps:
+            raise
+        reason = f"no equilibrium was found beyond ({problem.outcome})"
+    names = {"first-pair": "without a complex pair", "first-event": "without an event"}
+    return _conclude(how, law, steps, reason or f"the path ended {names.get(how.until, 'as asked')}", report)
+
+
+def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterator[PathStep]:
+    """Steps of a path up to its largest strain, each saved as soon as it is finished, or loaded."""
+    before = None
+    for k in range(int(np.ceil(round(how.limit / how.step, 9))) + 1):
+        goal = min(how.limit, k * how.step)
+        make = partial(_advance, how, before, goal) if before else partial(_begin, how, state)
+        before = load_or_compute(kept, f"strain-{k:06d}", make, PathStep)
+        yield before
+        if _fell_apart(before):
+            return
+
+
+def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRUNE) -> Loading:
+    """Check a packing and the options of a path, and complete these from the packing."""
+    bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
+    check_packing(state, bare)
+    if len(touching(state)) and not len(backbone(state, law)):
+        raise ValueError("a packing of rattlers was given: it bears no load; compress it first")
+    if not len(touching(state)):
+        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+    if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
+        raise ValueError(f"{no_equilibrium_message(rest)}; let it come to rest first (--settle)")
+    if (size := len(backbone(state, law))) > AT_MOST:
+        raise ValueError(
+            f"the packing has {size} coordinates: each step needs several spectra with dense matrices, of at most "
+            f"{AT_MOST}; use a smaller packing"
+        )
+    if not isinstance(until, str):
+        if not (np.isfinite(until) and until):
+            raise ValueError(f"until = {until:g} was given: give a strain other than zero, first-pair or first-event")
+        if limit is not None or reverse:
+            raise ValueError("a strain was given with limit or reverse: its size and sign say both already")
+        limit, reverse = abs(until), until < 0
+    if step is None:
+        share = STEP * mean_overlap(state) / float(2 * state.grains.radius.mean())
+        step = float(f"{share:.0e}") if limit is None else min(float(f"{share:.0e}"), limit)
+    limit = STEPS * step if limit is None else limit
+    if not step <= limit <= MOST_STEPS * step:
+        raise ValueError(
+            f"a step of {step:g} was given for a strain of {limit:g}: use one between {limit / MOST_STEPS:.3g} and "
+            f"{limit:g}"
+        )
+    drag = DRAG * 2 / stable_time_step(state, bare) if drag is None else drag
+    way = deformation(mode, 2 if state.cell.dim == 2 else 3, -1 if reverse else 1)
+    return Loading(bare, way, until, limit, step, drag, prune)
+
+
+def _reached(until: str | float, steps: list[PathStep]) -> str:
+    """Return why a path ends here; empty if it goes on."""
+    now = steps[-1]
+    if _fell_apart(now):
+        return "the packing fell apart: nothing bears a load any more"
+    if until == "first-pair" and now.pairs:
+        return "the packing has a complex pair" + (" where it is" if len(steps) == 1 else "")
+    if until == "first-event":
+        if len(steps) == 1 and now.exponent > 0 and not now.tolerated:
+            return "the packing is unstable where it is"
+        if now.events:
+            return "the path jumped to another state"
+    return ""
+
+
+def _fell_apart(now: PathStep) -> bool:
+    return bool(np.isneginf(now.exponent))  # there are no eigenvalues
+
+
+def _describe(now: PathStep) -> str:
+    growth = f"growth rate {now.growth:.2e}" if now.pairs else f"softest eigenvalue {now.softest:.2e}"
+    return f"strain {now.strain:.4g}, stress {now.stress:.4g}, {pluralize(now.pairs, 'pair')}, {growth}"
+
+
+def _begin(how: Loading, state: State) -> PathStep:
+    point = first_point(state, how.law, how.drag, how.prune, how.way)
+    return _measure(how, point, None)
+
+
+def _advance(how: Loading, before: PathStep, goal: float) -> PathStep:
+    """Strain step from an equilibrium to the next, which depends on nothing else."""
+    judge = Judge(before.state, how.law, how.drag, how.prune, way=how.way)
+    start = Point(abs(before.strain), before.state, judge, tolerated=before.tolerated)
+    search = Search(start, how.step, how.resolution, SMALLEST)
+    if not search.advance(goal):
+        stuck = Outcome(Status.STEPS_SPENT, np.inf, 0)
+        raise NotInEquilibriumError(f"no equilibrium at strain {how.way.sign * goal:g}", stuck)
+    return _measure(how, search.point, start, tuple(search.events))
+
+
+def _measure(how: Loading, point: Point, before: Point | None, events: tuple[Event, ...] = ()) -> PathStep:
+    """Quantities of the point at the end of a step."""
+    state, response = point.state, point.response
+    modes = spectrum(state, how.law)
+    real = modes.eigenvalues.real[modes.eigenvalues.imag == 0]
+    stress, pressure = point.stress
+    slides = response.support.contacts & (state.contacts.mode[: len(response.branch)] == SLIDE)
+    friction = np.isfinite(response.mobilisation) & (response.line.limit > 0)
+    return PathStep(
+        how.way.sign * point.strain + 0.0, how.way.sign * stress + 0.0, pressure, len(modes.pairs),
+        float(modes.growth_rate[modes.pair_indices].max(initial=0.0)), softest(point.eigenvalues),
+        float(point.exponents.max(initial=-np.inf)),
+        int((real < -REAL_BELOW * np.abs(modes.eigenvalues).max(initial=0.0)).sum()), len(touching(state)),
+        int((slides & friction).sum()), loss_ahead(point, how.step), _couples(modes),
+        _changes(before, point) if before else np.zeros((0, 3), int), events, bool(point.tolerated), state,
+    )  # fmt: skip
+
+
+def _couples(modes: Spectrum) -> np.ndarray:
+    """(K, 3) pairs of real modes that are far from orthogonal: mean eigenvalue, squared gap, overlap.
+
+    Where two real eigenvalues meet and become complex, their modes become the same; where they only cross, they do not.
+    """
+    real = np.flatnonzero((modes.eigenvalues.imag == 0) & (modes.eigenvalues.real > 0))
+    values, shapes = modes.eigenvalues.real[real], modes.modes[:, real].real * np.sqrt(modes.free.mass)[:, None]
+    overlap = np.abs(
+        np.triu((shapes / np.linalg.norm(shapes, axis=0)).T @ (shapes / np.linalg.norm(shapes, axis=0)), 1)
+    )
+    first, second = np.nonzero(overlap > COUPLED)
+    most = np.argsort(-overlap[first, second], kind="stable")[:COUPLES]
+    first, second = first[most], second[most]
+    mean, gap = 0.5 * (values[first] + values[second]), values[first] - values[second]
+    return np.stack([mean, gap**2, overlap[first, second]], axis=1)
+
+
+def _changes(a: Point, b: Point) -> np.ndarray:
+    """(C, 3) contacts that opened, closed, started to slide or stick again; without those that bear nothing."""
+    (old, holds), (new, bears) = (
+        ({key: row for row, key in _touching_pairs(p.state)}, p.response.support.contacts) for p in (a, b)
+    )
+    out = [(0, *key[:2]) for key, row in old.items() if holds[row] and key not in new]
+    out += [(1, *key[:2]) for key, row in new.items() if bears[row] and key not in old]
+    for key in old.keys() & new.keys():
+        if holds[old[key]] and bears[new[key]]:
+            slid, slides = (bool(p.state.contacts.mode[rows[key]] == SLIDE) for p, rows in ((a, old), (b, new)))
+            out += [(2 if slides else 3, *key[:2])] * (slid != slides)
+    return np.array(sorted(out), int).reshape(-1, 3)
+
+
+def _touching_pairs(state: State) -> Iterator[tuple[int, tuple[int, int, int]]]:
+    """Yield rows of touching contacts with their grains and the number among the contacts of the same grains.
+
+    Images would not do: they change when a less skewed cell is chosen.
+    """
+    contacts, seen = state.contacts, {}
+    for row in touching(state).tolist():
+        pair = int(contacts.i[row]), int(contacts.j[row])
+        seen[pair] = seen.get(pair, -1) + 1
+        yield row, (*pair, seen[pair])
+
+
+def signs_of(steps) -> Signs:
+    """Series that forecasts rest on, since the last event."""
+    last = max((k for k, step in enumerate(steps) if step.events), default=0)
+    after, events = steps[last:], [event.strain for step in steps for event in step.events]
+    return Signs(
+        np.abs([step.strain for step in after]), np.array([step.softest for step in after]),
+        np.array([step.loss_ahead for step in after]), [step.couples for step in after],
+        np.array([step.pairs for step in after]), np.array(events),
+    )  # fmt: skip
+
+
+def _conclude(how: Loading, law: Law, steps: list[PathStep], reason: str, report: Report) -> Failure:
+    """Result of a path: births and deaths of pairs, decisive contacts, and the verdict with the dashpots of the law."""
+    born = next((k for k, step in enumerate(steps) if step.pairs), 0)
+    onset = None
+    if born and not steps[born].events:
+        before = steps[born - 1]
+        protocol = aqs(how.law, mode=how.way.mode, sign=how.way.sign)._replace(check=None)
+        modes = spectrum(before.state, how.law, modes=False)
+        clean = Equilibrium(abs(before.strain), before.state, modes, Outcome(Status.CONVERGED, 0.0, 0))
+        found = bisect_change(clean, abs(steps[born].strain), protocol, lambda s: bool(len(s.pairs)))
+        onset = Change(how.way.sign * found.below, how.way.sign * found.above)
+    last, decisive = steps[-1].state, ()
+    verdict = "only rattlers are left" if _fell_apart(steps[-1]) else stability(last, law, report=report).verdict
+    if steps[-1].pairs:
+        found = contact_sensitivity(last, how.law, most=TRIED, report=report)
+        decisive = tuple(
+            DecisiveContact(
+                int(found.i[k]), int(found.j[k]), str(found.what[k]), float(found.mobilised[k]), float(found.after[k]),
+                str(found.verdict_after[k]),
+            )
+            for k in np.flatnonzero(found.verified)[:DECISIVE]
+        )  # fmt: skip
+    return Failure(
+        law, how.way.mode, how.way.sign, how.step, how.drag, how.resolution, tuple(steps),
+        tuple(_lives(how.law, steps)), onset, decisive, verdict, reason,
+    )  # fmt: skip
+
+
+def _lives(law: Law, steps: list[PathStep]) -> Iterator[PairLife]:
+    """Complex pairs, matched from step to step by the overlap of their modes; an event ends all of them."""
+    cuts = [0, *(k for k, step in enumerate(steps) if step.events), len(steps)]
+    for first, beyond in pairwise(cuts):
+        inside = steps[first:beyond]
+        spectra = [_pairs_alone(law, step) for step in inside]
+        for life in match_pairs(spectra, at_least=SAME_PAIR):
+            rates = {k: float(spectra[k].growth_rate[row]) for k, row in life.items()}
+            most, (born, *_, last) = max(rates, key=rates.get), (min(life), max(life))
+            before, after = first + born - 1, first + last + 1
+            yield PairLife(
+                steps[before].strain if before >= 0 else np.nan, inside[born].strain if before >= 0 else np.nan,
+                inside[last].strain if after < len(steps) else np.nan,
+                steps[after].strain if after < len(steps) else np.nan,
+                rates[most], inside[most].strain, bool(before >= 0 and born == 0) or after == beyond < len(steps),
+            )  # fmt: skip
+
+
+def _pairs_alone(law: Law, step: PathStep) -> Spectrum:
+    """Spectrum of the complex pairs of a step."""
+    if not step.pairs:
+        return Spectrum(np.zeros(0, complex), np.zeros((0, 0)), backbone(step.state, law), 0.0)
+    modes = spectrum(step.state, law)
+    keep = modes.pair_indices
+    return modes._replace(eigenvalues=modes.eigenvalues[keep], modes=modes.modes[:, keep])

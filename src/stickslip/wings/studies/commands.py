@@ -1,0 +1,130 @@
+"""The command that shears a packing until it fails."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ...kit import (
+    FigureOptions,
+    Output,
+    Overwrite,
+    PackingOptions,
+    command,
+    complete_from,
+    examples,
+    in_units_of_packing,
+    number_option,
+    run_scenario,
+)
+
+MODES = {
+    "simple": "shear along x with the gradient along y", "pure": "longer along x, shorter along y",
+    "isotropic": "compression on all sides", "uniaxial": "compression along y between fixed sides",
+}  # fmt: skip
+UNTIL = {"first-event": "the first discontinuity of the path", "first-pair": "the first complex pair"}
+SHEAR = examples(
+    ("shear examples/sheared_spheres.npz --coulomb sharp --mu 0.3 --settle", "until it jumps to another state"),
+    ("shear examples/sheared_spheres.npz --until -2e-4", "shear back, to a strain"),
+    (
+        "shear examples/sheared_spheres.npz --mode isotropic --until first-event --reverse",
+        "decompress until it fails; after ctrl-C, stickslip resume continues",
+    ),
+)
+
+
+@command(epilog=SHEAR, short_help="When will this packing fail?")
+@in_units_of_packing
+def shear(
+    *,
+    file: Annotated[
+        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
+    ],
+    until: Annotated[
+        str,
+        typer.Option(
+            "--until",
+            metavar="WHEN",
+            help="first-pair, first-event or a strain; a negative one shears back or unloads.",
+            autocompletion=complete_from(UNTIL),
+        ),
+    ] = "first-event",
+    mode: Annotated[
+        str, typer.Option("--mode", help="simple, pure, isotropic or uniaxial.", autocompletion=complete_from(MODES))
+    ] = "simple",
+    reverse: Annotated[
+        bool, typer.Option("--reverse", help="Let the strain fall, with --until first-…: shear back or unload.")
+    ] = False,
+    step: Annotated[
+        float | None, number_option("--step", help="Largest strain step; default: 0.02 overlaps over the diameter.")
+    ] = None,
+    limit: Annotated[
+        float | None, number_option("--limit", help="Strain at which it ends in any case; default: 500 steps.")
+    ] = None,
+    drag: Annotated[
+        float | None,
+        number_option("--drag", help="Drag that decides over events [1/time]; default: 0.1 of the highest frequency."),
+    ] = None,
+    settle: Annotated[
+        bool, typer.Option("--settle", help="Let it come to rest under this law first; shear that state.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/shear-FILE.")] = None,
+    overwrite: Overwrite = False,
+    drawing: FigureOptions,
+    output: Output,
+    options: PackingOptions,
+) -> None:
+    """Shear or compress a packing quasi-statically until it fails, and forecast its next event.
+
+    Writes the stress-strain curve, complex pairs born and dying, events, contacts that open, close or slide, forecasts
+    with intervals, a figure and a page. Only an equilibrium in a periodic cell without walls is sheared. After ctrl-C
+    or a kill, stickslip resume continues.
+    """
+    from ...kit import trust_law_files, validate_scenario
+    from .failure.scenario import FailureScenario
+    from .failure.simulate import digest_of, keep_packing, read_input
+
+    named = file if file.name.strip(".") else file.resolve()
+    folder, look = out or Path("results") / f"shear-{named.stem}", drawing.look()
+    chosen = validate_scenario(
+        FailureScenario, **_tables(file, options, settle),
+        shear={
+            "until": until if until in UNTIL else _strain(until), "mode": mode, "reverse": reverse, "step": step,
+            "limit": limit, "drag": drag,
+        },
+    )  # fmt: skip
+    trust_law_files(chosen.model_dump())  # the user has typed its name
+    packed = read_input(chosen)
+    chosen = chosen.model_copy(update={"packing": chosen.packing.model_copy(update={"digest": digest_of(packed)})})
+    run_scenario(
+        "shear", chosen, folder, output, look, overwrite=overwrite, begin=lambda: keep_packing(folder, chosen, packed)
+    )
+
+
+def _strain(word: str) -> float:
+    from ...kit import parse_number
+
+    try:
+        return parse_number(word)
+    except ValueError:
+        raise ValueError(f"--until {word!r} was given: use first-pair, first-event or a strain such as 1e-3") from None
+
+
+def _tables(file: Path, options: PackingOptions, settle: bool) -> dict:
+    """Tables of a scenario from the options of all commands that read a packing."""
+    from ...kit import current_units
+
+    given = {name: value for name, value in options.values().items() if value is not None}
+    more, kind = given.pop("parameters", {}), given.pop("law", None)
+    names = ("frame", "contacts", "columns", "boundary", "atom_style", "i0")
+    place = {name: given.pop(name) for name in names if name in given}
+    if "contacts" in place:
+        place["contacts"] = str(Path(place["contacts"]).absolute())
+    if str(kind).endswith(".py"):
+        numbers = {name: given.pop(name) for name in list(given) if isinstance(given[name], float)}
+        law = {"file": str(Path(kind).absolute()), "parameters": numbers | more}
+    else:
+        law = {"more": more} | ({} if kind is None else {"kind": kind})
+    units = current_units()
+    named = {} if units is None else {"units": dict(zip(("length", "mass", "time"), units, strict=False))}
+    return named | {"packing": place | {"file": str(file.absolute()), "settle": settle}, "law": law | given}

@@ -1,0 +1,240 @@
+"""Output of the failure of a packing: tables, figure, page and archive in the run folder, summary on the terminal."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from .... import __version__
+from ....figures import failure_path
+from ....kit import (
+    CHANGES,
+    Fields,
+    Measures,
+    PageContent,
+    Quantities,
+    Quantity,
+    archive_fields,
+    console,
+    frame_of,
+    median,
+    new_table,
+    page,
+    render,
+    show_table,
+    versions,
+    with_unit,
+    write_page,
+)
+from ....results import PathStep
+from .simulate import FailureResult
+
+STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
+SHOWN = 12  # events in a table for people
+RECORD = (
+    "An interval is meant to contain 80 % of the events that come. Many that are announced do not come, above all with "
+    "friction; the softest eigenvalue announces few at usual steps, and forecasts of pairs were no better than their "
+    "last spacing. stickslip docs failure has the record."
+)
+CURVE = Quantities([
+    Quantity("strain", "1", "strain from the first state"),
+    Quantity("stress", STRESS, "stress that does work on the strain"),
+    Quantity("pressure", STRESS, "pressure"),
+    Quantity("pairs", "1", "complex pairs"),
+    Quantity("growth rate", RATE, "of the fastest pair without drag", "growth"),
+    Quantity("softest", SQUARE, "smallest real eigenvalue"),
+    Quantity("exponent", RATE, "largest exponent of growth under the drag"),
+    Quantity("negative", "1", "directions of negative stiffness"),
+    Quantity("touching", "1", "contacts"),
+    Quantity("sliding", "1", "contacts at the Coulomb limit"),
+    Quantity("loss ahead", "1", "strain to the loss of a contact that leaves an unstable state", "loss_ahead"),
+    Quantity("verdict", "1", "on the motion without drag"),
+])  # fmt: skip
+LIVES = Quantities([
+    Quantity("born below", "1", "strain at which the pair is not there yet", "born_below"),
+    Quantity("born", "1", "strain at which it is there"),
+    Quantity("died", "1", "last strain at which it is there"),
+    Quantity("died above", "1", "strain at which it is gone", "died_above"),
+    Quantity("growth rate", RATE, "largest growth rate", "growth"),
+    Quantity("at", "1", "strain of the largest growth rate"),
+    Quantity("event", "1", "1 if an event lies in one of the brackets", lambda life: int(life.event)),
+])  # fmt: skip
+EVENTS = Quantities([
+    Quantity("strain", "1", "upper end of the bracket"),
+    Quantity("below", "1", "its lower end"),
+    Quantity("kind", "1", "class of the event", lambda event: event.kind.name.lower()),
+    Quantity("i", "1", "grain of the contact that starts it, −1 without", lambda event: event.trigger[0]),
+    Quantity("j", "1", "its other grain", lambda event: event.trigger[1]),
+    Quantity("mobilisation", "1", "|F_t|/(μ F_n) of that contact before"),
+    Quantity("growth rate", RATE, "of the instability under the drag", "growth_rate"),
+    Quantity("stress drop", "1", "over the pressure", "stress_drop"),
+    Quantity("jump", "1", "non-affine displacement in mean diameters"),
+    Quantity("opened", "1", "contacts that opened"),
+    Quantity("closed", "1", "contacts that closed"),
+])  # fmt: skip
+CONTACTS = Quantities([
+    Quantity("above", "1", "strain before the step", lambda row: row[0]),
+    Quantity("strain", "1", "strain after it", lambda row: row[1]),
+    Quantity("what", "1", "what the contact does", lambda row: row[2]),
+    Quantity("i", "1", "grain", lambda row: row[3]),
+    Quantity("j", "1", "other grain", lambda row: row[4]),
+    Quantity("event", "1", "1 in a step with an event", lambda row: row[5]),
+])  # fmt: skip
+FORECASTS = Quantities([
+    Quantity("made at", "1", "strain at which the forecast was made", "made"),
+    Quantity("of", "1", "next event or next pair", "of"),
+    Quantity("from", "1", "what it rests on", "basis"),
+    Quantity("strain", "1", "forecast strain"),
+    Quantity("low", "1", "lower end of the interval"),
+    Quantity("high", "1", "upper end of the interval"),
+    Quantity("windows", "1", "number of extrapolations"),
+])  # fmt: skip
+
+
+def _first(values) -> float:
+    return float(next(iter(values), np.nan))
+
+
+MEASURES = Measures([
+    Quantity("strain", "1", "strain at the end", lambda f: f.steps[-1].strain),
+    Quantity("stress", STRESS, "stress at the end", lambda f: f.steps[-1].stress),
+    Quantity("first_pair", "1", "strain of the first complex pair", lambda f: f.onset.load if f.onset else np.nan),
+    Quantity("first_event", "1", "strain of the first event", lambda f: _first(e.strain for e in f.events)),
+    Quantity("events", "1", "number of events", lambda f: float(len(f.events))),
+    Quantity("pairs", "1", "complex pairs at the end", lambda f: float(f.steps[-1].pairs)),
+    Quantity("growth_rate", RATE, "growth rate at the end, without drag", lambda f: f.steps[-1].growth),
+    Quantity("first_slide", "1", "strain by which the first contact slides", lambda f: _first(
+        step.strain for step in f.steps if (step.changes[:, 0] == 2).any())),
+    Quantity("drop", "1", "stress drop of the events over the pressure, median",
+             lambda f: median(e.stress_drop for e in f.events)),
+], subject=lambda result: result.found)  # fmt: skip
+
+
+def figures(result: FailureResult):
+    """Yield (file name, Figure) of a run."""
+    yield "fig1_path.png", failure_path(result.found)
+
+
+def files(result: FailureResult):
+    """Yield (file name, function that writes it) for the tables and the page."""
+    found = result.found
+    yield "curve.csv", lambda path: CURVE.write(path, found.steps, digits=None)
+    yield "pairs.csv", lambda path: LIVES.write(path, found.pairs, digits=None)
+    yield "events.csv", lambda path: EVENTS.write(path, found.events, digits=None)
+    yield "contacts.csv", lambda path: CONTACTS.write(path, _contact_rows(found), digits=None)
+    yield "forecasts.csv", lambda path: FORECASTS.write(path, found.forecasts, digits=None)
+    yield "report.html", partial(_write_page, result)
+
+
+def _contact_rows(found) -> list[tuple]:
+    """Rows of the table of contacts: step, what happened, grains."""
+    return [
+        (before.strain, step.strain, CHANGES[what], int(i), int(j), int(bool(step.events)))
+        for before, step in zip(found.steps, found.steps[1:], strict=False)
+        for what, i, j in step.changes
+    ]
+
+
+def decisive_points(found) -> dict[str, PathStep]:
+    """Steps whose states are stored: the ends of the path, and those on both sides of the first pair and of events."""
+    steps = found.steps
+    chosen = {0, len(steps) - 1}
+    born = next((k for k, step in enumerate(steps) if step.pairs), 0)
+    for k in [born, *(k for k, step in enumerate(steps) if step.events)]:
+        chosen |= {max(0, k - 1), k}
+    return {f"{steps[k].strain:+.8f}": steps[k] for k in sorted(chosen)}
+
+
+def numbers(result: FailureResult) -> dict:
+    """Return the contents of the archive other than scenario and version."""
+    found = result.found
+    curve = {name: np.array([getattr(step, name) for step in found.steps]) for name in PathStep._fields
+             if name not in ("couples", "changes", "events", "state")}  # fmt: skip
+    return {
+        "scenario": result.scenario.text,
+        "law": found.law,
+        "units": "those of the packing",
+        "curve": Fields(curve, PathStep),
+        "pairs": {f"{k:04d}": archive_fields(life) for k, life in enumerate(found.pairs)},
+        "events": {
+            f"{k:04d}": archive_fields(event._replace(kind=event.kind.name)) for k, event in enumerate(found.events)
+        },
+        "frames": {name: step.state for name, step in decisive_points(found).items()},
+        "remarks": "\n".join(sentences(result)),
+    }
+
+
+def sentences(result: FailureResult) -> list[str]:
+    """Return what became of the packing, the verdict, forecasts and notes, a sentence each."""
+    found = result.found
+    out = [f"{found.end[0].upper()}{found.end[1:]}.", f"Verdict on the last state: {found.verdict}."]
+    out += [f"{one}." for one in found.forecasts] or ["No forecast: nothing approaches zero on the last steps."]
+    return [*out, *result.notes]
+
+
+def _event_rows(found) -> list[list[str]]:
+    rows = []
+    for event in found.events[:SHOWN]:
+        contact = "–" if event.trigger[0] < 0 else "{}–{}".format(*event.trigger)
+        rows.append([f"{event.strain:.6g}", event.kind.value, contact, f"{event.stress_drop:.3g}", f"{event.jump:.2g}"])
+    return rows
+
+
+def _decisive_rows(found) -> list[list[str]]:
+    return [
+        [f"{one.i}–{one.j}", one.what, f"{one.mobilised:.3g}" if np.isfinite(one.mobilised) else "–",
+         f"{one.growth:.3g}", one.verdict or "–"]
+        for one in found.decisive
+    ]  # fmt: skip
+
+
+EVENT_HEAD = ("strain", "event", "contact", "stress drop over p", "jump in diameters")
+
+
+def _decisive_head() -> tuple[str, ...]:
+    return ("contact", "if it", "mobilisation", with_unit("growth rate then", "1/time", unnamed=""), "verdict then")
+
+
+def show(result: FailureResult) -> None:
+    """Print what became of the packing."""
+    found = result.found
+    for line in sentences(result):
+        console.print(line)
+    for title, head, rows in (
+        ("Events", EVENT_HEAD, _event_rows(found)), ("Decisive contacts", _decisive_head(), _decisive_rows(found))
+    ):  # fmt: skip
+        if rows:
+            table = new_table(*head, title=title, left=head[:3])
+            for row in rows:
+                table.add_row(*row)
+            show_table(table)
+
+
+def _write_page(result: FailureResult, path: Path) -> None:
+    """Write the page of a run, with the states at the decisive points in three dimensions."""
+    found, given = result.found, result.scenario.packing.file
+    points = decisive_points(found)
+    frames = [frame_of(step.state, found.law) for step in points.values()]
+    labels = [f"strain {step.strain:.5g}, {step.verdict}" for step in points.values()]
+    sections = [
+        ("Path", page.pictures({"stress, growth and softest mode along the path": render(failure_path(found))}))
+    ]
+    if found.forecasts:
+        head = ["forecast", "made at", "strain", "interval", "from"]
+        rows = [
+            [f.of, f"{f.made:.6g}", f"{f.strain:.6g}", f"{f.low:.6g} to {f.high:.6g}", f.basis] for f in found.forecasts
+        ]
+        sections.append(("Forecasts", page.table(head, rows) + page.paragraph(RECORD, kind="soft")))
+    if rows := _event_rows(found):
+        sections.append(("Events", page.table(list(EVENT_HEAD), rows)))
+    if rows := _decisive_rows(found):
+        sections.append(("Decisive contacts of the last state", page.table(list(_decisive_head()), rows)))
+    if rows := [[f"{a:.5g} to {b:.5g}", what, f"{i}–{j}"] for a, b, what, i, j, _ in _contact_rows(found)[:60]]:
+        sections.append(("Contacts, from the beginning", page.table(["strain", "what", "contact"], rows)))
+    rows = [["packing", Path(given).name], ["deformation", found.mode + (", strain falls" if found.sign < 0 else "")],
+            ["strain step", f"{found.step:g}"], ["drag", with_unit(f"{found.drag:.4g}", "1/time")]]  # fmt: skip
+    rows += [["note", note] for note in result.notes]
+    sections.append(("Packing and options", page.table(["", "value"], rows)))
+    sentence = f"{found.end}; at the end: {found.verdict}"
+    title, about = f"failure of {Path(given).name}", f"stickslip {__version__}, {versions()}"
+    write_page(PageContent(title, about, frames, labels, len(frames) - 1, [], sections, verdict=sentence), path)

@@ -1,0 +1,70 @@
+"""Scenario of the failure of a packing from a file; `stickslip shear` makes one from its options."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from ....kit import BY_NAME, Finite, LawFile, LawOrFile, NotNegative, Positive, ScenarioBase, ScenarioTable
+
+
+class Input(ScenarioTable):
+    """Packing, as `ss.io.read_packing` reads it."""
+
+    file: str = Field(description="packing in any format, or the folder of a LAMMPS run; relative to the scenario")
+    frame: str | None = Field(None, description="state to read from an archive, GSD file or dump")
+    contacts: str | None = Field(None, description="`dump local` with the contact forces, or a table of measured ones")
+    columns: str | None = Field(None, description="names of its columns")
+    boundary: str | None = Field(None, description="boundaries as in LAMMPS, if the file does not give them")
+    atom_style: str | None = Field(None, description="sphere, if a data file does not name its style")
+    i0: Positive | None = Field(None, description="I0 in the moment of inertia I0 m R²")
+    settle: bool = Field(False, description="whether it comes to rest under its law first")
+    digest: str | None = Field(None, description="of the packing; added by `stickslip shear`, another one is refused")
+
+
+class InputLaw(LawOrFile):
+    """Law of the packing where its file has none, or another one; keys that are not given are those of the file."""
+
+    kind: Literal[*BY_NAME] | None = Field(None, description="name of a built-in law")
+    coulomb: Literal["smooth", "sharp"] | None = Field(None, description="how F_t approaches the Coulomb limit")
+    kn: Positive | None = Field(None, description="k_n, in a unit that depends on `kind`")
+    kt: NotNegative | None = Field(None, description="k_t, as `kn`")
+    mu: NotNegative | None = Field(None, description="friction coefficient")
+    young: Positive | None = Field(None, description="E, instead of `kn` and `kt` [stress]")
+    poisson: Finite | None = Field(None, description="ν")
+    damping: str | None = Field(None, description="model of the dashpots")
+    damping_n: NotNegative | None = Field(None, description="γ_n of the normal dashpot")
+    damping_t: NotNegative | None = Field(None, description="γ_t of the tangential dashpot")
+    more: dict[str, Finite] = Field({}, description="parameters that only this law has, such as work of jkr")
+    file: str | None = LawFile.model_fields["file"]
+    parameters: dict[str, Finite] = LawFile.model_fields["parameters"]
+    checksum: str | None = LawFile.model_fields["checksum"]
+
+
+class Until(ScenarioTable):
+    """How the packing is loaded, and until when."""
+
+    until: Literal["first-pair", "first-event"] | Finite = Field(
+        "first-event", description="first-pair, first-event or a strain; a negative one shears back or unloads"
+    )
+    mode: Literal["simple", "pure", "isotropic", "uniaxial"] = Field(
+        "simple", description="simple: shear γ along x; pure: γ = ln(Lx/Ly); isotropic: ε = −ln V; uniaxial: ε = −ln Ly"
+    )
+    reverse: bool = Field(False, description="whether the strain falls, if `until` is not a strain")
+    step: Positive | None = Field(
+        None, description="largest strain step; default: 0.02 mean overlaps over the mean diameter"
+    )
+    limit: Positive | None = Field(
+        None, description="strain at which the path ends without an instability; default: 500 steps"
+    )
+    drag: Positive | None = Field(
+        None, description="of the dynamics that decide over events; default: a tenth of the highest frequency [1/time]"
+    )
+
+
+class FailureScenario(ScenarioBase):
+    """Everything that defines the failure of a packing."""
+
+    experiment: Literal["failure"] = "failure"
+    packing: Input
+    law: InputLaw = InputLaw()
+    shear: Until = Until()

@@ -1,0 +1,96 @@
+"""Text of other programs with a layout of its own: the same grains in each."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.data.sample import Obstacle
+
+PLACE, DIAMETER = np.array([[0.25, 0.5, 1], [1.2, 0.5, 1], [0.5, 1.25, 1.5]]), np.array([1.0, 1.0, 1.2])
+QUERIES = {f"Position {axis}": PLACE[:, k] for k, axis in enumerate("XYZ")} | {"Velocity Z": [0, 0, 2.5]}
+QUERIES |= {"ID": [7, 3, 5], "Velocity X": [0, 0, 0], "Velocity Y": [0, 0, 0], "Diameter": DIAMETER, "Mass": [1, 2, 3]}
+LATTICE = "4 0 0  0.5 4 0  0 0 4"
+ROWS = "\n".join(f"{x} {y} {z}" for x, y, z in PLACE)
+SIZED = "\n".join(f"{x} {y} {z} {d}" for (x, y, z), d in zip(PLACE, DIAMETER, strict=True))
+
+
+def edem(*, below: bool, times=(0.1, 0.4), **other) -> str:
+    """Export of EDEM with values below each query, or after it; only those of the last time are the grains'."""
+    text = "EDEM\nEXTRACTED DATA\n"
+    for time in times:
+        text += f"\nTIME:,{time}\nQ01 : Total Number of Particles:,3\n"
+        for k, (name, values) in enumerate((QUERIES | other).items(), 2):
+            words = [f"{value + (time != times[-1] and name[:3] == 'Pos'):.17g}" for value in values]
+            text += (
+                f"Q{k:02} : Particle {name}:" + ("\n,".join(["", *words]) if below else " " + " ".join(words)) + "\n"
+            )
+    return text
+
+
+def read(tmp_path, text, **options):
+    """The packing of a text; grains in the order of the text."""
+    (tmp_path / "t").write_text(text)
+    return ss.io.read_packing(tmp_path / "t", **options)
+
+
+@pytest.mark.parametrize("below", [True, False])
+def test_queries_of_edem_are_columns(below, tmp_path):
+    state, _, notes = read(tmp_path, edem(below=below))
+    order = np.argsort(QUERIES["ID"])
+    np.testing.assert_array_equal(state.grains.position, PLACE[order])
+    np.testing.assert_array_equal(state.grains.radius, DIAMETER[order] / 2)
+    assert state.grains.mass.tolist() == [2, 3, 1] and state.grains.velocity[1].tolist() == [0, 0, 2.5]
+    assert any("t has 2 states: the last, 0.4, is used" in note for note in notes)
+    earlier = read(tmp_path, edem(below=below), frame="0.1").state
+    np.testing.assert_array_equal(earlier.grains.position, PLACE[order] + 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (edem(below=True).replace("TIME", "T"), "no line `TIME:` above them"),
+        (edem(below=True).replace("Mass", "Diameter"), "has the query 'Diameter' twice at time 0.4"),
+        (edem(below=True, Charge=[1, 2]), "has 2 values of 'Charge' at time 0.4, and 3 of others"),
+        (f"3\n3 1\n3\n1.0\n{LATTICE}\nT T T\n1 2 3\n", "has 3 numbers for 3 positions in 3 dimensions"),
+        (f"3\n3 2\n1 1\n1 2\n{LATTICE}\nT T T\n{ROWS}\n", "has 3 spheres, and 2 of all kinds"),
+        ("N = 3 ,L = 4 ,L1= { 4 , 0 } ,L2= { 1 , 4 } ,P = 1 ,\n{\n0 , 0 , 1 ,\n}\n", "has 3 numbers for 3 disks"),
+        ("N = 3 ,L = 4 ,L1= { 4 , 0 } ,L2= { 1 , 4 } ,P = 1 ,\n{\n0 , 0 , 1 ,\n", "is truncated: N, L1, L2"),
+    ],
+)
+def test_damaged_text_of_other_programs(text, message, tmp_path):
+    with pytest.raises(ss.packings.PackingError, match=message):
+        read(tmp_path, text)
+
+
+def test_an_unknown_query_of_edem_makes_the_verdict_undecided(tmp_path):
+    notes = read(tmp_path, edem(below=True, Charge=[1, 2, 3])).notes
+    assert any("Charge" in note for note in notes if isinstance(note, Obstacle))
+
+
+@pytest.mark.parametrize("sizes", ["2 1\n1.0 1.2", "2 1", "3"])
+def test_packings_of_packlsd(sizes, tmp_path):
+    """Diameters of kinds, or of each sphere; hard walls are named."""
+    kinds = len(sizes.split("\n")[0].split())
+    rows = ROWS if "\n" in sizes else SIZED
+    text = f"3 ! dimension\n3 {kinds}\n{sizes} ! sizes\n{LATTICE}\nT T F\n{rows}\n"
+    state, _, notes = read(tmp_path, text)
+    np.testing.assert_array_equal(state.grains.position, PLACE)
+    np.testing.assert_allclose(state.grains.radius, DIAMETER / 2, rtol=1e-15)
+    np.testing.assert_array_equal(state.cell.vectors, np.array(LATTICE.split(), float).reshape(3, 3))
+    assert state.cell.periodic.tolist() == [True, True, False]
+    assert any("hard walls of t (F)" in note for note in notes if isinstance(note, Obstacle))
+
+
+def test_packings_of_jambashbulk(tmp_path):
+    """Two of a series, in the plane and in a tilted cell."""
+    text = "# a comment\n"
+    for shift in (0.0, 0.5):
+        text += "N = 3 ,L = 4.0 ,L1= { 4.0 , 0.0 }  ,L2= { 0.5 , 4.0 }  ,P = 0.001 ,P0= 0.001 ,\n{\n"
+        rows = zip(PLACE[:, 0] + shift, PLACE[:, 1], DIAMETER / 2, strict=True)
+        text += "".join(f"{x} ,\t{y} ,\t{r} ,\t\n" for x, y, r in rows) + "}\n\n\n"
+    for frame, shift in ((None, 0.5), ("0", 0.0)):
+        state = read(tmp_path, text, frame=frame).state
+        np.testing.assert_array_equal(state.grains.position[:, :2], PLACE[:, :2] + [shift, 0])
+        np.testing.assert_array_equal(state.grains.radius, DIAMETER / 2)
+        np.testing.assert_array_equal(state.cell.vectors[:2, :2], [[4, 0], [0.5, 4]])
+        assert state.cell.dim == 2 and state.cell.periodic[:2].all()
