@@ -38,7 +38,8 @@ MEANT = {
     "modes.elastic_moduli": "moduli elastic_constants shear_modulus bulk_modulus poisson nonaffine non_affine born "
     "stiffness_tensor elasticity",
     "modes.equations_of_motion": "mass_matrix damping_matrix mck state_space linearise linearize dae",
-    "io.write_matrices": "mtx matrix_market export_matrix save_matrix savemat",
+    "Grains": "particle particles grain mass masses radius radii diameter diameters",
+    "io.write_matrices": "sparse mtx matrix_market export_matrix save_matrix savemat",
     "modes.density_of_states": "dos vdos density_of_modes phonons boson_peak",
     "modes.participation_ratio": "ipr localisation_of_modes",
     "modes.dynamical_matrix": "stiffness dynamical",
@@ -122,7 +123,8 @@ MEANT = {
     "experiments.gouge": "velocity_step fault_gouge granular_fault",
     "experiments.element_test": "element_tests soils soil triaxial_test triaxial oedometer oedometric friction_angle "
     "dilatancy dilation critical_state mohr_circle mohr mohr_coulomb undrained drained cohesion_intercept peak "
-    "geotechnical simple_shear_test plane_strain k0",
+    "geotechnical simple_shear_test plane_strain k0 skempton compression_index swelling_index swelling consolidation "
+    "fit_envelope mohr_envelope csl",
     "experiments.cyclic_shear": "cyclic cyclic_triaxial liquefaction damping_ratio g_gmax shear_modulus_reduction",
     "experiments.flow": "hopper silo drum rotating_drum column_collapse angle_of_repose mu_i rheology granular_flow "
     "plane_shear_flow chute inclined_plane heap pile discharge",
@@ -143,7 +145,8 @@ MEANT = {
     "`stickslip example`": "list ls examples new init create template scenario scenarios start tutorial triaxial",
     "`stickslip docs`": "help manual man documentation keys settings config options guide howto",
     "`stickslip --help`": "help commands usage",
-    "`stickslip doctor`": "test selfcheck self_test verify install version check threads set_threads num_threads info",
+    "`stickslip doctor`": "test selfcheck self_test verify install version check openmp threads set_threads "
+    "num_threads info",
     "`stickslip --version`": "version",
     "`stickslip reproduce`": "demo papers paper claims reproduction benchmark validate validation",
     "`stickslip docs many_runs`": "submit queue job slurm sweep seed seeds random_seed set_seed statistics average",
@@ -153,7 +156,7 @@ MEANT = {
 }  # fmt: skip
 COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "the", "and", "from", "for", "with"}
 ROW = re.compile(r"^ *(\w+(?:, \w+)*)  +(\S.*)$", re.M)
-SHORT = 5  # letters of a part of a word that are compared
+SHORT = 7  # letters of a part of a word that are compared
 
 
 def suggestions(word: str, limit: int = 3) -> list[str]:
@@ -209,8 +212,8 @@ def _without_an_end(word: str) -> list[str]:
 def _spelled_like(word: str, names: dict[str, list[str]]) -> list[str]:
     """Public names that are spelled like the word, or contain it."""
     full = {f"{space}.{name}".lstrip("."): name.lower() for space, own in names.items() for name in own}
-    near = difflib.get_close_matches(word, set(full.values()), n=2, cutoff=0.8)
-    inside = sorted((name for name in set(full.values()) if len(word) > 3 and word in name), key=len)[:2]
+    near = [name for name in difflib.get_close_matches(word, set(full.values()), n=2, cutoff=0.8) if name[0] == word[0]]
+    inside = sorted((name for name in set(full.values()) if len(word) > 3 and f"_{word}" in f"_{name}"), key=len)[:2]
     return [place for name in near or inside for place, own in full.items() if own == name]
 
 

@@ -307,7 +307,8 @@ def test_the_sweep_that_was_run_is_kept(tmp_path):
 
 def test_measures_that_no_member_has_fill_no_rows(tmp_path, capsys):
     """Neither on the terminal nor on the page; the dataset has them."""
-    made = [{"seconds": 1.0, "measures": {"known": (k, "1"), "nowhere": (float("nan"), "m")}} for k in (1.0, 2.0)]
+    none = dict.fromkeys(("nowhere", "nowhere_error", "known_error"), (float("nan"), "m"))
+    made = [{"seconds": 1.0, "measures": {"known": (k, "1")} | none} for k in (1.0, 2.0)]
     chosen = small(**{"surface.mu0": [0.3, 0.5], "seed": [0]})
     names = ["a", "b"]
     report.show(SweepResult(chosen, names, made, ["", ""], 0))

@@ -1,5 +1,6 @@
 """Matrices in files for other programs: read by SciPy alone, they give the same motion and contact status."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.io import mmread
 from scipy.linalg import eigvals
 
 import stickslip as ss
+from stickslip.cli import main
 from tests.conftest import make_law, make_packing, stickslip_here, stirred
 
 ROOT = Path(__file__).parents[2]
@@ -83,8 +85,26 @@ def test_refusals(tmp_path, name, sources, message):
 
 def test_stability_writes_matrices_once(tmp_path):
     packing = [str(ROOT / "examples" / "sheared_spheres.npz"), "--json", "--matrices", "m"]
+    packing += ["--damping", "viscoelastic", "--damping-n", "1", "--no-dashpots"]
     assert stickslip_here("stability", *packing, cwd=tmp_path).returncode == 0
     found = read(tmp_path / "m")
     assert found["jacobian"].shape == (300, 300) and found["damping"].nnz == 0
     again = stickslip_here("stability", *packing, cwd=tmp_path)
     assert again.returncode == 2 and "exists: give another name" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--matrices", "a.npz", "--modes", "./a.npz"], "--matrices and --modes name the same file a.npz"),
+        (["--matrices", ""], "--matrices has no name: give NAME.npz, or a folder"),
+        (["--matrices", "a.mtx", "--settle"], "a.mtx was given: give NAME.npz, or the name of a folder"),
+    ],
+)
+def test_names_of_files_are_checked_before_the_analysis(tmp_path, monkeypatch, capsys, options, message):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("stickslip.loading.reading.read_packing", None)
+    monkeypatch.setattr(sys, "argv", ["stickslip", "stability", str(ROOT / "examples/sheared_spheres.npz"), *options])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2 and message in capsys.readouterr().err and not list(tmp_path.iterdir())

@@ -156,6 +156,24 @@ def test_names_that_people_guess_lead_somewhere():
     assert commands_like("restart", known) == ["`stickslip resume`"] and "convert" in commands_like("export", known)[0]
 
 
+@pytest.mark.parametrize(
+    ("word", "near"),
+    [
+        ("particles", "Grains"), ("mass", "Grains"), ("radii", "Grains"), ("openmp", "`stickslip doctor`"),
+        ("skempton", "experiments.element_test"), ("compression_index", "experiments.element_test"),
+        ("fit_envelope", "experiments.element_test"), ("histogram", None), ("train", None),
+        ("sparse", "io.write_matrices"),
+    ],
+)  # fmt: skip
+def test_a_word_leads_to_its_own_subject_or_nowhere(word, near):
+    assert suggestions(word)[:1] == ([near] if near else [])
+
+
+def test_a_subject_that_examples_mention_is_not_one_of_them():
+    known = [command.callback.__name__ for command in app.registered_commands]
+    assert not any("injection" in line for line in commands_like("friction", known))
+
+
 @pytest.mark.parametrize("word", ["temperature", "lubrication", "qwertz"])
 def test_no_name_is_better_than_a_misleading_one(word):
     with pytest.raises(AttributeError, match=r"has no attribute '\w+': see help\(stickslip\)"):

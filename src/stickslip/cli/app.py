@@ -239,7 +239,7 @@ def commands_like(word: str, commands: list[str]) -> list[str]:
     advice |= {name: f"`stickslip reproduce {name}`" for name in papers()}
     found = suggestions(word, limit=9)
     typed = [one for one in found if one.startswith("`stickslip ")]
-    spelled = [advice[name] for name in get_close_matches(plain, advice, 1)]
+    spelled = [advice[name] for name in get_close_matches(plain, advice, 1) if name[0] == plain[0]]
     if plain in advice:
         return spelled
     in_python = [f"stickslip.{one} in Python" for one in found[:2] if not one.startswith("`")]

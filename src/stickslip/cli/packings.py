@@ -160,8 +160,10 @@ def stability(
         ),
     ] = None,
     matrices: Annotated[
-        Path | None,
-        typer.Option("--matrices", help="Also write J, C and M: NAME.npz, or a folder for Matrix Market files."),
+        str | None,
+        typer.Option(
+            "--matrices", metavar="<path>", help="Also write J, C and M: NAME.npz, or a folder for Matrix Market files."
+        ),
     ] = None,
     beyond: Annotated[
         bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
@@ -184,7 +186,7 @@ def stability(
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
-    from ..data.exchange.matrices import write_matrices
+    from ..data.exchange.matrices import check_name, write_matrices
     from ..loading.reading import read_packing
     from ..reports import packing as stability_report
     from ..reports import terminal
@@ -197,6 +199,12 @@ def stability(
     shapes = modes or Path(f"{named.stem}-modes.npz")
     if modes or not output.as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
+    if matrices is not None:
+        if not matrices:
+            raise ValueError("--matrices has no name: give NAME.npz, or a folder")
+        check_name(Path(matrices))
+        if Path(matrices).absolute() == shapes.absolute():
+            raise ValueError(f"--matrices and --modes name the same file {shapes}: give different names")
     with terminal.console_output(*output):
         with terminal.progress(transient=True) as tell:
             (state, its_law, notes), said = capture_warnings(read_packing, file, **options.values())
@@ -204,7 +212,11 @@ def stability(
             if settle:
                 state, calm = stability_report.let_settle(state, its_law)
                 notes.append(f"settled: {calm.how}")
-            written = write_matrices(matrices, equations_of_motion(state, its_law)) if matrices else []
+            written = []
+            if matrices:
+                motion = equations_of_motion(state, its_law)
+                c = motion.damping if dashpots else type(motion.damping)(motion.damping.shape)
+                written = write_matrices(matrices, motion._replace(damping=c))
             result = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
             more = None
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):

@@ -19,6 +19,7 @@ REMEDY = "give a table as text, an HDF5 or a MATLAB file"
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
+COMMENT = re.compile(r"\s*(#|%(?!\s*[;,\t]))")  # "%;kPa" is a row of units
 LEAST = 3  # rows that a first column must number
 
 
@@ -64,7 +65,7 @@ def _text_sheet(
 ) -> Sheet:  # fmt: skip
     """Rows of numbers, below the line of headings and perhaps one of units."""
     lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    body = [(k, line) for k, line in lines if line.lstrip()[0] not in COMMENTS]
+    body = [(k, line) for k, line in lines if not COMMENT.match(line)]
     first, mark = _find_numbers(body)
     if first is None:
         seen = f": it has no numbers below {body[0][1].strip()[:60]!r}" if body else ""

@@ -91,12 +91,15 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
          "σ'_v", "σ'v", "σ_v'", "σv'", "sigma'_v", "sigma_v'", "σ'_a", "σ'a", "σ'1", "σ'_1", "axial_stress",
          "vertical_stress", "σ_v", "σv", "sigma_v", "σ_a", "σa", "sigma_a", "σ1", "σ_1", "sigma1", "sigma_1"),
     ),
+    "total_axial_stress": (STRESS, ("total_axial_stress", "axial_total_stress", "total_vertical_stress",
+                                    "vertical_total_stress")),
     "cell_pressure": (
         STRESS, ("cell_pressure", "confining_pressure", "confining_stress", "radial_stress", "σ3", "σ_3", "sigma3",
                  "sigma_3", "σ_r", "σr")
     ),
     "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
 }  # fmt: skip
+NAMES = {alias for _, aliases in COLUMNS.values() for alias in aliases}
 ABSENT = (-9999.0, -999.0, -99999.0)  # written by some programs where there is no number
 SIMILAR = 0.1  # relative deviation within which a ratio is that of two units
 SHOWN = 8  # columns that a message lists
@@ -245,7 +248,7 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
             rest = rest.replace("_per_", "/").strip("_ ")
             spelt = [rest, rest.replace("_", "/")]
             found = next((u for u in units if u and u.lower() in spelt), None)
-            if found or mark == "/":
+            if found or (mark == "/" and re.sub("['_0]", "", rest) not in NAMES):  # "q/p'" is a ratio
                 return alias, found or rest
     return word, None
 
@@ -340,7 +343,8 @@ def _match_columns(
             warnings.warn(f"{path}: {column} is {header[chosen[0]]!r}, not {others[0]!r}", stacklevel=2)
         own, row = labels[chosen[0]][1], below[chosen[0]]
         places[column] = (chosen[0], _factor(path, alias, own or row, units, si))
-        if own and row in units and units[row] != places[column][1]:
+        below_it = _known_unit(row, units)
+        if own and below_it and units[below_it] != places[column][1]:
             raise ValueError(f"{path}: {alias} has the unit {own!r} in its heading and {row!r} below it: keep one")
     return places
 
@@ -351,14 +355,24 @@ def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si
         if si:
             return 1.0
         raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
-    given = "" if unit is None or ("" in units and unit == ".") else unit.replace(" ", "")
-    given = unicodedata.normalize("NFKC", given)
-    known = next((u for u in units if u == given), None) or next((u for u in units if u.lower() == given.lower()), None)
+    given = "" if unit is None or ("" in units and unit == ".") else unit
+    known = _known_unit(given, units)
     if known is None:
         raise ValueError(
-            f"{path}: {word} has the unit {shortened(given)!r}: use {', '.join(list(filter(None, units))[:SHOWN])}"
+            f"{path}: {word} has the unit {shortened(_plain_unit(given))!r}: use "
+            f"{', '.join(list(filter(None, units))[:SHOWN])}"
         )
     return units[known]
+
+
+def _plain_unit(unit: str) -> str:
+    return unicodedata.normalize("NFKC", unit.replace(" ", ""))
+
+
+def _known_unit(unit: str | None, units: dict[str, float]) -> str | None:
+    """Unit among those of a column, without regard to case if none is spelled like it; None if there is none."""
+    given = _plain_unit(unit or "")
+    return next((u for u in units if u == given), None) or next((u for u in units if u.lower() == given.lower()), None)
 
 
 def _parse_number(path: Path, row: tuple[int, list[str]], k: int, name: str) -> float:

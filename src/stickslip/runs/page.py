@@ -27,6 +27,7 @@ from ..reports.page import MODES, PageContent, describe_growth, packing_content
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import stability
 from .sweep.dataset import DATASET, comparison_files, is_sweep, open_sweep
+from .sweep.report import describe_empty
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
 READABLE = {  # names of quantities that are not understood by themselves
@@ -308,8 +309,8 @@ def _sweep_content(folder: Path) -> PageContent:
         columns.append(str(name) if unit == "1" else f"{name} [{unit}]")
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
     text = _limited_table(columns, rows, numbers=(), file=DATASET)
-    if empty:
-        text += page.paragraph(f"No member has {', '.join(map(_readable, empty))}.", kind="soft")
+    if told := describe_empty(empty, _readable):
+        text += page.paragraph(told, kind="soft")
     member = shlex.quote(str(folder / "members" / "NAME"))
     without = f"A sweep has no packing: show that of a member with stickslip report {member}."
     text += page.paragraph(without, kind="soft")

@@ -525,6 +525,34 @@ def test_pore_pressure_is_in_excess_of_that_at_the_start_and_gives_p(tmp_path):
     assert test["p"] == pytest.approx(100e3 + DEVIATOR / 3 - 0.3 * DEVIATOR)
 
 
+@pytest.mark.parametrize("heading", ["Total axial stress [kPa]", "Axial stress [kPa]", "σ'1 [kPa]"])
+def test_q_follows_from_total_and_from_effective_axial_stresses(tmp_path, heading):
+    u = 200e3 + 0.3 * DEVIATOR
+    axial = 300e3 + DEVIATOR - ("'" in heading) * u
+    columns = [1e2 * LOADED, 1e-3 * axial, 1e-3 * u, np.full(6, 300.0)]
+    heads = ["axial strain [%]", heading, "u [kPa]", "Cell pressure [kPa]"]
+    test = read_test(table_of(tmp_path / "test.csv", heads, *columns))
+    assert test["q"] == pytest.approx(DEVIATOR, abs=1.0)
+    assert test["p"] == pytest.approx(100e3 + DEVIATOR / 3 - 0.3 * DEVIATOR, rel=1e-5)
+
+
+def test_ratios_of_columns_are_not_units_of_them(tmp_path):
+    heads = ["axial strain [%]", "q [kPa]", "q/p'", "σ'1/σ'3", "u/σ3"]
+    columns = [1e2 * LOADED, 1e-3 * DEVIATOR, *np.ones((3, 6))]
+    with pytest.warns(UserWarning, match="not understood, and not drawn: \"q/p'\", \"σ'1/σ'3\", 'u/σ3'"):
+        test = read_test(table_of(tmp_path / "test.csv", heads, *columns))
+    assert set(test) == {"axial_strain", "q"}
+
+
+def test_units_in_a_row_below_the_headings_may_begin_with_per_cent(tmp_path):
+    rows = "".join(f"{e},{q}\n" for e, q in zip(1e2 * LOADED, 1e-6 * DEVIATOR, strict=True))
+    (tmp_path / "a.csv").write_text(f"Axial strain,q\n%,MPa\n{rows}")
+    assert read_test(tmp_path / "a.csv")["q"] == pytest.approx(DEVIATOR)
+    (tmp_path / "b.csv").write_text(f"Axial strain [%],q [kPa]\n%,MPa\n{rows}")
+    with pytest.raises(ValueError, match="q has the unit 'kPa' in its heading and 'MPa' below it: keep one"):
+        read_test(tmp_path / "b.csv")
+
+
 def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
     e = 1.6 * (1 - DILATION) - 1
     heads = ["Axial strain [%]", "q [kPa]", "Volumetric strain [%]", "e", "Suction [kPa]", "Time [s]"]
@@ -549,6 +577,8 @@ def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
         (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"column 'q' has no unit"),
         (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"has the unit 'furlong': use pa"),
         (["axial strain [%]", "q [MPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"more than three times .* correct the unit"),
+        (["axial strain [%]", "q [kPa]", "p' [kPa]"], (-100, -2e-3, 1e-3), r"q is -500 kPa .* more than 1\.5 times"),
+        (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is zero in all rows"),
         (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a test of soil"),
     ],
 )
@@ -588,6 +618,9 @@ def test_a_laboratory_s_test_is_laid_over_a_run_which_is_not_repeated(tmp_path, 
 
     code, said = run("--compare", "none.csv")
     assert code == 2 and "none.csv cannot be read" in said.err and not (tmp_path / "out").exists()
+    table_of(tmp_path / "other.csv", ["axial strain [%]", "q [kPa]"], -LOADED, -1e-3 * DEVIATOR)
+    code, said = run("--compare", "other.csv")
+    assert code == 2 and "other.csv is a test in extension, and path.strain in compression" in said.err
     code, said = run("--compare", "mine.csv")
     assert code == 0 and "Largest deviatoric stress: 250 kPa at an axial strain of 0.001" in said.out
     assert (tmp_path / "out" / "fig8_laboratory.png").is_file()
@@ -609,8 +642,23 @@ def test_what_was_not_reached_is_said(result):
     text = " ".join(sentences(result))
     for words in ("0 of 2 samples reached a critical state", "scatters by", "With half the step", "rearranged in"):
         assert words in text
+    assert "The angle is largest where the path ends, or first turns, in 2 of 2 samples" in text
     named = named_measures(ss.experiments.EXPERIMENTS["element-test"], result)
     assert np.isnan(named["phi_residual"][0]) and named["phi_peak"][0] > 0 and named["G0"][1] == "N/m"
+
+
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [(1.0, "the compression index of the first sample is 0.1000"), (-1.0, "the swelling index of the first sample is"),
+     (0.0, "The path gives no number in which half the step could be compared")],
+)  # fmt: skip
+def test_half_the_step_is_compared_in_a_number_that_a_compression_has(end, words):
+    decades = np.linspace(0, end, 50)
+    stress = 1e5 * 10 ** np.column_stack([decades] * 3)
+    run = made(np.zeros((50, 3)), stress, load=decades, void_ratio=0.7 - 0.1 * decades)
+    chosen = scenario({}, path={"kind": "isotropic", "pressures": [2e5]})
+    text = " ".join(sentences(element.ElementTestResult(chosen, None, (run,), run, ())))
+    assert words in text and "nan" not in text
 
 
 def test_every_figure_can_be_drawn(result):

@@ -51,14 +51,8 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     ['jacobian.mtx', 'damping.mtx', 'mass.mtx', 'force.mtx', 'body.mtx', 'axis.mtx']
     """
     path, parts = Path(path), _parts_of(sources)
-    flat = path.suffix.lower() == ".npz"
+    flat = check_name(path)
     paths = [path] if flat else [path / f"{name}.mtx" for name in parts]
-    if not flat and path.suffix:
-        raise ValueError(f"{path} was given: give NAME.npz, or the name of a folder for Matrix Market files")
-    if not path.parent.is_dir():
-        raise ValueError(f"{path.parent} is not a folder: create it first")
-    if path.is_dir() if flat else path.is_file():
-        raise ValueError(f"{path} is a {'folder' if flat else 'file'}: give another name")
     if not overwrite and (there := [str(one) for one in paths if one.exists()]):
         raise ValueError(f"{there[0]} exists: give another name, or move it away")
     if flat:
@@ -71,6 +65,18 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
         with replace_atomically(one) as part, part.open("wb") as file:
             mmwrite(file, value if sparse.issparse(value) else _table(value), precision=17, symmetry="general")
     return paths
+
+
+def check_name(path: Path) -> bool:
+    """Whether matrices are written to one file, `NAME.npz`; raise ValueError if neither file nor folder can be."""
+    flat = path.suffix.lower() == ".npz"
+    if not flat and path.suffix:
+        raise ValueError(f"{path} was given: give NAME.npz, or the name of a folder for Matrix Market files")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path.parent} is not a folder: create it first")
+    if path.is_dir() if flat else path.is_file():
+        raise ValueError(f"{path} is a {'folder' if flat else 'file'}: give another name")
+    return flat
 
 
 def _parts_of(sources) -> dict:

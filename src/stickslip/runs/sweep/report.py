@@ -33,7 +33,7 @@ from .run import (
     validate_members,
 )
 
-LISTED = 10  # failures that are listed
+LISTED = 10  # failures, and measures that no member has, that are listed
 READY = "ready"  # file that marks a sweep that replaces another one as complete
 
 
@@ -165,6 +165,18 @@ def _install_results(out: Path, overwrite: bool = False) -> None:
     shutil.rmtree(target)
 
 
+def describe_empty(names: list[str], written: Callable[[str], str] = str) -> str:
+    """Sentence on measures that no member has, without their errors; empty if there are none.
+
+    Parameters
+    ----------
+    written : how a name is written
+    """
+    plain = [name for name in names if not name.endswith("_error")]
+    more = f" and {len(plain) - LISTED} more" if len(plain) > LISTED else ""
+    return f"No member has {', '.join(map(written, plain[:LISTED]))}{more}." if plain else ""
+
+
 def show(swept: SweepResult) -> None:
     """Print the ranges of the measures, and the failures."""
     rows = [output for output in swept.found if output]
@@ -179,8 +191,8 @@ def show(swept: SweepResult) -> None:
     if rows:
         show_table(table)
     show_lines(swept.remarks)
-    if empty := [name for name, known in found.items() if not known["members"]]:
-        console.print(f"No member has {', '.join(empty)}.", soft_wrap=True)
+    if told := describe_empty([name for name, known in found.items() if not known["members"]]):
+        console.print(told, soft_wrap=True)
     failed = [(name, failure) for name, failure in zip(swept.names, swept.failures, strict=True) if failure]
     for name, failure in failed[:LISTED]:
         console.print(Text.assemble((name, "yellow"), f": {failure}"), soft_wrap=True)

@@ -15,7 +15,7 @@ from .simulate import ElementRun, ElementSeries, SmallStrain
 
 WANTED = laboratory_table.Wanted(
     ("axial_strain", "log_axial_strain", "volumetric_strain", "log_volumetric_strain", "q", "axial_stress",
-     "cell_pressure", "p", "pore_pressure", "u", "excess_pore_pressure", "void_ratio"),
+     "total_axial_stress", "cell_pressure", "p", "pore_pressure", "u", "excess_pore_pressure", "void_ratio"),
     "axial strain [%], q [kPa], volumetric strain [%]", "column of a test of soil",
 )  # fmt: skip
 FIGURE = "fig8_laboratory.png"
@@ -68,7 +68,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
     pressure = next((values[name] for name in ("excess_pore_pressure", "pore_pressure", "u") if name in values), None)
     if pressure is not None:
         out["pore_pressure"] = pressure - pressure[0]
-    _add_stresses(path, values, out)
+    _add_stresses(table, values, out)
     _turn_signs(path, out)
     if "void_ratio" in out:
         e = out["void_ratio"]
@@ -87,17 +87,31 @@ def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np
             )
 
 
-def _add_stresses(path: Path, values: dict[str, np.ndarray], out: dict[str, np.ndarray]) -> None:
-    """Add q and p that follow from other stresses, or compare them."""
-    if {"axial_stress", "cell_pressure"} <= set(values) and "pore_pressure" not in out:
-        difference = values["axial_stress"] - values["cell_pressure"]
+def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray], out: dict) -> None:
+    """Add q, p and the effective axial stress that follow from other stresses, or compare them.
+
+    An axial stress beside a pore pressure is total unless its heading has a prime or the word "effective".
+    """
+    path, total = table.path, values.get("total_axial_stress")
+    pressure = next((values[name] for name in ("pore_pressure", "u") if name in values), None)
+    if total is None and "axial_stress" in values:
+        total, heading = values["axial_stress"], table.heading_of("axial_stress")
+        word = laboratory_table.plain_word(heading)
+        if pressure is not None and ("'" in word or "eff" in word):
+            total = total + pressure
+        elif pressure is not None:
+            warnings.warn(f"{path}: {heading!r} is taken for a total stress: name it effective if it is", stacklevel=3)
+            out["axial_stress"] = total - pressure
+    elif total is not None and pressure is not None:
+        out.setdefault("axial_stress", total - pressure)
+    if total is not None and "cell_pressure" in values and not {"pore_pressure", "q"} <= set(out):
+        difference = total - values["cell_pressure"]
         q = out.setdefault("q", difference)
         if np.abs(q - difference).max() > CLOSE * np.abs(q).max():
             raise ValueError(
                 f"{path}: q reaches {_kpa(q)} and the axial stress minus the cell pressure {_kpa(difference)}: correct "
                 f"the column, or the unit, that is wrong"
             )
-    pressure = next((values[name] for name in ("pore_pressure", "u") if name in values), None)
     if "cell_pressure" in values and not {"p", "q", "axial_stress", "pore_pressure"} & set(out):
         out["p"] = values["cell_pressure"]
     if "p" not in out and {"q", "cell_pressure"} <= {*out, *values} and pressure is not None:
@@ -132,14 +146,18 @@ def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
 
 
 def _check_stresses(path: Path, out: dict[str, np.ndarray]) -> None:
-    """Raise ValueError if q and p need tension between grains, which is what a wrong unit looks like."""
+    """Raise ValueError if q and p need tension between grains, as with a wrong unit, or if q grows without a strain."""
     if {"p", "q"} <= set(out):
-        k = int((out["q"] - 3 * out["p"]).argmax())
-        if out["q"][k] > (1 + CLOSE) * 3 * max(out["p"][k], 0.0):
+        share = out["q"] / np.where(out["q"] < 0, -1.5, 3.0)  # least p: σ₃ is zero
+        k = int((share - out["p"]).argmax())
+        if share[k] > (1 + CLOSE) * max(out["p"][k], 0.0):
+            times = "1.5" if out["q"][k] < 0 else "three"
             raise ValueError(
-                f"{path}: q is {_kpa(out['q'][k])} where p' is {_kpa(out['p'][k])}, more than three times as large, "
+                f"{path}: q is {_kpa(out['q'][k])} where p' is {_kpa(out['p'][k])}, more than {times} times as large, "
                 f"which grains without cohesion cannot bear: correct the unit that is wrong"
             )
+    if "axial_strain" in out and not out["axial_strain"].any() and np.ptp(out.get("q", 0.0)) > 0:
+        raise ValueError(f"{path}: the axial strain is zero in all rows while q changes: give the measured strain")
 
 
 def _kpa(values) -> str:
@@ -163,6 +181,11 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
     if not pairs:
         wanted = " or ".join(f"{y} with {x}" for x, y in pairs_of(kind))
         raise ValueError(f"{path} has columns for {', '.join(test)}: a {kind} test shows {wanted}; add columns")
+    if kind not in ("isotropic", "oedometric") and len(scenario.path.turns) == 1 and "axial_strain" in test:
+        ways = [np.sign(scenario.path.turns[0]), np.sign(test["axial_strain"][np.abs(test["axial_strain"]).argmax()])]
+        if ways[0] * ways[1] < 0:
+            ours, theirs = ("in extension" if way < 0 else "in compression" for way in ways)
+            raise ValueError(f"{path} is a test {theirs}, and path.strain {ours}: give path.strain the other sign")
     if "p" in test and abs(test["p"][0] / scenario.sample.pressure - 1) > CLOSE:
         warnings.warn(
             f"{path}: the test begins at p' = {_kpa(test['p'][0])}, the samples at {_kpa(scenario.sample.pressure)}",

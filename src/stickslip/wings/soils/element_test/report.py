@@ -15,6 +15,10 @@ from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
+COMPARED = {  # measures that half the step may change, of which the first that a path gives counts: words, digits, unit
+    "phi_peak": ("peak angle", 2, " degrees"), "compression_index": ("compression index", 4, ""),
+    "swelling_index": ("swelling index", 4, ""),
+}  # fmt: skip
 
 
 def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
@@ -154,6 +158,12 @@ def _missing(result: ElementTestResult) -> list[str]:
             f"nothing resists, or they have more than {MODULI_UP_TO} grains."
         )
     samples = [LoadedSample(run, result.scenario) for run in result.runs]
+    last = sum(sample.sheared and sample.top == len(sample.first.load) - 1 for sample in samples)
+    if last:
+        out.append(
+            f"The angle is largest where the path ends, or first turns, in {last} of {len(samples)} samples, and may "
+            f"have no peak before; use a larger strain."
+        )
     number = sum(sample.steady is not None for sample in samples)
     if samples[0].sheared and number < len(samples):
         volume, ratio, p = np.max([sample.drifts for sample in samples], axis=0)
@@ -182,14 +192,21 @@ def _finer(result: ElementTestResult) -> list[str]:
     if result.checked is None:
         return [f"It was not checked whether half the {what} gives the same: use check = true."]
     pair = (LoadedSample(run, result.scenario) for run in (result.runs[0], result.checked))
-    before, after = SAMPLE.columns(pair)["phi_peak"]
-    scatter = MEASURES.of(result)["phi_peak"].scatter
-    change = f"With half the {what}, the peak angle of the first sample is {after:.2f} instead of {before:.2f} degrees"
+    both = SAMPLE.columns(pair)
+    name = next((name for name in COMPARED if np.isfinite(both[name]).all()), None)
+    if name is None:
+        return [f"The path gives no number in which half the {what} could be compared."]
+    (before, after), (words, digits, unit) = both[name], COMPARED[name]
+    scatter = MEASURES.of(result)[name].scatter
+    change = (
+        f"With half the {what}, the {words} of the first sample is {after:.{digits}f} instead of "
+        f"{before:.{digits}f}{unit}"
+    )
     if not np.isfinite(scatter):
         return [f"{change}."]
     reach = float(stdtrit(len(result.runs) - 1, 0.975)) * scatter
     verdict = "less" if abs(after - before) <= reach else "more"
-    return [f"{change}, a change of {verdict} than the scatter of samples (95 %: {reach:.2f} degrees)."]
+    return [f"{change}, a change of {verdict} than the scatter of samples (95 %: {reach:.{digits}f}{unit})."]
 
 
 def numbers(result: ElementTestResult) -> dict:
