@@ -113,7 +113,7 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     if len(head) != 3 + kinds + len(sizes) + dim**2 or len(sizes) not in (0, kinds) or len(rest) != width * count:
         raise PackingError(f"{path} has {len(rest)} numbers for {count} positions in {dim} dimensions: it is damaged")
     rows, numbers = rest.reshape(count, width), _parse(path, head[3 : 3 + kinds])
-    if numbers.sum() != count or (numbers < 0).any():
+    if numbers.sum() != count or (numbers < 0).any() or (numbers % 1).any():
         raise PackingError(f"{path} has {count} spheres, and {numbers.sum():g} of all kinds: it is damaged")
     diameter = np.repeat(_parse(path, sizes), numbers.astype(int)) if sizes else rows[:, dim]
     cell = np.eye(3)

@@ -475,7 +475,8 @@ def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.n
     )  # of a contact among those of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
-    other = np.where(block[first] >= 1, block[first], whole[first]).astype(np.int64)  # up to 2022 a number as it is
+    plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022 a number as it is
+    other = np.where(plain, np.where(plain, block[first], 0.0).astype(np.int64), whole[first])
     return np.repeat(tag, count), other, block[first[:, None] + 1 + np.arange(3)], more
 
 
