@@ -4,7 +4,7 @@ Type checkers and editors read the same stub, so that each name is listed once.
 """
 
 import ast
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -41,12 +41,12 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
             return sorted({*where, *more()})
         if not name.startswith("_") and name in (others := more()):
             return import_module(others[name])
-        raise AttributeError(missing_attribute(package, name, where))
+        raise AttributeError(missing_attribute(package, name))
 
     return get, lambda: sorted({*where, *more()}), sorted(where)
 
 
-def missing_attribute(package: str, name: str, known: Iterable[str]) -> str:
+def missing_attribute(package: str, name: str) -> str:
     """Error message for a missing attribute, with the places where it exists, or the closest name."""
     if name.startswith("_"):
         return f"module {package!r} has no attribute {name!r}"

@@ -52,7 +52,7 @@ class SweepMember(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """What the members of a sweep give together, or a run and a laboratory's test."""
+    """Figures, texts and remarks on all members of a sweep, or on a run beside a test of a laboratory."""
 
     files: Mapping[str, Any] = MappingProxyType({})  # Figure, or text of a table, by file name
     remarks: tuple[str, ...] = ()  # sentences

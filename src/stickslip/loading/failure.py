@@ -120,7 +120,7 @@ class Failure(NamedTuple):
 
     @property
     def signs(self) -> Signs:
-        """What forecasts rest on."""
+        """Series along the path from which forecasts are made."""
         return signs_of(self.steps)
 
     @property
