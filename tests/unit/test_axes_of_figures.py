@@ -13,8 +13,10 @@ from matplotlib.transforms import Bbox
 import stickslip as ss
 from stickslip.core.state import empty_contacts
 from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.figures.grains import bare_frame
 from stickslip.figures.outlines import body_limits
 from stickslip.figures.style import column_axes, label_axes, plot_fast, styled
+from stickslip.figures.view3d import view_box
 from stickslip.solve.freedom import freedom
 from stickslip.solve.spectrum import Spectrum
 from stickslip.wings.faults.rate_state import figures as rate_state
@@ -379,8 +381,38 @@ def test_grains_that_have_left_the_heap_do_not_shrink_it():
     np.testing.assert_array_equal(body_limits(away, 3.0), [heap.min(axis=0), heap.max(axis=0)])
     np.testing.assert_array_equal(body_limits(heap, 3.0), [heap.min(axis=0), heap.max(axis=0)])  # none of it is hidden
     np.testing.assert_array_equal(body_limits(away, 3.0, 0.0), [away.min(axis=0), away.max(axis=0)])
+    spray = np.column_stack([np.arange(32.0, 150.0, 2.0), np.zeros(59)])  # each within a gap of the next
+    assert 60 < body_limits(np.r_[heap, spray], 3.0)[1, 0] < 80 < spray[-1, 0]
+    few = np.r_[heap[:9], [[90.0, 0.0]]]
+    assert body_limits(few, 3.0)[1, 0] == heap[:9, 0].max() and body_limits(few[1:], 3.0)[1, 0] == 90.0
     halves = np.r_[heap[:600], heap[600:] + np.array([100.0, 0.0])]  # two heaps
     np.testing.assert_array_equal(body_limits(halves, 3.0), [halves.min(axis=0), halves.max(axis=0)])
+
+
+RUNAWAYS = ss.packings.from_arrays(
+    [*np.mgrid[:12, :5, :1].reshape(3, -1).T.tolist(), [40, 0, 0], [70, 0, 0]], [0.5] * 62, ss.laws.linear(), dim=2
+)
+
+
+@pytest.mark.parametrize("zoom, wide, words", [
+    (1.0, 12.0, "2 grains are outside the view"),
+    ("all", 71.0, ""),
+    (2, 6.0, "outside the view"),
+    (0.5, 24.0, "2 grains are outside the view"),
+])  # fmt: skip
+def test_the_view_is_that_of_grains_that_are_together(zoom, wide, words):
+    (axes,) = ss.figures.packing(RUNAWAYS, zoom=zoom).axes
+    assert np.diff(axes.get_xlim())[0] == pytest.approx(wide, rel=0.03)
+    (said,) = (text.get_text() for text in axes.texts)
+    assert said.endswith(words) and said.startswith(" mean diameter") and bool(words) == (";" in said)
+    box = view_box([bare_frame(RUNAWAYS)], zoom)
+    assert box[1, 0] - box[0, 0] == pytest.approx(wide, rel=0.03)  # of the page, by the same rule
+
+
+@pytest.mark.parametrize("zoom", [0, -1, np.nan, np.inf, 1e9, True, None, "some", [1.0]])
+def test_a_zoom_without_sense_is_refused(zoom):
+    with pytest.raises(ValueError, match=r"zoom = .* was given: give a number from 0\.01 to 1000, or all"):
+        ss.figures.packing(RUNAWAYS, zoom=zoom)
 
 
 def test_logarithmic_axes_of_a_decade_show_two_and_five():

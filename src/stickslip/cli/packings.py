@@ -8,7 +8,19 @@ from typing import Annotated, NamedTuple
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import Output, OverwriteFile, Trust, command, complete_from, examples, finish, number_option, numbers_by_name
+from .app import (
+    Output,
+    OverwriteFile,
+    Slides,
+    Trust,
+    command,
+    complete_from,
+    examples,
+    finish,
+    number_option,
+    numbers_by_name,
+    parse_option,
+)
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -284,11 +296,13 @@ def convert(
     from ..data.sample import account_of
     from ..known import with_keys
     from ..loading.reading import convert
+    from ..reports import terminal
 
-    (paths, notes), said = capture_warnings(
-        convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
-        **options.values(),
-    )  # fmt: skip
+    with terminal.console_output(*output):
+        (paths, notes), said = capture_warnings(
+            convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow,
+            overwrite=overwrite, **options.values(),
+        )  # fmt: skip
     notes = [*notes, *said]
     _finish_with_notes("convert", paths, {"notes": notes, "met": with_keys(account_of(notes))}, output)
 
@@ -331,7 +345,21 @@ class ViewOptions(NamedTuple):
         str | None,
         typer.Option("--colour", help="Quantity that colours the grains; default of a movie: speed, or displacement."),
     ] = None
+    zoom: Annotated[
+        str | None,
+        typer.Option(
+            "--zoom", metavar="<float>|all", help="Enlarge the view on the grains, or show all that rolled away."
+        ),
+    ] = None
     trust: Trust = False
+
+    def enlargement(self):
+        """Zoom of figures; raise ValueError if it is not allowed."""
+        from ..figures.outlines import check_zoom
+
+        zoom = 1.0 if self.zoom is None else self.zoom if self.zoom == "all" else parse_option(self.zoom)
+        check_zoom("--zoom", zoom)
+        return zoom
 
 
 @command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
@@ -359,15 +387,16 @@ def report(
     from ..reports import page, terminal
     from ..runs.page import load_content
 
-    path = out or page.default_path(place, PAGE)
+    path, zoom = out or page.default_path(place, PAGE), view.enlargement()
     page.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, view, options))
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         content = load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
-            search=verdict, trust=view.trust,
+            search=verdict, trust=view.trust, zoom=zoom,
         )  # fmt: skip
-        page.write_page(content, path, colour=view.colour)
+        page.write_page(content, path, colour=view.colour, zoom=zoom)
     notes = [content.warning] if content.warning else []
+    notes += page.notes_on_view(content, zoom)
     _finish_with_notes("report", [path], {"verdict": content.verdict or None, "notes": notes}, output)
 
 
@@ -389,6 +418,7 @@ class FilmOptions(NamedTuple):
     whole: Annotated[bool, typer.Option("--whole", help="Film all stages of a run; default: the last.")] = False
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48
     amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3
+    slides: Slides = False
 
 
 @command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")
@@ -413,7 +443,7 @@ def movie(
     from ..reports import page, terminal
     from ..runs.page import is_run, load_content
 
-    path = out or page.default_path(place, FILM)
+    path, zoom = out or page.default_path(place, FILM), view.enlargement()
     page.check_output(path, page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
     page.film.check_movie(path, film.fps)
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
@@ -421,11 +451,11 @@ def movie(
             place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
             search=film.mode is not None or not is_run(place), trust=view.trust,
         )  # fmt: skip
-        page.write_movie(
+        away = page.write_movie(
             content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
-            mode=film.mode, whole=film.whole, report=tell,
+            mode=film.mode, whole=film.whole, zoom=zoom, slides=film.slides, report=tell,
         )  # fmt: skip
-    notes = [content.warning] if content.warning else []
+    notes = [*([content.warning] if content.warning else []), *away]
     notes += [content.verdict] if content.verdict and not content.decided else []
     _finish_with_notes("movie", [path], {"notes": notes}, output)
 

@@ -25,8 +25,8 @@ from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene
 from ..figures.animation import frames_between
-from ..figures.grains import packing
-from ..figures.outlines import DISPLACEMENT
+from ..figures.grains import count_outside, layout_of, packing
+from ..figures.outlines import DISPLACEMENT, Zoom, outside_words
 from ..figures.page import MARK
 from ..figures.saving import render
 from ..loading.reading import read_packing
@@ -66,7 +66,7 @@ class PageContent(NamedTuple):
 
 def packing_content(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
-    dashpots: bool = True, search: bool | None = True, report: Report = silent,
+    dashpots: bool = True, search: bool | None = True, zoom: Zoom = 1.0, report: Report = silent,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
 
@@ -76,6 +76,7 @@ def packing_content(
     options : options of `read_packing`
     settle : if True, the packing is settled first
     dashpots : if False, dashpots of the law are left out
+    zoom : of the figure
     search : if False and no file of modes is given, no verdict and no modes are computed; None: if that takes minutes
     """
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)
@@ -115,7 +116,7 @@ def packing_content(
     if mine:
         sections.append(("Modes out of equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
     if n <= DRAWN:
-        drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
+        drawn, caption = packing(state, law, mode=mine[0] if mine else None, zoom=zoom), "contacts"
         caption += ", and the fastest mode" if mine else ""
         sections.append(("Figure", page.pictures({caption: render(drawn)})))
     about = f"stickslip {__version__}, {archive.versions()}"
@@ -151,14 +152,14 @@ def _mode_table(modes: list) -> str:
     return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
 
 
-def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> None:
+def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoom: Zoom = 1.0) -> None:
     """Write the page."""
     view = ""
     if shown.frames:
         inside = scene.page_view(
-            shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour
+            shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour, zoom=zoom
         )  # fmt: skip
-        view = page.paragraph(_describe_view(shown))
+        view = page.paragraph(" ".join([_describe_view(shown), *(f"{note}." for note in notes_on_view(shown, zoom))]))
         view += page.embedded_document(inside, "the packing in three dimensions")
         view += page.paragraph(HELP, kind="soft")
     warning = shown.warning[:1].upper() + shown.warning[1:]
@@ -169,6 +170,12 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     with staged_file(path) as part:
         part.write_bytes(text.encode())
+
+
+def notes_on_view(shown: PageContent, zoom: Zoom) -> list[str]:
+    """Note on grains that are outside the view of a page when it is opened, if there are any."""
+    away = scene.count_out_of_view(shown.frames, zoom) if shown.frames else 0
+    return [f"{outside_words(away)}: zoom out to see {'it' if away == 1 else 'them'}"] if away else []
 
 
 def _describe_view(shown: PageContent) -> str:
@@ -218,9 +225,10 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
 
 def write_movie(
     shown: PageContent, path: Path, *, colour: str | None = None, fps: int = film.FPS, count: int = 48,
-    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, report: Report = silent,
-) -> Path:  # fmt: skip
-    """Write the frames of a run, or one period of a mode, as a GIF or MP4.
+    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, zoom: Zoom = 1.0, slides: bool = False,
+    report: Report = silent,
+) -> list[str]:  # fmt: skip
+    """Write the frames of a run, or one period of a mode, as a GIF or MP4; return notes on grains outside the view.
 
     Parameters
     ----------
@@ -229,6 +237,7 @@ def write_movie(
     fps : frames per second
     count, amplitude : number of frames in one period of a mode, and its amplitude; see `mode_frames`
     whole : True to show all stages of a run, instead of the last
+    zoom, slides : see `stickslip.figures.movie`
     """
     if not shown.frames:
         raise ValueError(f"there are no frames for a movie: {shown.without}")
@@ -253,8 +262,11 @@ def write_movie(
         labels = [f"mode {mode}, enlarged: {describe_growth(chosen[2])}{note}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with staged_file(path) as part:
-        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, report=report)
-    return path
+        film.movie(
+            frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, zoom=zoom, slides=slides, report=report
+        )
+    away = count_outside(frames, layout_of(frames, zoom=zoom))
+    return [f"{outside_words(away)}: --zoom all shows every grain"] if away else []
 
 
 def default_path(place: Path, name: str) -> Path:
