@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from ..core.arguments import Requirement, require_filled, require_shape
 from ..core.progress import Report, silent
 from ..data.exchange.frame import Frame
-from ..extras import require
+from ..extras import MissingExtraError, require
 from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
 from .outlines import Mode, Zoom
 from .page import MARK
@@ -155,7 +155,12 @@ def _palette_of(frames: list[Image.Image]) -> Image.Image:
 
 def _find_ffmpeg() -> str:
     """Path to ffmpeg: the system's own, or the one installed by a wheel."""
-    return which("ffmpeg") or require("imageio_ffmpeg", "mp4").get_ffmpeg_exe()
+    if found := which("ffmpeg"):
+        return found
+    try:
+        return require("imageio_ffmpeg", "mp4").get_ffmpeg_exe()
+    except MissingExtraError as problem:
+        raise MissingExtraError(f"an MP4 needs ffmpeg, which is not here, or write a .gif: {problem}") from None
 
 
 def frames_between(frames: list[Frame], count: int) -> list[Frame]:
