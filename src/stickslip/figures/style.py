@@ -68,6 +68,7 @@ STYLE = {
     "svg.hashsalt": "stickslip",  # the same figure has the same bytes
 }
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
+STRESS = "force/length^(dim-1)"  # without named units
 POWERS = (-3, 4)  # powers of ten up to and from which one is taken out of the numbers of an axis, into its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
 DIGIT = 0.65  # width of a digit over the size of the font
@@ -210,7 +211,7 @@ def label_axes(
     for name, label in (("x", x), ("y", y), ("z", z)):
         if label is None:
             continue
-        quantity, unit = (label, "") if isinstance(label, str) else (label[0], unit_name(label[1]))
+        quantity, unit = (label, "") if isinstance(label, str) else (label[0], unit_name(label[1]).replace(STRESS, "stress"))
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":
