@@ -58,7 +58,7 @@ def missing_attribute(package: str, name: str) -> str:
     from .words import absent, suggestions
 
     if why := absent(name):
-        return f"{package} has no attribute {name!r}: {why}; `stickslip docs about/comparison` names codes that have more"
+        return f"{package} has no attribute {name!r}: {why}; `stickslip docs comparison` names codes that have more"
     found = suggestions(name)
     own = [one for one in found if f"{root}.{one}".rpartition(".")[0] == package]
     near = [one if one.startswith("`") else f"{root}.{one}" for one in own or found]

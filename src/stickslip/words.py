@@ -156,30 +156,34 @@ MEANT = {
     "schema units tutorial how why explain",
     "`stickslip --help`": "help commands usage",
     "`stickslip doctor`": "test selfcheck self_test verify install version check openmp threads set_threads "
-    "num_threads info log verbose debug",
+    "num_threads info verbose debug",
     "`stickslip --version`": "version",
     "`stickslip reproduce`": "demo papers paper claims reproduction benchmark validate validation",
-    "`stickslip docs installation`": "upgrade update self_update completion install_completion conda pip container docker",
+    "`stickslip docs installation`": "upgrade update self_update completion install_completion "
+    "conda pip container docker",
     "`stickslip docs performance`": "speed benchmark benchmarks timing profile",
     "`stickslip cite SCENARIO`": "cite citation reference bibtex doi license",
     "`stickslip shear PACKING`": "fail predict forecast load unload strain perturb events",
     "`stickslip watch DIR`": "monitor tail log logs progress follow",
-    "`stickslip docs many_runs`": "merge gather compare submit queue job slurm sweep seed seeds random_seed set_seed statistics average",
-    "`stickslip convert FILE --to packing.gsd` for OVITO or freud": "d_min segregation mixing rdf g_of_r pair_correlation voronoi d2min "
+    "`stickslip docs many_runs`": "merge gather compare submit queue job slurm sweep "
+    "seed seeds random_seed set_seed statistics average",
+    "`stickslip convert FILE --to packing.gsd` for OVITO or freud": "d_min segregation mixing rdf g_of_r "
+    "pair_correlation voronoi d2min "
     "steinhardt hyperuniformity radial_distribution bond_order static_structure_factor",
     "`to_dataframe()` of a result": "dataframe pandas table csv as_dataframe",
 }  # fmt: skip
 # subjects that the package leaves to others, and words for them
 ABSENT = {
-    "grains are disks and spheres": "clump clumps multisphere ellipsoid superquadric polygon polyhedron non_spherical rod "
-    "fiber fibre shape triangle",
+    "grains are disks and spheres": "clump clumps multisphere ellipsoid superquadric polygon polyhedron non_spherical "
+    "rod fiber fibre shape triangle",
     "grains do not break": "breakage breakage_model crushing crush fragmentation fragment wear comminution",
     "there is no fluid between grains": "fluid cfd permeability seepage diffusion lubrication porous_flow immersed "
     "hydrodynamics suspension",
     "there is no heat": "heat temperature thermal_conduction heat_transfer",
     "walls are planes": "mesh stl facet facets triangulated_wall cad",
 }  # fmt: skip
-COMMON = {*"get set compute calc calculate make create find the and from for with about size stop work start end".split()}
+COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "start", "stop", "end", "work"}
+COMMON |= {"the", "and", "from", "for", "with", "about", "size"}
 ROW = re.compile(r"^ *(\w+(?:, \w+)*)  +(\S.*)$", re.M)
 SHORT = 7  # letters of a part of a word that are compared
 

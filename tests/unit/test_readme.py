@@ -142,8 +142,8 @@ NAMES = """
     dilatancy_angle undrained_shear angle_of_repose flow_function particle_size_distribution jam hessian d2min
     nonaffine_displacement AQS Disk block_on_spring stability_matrix lcp solve integrate save element_tests mass_matrix
     contact_force eigenvectors critical_state silo set_threads cuda lees_edwards pebble_game video dataframe forecast
-    unloading penetration granular_temperature soft_spots bonds cement belt vibration hysteresis afterslip dc creep tremor
-    color progress cite shear_strength peak_friction stress_strain_curve
+    unloading penetration granular_temperature soft_spots bonds cement belt vibration hysteresis afterslip dc creep
+    tremor color progress cite shear_strength peak_friction stress_strain_curve
 """
 COMMANDS = (
     "list new sweep triaxial fault help export import init info plot pack status submit restart ratestate test ls "
