@@ -211,7 +211,8 @@ def label_axes(
     for name, label in (("x", x), ("y", y), ("z", z)):
         if label is None:
             continue
-        quantity, unit = (label, "") if isinstance(label, str) else (label[0], unit_name(label[1]).replace(STRESS, "stress"))
+        quantity, unit = (label, "") if isinstance(label, str) else label
+        unit = unit_name(unit).replace(STRESS, "stress")
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":
