@@ -360,7 +360,7 @@ def test_a_movie_lasts_eight_seconds_at_any_rate(ending, folder):
 @pytest.mark.parametrize("words, message", [
     (["--zoom", "0"], "--zoom = 0 was given: give a number from 0.01 to 1000, or all for every grain"),
     (["--zoom", "nan"], "--zoom = nan was given"),
-    (["--zoom", "big"], "'big' is not a number"),
+    (["--zoom", "big"], "--zoom = 'big' was given: give a number from 0.01 to 1000, or all"),
 ])  # fmt: skip
 @pytest.mark.parametrize("command", ["movie", "report"])
 def test_a_zoom_without_sense_is_refused_before_anything_is_read(command, words, message, tmp_path):

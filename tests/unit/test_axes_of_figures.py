@@ -214,13 +214,18 @@ def moment(time):
     return ss.State(grains, walls, cell, empty_contacts(7, 0, 0.1), ss.control.loads(4, 3), time)
 
 
-@pytest.fixture
-def panels():
+def snapshots_of_fall(**how):
     """Axes of snapshots, those with a picture, and that of the colours."""
     frames = [moment(t) for t in (0.0, 3.0, 4.0, 4.2, 4.4, 5.0, 5.7, 6.5, 7.1, 8.0)]
     stages = [Made(name="settle", start=0.0), Made(name="flow", start=3.0)]
-    *snapshots, bar = flow.snapshots(Made(frames=frames, stages=stages, poured=Made(loose=LOOSE))).axes
+    *snapshots, bar = flow.snapshots(Made(frames=frames, stages=stages, poured=Made(loose=LOOSE)), **how).axes
     return [axes for axes in snapshots if axes.axison], bar
+
+
+@pytest.fixture
+def panels():
+    """Snapshots as they are drawn by default."""
+    return snapshots_of_fall()
 
 
 SHOWN = (3.0, 4.0, 5.0, 5.7, 7.1, 8.0)  # of the last stage, nearest to 3, 4, 5, 6, 7 and 8
@@ -245,6 +250,15 @@ def test_snapshots_show_where_grains_are_and_how_fast(panels):
                 np.testing.assert_allclose(disks.get_facecolor(), to_rgba_array("0.6"))
         # once where they are, and once a cell to either side, as grains at an edge are seen at both
         assert sorted(left) == [(kind, shift) for kind in (False, True) for shift in (-10, 0, 10)]
+
+
+def test_snapshots_are_enlarged_around_the_median():
+    for axes, t in zip(snapshots_of_fall(zoom=4)[0], SHOWN, strict=True):
+        (low, high), place = axes.get_xlim(), SEEN - [0, 0.01 * t]
+        assert (low, high) == pytest.approx((4 - LENGTH / 8, 4 + LENGTH / 8))  # of 1, 3, 5 and 6
+        inside = (place > [low, axes.get_ylim()[0]]) & (place < [high, axes.get_ylim()[1]])
+        away = np.count_nonzero(~inside.all(axis=1))
+        assert 0 < away and f"{away} grain" in axes.get_title() and "outside the view" in axes.get_title()
 
 
 def test_snapshots_have_walls_times_and_units(panels):

@@ -65,11 +65,10 @@ All commands: stickslip --help. One command, with examples: stickslip run --help
 
 def number_option(*names: str, help: str):
     """Option whose value is a number, read as in files."""
-    return typer.Option(*names, help=help, parser=parse_option, metavar="<float>")
+    return typer.Option(*names, help=help, parser=_parse_option, metavar="<float>")
 
 
-def parse_option(word: str | float) -> float:
-    """Number that was given to an option."""
+def _parse_option(word: str | float) -> float:
     from ..core.text import parse_number
 
     try:
@@ -83,7 +82,7 @@ def numbers_by_name(tokens: list[str] | None) -> dict[str, float] | None:
     if tokens and (odd := [word for word in tokens if "=" not in word]):
         raise typer.BadParameter(f"{odd[0]!r} was given: write a name and a number, as in work=1e-3")
     pairs = [word.partition("=") for word in tokens or ()]
-    return {name.strip(): parse_option(number.strip()) for name, _, number in pairs} or None
+    return {name.strip(): _parse_option(number.strip()) for name, _, number in pairs} or None
 
 
 def complete_from(names: dict[str, str] | Callable[[], dict[str, str]]):

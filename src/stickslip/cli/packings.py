@@ -1,6 +1,7 @@
 """Commands that read a packing: stability, conversion, reports with a three-dimensional view, and movies."""
 
 import sys
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -19,7 +20,6 @@ from .app import (
     finish,
     number_option,
     numbers_by_name,
-    parse_option,
 )
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
@@ -355,9 +355,12 @@ class ViewOptions(NamedTuple):
 
     def enlargement(self):
         """Zoom of figures; raise ValueError if it is not allowed."""
+        from ..core.text import parse_number
         from ..figures.outlines import check_zoom
 
-        zoom = 1.0 if self.zoom is None else self.zoom if self.zoom == "all" else parse_option(self.zoom)
+        zoom = "1" if self.zoom is None else self.zoom
+        with suppress(ValueError):
+            zoom = parse_number(zoom)
         check_zoom("--zoom", zoom)
         return zoom
 
