@@ -160,7 +160,7 @@ def _find_ffmpeg() -> str:
     try:
         return require("imageio_ffmpeg", "mp4").get_ffmpeg_exe()
     except MissingExtraError as problem:
-        raise MissingExtraError(f"an MP4 needs ffmpeg, which is not here, or write a .gif: {problem}") from None
+        raise MissingExtraError(f"an MP4 needs ffmpeg: {problem}; or write a .gif") from None
 
 
 def frames_between(frames: list[Frame], count: int) -> list[Frame]:

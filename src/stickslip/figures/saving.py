@@ -76,11 +76,14 @@ def _arranged(figure, look: Look):
     wide, tall = figure.get_size_inches()
     factor = max(1.0, look.width / 25.4 / wide)
     equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
-    sizes = fit_slide(figure) if look.slides else {}
-    if not look.slides:
-        figure.set_size_inches(factor * wide, (factor if equal else 1.0) * tall)
-    letters = _letter(figure) if look.letters else []
+    sizes, letters = {}, []
     try:
+        if look.slides:
+            sizes = fit_slide(figure)
+        else:
+            figure.set_size_inches(factor * wide, (factor if equal else 1.0) * tall)
+        if look.letters:
+            letters = _letter(figure)
         yield
     finally:
         figure.set_size_inches(wide, tall)
