@@ -86,15 +86,25 @@ def movie(
                 axes.clear()
                 drawn = draw(axes, frame, layout, mode=mode, first=frames[0], near=False)
                 draw_legend(axes, frame, near=False, colour=colour)
-                title = axes.set_title(labels[k], fontsize=settings["font.size"], pad=4)
-                wide = title.get_window_extent().width / figure.bbox.width
-                title.set_fontsize(settings["font.size"] * min(1.0, 0.98 / wide if wide else 1.0))
+                axes.set_title(labels[k], fontsize=settings["font.size"], pad=4)
+                _fit_texts(axes)
                 if colour and k == 0:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
                     draw_colour_bar(figure, drawn, layout, cax=place, orientation="horizontal")
                 writer.grab_frame()
                 report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
     return path
+
+
+def _fit_texts(axes) -> None:
+    """Shrink the title and the words beside the scale bar where they would leave the picture."""
+    axes.apply_aspect()
+    page = axes.figure.bbox
+    for text in (axes.title, *axes.texts):
+        box = text.get_window_extent()
+        room = page.width if text is axes.title else page.x1 - box.x0
+        if box.width > 0.98 * room:
+            text.set_fontsize(text.get_fontsize() * 0.98 * room / box.width)
 
 
 def check_movie(path: Path, fps: int) -> None:

@@ -191,8 +191,9 @@ def draw(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
     axes.axis("off")
-    margin = high[1] - layout.high[1]
-    axes.axhspan(low[1], layout.low[1] - margin, facecolor="white", lw=0, zorder=60)  # over grains below the view
+    margin = high[1] - layout.high[1]  # white covers grains below the view, and the row of pixels where they are cut
+    below = low[1] - 0.5 * margin, layout.low[1] - margin
+    axes.axhspan(*below, facecolor="white", lw=0, zorder=60, clip_on=False)
     long = 2 * float(state.grains.radius.mean())  # of the scale bar
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
