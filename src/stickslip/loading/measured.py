@@ -29,6 +29,7 @@ OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and i
 WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that of this force, so that steps do not cycle
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
 FACETS = 8  # of the Coulomb cone between spheres
+BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that of this force
 
 
 @readable
@@ -235,7 +236,7 @@ class _Network(NamedTuple):
         That of |t| is (1 − t̂ ⊗ t̂)/|t|.
         """
         m, force_t = self.measured, self.at(change)[2]
-        count, size = len(force_t), np.maximum(np.linalg.norm(force_t, axis=1), m.force_t_error)
+        count, size = len(force_t), np.maximum(np.linalg.norm(force_t, axis=1), BLUNT * m.force_t_error)
         way = force_t / size[:, None]
         weight = pushes[count : 2 * count] * m.force_t_error**2 / (self._scales[1] * size)
         block = _blocks(weight[:, None, None] * (np.eye(2) - way[:, :, None] * way[:, None]))
@@ -341,7 +342,7 @@ class _Directions(NamedTuple):
         across = [
             v + np.cross(axis, v) + np.cross(axis, np.cross(axis, v)) / share for v in (one, np.cross(first, one))
         ]
-        return cls(normal, np.stack(across, axis=1), axis / share, distance)
+        return cls(normal, np.stack(across, axis=1), -axis / share, distance)
 
     def total(self, force_n: np.ndarray, force_t: np.ndarray) -> np.ndarray:
         """(C, D) forces on i."""

@@ -145,8 +145,9 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
     --------
     >>> import stickslip as ss
     >>> rows = [[float(k % 5), 2.0 * (k // 5)] for k in range(10)]
-    >>> i = [0, 1, 2, 3, 5, 6, 7, 8]
-    >>> measured = ss.io.measured_forces(rows, 0.5, i, [k + 1 for k in i], [2.0] * 4 + [1.0] * 4)
+    >>> i, j = [0, 1, 2, 3, 5, 6, 7, 8], [1, 2, 3, 4, 6, 7, 8, 9]
+    >>> force = [2.0] * 4 + [1.0] * 4
+    >>> measured = ss.io.measured_forces(rows, 0.5, i, j, force)
     >>> force_chains(measured).chains[0].tolist()
     [1, 2, 3]
     """
@@ -217,7 +218,8 @@ def strong_network(source: Source, law: Law | None = None) -> StrongNetwork:
     --------
     >>> import stickslip as ss
     >>> row = [[float(k), 0.0] for k in range(4)]
-    >>> measured = ss.io.measured_forces(row, 0.5, [0, 1, 2], [1, 2, 3], [3.0, 3.0, 1.0])
+    >>> i, j, force = [0, 1, 2], [1, 2, 3], [3.0, 3.0, 1.0]
+    >>> measured = ss.io.measured_forces(row, 0.5, i, j, force)
     >>> strong_network(measured).grains.tolist()
     [0, 1, 2]
     """
