@@ -185,7 +185,8 @@ class _Network(NamedTuple):
             if nearest is None:
                 raise PackingError(self._reason())
             step, last = nearest.point - change, size
-            size = float(np.abs(step).max())
+            moves = np.where(self.bearing(nearest.point), np.abs(step), 0.0)
+            size = float(moves.max())
             if size < SETTLED:
                 return nearest.point, nearest.binding
             share = max(share / 2, SHORTEST) if size > FALLS * last else share
@@ -229,6 +230,12 @@ class _Network(NamedTuple):
             for rows in (equations, [*limits, [near / length, None, None]])
         )
         return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
+
+    def bearing(self, change: np.ndarray) -> np.ndarray:
+        """(D (N + C),) mask without the tangential forces of contacts that are about to open, which keep turning."""
+        m = self.measured
+        bears = self.at(change)[1] > 2 * self.least
+        return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
 
     def curvature(self, change: np.ndarray, pushes: np.ndarray):
         """Second derivative of the limits of tangential forces times their multipliers, by which iterations converge.
