@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import stickslip as ss
-from stickslip.data.exchange.force_network import is_measured
+from stickslip.cli.app import app
+from stickslip.data.exchange.force_network import is_measured, measured_frames
 from stickslip.examples import path as example
 
 
@@ -129,8 +131,7 @@ def test_frames_are_chosen_and_rows_without_numbers_are_counted(known, tmp_path)
     assert any("3 frames: the last, 3" in note for note in last.notes)
     with pytest.raises(ValueError, match="no frame '9': it has 1, 2, 3"):
         ss.io.read_forces(*paths, frame="9")
-    named = [name for name, *_ in ss.io.read_packings(paths[0], contacts=paths[1], mu=0.5)]
-    assert named == ["1", "2", "3"]
+    assert measured_frames(*paths) == ["1", "2", "3"]
     grains[int(np.flatnonzero(~known.free)[0]), 2] = np.nan
     contacts[0, 4] = np.nan
     found = written(tmp_path, grains, contacts)
@@ -139,6 +140,20 @@ def test_frames_are_chosen_and_rows_without_numbers_are_counted(known, tmp_path)
         len(found.radius) == len(known.radius) - 1 and "grains.txt of which numbers are missing are left out: 1" in text
     )
     assert "rows of contacts.txt in which numbers are missing are left out: 1" in text
+
+
+def test_report_draws_forces_that_nothing_balances(known, tmp_path):
+    grains, contacts = rows_of(known)
+    contacts[::3, 4] *= 3
+    paths = write(tmp_path / "grains.txt", grains), write(tmp_path / "contacts.txt", twice(contacts))
+    command = ["report", str(paths[0]), "--contacts", str(paths[1]), "--out", str(tmp_path / "forces.png")]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "forces.png").read_bytes().startswith(b"\x89PNG")
+    assert "drawn as they were measured, not balanced" in " ".join(done.output.split())
+    (tmp_path / "forces.png").unlink()
+    done = CliRunner().invoke(app, [*command, "--settle"])
+    assert "shows contact forces only" in str(done.exception) and not (tmp_path / "forces.png").exists()
 
 
 def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tmp_path):

@@ -14,9 +14,9 @@ from ..solve.force_chains import (
     force_network,
     strong_network,
 )
-from .style import BLACK, BLUE, ORANGE, PAGE, RED, OwnFigure, label_axes, styled
+from .style import BLACK, BLUE, ORANGE, PAGE, RED, OwnFigure, label_axes, legend_above, styled
 
-GREY, PALE, SAND = "#b4bac0", "#eef1f4", "#f8dfae"
+GREY, PALER, PALE, SAND = "#b4bac0", "#d3d8dd", "#eef1f4", "#f8dfae"
 HEIGHT = 5.6  # inches
 FEW, MANY = 6, 24  # bins of the distributions and of half the rose
 MOST = 5.0  # multiple of the mean force above which lines do not get thicker
@@ -113,7 +113,7 @@ def _draw_lengths(axes, chains: ForceChains) -> None:
             axes.plot(length, fit, color=BLACK, ls="--", lw=0.8, label=f"exponential, mean {mean:.3g} grains")
         axes.set_yscale("log")
         axes.set_ylim(0.5 / count, 1.5)
-        axes.legend(loc="lower left", title=f"in chains: {100 * share:.0f} % of the loaded grains")
+        legend_above(axes, title=f"in chains: {100 * share:.0f} % of the loaded grains")
     label_axes(axes, x="length of a force chain, $L$ [grains]", y="share of chains at least as long", whole="x")
 
 
@@ -135,7 +135,7 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
     grains, inner = len(net.radius), net.inner
     for rows, color, order, name in (
         (~strong.strong, GREY, 2, "below the mean"),
-        (strong.strong & ~strong.cluster, BLUE, 3, "above the mean"),
+        (strong.strong & ~strong.cluster, BLUE, 3, "above the mean, other clusters"),
         (strong.cluster, RED, 4, f"largest cluster, {len(strong.grains)} of {grains} grains"),
     ):
         ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # halves, as images may be far away
@@ -166,7 +166,7 @@ def _draw_rose(axes, net: ForceNetwork, found, plane: np.ndarray) -> None:
     middle = (edges[1:] + edges[:-1]) / 2
     contacts, normal = bins * number / max(len(angle), 1), mean / (mean[number > 0].mean() if len(angle) else 1.0)
     around = np.concatenate([middle, middle + np.pi])
-    axes.bar(around, np.tile(contacts, 2), width=np.pi / bins, color=GREY, alpha=0.7, label="contacts")
+    axes.bar(around, np.tile(contacts, 2), width=np.pi / bins, color=PALER, edgecolor=PALER, lw=0.3, label="contacts")
     axes.plot(np.append(around, around[0]), np.append(np.tile(normal, 2), normal[0]), "o-", color=BLUE, ms=2, lw=0.7,
               label="normal force")  # fmt: skip
     if net.dim == 2:
@@ -177,12 +177,13 @@ def _draw_rose(axes, net: ForceNetwork, found, plane: np.ndarray) -> None:
         ):
             axes.plot(turn, np.maximum(1 + a * np.cos(2 * (turn - np.arctan2(axis[1], axis[0]))), 0), color=color,
                       lw=1.0, label=name)  # fmt: skip
-    axes.set_yticks([1.0], labels=["mean"])
-    axes.set_rlabel_position(np.rad2deg(np.arctan2(*(plane @ found.normal_axis)[::-1])) + 90)
+    axes.set_yticks([1.0], labels=[""])
+    axes.plot([], [], color="0.6", lw=0.5, label="mean")
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
     axes.tick_params(labelsize=6.5)
-    axes.grid(lw=0.4, color="0.8")
+    axes.grid(lw=0.5, color="0.6")
+    axes.set_axisbelow(False)
     axes.set_title(
         f"$a_c$ = {found.contacts:.2f},  $a_n$ = {found.normal:.2f},  $a_t$ = {found.tangential:.2f}", pad=12
     )
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=2, columnspacing=1.0)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, columnspacing=1.0)
