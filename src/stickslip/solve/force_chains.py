@@ -116,6 +116,7 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
     if law is not None:
         raise ValueError("a law was given with measured forces, which need none: leave it out")
     m = source
+    m.check_entries()
     place = np.pad(m.position, ((0, 0), (0, 3 - m.position.shape[1])))
     branch = place[m.pair_i] - place[m.pair_j]
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)

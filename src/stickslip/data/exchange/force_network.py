@@ -42,6 +42,12 @@ class MeasuredForces(NamedTuple):
     def check_entries(self) -> None:
         """Raise PackingError with a one-sentence message if these cannot be the forces of a packing."""
         check_computed(self)
+        wanted = {2: (len(self.pair_i),), 3: (len(self.pair_i), 3)}.get(self.dim)
+        if np.shape(self.force_t) != wanted:
+            raise PackingError(
+                f"force_t has shape {np.shape(self.force_t)} for positions of shape {self.position.shape}: (C,) is needed "
+                "of disks and (C, 3) of spheres, for C contacts"
+            )
         if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
             raise PackingError("contacts name grains by fractions: use whole numbers from 0")
         _check_numbers(self)
