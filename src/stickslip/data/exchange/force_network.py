@@ -45,8 +45,8 @@ class MeasuredForces(NamedTuple):
         wanted = {2: (len(self.pair_i),), 3: (len(self.pair_i), 3)}.get(self.dim)
         if np.shape(self.force_t) != wanted:
             raise PackingError(
-                f"force_t has shape {np.shape(self.force_t)} for positions of shape {self.position.shape}: (C,) is needed "
-                "of disks and (C, 3) of spheres, for C contacts"
+                f"force_t has shape {np.shape(self.force_t)} for positions of shape {self.position.shape}: for C "
+                "contacts of disks (C,) is needed, of spheres (C, 3)"
             )
         if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
             raise PackingError("contacts name grains by fractions: use whole numbers from 0")
