@@ -278,10 +278,10 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
     stress = np.einsum("ca,cb->ab", net.force[rows, :dim], net.branch[rows, :dim])
     stress = (stress + stress.T) / 2
     main = _deviator(stress)
-    sign = np.sign(np.tensordot(of_tangential, main)) or 1.0
+    sign = -1.0 if np.tensordot(of_tangential, main) < 0 else 1.0
     return Anisotropy(
         _size(of_contacts), _size(of_normal), sign * _size(of_tangential), _axis(of_contacts), _axis(of_normal),
-        _size(main) / np.trace(stress) * dim, dim,
+        _size(main) / float(np.trace(stress)) * dim, dim,
     )  # fmt: skip
 
 
