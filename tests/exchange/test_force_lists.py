@@ -12,7 +12,13 @@ from stickslip.examples import path as example
 
 @pytest.fixture(scope="module")
 def known():
-    return ss.io.read_forces(example("measured_disks.csv"), example("measured_forces.csv"))
+    """Network of the example, read by NumPy."""
+    files = (example(f"measured_{name}.csv") for name in ("disks", "forces"))
+    grains, contacts = (np.loadtxt(file, delimiter=",", skiprows=2) for file in files)
+    i, j = contacts[:, :2].astype(int).T
+    return ss.io.measured_forces(
+        grains[:, :2], grains[:, 2], i, j, contacts[:, 2], contacts[:, 3], held=np.flatnonzero(grains[:, 3])
+    )
 
 
 def rows_of(m, first=1):
