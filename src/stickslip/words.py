@@ -64,7 +64,7 @@ MEANT = {
     "measure.force_chains": "force_chain chain_length",
     "measure.strong_network": "backbone strong_contacts percolation",
     "measure.force_anisotropy": "rose anisotropy stress_force_fabric a_c a_n a_t",
-    "figures.forces": "force_distribution force_chains rose backbone histogram photoelastic",
+    "figures.forces": "force_distribution force_chains rose backbone photoelastic",
     "measure.contact_forces": "normal_force tangential_force forces_between force_distribution fn ft",
     "io.contact_table": "contact_list contacts_dataframe sliding_contacts mobilized_friction mobilised_friction "
     "friction_mobilization contact_status_table",

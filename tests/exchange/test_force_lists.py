@@ -159,6 +159,8 @@ def test_report_draws_forces_that_nothing_balances(known, tmp_path):
     assert "drawn as they were measured, not balanced" in " ".join(done.output.split())
     (tmp_path / "forces.png").unlink()
     done = CliRunner().invoke(app, [*command, "--settle"])
+    folder = CliRunner().invoke(app, ["report", str(tmp_path), "--out", str(tmp_path / "forces.png")])
+    assert "the folder of a run: give a packing" in str(folder.exception)
     assert "shows contact forces only" in str(done.exception) and not (tmp_path / "forces.png").exists()
 
 
