@@ -219,6 +219,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         np.testing.assert_allclose(shift, moved[k].state.grains.position - state.grains.position, atol=1e-6)
     assert "".join(shown.words).count("e-folding time") == 1
     assert "period 4.833" in data["modes"][0]["words"]
+    assert "strong network" in (tmp_path / "p-report.html").read_text()
 
 
 @pytest.mark.parametrize("command", ["report", "movie"])
@@ -232,7 +233,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         (lambda p: None, ["d"], "d does not exist"),
         (lambda p: None, ["p.npz"], "p.npz is not a file"),
         (lambda p: (p / "d").mkdir(), ["d", "--kn", "1"], "--kn was given with d"),
-        (lambda p: (p / "d").mkdir(), ["d", "--out", "a.pdf"], "a.pdf ends with '.pdf'"),
+        (lambda p: (p / "d").mkdir(), ["d", "--out", "a.doc"], "a.doc ends with '.doc'"),
         (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),
     ],
 )

@@ -98,8 +98,7 @@ class PackingOptions(NamedTuple):
     i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None
     contacts: Annotated[
-        Path | None,
-        typer.Option(help="LAMMPS `dump local` with the contact forces, or a table i j fn ft of measured ones."),
+        Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces, or a table of measured ones.")
     ] = None
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None
     boundary: Annotated[
@@ -325,6 +324,10 @@ REPORT = examples(
     ("report examples/sheared_spheres.npz", "sheared_spheres-report.html, with the unstable mode animated"),
     ("run examples/rate_state.toml --out results/rate-state", "any run"),
     ("report results/rate-state", "measures, figures and scenario: results/rate-state/report.html"),
+    (
+        "report examples/measured_disks.csv \\\n      --contacts examples/measured_forces.csv --out forces.pdf",
+        "distribution of forces, chains, strong network, anisotropies",
+    ),
 )
 MOVIE = examples(
     ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the mp4 extra"),
@@ -371,7 +374,11 @@ def report(
     *,
     place: Place,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Output file; default: report.html in the run, or FILE-report.html.")
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Output file, by default report.html in the run, or FILE-report.html; .pdf, .png, .svg: forces only.",
+        ),
     ] = None,
     view: ViewOptions,
     verdict: Annotated[
@@ -385,13 +392,26 @@ def report(
     output: Output,
     options: PackingOptions,
 ) -> None:
-    """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
+    """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions.
+
+    With --out NAME.pdf, .png or .svg, only the figure of the contact forces of a packing, or of measured forces as they
+    are: their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
+    """
     from ..data.run_files import PAGE
+    from ..figures.saving import FORMATS
     from ..reports import page, terminal
-    from ..runs.page import load_content
+    from ..runs.page import is_run, load_content
 
     path, zoom = out or page.default_path(place, PAGE), view.enlargement()
-    page.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, view, options))
+    figures = tuple(f".{kind}" for kind in FORMATS)
+    made_from = _input_files(place, view, options)
+    page.check_output(path, (".html", ".htm", *figures), overwrite=overwrite, made_from=made_from)
+    if path.suffix.lower() in figures:
+        _check_figure(path, place if is_run(place) else None, view, verdict)
+        with terminal.console_output(*output):
+            notes = page.write_forces(place, path, options.values())
+        _finish_with_notes("report", [path], {"verdict": None, "notes": notes}, output)
+        return
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         content = load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
@@ -401,6 +421,16 @@ def report(
     notes = [content.warning] if content.warning else []
     notes += page.notes_on_view(content, zoom)
     _finish_with_notes("report", [path], {"verdict": content.verdict or None, "notes": notes}, output)
+
+
+def _check_figure(path: Path, folder: Path | None, view: ViewOptions, verdict: bool | None) -> None:
+    """Raise ValueError for the folder of a run, or for options that the figure of contact forces does not use."""
+    if folder is not None:
+        raise ValueError(f"--out {path} was given with {folder}, the folder of a run: give a packing, or use .html")
+    asked = {"modes": view.modes, "settle": view.settle or None, "colour": view.colour, "zoom": view.zoom}
+    asked["verdict"] = verdict
+    for name in (name for name, value in asked.items() if value is not None):
+        raise ValueError(f"--{name} was given with --out {path}, which shows contact forces only: use .html")
 
 
 class FilmOptions(NamedTuple):

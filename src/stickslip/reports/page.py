@@ -17,15 +17,17 @@ from ..core.units import unit_name, with_unit
 from ..data import archive
 from ..data.atomic import check_free, replace_atomically
 from ..data.exchange.files import capture_warnings
+from ..data.exchange.force_network import is_measured, read_forces
 from ..data.exchange.frame import Frame, frame_of, mode_frames, read_mode
 from ..data.manifest import add_to_manifest, digest, find_foreign, read_manifest, write_manifest
 from ..data.run_files import FILM, PAGE
-from ..data.sample import Obstacle
+from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene
 from ..figures.animation import frames_between
 from ..figures.grains import count_outside, layout_of, packing
+from ..figures.network import enough_contacts, forces
 from ..figures.outlines import DISPLACEMENT, Zoom, outside_words
 from ..figures.page import MARK
 from ..figures.saving import render
@@ -35,7 +37,8 @@ from ..solve.stability import DENSE_UP_TO, stability
 from .packing import Settling, describe_law, find_birth_form, growing_modes, let_settle, likely_causes, verdict
 
 SEARCHED = 30_000  # coordinates up to which the verdict takes about a minute, and is sought without being asked for
-DRAWN = 2000  # grains up to which a packing is also drawn as a figure
+DRAWN = 2000  # grains up to which a packing and its forces are also drawn as figures
+FORCES = "distribution, chains, strong network and directions of contact forces"
 MODES = 6  # modes that a page animates
 REMEDY = "Give the missing data, or settle the packing with --settle"
 MARK_RANGE = 4096  # bytes at the beginning and end of a file that may contain the mark
@@ -119,11 +122,33 @@ def packing_content(
         drawn, caption = packing(state, law, mode=mine[0] if mine else None, zoom=zoom), "contacts"
         caption += ", and the fastest mode" if mine else ""
         sections.append(("Figure", page.pictures({caption: render(drawn)})))
+        if enough_contacts(state, law):
+            sections.append(("Contact forces", page.pictures({FORCES: render(forces(state, law))})))
     about = f"stickslip {__version__}, {archive.versions()}"
     return PageContent(
         file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence,
         decided=not any(isinstance(note, Obstacle) for note in notes),
     )  # fmt: skip
+
+
+def write_forces(file: Path, path: Path, options: dict) -> list[str]:
+    """Write the figure of the contact forces of a packing, as PDF, PNG or SVG; return notes on what was read.
+
+    Measured forces are drawn as they were read, without balance; options of a law are then not used.
+    """
+    contacts = options.get("contacts")
+    if is_measured(file, contacts and Path(contacts)):
+        source, law = read_forces(file, contacts, frame=options.get("frame")), None
+        notes = [*with_one_account(source.notes), f"{file.name}: forces are drawn as they were measured, not balanced"]
+    else:
+        (source, law, notes), said = capture_warnings(read_packing, file, **options)
+        notes = [*notes, *said]
+        if not (rest := imbalance(source, law)) <= BALANCED_BELOW:
+            notes.append(no_equilibrium_message(rest))
+    drawn = forces(source, law)
+    with staged_file(path) as part:
+        part.write_bytes(render(drawn, path.suffix.lower().removeprefix(".")))
+    return notes
 
 
 def _read_modes(path: Path, n: int) -> list:
