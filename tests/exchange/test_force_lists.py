@@ -164,6 +164,31 @@ def test_report_draws_forces_that_nothing_balances(known, tmp_path):
     assert "shows contact forces only" in str(done.exception) and not (tmp_path / "forces.png").exists()
 
 
+def test_doubtful_columns_are_noted(known, tmp_path):
+    """Forces are read as they are; columns that are not used, or seem to be others, are not passed over in silence."""
+    grains, contacts = rows_of(known)
+    both = np.column_stack([contacts[:, 1:3], vectors(known), known.force_n])
+    unsigned, swapped = contacts.copy(), contacts.copy()
+    unsigned[:, 3] = np.abs(contacts[:, 3])
+    swapped[:, 3:] = unsigned[:, [4, 3]]
+    flat = np.column_stack([both[:, :4], np.ones(len(both))])
+    spheres, more = np.insert(grains, 4, 0.0, axis=1), grains + np.eye(1, 6)
+    cases = [
+        ("column fn of contacts.txt is not used", grains, both, ("", "i,j,fx,fy,fn")),
+        ("along z in contacts.txt are left out", spheres, flat, ("frame,id,x,y,z,r,edge", "i,j,fx,fy,fz")),
+        ("have one sign", grains, unsigned, ("", "")),
+        (f"normal ones at 43 of {len(swapped)} contacts", grains, swapped, ("", "")),
+        ("frames that only grains.txt or only contacts.txt has are left out: 2", np.vstack([grains, more]), contacts,
+         ("", "")),
+    ]  # fmt: skip
+    for text, left, right, head in cases:
+        found = written(tmp_path, left, right, head)
+        assert text in " ".join(found.notes), found.notes
+        if "i,j" in head[1]:
+            assert_same(found, known, rtol=1e-9)
+    assert not any("one sign" in note or "exceed" in note for note in written(tmp_path, grains, contacts).notes)
+
+
 def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tmp_path):
     grains, contacts = rows_of(known)
     flags, pulls, other, swapped = (contacts.copy() for _ in range(4))
@@ -171,6 +196,10 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
     pulls[5, 4] = -10 * known.force_n.max()
     other[:, 0] = 7
     swapped[:, [3, 4]] = swapped[:, [4, 3]]
+    opposite, edge = twice(contacts), grains.copy()
+    opposite[len(contacts) :, 3] *= -1
+    edge[0, 5] = np.nan
+    alike = np.vstack([np.column_stack([ends, vectors(known)]) for ends in (contacts[:, 1:3], contacts[:, [2, 1]])])
     heads = ("frame,id,x [px],y [px],r [px],edge", "frame,id1,id2,ft,fn")
     cases = [
         ("names grain 99", grains, np.vstack([contacts, [1, 99, 2, 0, 0.1]]), ("", "")),
@@ -184,6 +213,10 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
         ("3 times", grains, np.vstack([contacts[:1], twice(contacts)]), ("", "")),
         ("by fractions", grains, contacts + np.array([0, 0.5, 0, 0, 0]), ("", "")),
         ("in pixels", grains, contacts, heads),
+        ("with opposite tangential forces", grains, opposite, ("", "")),
+        ("with opposite normal forces", grains, alike, ("", "i,j,fx,fy")),
+        ("no directions of forces: give the force on grain i, fx fy", grains, alike, ("", "i,j,tx,ty")),
+        ("without a number in column edge", edge, contacts, ("", "")),
         ("itself", grains, np.vstack([contacts, [1, 2, 2, 0, 0.1]]), ("", "")),
         ("has 3 frames: add it", grains[:, 1:5], np.vstack([contacts, contacts + np.eye(1, 5), other]),
          ("id,x,y,r", "")),
@@ -193,3 +226,7 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
         with pytest.raises(ValueError, match=text) as refused:
             ss.io.read_forces(*paths)
         assert "\n" not in str(refused.value), text
+    for text, match in (("# nothing\n", "has no rows"), ("i,j,fn,ft\n", "contacts.txt: no contacts were given")):
+        paths[1].write_text(text)
+        with pytest.raises(ValueError, match=match):
+            ss.io.read_forces(*paths)

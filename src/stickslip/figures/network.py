@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
 
 from ..core.laws.builtin import Law
+from ..core.readable import pluralize
 from ..solve.force_chains import (
     ForceChains,
     ForceNetwork,
@@ -38,7 +39,7 @@ def forces(source: Source, law: Law | None = None, *, title: str = ""):
     net = force_network(source, law)
     if not _is_enough(net):
         raise ValueError(
-            f"{np.count_nonzero(net.inner)} contacts of grains with a mean normal force of "
+            f"{pluralize(np.count_nonzero(net.inner), 'contact')} of grains with a mean normal force of "
             f"{net.force_n.mean() if len(net.force_n) else 0:.3g} were given: the figure needs {FEW} or more that press"
         )
     chains, strong = force_chains(source, law), strong_network(source, law)
@@ -107,7 +108,7 @@ def _draw_lengths(axes, chains: ForceChains) -> None:
     else:
         length = np.arange(3, chains.lengths.max() + 1)
         longer = np.array([(chains.lengths >= k).sum() for k in length])
-        axes.plot(length, longer / count, "o-", color=BLUE, lw=0.8, label=f"{count} chains")
+        axes.plot(length, longer / count, "o-", color=BLUE, lw=0.8, label=pluralize(count, "chain"))
         if (mean := chains.lengths.mean()) > 3:
             fit = (1 - 1 / (mean - 2)) ** (length - 3)  # geometric, from the shortest length
             axes.plot(length, fit, color=BLACK, ls="--", lw=0.8, label=f"exponential, mean {mean:.3g} grains")

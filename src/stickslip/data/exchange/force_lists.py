@@ -18,7 +18,9 @@ OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # colu
 FRAMES = ("frame", "step", "timestep", "time")
 WIDEST = 1.0  # gap or overlap of grains in contact, over the smaller radius
 FAR = 5.0  # errors beyond which a measurement is impossible
+OPPOSITE = 0.05  # share of the mean square of both readings of contacts that is left if they have opposite signs
 FEW = 0.1  # largest share of contacts that may pull, if errors are not known
+SIGNED = 10  # tangential forces, of which the same sign is hardly chance
 NAMELESS_GRAINS = {
     3: ["x", "y", "radius"], 4: ["x", "y", "z", "radius"], 6: ["frame", "id", "x", "y", "radius", "edge"],
 }  # fmt: skip
@@ -81,7 +83,7 @@ def _has_forces(names: list[str] | None) -> bool:
 def frames_of_lists(path: Path, contacts: Path) -> list[str]:
     """Names of the frames that both tables have; none if they have no column of frames."""
     grains, forces = _grains_of(path)[0], _contacts_of(contacts)[0]
-    return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces)]
+    return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces, [])]
 
 
 def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
@@ -91,8 +93,8 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
     without a place. A contact that is listed from both of its grains is averaged.
     """
     (grains, notes), (forces, more) = _grains_of(path), _contacts_of(contacts)
-    steps = _common_frames(path, grains, contacts, forces)
     notes = [*notes, *more, *_account(path, grains, contacts, forces)]
+    steps = _common_frames(path, grains, contacts, forces, notes)
     if len(steps):
         ((at),) = chosen_frames(path, [f"{step:g}" for step in steps], frame)
         if frame is None and len(steps) > 1:
@@ -154,7 +156,7 @@ def _frame_column(columns: dict[str, np.ndarray]) -> np.ndarray | None:
     return next((columns[name] for name in FRAMES if name in columns), None)
 
 
-def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict) -> np.ndarray:
+def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> np.ndarray:
     """Frames that both tables have; PackingError if there are none, or only one table tells several apart."""
     known = [np.unique(c[np.isfinite(c)]) for c in map(_frame_column, (grains, forces)) if c is not None]
     if len(known) == 2:
@@ -164,6 +166,9 @@ def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict) -> np
             raise PackingError(
                 f"{path} has the frames {some[0]} and {contacts.name} has {some[1]}: give tables of the same frames"
             )
+        if len(alone := np.setxor1d(*known)):
+            some = ", ".join(f"{step:g}" for step in alone[:4]) + (" …" if len(alone) > 4 else "")
+            notes.append(f"frames that only {path.name} or only {contacts.name} has are left out: {some}")
         return both
     if known and len(known[0]) > 1:
         lacks = contacts if _frame_column(forces) is None else path
@@ -202,6 +207,11 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
     for wrong in ends[~outside & ~np.isin(ends, ids)]:
         use = "the ids of grains" if named else f"rows of grains, 0 to {n - 1}"
         raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
+    for name in ("fixed", "edge"):
+        if not np.isfinite(grains.get(name, zero)).all():
+            raise PackingError(
+                f"{path} has rows without a number in column {name}: give 1 for held grains, 0 for others"
+            )
     walls, edge = outside.any(axis=0), grains.get("edge", zero) != 0
     held = (grains.get("fixed", zero) != 0) | edge
     beside = np.searchsorted(ids, np.unique(ends[:, walls][~outside[:, walls]]))
@@ -218,7 +228,9 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
     forces, ends = {name: values[~walls] for name, values in forces.items()}, np.searchsorted(ids, ends[:, ~walls])
     load = np.stack([grains.get(f"load{axis}", zero) for axis in "xyz"[:dim]], axis=1)
     network = _pressing(contacts, _averaged(contacts, forces, ends, place, ids, notes), ids, notes)
-    return Lists(_near(contacts, network, place, radius, notes) | {
+    network = _near(contacts, network, place, radius, notes)
+    _note_doubts(contacts, network, notes)
+    return Lists(network | {
         "position": place, "radius": radius, "held": np.flatnonzero(held), "ids": ids, "load": load,
         "position_error": grains.get("positionerror", np.nan),
     }, notes)  # fmt: skip
@@ -258,7 +270,6 @@ def _finite_rows(forces: dict, contacts: Path, notes: list[str]) -> dict[str, np
 def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]):
     """Normal forces (C,), and tangential ones, (C,) in a plane or vectors on the first grain (C, 3)."""
     dim = place.shape[1]
-    axes = "xyz"[:dim]
     branch = place[ends[0]] - place[ends[1]]
     length = np.linalg.norm(branch, axis=1)
     for c in np.flatnonzero(length == 0):
@@ -267,26 +278,36 @@ def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, id
             raise PackingError(f"{contacts} has a contact of grain {one} with itself: check the numbers of the grains")
         raise PackingError(f"grains {one} and {other} of {contacts} are in one place: check the numbers of the grains")
     normal = branch / length[:, None]
-    vector = {name: np.stack([forces[name + a] for a in axes], axis=1) for name in VECTORS
-              if all(name + a in forces for a in axes)}  # fmt: skip
-    if "f" in vector and "fn" not in forces:
+    vector = {name: np.stack([forces[part] for part in _axes(name, dim)], axis=1) for name in VECTORS
+              if {*_axes(name, dim)} <= {*forces}}  # fmt: skip
+    if "fn" in forces and ("ft" in vector or (dim == 2 and "ft" in forces)):
+        along = forces["fn"]
+    elif "f" in vector:
+        if "fn" in forces:
+            notes.append(
+                f"column fn of {contacts.name} is not used: normal forces follow from {' '.join(_axes('f', dim))}"
+            )
         along = np.einsum("ck,ck->c", vector["f"], normal)
         sign = -1.0 if along.sum() < 0 else 1.0
         if sign < 0:
             notes.append(f"forces in {contacts.name} are taken as those on the second grain, as contacts press")
         along, vector["ft"] = sign * along, sign * (vector["f"] - along[:, None] * normal)
     else:
-        along = forces["fn"]
+        raise PackingError(
+            f"{contacts} has no directions of forces{' between spheres' if dim == 3 else ''}: give the force on grain "
+            f"i, {' '.join(_axes('f', dim))}, or fn and its tangential part, {' '.join(_axes('t', dim))}"
+        )
     if dim == 2:
+        if any(np.any(forces.get(f"{name}z", 0.0)) for name in VECTORS):
+            notes.append(f"forces along z in {contacts.name} are left out, as all grains lie in the plane z = 0")
         across = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
         turn = np.einsum("ck,ck->c", vector["ft"], across) if "ft" in vector else forces["ft"]
         return along, turn
-    if "ft" not in vector:
-        raise PackingError(
-            f"{contacts} has sizes of tangential forces only: between spheres directions are needed, so give the force "
-            "on grain i, fx fy fz, or its tangential part, tx ty tz"
-        )
     return along, vector["ft"]
+
+
+def _axes(name: str, dim: int) -> list[str]:
+    return [name + axis for axis in "xyz"[:dim]]
 
 
 def _averaged(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]) -> dict:
@@ -315,6 +336,12 @@ def _averaged(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray,
     size = {}
     for a, values in (("n", along), ("t", across)):
         half = (values - out[f"force_{a}"][row])[twice[row]]  # of the difference, with both signs
+        if 2 * (out[f"force_{a}"][twice] ** 2).sum() < OPPOSITE * (half**2).sum():
+            noun = "normal" if a == "n" else "tangential"
+            raise PackingError(
+                f"{contacts} lists contacts from both of their grains with opposite {noun} forces: give fn positive if "
+                "it presses, ft positive if it turns both from x to y, vectors as the force on the grain named first"
+            )
         size[a], known = float(np.sqrt((half**2).mean())), out[f"force_{a}_error"]
         out[f"force_{a}_error"] = np.where(np.isnan(known) & (size[a] > 0), size[a], known)
     told = f"half their differences, {size['n']:.3g} normal and {size['t']:.3g} tangential, are the errors of forces"
@@ -359,3 +386,20 @@ def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, 
         f"gap or overlap of up to {share.max():.3g} radii"
     )
     return {name: values[~far] for name, values in network.items()}
+
+
+def _note_doubts(contacts: Path, network: dict, notes: list[str]) -> None:
+    """Note tangential forces of which the column or the sign seems to be another."""
+    across, sign = network["force_t"], np.sign(network["force_t"])
+    size = np.abs(across) if across.ndim == 1 else np.linalg.norm(across, axis=1)
+    beyond = np.count_nonzero(size > network["force_n"])
+    if 2 * beyond > len(size):
+        notes.append(
+            f"tangential forces in {contacts.name} exceed normal ones at {beyond} of {len(size)} contacts: check the "
+            "order of the columns"
+        )
+    if across.ndim == 1 and abs(sign.sum()) == np.count_nonzero(sign) >= SIGNED:
+        notes.append(
+            f"all tangential forces in {contacts.name} have one sign, with which torques on grains cannot balance: ft "
+            "is positive if it turns both grains from x to y, negative otherwise"
+        )

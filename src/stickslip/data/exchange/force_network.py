@@ -219,7 +219,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
     if contacts is None:
         raise PackingError(f"{path} has no forces: give the table of contacts as well, {' '.join(NEEDED)}")
     fields, notes = read_lists(path, Path(contacts), frame)
-    with naming(path):
+    with naming(f"{path} and {contacts}"):
         measured = measured_forces(**fields, notes=notes)
     gap = _gaps(measured)
     note = (

@@ -80,6 +80,8 @@ def read_columns(
     """
     lines = _content_lines(read_lines(path, fallback="cp1252"), heads)
     names, notes = names_of(lines[0]) if lines else None, []
+    if nameless is not None and not lines:
+        raise PackingError(f"{path} has no rows: it is empty, or has comments only")
     if names is None:
         names = NAMELESS
         if nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
