@@ -53,6 +53,20 @@ def tables(folder, state, weight, *, noise=0.0, split=False, pairs=slice(None)):
 
 
 @pytest.mark.parametrize("split", [False, True], ids=["whole force", "normal and tangential"])
+def test_vectors_may_be_listed_from_both_grains(pile, tmp_path, split):
+    grains, forces = tables(tmp_path, *pile, split=split)
+    once = ss.io.read_forces(grains, forces)
+    head, *rows = forces.read_text().splitlines()
+    words = [row.split() for row in rows]
+    signs = np.array([1, 1, -1, -1, -1, 1] if split else [1, 1, -1, -1, -1])
+    others = [np.array([b, a, *rest], float) * signs for a, b, *rest in words if float(b) > 0]
+    forces.write_text("\n".join([head, *rows, *(" ".join(map(repr, row.tolist())) for row in others)]) + "\n")
+    both = ss.io.read_forces(grains, forces)
+    for name in ("ends", "force_n", "force_t"):
+        np.testing.assert_allclose(getattr(both, name), getattr(once, name), atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("split", [False, True], ids=["whole force", "normal and tangential"])
 def test_a_pile_is_found_again_from_its_forces(pile, tmp_path, split):
     state, weight = pile
     grains, forces = tables(tmp_path, state, weight, split=split)

@@ -45,6 +45,51 @@ def test_chains_end_where_they_turn_too_far():
         ss.measure.force_chains(m, angle=100)
 
 
+def slow_chains(net, angle):
+    """Stresses of grains, and sets of grains in chains, grain by grain from the definition."""
+    n = len(net.radius)
+    moment, near = np.zeros((n, 3, 3)), [[] for _ in range(n)]
+    for i, j, force, normal in zip(net.pair_i, net.pair_j, net.force, net.normal, strict=True):
+        for k, other, sign in ((i, j, 1.0), (j, i, -1.0)):
+            moment[k] += np.outer(sign * force, sign * net.radius[k] * normal)
+            near[k].append((other, -sign * normal))
+    values, ways = np.linalg.eigh((moment + moment.transpose(0, 2, 1)) / 2)
+    stress = values[:, -1]
+    mean = np.mean([stress[k] for k in range(n) if near[k]])
+    loaded = [k for k in range(n) if near[k] and stress[k] > mean]
+    chosen = {k: set() for k in loaded}
+    for k in loaded:
+        for side in (1, -1):
+            cosines = [(side * out @ ways[k, :, -1], other) for other, out in near[k] if other in chosen]
+            most = max(cosines, default=(0.0, k))
+            chosen[k] |= {most[1]} if most[0] >= np.cos(np.deg2rad(angle)) else set()
+    groups = {k: {k} for k in loaded}
+    for k in loaded:
+        for other in chosen[k]:
+            if k in chosen[other] and groups[k] is not groups[other]:
+                joint = groups[k] | groups[other]
+                groups |= dict.fromkeys(joint, joint)
+    return stress, {frozenset(group) for group in groups.values() if len(group) >= 3}
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("angle", [30, 45, 80])
+def test_chains_of_unequal_grains_and_rattlers_are_those_of_the_definition(dim, angle):
+    rng = np.random.default_rng(dim)
+    place = rng.uniform(0, 7 if dim == 2 else 3.5, (90, dim))
+    apart = np.linalg.norm(place[:, None] - place, axis=-1)
+    i, j = np.nonzero(np.triu((apart > 0.75) & (apart < 1.2)))
+    place = np.vstack([place, 100 + 3 * np.arange(30)[:, None] * np.ones(dim)])  # rattlers
+    radius = rng.uniform(0.4, 0.6, len(place))
+    force_t = 0.2 * rng.normal(size=len(i) if dim == 2 else (len(i), 3))
+    m = ss.io.measured_forces(place, radius, i, j, rng.exponential(size=len(i)), force_t)
+    stress, chains = slow_chains(ss.measure.force_network(m), angle)
+    found = ss.measure.force_chains(m, angle=angle)
+    np.testing.assert_allclose(found.stress, stress, atol=1e-12)
+    assert {frozenset(chain.tolist()) for chain in found.chains} == chains
+    assert chains or angle == 30
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_anisotropies_are_those_that_directions_were_drawn_with(dim):
     """Contacts drawn with known anisotropies along x, as pairs of grains of their own."""
@@ -65,6 +110,12 @@ def test_anisotropies_are_those_that_directions_were_drawn_with(dim):
     found = ss.measure.force_anisotropy(m)
     error = 5 / np.sqrt(count)
     assert (found.contacts, found.normal, found.tangential) == pytest.approx((a_c, a_n, a_t), abs=2 * error)
+    stress = np.einsum("ck,cl->kl", (1 + a_n * form)[:, None] * normal + across, normal)
+    main = np.sort(np.linalg.eigvalsh((stress + stress.T) / 2))[::-1]
+    mean = main.mean()
+    invariant = np.sqrt(((main - mean) ** 2).sum() * 1.5) / mean if dim == 3 else (main[0] - main[1]) / main.sum()
+    assert found.deviator == pytest.approx(invariant, rel=1e-9)
+    assert found.predicted_deviator == pytest.approx(invariant, rel={2: 0.08, 3: 0.05}[dim])  # a_c a_n/2 is left out
     assert abs(found.contact_axis[0]) > 0.99 and abs(found.normal_axis[0]) > 0.99
     turned = ss.io.measured_forces(place, 0.5, i, i + len(normal), 1 + a_n * form, -force_t)
     assert ss.measure.force_anisotropy(turned).tangential == pytest.approx(-a_t, abs=2 * error)
@@ -97,6 +148,11 @@ def test_the_figure_states_what_was_measured():
     texts = [text.get_text() for axes in figure.axes for text in axes.get_legend().get_texts()]
     assert any("71 contacts" in text for text in texts) and "2 chains" in texts
     assert any("largest cluster, 7 of 42" in text for text in texts)
+    bins = 8
+    density = figure.axes[0].containers[0].lines[0].get_ydata()
+    assert density.sum() * np.ptp(m.force_n) / m.force_n.mean() / bins == pytest.approx(1.0)
+    assert np.mean([bar.get_height() for bar in figure.axes[3].patches]) == pytest.approx(1.0)
+    assert figure.axes[1].get_legend().get_title().get_text() == "in chains: 100 % of the loaded grains"
     assert "$a_n$ = " in figure.axes[3].get_title()
     with pytest.raises(ValueError, match="the figure needs"):
         ss.figures.forces(network([[0, 0], [1, 0]], [0], [1], [1.0]))
