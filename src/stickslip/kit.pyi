@@ -163,8 +163,6 @@ from .experiments.experiment import Experiment as Experiment
 from .experiments.experiment import Paper as Paper
 from .experiments.experiment import Reproduction as Reproduction
 from .experiments.experiment import SweepMember as SweepMember
-from .experiments.experiment import lazy_function as lazy_function
-from .experiments.experiment import lazy_functions as lazy_functions
 from .experiments.experiment import result_of as result_of
 from .experiments.quantities import Estimate as Estimate
 from .experiments.quantities import Measures as Measures
@@ -218,6 +216,8 @@ from .figures.style import power_of_ten as power_of_ten
 from .figures.style import styled as styled
 from .figures.style import subplots as subplots
 from .lazy import attach as attach
+from .lazy import lazy_function as lazy_function
+from .lazy import lazy_functions as lazy_functions
 from .loading.compression import Scales as Scales
 from .loading.compression import check_pressure as check_pressure
 from .loading.compression import compression_scales as compression_scales

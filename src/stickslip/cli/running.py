@@ -394,7 +394,7 @@ def resume(
 
 def _report_finished(folder: Path, output: Output) -> None:
     """Report that a run has finished, and list its files."""
-    from ..data.checkpoint import SCENARIO
+    from ..data.run_files import SCENARIO
     from ..experiments.registry import list_files, read_scenario
     from ..reports import terminal
     from ..runs import json_output

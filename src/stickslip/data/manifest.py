@@ -18,7 +18,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from . import atomic
-from .checkpoint import ANEW, GONE, LEGS, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, unfinished_scenario
+from .checkpoint import ANEW, GONE, LEGS, MEMBERS, SWEEP, UNFINISHED, WRITING, unfinished_scenario
+from .run_files import SCENARIO
 
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"

@@ -3,9 +3,7 @@
 import shlex
 from pathlib import Path
 
-from .checkpoint import SCENARIO
-
-NUMBERS = "results.h5"
+SCENARIO, NUMBERS = "scenario.json", "results.h5"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
 LOOK = "look.json"  # how its figures are written

@@ -6,12 +6,11 @@ from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.state import State
 from ..data.atomic import check_free
+from ..data.exchange.columns import is_measured
 from ..data.exchange.files import Reading, output_files, read_states, unknown_suffix, write_packing, written
-from ..data.exchange.force_network import is_measured
 from ..data.exchange.frame import frame_of, mode_frames, read_mode
 from ..data.run_files import NUMBERS
 from ..data.sample import Assumption, PackingError
-from .measured import read_measured
 
 
 @checked
@@ -76,6 +75,8 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if path.is_dir() and (path / NUMBERS).is_file():
         path = path / NUMBERS
     if is_measured(path, contacts and Path(contacts)):
+        from .measured import read_measured
+
         return [("", *read_measured(path, **options | ({} if frame == "all" else {"frame": frame})))]
     return read_states(path, frame, options)
 

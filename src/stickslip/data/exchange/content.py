@@ -18,7 +18,7 @@ from ...core.laws.builtin import Law
 from ...core.reading import Budget, read_bytes
 from ...core.state import State
 from ...core.text import decode_text, has_wide_letters
-from ..sample import Absent, PackingError
+from ..sample import Absent, PackingError, accepted, from_arrays
 
 HEAD = 2**14  # bytes at the beginning of a file that tell what it is
 FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
@@ -43,6 +43,16 @@ class Packing(NamedTuple):
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
     law: Law | dict | None = None  # or options of `law_by_name`
     labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
+
+
+def placed_state(packing: Packing, law: Law) -> State:
+    """Accepted state of the grains with the materials of their types, amid the walls and loads of their run."""
+    state = from_arrays(law=law, **packing.arrays)
+    if packing.types is not None and len(law.table) > 1:
+        state = state._replace(grains=state.grains._replace(material=packing.types.copy()))
+    elif packing.setting is None:
+        return state
+    return accepted(state if packing.setting is None else packing.setting(state), law)
 
 
 def _opener(path: Path):

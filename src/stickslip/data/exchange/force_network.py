@@ -13,8 +13,7 @@ from ...core.readable import readable
 from ...core.reading import Budget, read_bytes
 from ...known import USED
 from ..sample import PackingError, account_for, naming
-from .columns import identify_columns, plain_name
-from .content import HEAD, head_text, read_content
+from .columns import identify_columns, is_matlab, plain_name
 from .table_file import read, read_columns
 
 WIDEST = 0.5  # gap or overlap of grains in contact, over the smaller radius
@@ -193,27 +192,13 @@ def read_forces(path: str | Path, contacts: str | Path | None = None) -> Measure
     for file in filter(None, (path, contacts)):
         if not Path(file).is_file():
             raise PackingError(f"{file} is not a file: give measured grains, and a table of their contacts")
-    if _is_matlab(path):
+    if is_matlab(path):
         if contacts is not None:
             raise PackingError(f"{contacts} was given with {path.name}, which holds the contacts: leave it out")
         return _read_pegs(path)
     if contacts is None:
         raise PackingError(f"{path} has no forces: give the table of contacts as well, {' '.join(NEEDED)}")
     return _read_tables(path, Path(contacts))
-
-
-def is_measured(path: Path, contacts: Path | None) -> bool:
-    """Return True for a file of MATLAB, or if there is a table of contacts with a column fn, not from LAMMPS."""
-    if contacts is None or not contacts.is_file():
-        return _is_matlab(path)
-    lines = head_text(read_content(contacts, HEAD)).splitlines()
-    return lines[:1] != ["ITEM: TIMESTEP"] and any(
-        "fn" in map(plain_name, re.split(r"[;,\t]+| +(?!\[)", line)) for line in lines[:20]
-    )
-
-
-def _is_matlab(path: Path) -> bool:
-    return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
 
 
 def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
