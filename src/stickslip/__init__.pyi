@@ -14,11 +14,11 @@ from . import packings as packings
 from . import protocols as protocols
 from . import quasirigid as quasirigid
 from . import results as results
+from .core.contacts.forces import FREE as FREE
+from .core.contacts.forces import FROZEN as FROZEN
+from .core.contacts.forces import HELD as HELD
 from .core.contacts.forces import accept as accept
 from .core.contacts.forces import forces as forces
-from .core.contacts.memory import FREE as FREE
-from .core.contacts.memory import FROZEN as FROZEN
-from .core.contacts.memory import HELD as HELD
 from .core.dynamics.run import run as run
 from .core.laws.builtin import Law as Law
 from .core.outcome import NotInEquilibriumError as NotInEquilibriumError

@@ -57,12 +57,11 @@ from .core.laws.builtin import with_values as with_values
 from .core.laws.compiled import evaluate as evaluate
 from .core.laws.compiled import largest_stiffness as largest_stiffness
 from .core.laws.kinds import Kind as Kind
+from .core.laws.properties import critical_coefficient as critical_coefficient
+from .core.laws.properties import dashpot_coefficients as dashpot_coefficients
 from .core.laws.properties import resists_rolling as resists_rolling
-from .core.laws.restitution import critical_coefficient as critical_coefficient
-from .core.laws.restitution import dashpot_coefficients as dashpot_coefficients
-from .core.laws.restitution import restitution_of as restitution_of
+from .core.laws.properties import restitution_of as restitution_of
 from .core.library import core as core
-from .core.matlab import check_matlab as check_matlab
 from .core.measure import Committed as Committed
 from .core.measure import least_supports as least_supports
 from .core.measure import mean_normal_force as mean_normal_force
@@ -74,6 +73,7 @@ from .core.progress import within as within
 from .core.readable import pluralize as pluralize
 from .core.readable import readable as readable
 from .core.reading import Budget as Budget
+from .core.reading import check_matlab as check_matlab
 from .core.reading import read_bytes as read_bytes
 from .core.scales import clear_round_off as clear_round_off
 from .core.scales import natural_scales as natural_scales

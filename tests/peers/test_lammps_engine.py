@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.memory import FROZEN
+from stickslip.core.contacts.forces import FROZEN
 from stickslip.core.dynamics.engine import Leg, Wave
 from stickslip.core.dynamics.run import join_samples, own_engine, take_sample
 from stickslip.core.laws.builtin import ROLLING

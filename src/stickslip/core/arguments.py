@@ -21,8 +21,7 @@ from typing import Annotated, Any, Literal, NamedTuple, ParamSpec, TypeVar, Unio
 
 import numpy as np
 
-from .definitions import shapes_of
-from .fields import LARGEST
+from .fields import LARGEST, shapes_of
 from .text import bounded, quoted
 
 P, R = ParamSpec("P"), TypeVar("R")

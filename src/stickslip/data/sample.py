@@ -10,8 +10,7 @@ import numpy as np
 
 from ..builtin_laws import BY_NAME
 from ..core.arguments import checked
-from ..core.contacts.forces import accept, forces
-from ..core.contacts.memory import AT_LIMIT, FREE, FROZEN, GIVEN, HELD
+from ..core.contacts.forces import AT_LIMIT, FREE, FROZEN, GIVEN, HELD, accept, forces
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
 from ..core.laws.builtin import CONSTRUCTORS as LAWS

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
+from ..core.contacts.forces import FREE
 from ..core.contacts.jacobian import linearise
-from ..core.contacts.memory import FREE
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.dynamics.timestep import stable_time_step

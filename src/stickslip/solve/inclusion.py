@@ -7,9 +7,8 @@ from scipy.optimize import least_squares
 from scipy.special import jv, spherical_jn, spherical_yn, stdtrit, yv
 
 from ..core.arguments import Bodies, NotNegative, checked, require_not_negative
-from ..core.contacts.forces import forces
+from ..core.contacts.forces import FREE, HELD, forces
 from ..core.contacts.jacobian import blocks_of, linearise
-from ..core.contacts.memory import FREE, HELD
 from ..core.control import body_numbers
 from ..core.laws.builtin import Law
 from ..core.measure import overlaps, pressure, volume

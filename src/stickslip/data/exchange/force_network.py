@@ -8,9 +8,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from ...core.arguments import Array, Numbers, Several, check_computed, checked
-from ...core.matlab import check_matlab
 from ...core.readable import readable
-from ...core.reading import Budget, read_bytes
+from ...core.reading import Budget, check_matlab, read_bytes
 from ...known import USED
 from ..sample import PackingError, account_for, naming
 from .columns import identify_columns, is_matlab, plain_name

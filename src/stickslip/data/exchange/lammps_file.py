@@ -20,9 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.contacts.forces import forces
+from ...core.contacts.forces import FROZEN, forces
 from ...core.contacts.jacobian import linearise
-from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import SHARP, Law, damping_model
 from ...core.measure import branch_vectors, contact_velocity, touching
 from ...core.readable import pluralize
