@@ -21,9 +21,9 @@ from .core.contacts.forces import accept as accept
 from .core.contacts.forces import forces as forces
 from .core.dynamics.run import run as run
 from .core.laws.builtin import Law as Law
-from .core.outcome import NotInEquilibriumError as NotInEquilibriumError
-from .core.outcome import Outcome as Outcome
-from .core.outcome import Status as Status
+from .core.progress import NotInEquilibriumError as NotInEquilibriumError
+from .core.progress import Outcome as Outcome
+from .core.progress import Status as Status
 from .core.state import OPEN as OPEN
 from .core.state import SLIDE as SLIDE
 from .core.state import STICK as STICK

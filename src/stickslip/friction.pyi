@@ -2,8 +2,8 @@ from .wings.faults.friction.fault import Fault as Fault
 from .wings.faults.friction.fault import line_fault as line_fault
 from .wings.faults.friction.fault_cycles import fault_dataset as fault_dataset
 from .wings.faults.friction.fault_cycles import simulate_fault as simulate_fault
-from .wings.faults.friction.fault_events import moment_magnitude as moment_magnitude
 from .wings.faults.friction.fault_record import Recording as Recording
+from .wings.faults.friction.fault_record import moment_magnitude as moment_magnitude
 from .wings.faults.friction.fault_state import FaultState as FaultState
 from .wings.faults.friction.fault_state import initial_state as initial_state
 from .wings.faults.friction.fault_state import perturbed_state as perturbed_state

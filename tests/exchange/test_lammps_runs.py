@@ -17,7 +17,7 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.contacts.forces import FREE, FROZEN, bodies
-from stickslip.core.dynamics.engine import Leg
+from stickslip.core.dynamics.run import Leg
 from stickslip.core.laws.builtin import DAMPING, DAMPING_N, KT, LEVER, PARAMETERS, ROLLING, rescales, with_values
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.laws.properties import dashpot_coefficients

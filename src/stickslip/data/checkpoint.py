@@ -22,9 +22,8 @@ from .. import __version__
 from .._core import build
 from ..core.arguments import check_value
 from ..core.units import Units
-from .atomic import write_atomically
 from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, refuse_damage, restore, to_bytes
-from .run_files import SCENARIO
+from .run_files import SCENARIO, write_atomically
 
 SUFFIX = ".records"
 SYNC = 1.0  # shortest time between two flushes to disk: a power failure loses no more work than this [s]

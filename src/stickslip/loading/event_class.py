@@ -9,8 +9,7 @@ import scipy  # scipy.optimize is imported on first use: that takes a tenth of a
 from ..core.contacts.forces import FREE
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.dynamics.run import run
-from ..core.dynamics.timestep import stable_time_step
+from ..core.dynamics.run import run, stable_time_step
 from ..core.measure import touching
 from ..core.readable import pluralize, readable
 from ..core.state import OPEN, SLIDE, STICK, State

@@ -22,7 +22,7 @@ from ..core.measure import (
     rattlers,
     touching,
 )
-from ..core.outcome import NotInEquilibriumError
+from ..core.progress import NotInEquilibriumError
 from ..core.readable import pluralize, readable
 from ..core.scales import Scales, natural_scales
 from ..core.sizes import Size, require_sizes

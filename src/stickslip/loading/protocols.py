@@ -12,8 +12,7 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.measure import rattlers
-from ..core.outcome import NotInEquilibriumError, Outcome
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Outcome, Report, silent
 from ..core.readable import readable
 from ..core.scales import natural_scales
 from ..core.sizes import Size, require_sizes

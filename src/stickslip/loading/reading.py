@@ -5,11 +5,10 @@ from pathlib import Path
 from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.state import State
-from ..data.atomic import check_free
 from ..data.exchange.columns import is_measured
 from ..data.exchange.files import Reading, output_files, read_states, unknown_suffix, write_packing, written
 from ..data.exchange.frame import frame_of, mode_frames, read_mode
-from ..data.run_files import NUMBERS
+from ..data.run_files import NUMBERS, check_free
 from ..data.sample import Assumption, PackingError
 
 

@@ -18,7 +18,7 @@ from ..core.progress import Report, silent
 from ..core.readable import pluralize
 from ..core.state import State
 from ..core.units import with_unit
-from ..data.atomic import replace_atomically
+from ..data.run_files import replace_atomically
 from ..data.sample import UNDECIDED, Absent, Assumption, NoMemory, Obstacle, account_of, assumes_law
 from ..known import with_keys
 from ..solve.balance import BALANCED_BELOW, imbalance

@@ -16,7 +16,6 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from .. import __version__
 from ..core.units import units_in_use
 from ..data import archive
-from ..data.atomic import name_file_in_errors, write_atomically
 from ..data.checkpoint import SWEEP, UNFINISHED, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
 from ..data.manifest import (
     allow_overwriting,
@@ -35,7 +34,9 @@ from ..data.run_files import (
     SCENARIO,
     foreign_files_message,
     join_names,
+    name_file_in_errors,
     resume_command,
+    write_atomically,
 )
 from ..data.schema import ScenarioBase
 from ..experiments.experiment import Experiment, named_measures

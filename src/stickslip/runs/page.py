@@ -15,7 +15,7 @@ from ..data.checkpoint import UNFINISHED
 from ..data.exchange.arrays import read_archive
 from ..data.exchange.frame import frame_of
 from ..data.exchange.lammps_folder import is_run_folder
-from ..data.law_file import check_law_files, trust_law_files
+from ..data.law_schema import check_law_files, trust_law_files
 from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, resume_command
 from ..data.sample import PackingError
 from ..experiments.registry import list_files
@@ -26,8 +26,8 @@ from ..reports.packing import growing_modes
 from ..reports.page import MODES, PageContent, describe_growth, packing_content
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import stability
-from .sweep.dataset import DATASET, comparison_files, is_sweep, open_sweep
 from .sweep.report import describe_empty
+from .sweep.run import DATASET, comparison_files, is_sweep, open_sweep
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
 READABLE = {  # names of quantities that are not understood by themselves

@@ -11,7 +11,7 @@ from ..core.contacts.forces import FREE, accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, least_supports, overlaps
-from ..core.outcome import Outcome, Status
+from ..core.progress import Outcome, Status
 from ..core.scales import natural_scales
 from ..core.state import OPEN, State, reset_reached, resting
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector

@@ -24,7 +24,7 @@ from ...core.laws.properties import resists_rolling
 from ...core.reading import NPY, read_arrays
 from ...core.state import State
 from ...core.units import Units, current_units, units_from
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import COLUMNS, Assumption, PackingError, law_by_name, repeated_note
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state

@@ -18,7 +18,7 @@ from ...core.state import State
 from ...core.units import Units
 from ...lazy import lazy_function
 from ...wing import FileFormat, Wing, wings
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import (
     COLUMNS,
     LAW,

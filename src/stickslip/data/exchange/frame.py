@@ -19,7 +19,7 @@ from ...core.reading import read_arrays
 from ...core.sizes import STATE, Size, require_sizes
 from ...core.state import SLIDE, State
 from ...extras import require
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import HUGE, PackingError
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from ...core.sizes import MOST
-from ...core.tables import read_table, split_label
-from ...core.text import parse_number
+from ...core.text import parse_number, read_table, split_label
 from ...data.schema import (
     LARGEST,
     Finite,

@@ -24,7 +24,7 @@ from ...core.arguments import checked
 from ...core.readable import format_value, pluralize, readable
 from ...core.sizes import Size, require_sizes
 from ...core.text import shortened
-from ...data.law_file import trust_law_files, with_checksums
+from ...data.law_schema import trust_law_files, with_checksums
 from ...data.schema import LARGEST, ScenarioBase, ScenarioError, field_at, split_unit, validate_table, with_value
 from ...experiments.registry import read_tables, scenario, scenario_class
 from .axes import (

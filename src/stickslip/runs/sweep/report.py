@@ -12,18 +12,19 @@ from rich.text import Text
 from ...core.progress import silent, within
 from ...core.units import in_readable_units
 from ...data.checkpoint import ANEW, MEMBERS, SWEEP
-from ...data.law_file import check_law_files
+from ...data.law_schema import check_law_files
 from ...data.manifest import find_foreign, read_manifest, write_manifest
 from ...data.run_files import OPTIONS, SCENARIO, foreign_files_message
 from ...ensemble import Workers, reach
 from ...figures.saving import Look
 from ...reports.terminal import console, new_table, progress, show_lines, show_table
 from ..folder import check_writable, read_json
-from .dataset import DATASET, comparison_files, write_comparison
 from .definition import Sweep, describe_differences, member
 from .run import (
+    DATASET,
     MANY,
     SweepResult,
+    comparison_files,
     estimate,
     gather_members,
     is_same_sweep,
@@ -31,6 +32,7 @@ from .run import (
     read_finished,
     run_sweep,
     validate_members,
+    write_comparison,
 )
 
 LISTED = 10  # failures, and measures that no member has, that are listed

@@ -35,7 +35,7 @@ EXPERIMENT = Experiment(
     files=_here("report.files"),
     writes=(r"(series|probes|envelopes)\.csv",),
     overlay=_here("laboratory.overlay"),
-    compare=_here("envelope.compare"),
+    compare=_here("report.compare"),
     compares=("mohr.png", "mohr.csv"),
     smallest=SMALLEST,
 )

@@ -7,9 +7,8 @@ import numpy as np
 from ....kit import Measures, Quantity, archive_fields, console, median, new_table, pluralize, show_table
 from ....results import EventKind
 from . import figures as figures_of
-from .predictors import PREDICTORS, Skill, skills
 from .simulate import CatalogueResult
-from .tables import Table, event_table, step_table, write_table
+from .tables import PREDICTORS, Skill, Table, event_table, skills, step_table, write_table
 
 KINDS = tuple(kind.name.lower() for kind in EventKind)
 
