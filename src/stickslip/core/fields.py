@@ -158,7 +158,12 @@ def check_parts(parts: Mapping[str, Any]) -> None:
                 continue
         _check_range(name, value, field, sizes)
     if "contacts" in parts:
-        _check_keys(parts["contacts"])
+        # pairs are sorted by their keys
+        contacts = parts["contacts"]
+        count = int(contacts.count[0])
+        key = pack_keys(contacts.i[:count], contacts.j[:count], contacts.image[:count])
+        if not np.array_equal(key, contacts.key[:count]) or (key[1:] <= key[:-1]).any():
+            raise ValueError("contacts are not sorted, or their keys do not match them: use the contacts of this state")
 
 
 def _sum_squares(values: np.ndarray) -> float:
@@ -266,11 +271,3 @@ def pack_keys(i, j, image) -> np.ndarray:
     for m in range(3):
         key = key << IMAGE_BITS | image[:, m] + np.int64(1 << IMAGE_BITS - 1)
     return key
-
-
-def _check_keys(contacts) -> None:
-    """Raise ValueError with a one-sentence message if pairs are not sorted by their keys."""
-    count = int(contacts.count[0])
-    key = pack_keys(contacts.i[:count], contacts.j[:count], contacts.image[:count])
-    if not np.array_equal(key, contacts.key[:count]) or (key[1:] <= key[:-1]).any():
-        raise ValueError("contacts are not sorted, or their keys do not match them: use the contacts of this state")

@@ -55,13 +55,6 @@ def placed_state(packing: Packing, law: Law) -> State:
     return accepted(state if packing.setting is None else packing.setting(state), law)
 
 
-def _opener(path: Path):
-    """Function that opens a compressed file; None for others."""
-    start = _read(path, 6)
-    mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
-    return None if mark is None else COMPRESSED[mark] or _zstandard(path).open
-
-
 def _zstandard(path: Path):
     """Module that opens Zstandard files: of the standard library from Python 3.14 on, or the package zstandard."""
     for name in ("compression.zstd", "zstandard"):
@@ -77,7 +70,10 @@ def _zstandard(path: Path):
 
 def read_content(path: Path, size: int = -1) -> bytes:
     """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
-    opener = _opener(path)
+    # how a compressed file is opened; None for others
+    start = _read(path, 6)
+    mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
+    opener = None if mark is None else COMPRESSED[mark] or _zstandard(path).open
     if opener is None:
         return _read(path, size)
     budget = Budget(path, path.stat().st_size, remedy="copy it again", error=PackingError)

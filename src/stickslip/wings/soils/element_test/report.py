@@ -248,18 +248,14 @@ def show(result: ElementTestResult) -> None:
     title = f"{scenario.path.kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
     MEASURES.show(result, title=title, readable=for_engineers)
     if result.runs[0].probes:
-        _show_signs(result)
+        # the strain at which each sign of failure is first seen
+        run, sign = result.runs[0], result.scenario.strain_sign
+        table = new_table("", "first at", "", title=f"Signs of failure of sample {run.seed}", left=("",))
+        for name, each in first_seen(run.probes).items():
+            table.add_row(name, f"{sign * each.load:.3g}" if each else "–", SIGNS[name])
+        show_table(table)
     for sentence in (*sentences(result), *result.failures):
         console.print(f"  {sentence}", soft_wrap=True)
-
-
-def _show_signs(result: ElementTestResult) -> None:
-    """Print the strain at which each sign of failure is first seen."""
-    run, sign = result.runs[0], result.scenario.strain_sign
-    table = new_table("", "first at", "", title=f"Signs of failure of sample {run.seed}", left=("",))
-    for name, each in first_seen(run.probes).items():
-        table.add_row(name, f"{sign * each.load:.3g}" if each else "–", SIGNS[name])
-    show_table(table)
 
 
 PRESSURE, SEED = "sample.pressure", "seed"
