@@ -58,7 +58,10 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     drawn = None
     for k, (axes, state, place) in enumerate(zip(panels.flat, shown, places, strict=False)):
         drawn = draw_grains_by_speed(axes, state, place, loose, top)
-        _draw_walls(axes, state)
+        # lines where walls intersect the plane of the drawing; walls parallel to it are omitted
+        for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
+            if np.hypot(normal[0], normal[1]) > 1e-9:
+                axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], tops[k // columns]), aspect="equal")
         axes.set_title(f"$t$ = {with_unit(f'{state.time:.4g}', 'time', unnamed='time units')}", fontsize=7, pad=2)
     for axes in panels.flat[len(shown) :]:
@@ -97,13 +100,6 @@ def _view_limits(result, shown, places):
     for k in np.flatnonzero(periodic[:2]):
         low[k], high[k] = 0.0, result.frames[0].cell.vectors[k, k]
     return low, high
-
-
-def _draw_walls(axes, state) -> None:
-    """Draw lines where walls intersect the plane of the drawing; walls parallel to it are omitted."""
-    for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
-        if np.hypot(normal[0], normal[1]) > 1e-9:
-            axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
 
 
 @styled
