@@ -114,12 +114,6 @@ def show(result: CatalogueResult) -> None:
     for kind, number in class_counts(event_table(result.samples)).items():
         table.add_row(EventKind[kind.upper()].value, str(number))
     show_table(table)
-    _show_skills(result)
-    for failure in result.failures:
-        console.print(failure, style="yellow")
-
-
-def _show_skills(result: CatalogueResult) -> None:
     title = f"Announcements of an event within a strain of {result.scenario.shear.window:g}"
     table = new_table("predictor", "area under ROC", "95 % interval", "steps", title=title, left=("predictor",))
     for skill in predictor_skills(result):
@@ -127,3 +121,5 @@ def _show_skills(result: CatalogueResult) -> None:
         area = f"{skill.roc.area:.3f}" if np.isfinite(skill.roc.area) else "–"
         table.add_row(PREDICTORS[skill.predictor][1], area, interval, str(skill.steps))
     show_table(table)
+    for failure in result.failures:
+        console.print(failure, style="yellow")
