@@ -9,9 +9,13 @@ from .wings.faults.friction.fault_state import initial_state as initial_state
 from .wings.faults.friction.fault_state import perturbed_state as perturbed_state
 from .wings.faults.friction.fitting import fit as fit
 from .wings.faults.friction.laboratory import LabRecord as LabRecord
+from .wings.faults.friction.laboratory import healing as healing
+from .wings.faults.friction.laboratory import hold_response as hold_response
 from .wings.faults.friction.laboratory import read_record as read_record
 from .wings.faults.friction.laboratory import record_columns as record_columns
 from .wings.faults.friction.laboratory import record_data as record_data
+from .wings.faults.friction.laboratory import steady_mean as steady_mean
+from .wings.faults.friction.laboratory import steady_start as steady_start
 from .wings.faults.friction.laboratory import write_csv as write_csv
 from .wings.faults.friction.loads import LoadStep as LoadStep
 from .wings.faults.friction.loads import find_steps as find_steps
@@ -19,10 +23,6 @@ from .wings.faults.friction.loads import load_steps as load_steps
 from .wings.faults.friction.loads import slide_hold_slide as slide_hold_slide
 from .wings.faults.friction.loads import stated_steps as stated_steps
 from .wings.faults.friction.loads import velocity_steps as velocity_steps
-from .wings.faults.friction.measure import healing as healing
-from .wings.faults.friction.measure import hold_response as hold_response
-from .wings.faults.friction.measure import steady_mean as steady_mean
-from .wings.faults.friction.measure import steady_start as steady_start
 from .wings.faults.friction.model import Data as Data
 from .wings.faults.friction.model_comparison import compare_laws as compare_laws
 from .wings.faults.friction.ratestate import RateState as RateState

@@ -67,7 +67,11 @@ from .core.measure import least_supports as least_supports
 from .core.measure import mean_normal_force as mean_normal_force
 from .core.measure import supports as supports
 from .core.measure import volume as volume
+from .core.progress import LIMITS as LIMITS
+from .core.progress import STATE as STATE
 from .core.progress import Report as Report
+from .core.progress import Size as Size
+from .core.progress import require_sizes as require_sizes
 from .core.progress import silent as silent
 from .core.progress import within as within
 from .core.readable import pluralize as pluralize
@@ -77,10 +81,6 @@ from .core.reading import check_matlab as check_matlab
 from .core.reading import read_bytes as read_bytes
 from .core.scales import clear_round_off as clear_round_off
 from .core.scales import natural_scales as natural_scales
-from .core.sizes import LIMITS as LIMITS
-from .core.sizes import STATE as STATE
-from .core.sizes import Size as Size
-from .core.sizes import require_sizes as require_sizes
 from .core.state import reset_reached as reset_reached
 from .core.state import resting as resting
 from .core.text import decode_text as decode_text

@@ -36,9 +36,9 @@ from .solve.transient import TransientGrowth as TransientGrowth
 from .wings.faults.friction.fault_cycles import FaultHistory as FaultHistory
 from .wings.faults.friction.fault_record import FaultEvents as FaultEvents
 from .wings.faults.friction.fitting import Fit as Fit
-from .wings.faults.friction.measure import Healing as Healing
-from .wings.faults.friction.measure import HoldResponse as HoldResponse
-from .wings.faults.friction.measure import Mean as Mean
+from .wings.faults.friction.laboratory import Healing as Healing
+from .wings.faults.friction.laboratory import HoldResponse as HoldResponse
+from .wings.faults.friction.laboratory import Mean as Mean
 from .wings.faults.friction.model_comparison import LawComparison as LawComparison
 from .wings.faults.friction.ratestate import SlipHistory as SlipHistory
 from .wings.faults.friction.sampling import Posterior as Posterior

@@ -19,7 +19,7 @@ from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.schema import ScenarioError
 from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
-from stickslip.wings.faults.friction.measure import steady_mean
+from stickslip.wings.faults.friction.laboratory import steady_mean
 from stickslip.wings.lammps import run as process
 from stickslip.wings.lammps import script
 from stickslip.wings.lammps.run import leg_folder, restart_path, run_in_lammps, run_leg, walls_at

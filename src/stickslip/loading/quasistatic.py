@@ -12,9 +12,8 @@ from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import body_numbers, stress_controlled
 from ..core.laws.builtin import Law, damping_model
 from ..core.measure import touching
-from ..core.progress import NotInEquilibriumError, Outcome, Report, Status, silent
+from ..core.progress import NotInEquilibriumError, Outcome, Report, Size, Status, require_sizes, silent
 from ..core.readable import pluralize
-from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..solve.balance import LinearisedState, balanced, linearised
 from ..solve.equilibrate import LeftPathError, UnstableEquilibriumWarning, equilibrate

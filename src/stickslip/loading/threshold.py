@@ -20,10 +20,9 @@ from ..core.contacts.neighbors import TooFarApartError
 from ..core.dynamics.coefficients import driven_bodies
 from ..core.dynamics.run import check_time_step, run
 from ..core.laws.builtin import Law
-from ..core.progress import NotInEquilibriumError, Report, silent
+from ..core.progress import NotInEquilibriumError, Report, Size, require_sizes, silent
 from ..core.readable import readable
 from ..core.scales import natural_scales
-from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members

@@ -12,8 +12,8 @@ from ..core.contacts.jacobian import blocks_of, linearise
 from ..core.control import body_numbers
 from ..core.laws.builtin import Law
 from ..core.measure import overlaps, pressure, volume
+from ..core.progress import Size, require_sizes
 from ..core.readable import pluralize, readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .balance import LinearisedState, balanced
 from .freedom import Freedom, displaced, residual_vector, resized, stiffness_of

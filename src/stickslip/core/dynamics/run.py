@@ -16,8 +16,7 @@ from ..laws.builtin import SMOOTH, Law
 from ..laws.compiled import law_struct
 from ..library import core
 from ..measure import volume
-from ..progress import Outcome, Status
-from ..sizes import Size, require_sizes
+from ..progress import Outcome, Size, Status, require_sizes
 from ..state import State, groups
 from .cell_motion import cell_mass
 from .coefficients import driven_bodies, inverse_inertia_of, make_plan, matching_instant, movable, with_mark

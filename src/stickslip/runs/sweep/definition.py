@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.arguments import checked
+from ...core.progress import Size, require_sizes
 from ...core.readable import format_value, pluralize, readable
-from ...core.sizes import Size, require_sizes
 from ...core.text import shortened
 from ...data.law_schema import trust_law_files, with_checksums
 from ...data.schema import LARGEST, ScenarioBase, ScenarioError, field_at, split_unit, validate_table, with_value

@@ -28,7 +28,7 @@ from ....kit import (
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import YEAR, FaultEvents, origin_of_value
-from ..friction.measure import repeated_slip
+from ..friction.laboratory import repeated_slip
 from ..rate_state.report import compare_cycles
 from . import figures as figures_of
 from .simulate import FaultResult
