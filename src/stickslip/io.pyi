@@ -13,5 +13,5 @@ from .loading.reading import read_packing as read_packing
 from .loading.reading import read_packings as read_packings
 from .runs.dataset import contact_table as contact_table
 from .runs.dataset import open_dataset as open_dataset
+from .runs.sweep.dataset import open_sweep as open_sweep
 from .runs.sweep.definition import read_sweep as read_sweep
-from .runs.sweep.run import open_sweep as open_sweep

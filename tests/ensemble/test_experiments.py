@@ -6,7 +6,8 @@ import pytest
 import stickslip as ss
 from stickslip.core.units import in_units
 from stickslip.experiments.registry import EXPERIMENTS
-from stickslip.runs.sweep.run import open_sweep, run_sweep
+from stickslip.runs.sweep.dataset import open_sweep
+from stickslip.runs.sweep.run import run_sweep
 from tests.unit.test_measures import UNITS
 
 SWEPT = {  # the swept key and a measure with its unit

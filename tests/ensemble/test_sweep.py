@@ -16,18 +16,9 @@ from stickslip.runs.folder import find_unfinished
 from stickslip.runs.page import folder_content
 from stickslip.runs.sweep import report
 from stickslip.runs.sweep.axes import OPTIONS, quantiles
+from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep, write_sweep
 from stickslip.runs.sweep.definition import members, read_sweep, sweep
-from stickslip.runs.sweep.run import (
-    DATASET,
-    MEASURES,
-    MEMBERS,
-    SweepResult,
-    gather_members,
-    is_sweep,
-    open_sweep,
-    run_sweep,
-    write_sweep,
-)
+from stickslip.runs.sweep.run import MEASURES, MEMBERS, SweepResult, gather_members, run_sweep
 from tests.conftest import stickslip_here
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_state_sweep.toml"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stickslip.runs.sweep.run import open_sweep
+from stickslip.runs.sweep.dataset import open_sweep
 from tests.conftest import stickslip_process
 from tests.ensemble.test_ensemble import until
 

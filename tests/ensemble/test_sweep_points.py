@@ -9,8 +9,9 @@ import pytest
 from scipy.stats import qmc
 
 from stickslip.experiments.registry import ScenarioError
+from stickslip.runs.sweep.dataset import open_sweep
 from stickslip.runs.sweep.definition import DEEPEST, LONGEST, members, parse_conditions, read_sweep, sweep
-from stickslip.runs.sweep.run import open_sweep, run_sweep
+from stickslip.runs.sweep.run import run_sweep
 from tests.conftest import stickslip_here
 
 SLIDER = {"experiment": "rate-state", "samples": {"number": 12}, "legs": [{"velocity": 0.02, "distance": 1e-3}]}

@@ -21,7 +21,7 @@ from ..data import archive
 from ..data.checkpoint import SWEEP, read_pieces
 from ..data.nodes import known_nouns, refuse_damage, restore, units_within
 from ..data.run_files import resume_command
-from .sweep.run import is_sweep, open_sweep
+from .sweep.dataset import is_sweep, open_sweep
 
 RESULTS = "results.h5"
 _ALONG = ("time", "strain", "load", "load_point", "slip")  # coordinate of a table: the first one that increases

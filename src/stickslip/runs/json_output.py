@@ -68,7 +68,7 @@ def describe_finished_run(command: str, folder: Path, scenario) -> dict:
 
 def describe_sweep(command: str, folder: Path, swept: "SweepResult", ranges: dict) -> dict:
     """Describe a sweep: numbers of members, ranges of their measures, and failures with their messages."""
-    from .sweep.run import DATASET, comparison_files
+    from .sweep.dataset import DATASET, comparison_files
 
     failures = {name: message for name, message in zip(swept.names, swept.failures, strict=True) if message}
     total = len(swept.names)

@@ -26,8 +26,8 @@ from ..reports.packing import growing_modes
 from ..reports.page import MODES, PageContent, describe_growth, packing_content
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import stability
+from .sweep.dataset import DATASET, comparison_files, is_sweep, open_sweep
 from .sweep.report import describe_empty
-from .sweep.run import DATASET, comparison_files, is_sweep, open_sweep
 
 SMALL = 500  # grains up to which the states of a run are searched for an unstable one
 READABLE = {  # names of quantities that are not understood by themselves

@@ -19,12 +19,11 @@ from ...ensemble import Workers, reach
 from ...figures.saving import Look
 from ...reports.terminal import console, new_table, progress, show_lines, show_table
 from ..folder import check_writable, read_json
+from .dataset import DATASET, comparison_files, write_comparison
 from .definition import Sweep, describe_differences, member
 from .run import (
-    DATASET,
     MANY,
     SweepResult,
-    comparison_files,
     estimate,
     gather_members,
     is_same_sweep,
@@ -32,7 +31,6 @@ from .run import (
     read_finished,
     run_sweep,
     validate_members,
-    write_comparison,
 )
 
 LISTED = 10  # failures, and measures that no member has, that are listed

@@ -1,9 +1,4 @@
-"""Run all members of a sweep: each writes the folder of an ordinary run, and together they form one dataset.
-
-Swept keys are its dimensions, and the measures of members are variables with units. The format is NetCDF 3, which
-xarray can read with SciPy alone and which geoscience programs can also read. Some experiments compare the members: slip
-since an event of sliders, Mohr circles of soils.
-"""
+"""Run all members of a sweep: each writes the folder of an ordinary run, and together they form one dataset."""
 
 import json
 import math
@@ -15,29 +10,24 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-import xarray as xr
-
 from ... import __version__
 from ...core.arguments import checked
 from ...core.progress import Report, silent, within
 from ...core.readable import readable
-from ...core.reading import check_regular_file
-from ...core.units import units_in_use
 from ...data.archive import ArchiveError
 from ...data.checkpoint import MEMBERS, SWEEP
 from ...data.checkpoint import remove_checkpoint as drop_pieces
 from ...data.manifest import add_to_manifest, check_hidden, write_file
 from ...data.run_files import NUMBERS, OPTIONS, write_atomically
-from ...data.schema import ScenarioBase, field_at, split_unit
+from ...data.schema import ScenarioBase
 from ...ensemble import Workers, run_members, trial
-from ...experiments.experiment import SweepMember, named_measures
-from ...experiments.registry import EXPERIMENTS, experiment_of, is_run_file, list_files, scenario_class
-from ...figures.saving import FORMATS, PLAIN, Look, render_all
+from ...experiments.experiment import named_measures
+from ...experiments.registry import experiment_of, is_run_file, list_files
+from ...figures.saving import PLAIN, Look
 from ...reports.terminal import format_duration
 from ..folder import staged_results, write_numbers, write_result
-from .axes import Axis
-from .definition import Sweep, member, sweep, values_of
+from .dataset import write_sweep
+from .definition import Sweep, member, sweep
 
 MEASURES = "measures.json"
 MANY = 1000  # number of members above which the user is asked to confirm
@@ -267,133 +257,3 @@ def _run_in_folder(scenario: ScenarioBase, folder: Path, look: Look | None, repo
         write_numbers(folder, experiment, result)
     measures = {name: [value, unit] for name, (value, unit) in named_measures(experiment, result).items()}
     return time.perf_counter() - start, measures
-
-
-DATASET = "sweep.nc"
-POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
-LONGEST = 300  # characters of a failure message that are saved
-
-
-def is_sweep(folder: str | Path) -> bool:
-    """Return True if a folder contains the results of a sweep."""
-    return (Path(folder) / DATASET).is_file()
-
-
-@checked
-def open_sweep(folder: str | Path) -> xr.Dataset:
-    """Load the results of a sweep from its folder or file.
-
-    In a grid without conditions, variables have a dimension for every swept key, and `draw` for a table of draws;
-    otherwise their dimensions are `point`, and `seed` if it is given as a count. Values of unfinished members are NaN.
-    `member` is the folder of each member, and `failure` its error message.
-
-    Raises
-    ------
-    ValueError
-        If there is no sweep.
-
-    Examples
-    --------
-    >>> open_sweep("results/sweep").final_friction.mean("seed")  # doctest: +SKIP
-    """
-    path = Path(folder)
-    path = path / DATASET if path.is_dir() else path
-    try:
-        check_regular_file(path, "give the folder of a finished sweep")
-        with xr.open_dataset(path, engine="scipy") as dataset:
-            return dataset.load()
-    except (OSError, TypeError, ValueError):
-        raise ValueError(f"{path} does not contain a sweep: give the folder of a finished sweep") from None
-
-
-def write_sweep(folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> None:
-    """Write the dataset atomically.
-
-    Parameters
-    ----------
-    names : folder of each member, in order
-    outputs : output of each member, `measures` {name: [value, unit]} and `seconds`; None if it is not finished
-    failures : error message of each member, or an empty string
-    """
-    write_file(folder, DATASET, bytes(build_dataset(chosen, names, outputs, failures).to_netcdf(engine="scipy")))
-
-
-def build_dataset(chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> xr.Dataset:
-    """Build the dataset of a sweep; arguments are those of `write_sweep`."""
-    kind, dims, coordinates = scenario_class(chosen.base), [], {}
-    for group in chosen.groups:
-        alone = chosen.mode == "grid" or group[0].kind == "count"
-        dims.append(DRAW if chosen.mode == "grid" and group[0].kind == "column" else group[0].key if alone else POINT)
-        for axis in group:
-            meaning, unit = split_unit(field_at(kind, axis.key).description)
-            attributes = {name: text for name, text in (("units", unit), ("long_name", meaning)) if text}
-            coordinates[axis.key] = (dims[-1], _labels(axis), attributes)
-
-    def shaped(values, **attributes):
-        return dims, np.reshape(values, chosen.shape), attributes
-
-    units = {name: unit for output in outputs if output for name, (_, unit) in output["measures"].items()}
-    variables = {name: shaped([_value(output, name) for output in outputs], units=unit) for name, unit in units.items()}
-    spent = [output["seconds"] if output else np.nan for output in outputs]
-    variables["seconds"] = shaped(spent, units="s", long_name="run time of the member")
-    variables["finished"] = shaped(np.array([output is not None for output in outputs], np.int8))
-    variables["member"] = shaped(np.array(names), long_name="folder in members/")
-    if any(failures):
-        variables["failure"] = shaped(np.array([failure[:LONGEST] for failure in failures]))
-    about = {
-        "title": f"sweep of {kind.model_fields['experiment'].default}",
-        "source": f"stickslip {__version__}",
-        "sweep": chosen.text,
-    } | ({"refusals": chosen.refusals} if chosen.refusals else {})
-    return xr.Dataset(variables, coordinates, about)
-
-
-def _labels(axis: Axis) -> np.ndarray:
-    """Return the values of an axis as numbers if possible, otherwise as strings."""
-    if all(isinstance(v, int) and not isinstance(v, bool) and abs(v) < 2**31 for v in axis.values):
-        return np.array(axis.values, np.int32)
-    if all(isinstance(v, int | float) and not isinstance(v, bool) for v in axis.values):
-        return np.array(axis.values, float)
-    return np.array([str(v) for v in axis.values])
-
-
-def _value(output: dict | None, name: str) -> float:
-    return output["measures"][name][0] if output and name in output["measures"] else np.nan
-
-
-def comparison_files() -> tuple[str, ...]:
-    """Names of the files that compare the members of sweeps, of all experiments and in all formats."""
-    names = []
-    for experiment in EXPERIMENTS:
-        try:
-            names += EXPERIMENTS[experiment].compares
-        except Exception:  # code of other people, which only their own sweeps need
-            continue
-    return tuple(dict.fromkeys(f"{name.removesuffix('.png')}.{kind}" if name.endswith(".png") else name
-                               for name in names for kind in FORMATS))  # fmt: skip
-
-
-def write_comparison(
-    folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None], look: Look = PLAIN
-) -> tuple[str, ...]:  # fmt: skip
-    """Write the files that compare the members into the folder of a sweep, and return sentences about them."""
-    experiment = EXPERIMENTS[scenario_class(chosen.base).model_fields["experiment"].default]
-    if experiment.compare is None or not any(outputs):
-        return ()
-    members = [
-        SweepMember(
-            values_of(chosen, k),
-            {name: tuple(pair) for name, pair in output["measures"].items()} if output else {},
-            folder / MEMBERS / names[k] / NUMBERS,
-        )
-        for k, output in enumerate(outputs)
-    ]
-    with units_in_use(member(chosen, 0).scenario.named_units):
-        found = experiment.compare(members)
-        for name, content in found.files.items():
-            if isinstance(content, str):
-                write_file(folder, name, content.encode())
-                continue
-            for each, image in render_all(name, content, look).items():
-                write_file(folder, each, image)
-    return found.remarks
