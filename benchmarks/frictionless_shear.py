@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
-from stickslip.core.text import read_table
+from stickslip.core.tables import read_table
 
 from .records import number
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.core.text import format_table, heading_of, read_table, split_label, write_table
+from stickslip.core.tables import format_table, heading_of, read_table, split_label, write_table
 
 
 def test_a_table_comes_back(tmp_path):

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.reading import Budget, check_matlab, read_bytes
-from ..core.text import decode_text, parse_number, split_rows
+from ..core.tables import split_rows
+from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
 REMEDY = "give a table as text, an HDF5 or a MATLAB file"

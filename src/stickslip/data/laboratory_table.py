@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import known
-from ..core.text import parse_number, shortened, split_label
+from ..core.tables import split_label
+from ..core.text import parse_number, shortened
 from ..core.units import YEAR
 from .laboratory_sheet import Sheet, read_sheet
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ..core.readable import words
-from ..core.text import write_table
+from ..core.tables import write_table
 from ..core.units import Fields, heading, in_readable_units, meanings_of, unit_name, units_of
 
 NAN = float("nan")

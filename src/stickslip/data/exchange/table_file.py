@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ...core.state import SLIDE
-from ...core.text import parse_numbers, split_rows, write_table
+from ...core.tables import split_rows, write_table
+from ...core.text import parse_numbers
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, NO_CONTACTS, Assumption, PackingError
 from .columns import LENGTHS, NEEDED, TIMES, identify_columns, packing_of_columns, plain_name

@@ -13,7 +13,8 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from ...core.progress import MOST
-from ...core.text import parse_number, read_table, split_label
+from ...core.tables import read_table, split_label
+from ...core.text import parse_number
 from ...data.schema import (
     LARGEST,
     Finite,
