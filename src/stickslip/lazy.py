@@ -80,8 +80,10 @@ def missing_attribute(package: str, name: str) -> str:
         f"{package}.{name}"
     ):  # `from package import module` asks first, then imports the module
         return f"{package}.{name} is a module that was not imported: import {package}.{name}"
-    from .words import suggestions
+    from .words import absent, suggestions
 
+    if why := absent(name):
+        return f"{package} has no attribute {name!r}: {why}; `stickslip docs comparison` names codes that have more"
     found = suggestions(name)
     own = [one for one in found if f"{root}.{one}".rpartition(".")[0] == package]
     near = [one if one.startswith("`") else f"{root}.{one}" for one in own or found]

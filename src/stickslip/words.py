@@ -26,9 +26,10 @@ MEANT = {
     "packings.from_forces": "measured photoelastic pegs experiment_forces",
     "packings.disk_array": "array chain row_of_disks",
     "protocols.shear_to_failure": "shear failure fail when_will_it_fail forecast predict next_event loading",
-    "protocols.aqs": "shear athermal quasistatic quasi_static lees_edwards simple_shear pure_shear",
-    "protocols.load_path": "cyclic isotropic_compression unload reload",
-    "protocols.find_events": "events avalanche rearrangement plastic_event",
+    "protocols.aqs": "shear athermal quasistatic quasi_static lees_edwards simple_shear pure_shear "
+    "shear_strength stress_strain stress_strain_curve",
+    "protocols.load_path": "cyclic isotropic_compression unload reload unloading preload",
+    "protocols.find_events": "events avalanche rearrangement plastic_event avalanche_size waiting_time",
     "modes.track_pairs": "birth exceptional_point hopf bifurcation track_modes",
     "protocols.free_run": "nve newtonian",
     "protocols.response_envelope": "second_order_work hill gudehus",
@@ -41,11 +42,11 @@ MEANT = {
     "Grains": "particle particles grain mass masses radius radii diameter diameters",
     "io.write_matrices": "sparse mtx matrix_market export_matrix save_matrix savemat",
     "modes.density_of_states": "dos vdos density_of_modes phonons boson_peak",
-    "modes.participation_ratio": "ipr localisation_of_modes",
+    "modes.participation_ratio": "ipr localisation_of_modes soft_spots softness soft_modes",
     "modes.dynamical_matrix": "stiffness dynamical",
     "quasirigid.stiffness_matrix": "stiffness",
     "modes.frequency_response": "gain shake transfer_function forced_response",
-    "modes.trigger_amplitude": "shake trigger seismic_wave dynamic_triggering",
+    "modes.trigger_amplitude": "shake trigger seismic_wave dynamic_triggering vibration tapping tap",
     "modes.stationary_fluctuations": "lyapunov noise thermal covariance brownian langevin",
     "modes.dispersion": "sound waves phonon_dispersion",
     "modes.wave_spectrum": "structure_factor dynamic_structure_factor sqw",
@@ -57,7 +58,7 @@ MEANT = {
     "measure.packing_fraction": "volume_fraction phi porosity void_ratio density solid_fraction solids_fraction",
     "measure.elastic_energy": "energy potential_energy",
     "measure.dissipation": "dissipated_energy energy_loss frictional_work",
-    "results.Ledger": "energy_balance dissipated_energy energy_budget",
+    "results.Ledger": "energy_balance dissipated_energy energy_budget kinetic_energy",
     "measure.fabric": "fabric_tensor anisotropy",
     "measure.stress": "stress_tensor virial cauchy_stress",
     "measure.contact_forces": "normal_force tangential_force forces_between force_distribution fn ft",
@@ -68,7 +69,8 @@ MEANT = {
     "measure.rattlers": "rattler",
     "measure.stable_time_step": "timestep dt critical_time_step time_step rayleigh",
     "measure.inertial_number": "inertial mu_i rheology",
-    "measure.coarse_grained": "continuum coarse_grain coarse_graining goldhirsch field",
+    "measure.coarse_grained": "continuum coarse_grain coarse_graining goldhirsch field "
+    "granular_temperature temperature_field strain_field displacement_field",
     "measure.touching": "sliding_contacts active_contacts",
     "io.read_packing": "load read read_lammps read_dump read_data read_restart from_lammps from_yade from_file dump "
     "lammps yade liggghts import_packing pfc edem",
@@ -78,14 +80,16 @@ MEANT = {
     "laws.hertz_mindlin": "hertz mindlin hertzian contact_law contact_model",
     "laws.linear": "hooke hookean cundall linear_spring",
     "laws.for_pair": "pair per_pair by_material materials mixture",
-    "laws.custom": "rolling user_law own_law custom_law",
+    "laws.custom": "rolling user_law own_law custom_law bond bonds bonded cement cemented",
     "laws.with_rolling": "rolling_resistance rolling_friction",
-    "laws.jkr": "cohesion adhesion van_der_waals cohesive",
+    "laws.jkr": "cohesion adhesion van_der_waals cohesive tensile_strength pull_off",
     "laws.liquid_bridge": "cohesion capillary wet",
     "laws.with_restitution": "restitution coefficient_of_restitution damping dashpot viscous cor",
     "laws.elastic_constants": "young poisson material material_properties",
     "control.force_controlled": "servo",
     "control.stress_controlled": "servo pressure_control triaxial barostat constant_pressure npt",
+    "measure.overlaps": "gap gaps overlap penetration indentation",
+    "control.driven": "belt driver bumpy wall_velocity intruder",
     "control.loads": "gravity loads external_force body_force",
     "results.ContactLoads": "loads",
     "control.spring_loaded": "spring",
@@ -111,13 +115,16 @@ MEANT = {
     "figures.save": "save_figure savefig pdf svg",
     "friction.fit": "fit_rate_and_state fit_rate_state fit_rsf inversion invert bootstrap least_squares",
     "friction.posterior": "mcmc emcee bayesian sampling corner_plot credible_interval",
-    "friction.RateState": "rate_and_state dieterich ruina aging_law slip_law a_minus_b ageing_law state_variable",
+    "friction.RateState": "rate_and_state dieterich ruina aging_law slip_law a_minus_b ageing_law state_variable "
+    "dc direct_effect evolution_effect velocity_weakening velocity_strengthening friction_parameters",
     "friction.spring_slider": "block_on_spring slider velocity_step block stick_slip_cycle",
-    "friction.simulate_fault": "recurrence_time earthquake faults seismic_cycle earthquake_cycle seas rupture",
-    "results.FaultEvents": "magnitude moment stress_drop event_catalog seismic_moment b_value gutenberg_richter slip",
+    "friction.simulate_fault": "recurrence_time earthquake faults seismic_cycle earthquake_cycle seas rupture "
+    "dynamic_rupture foreshock aftershock afterslip slow_slip creep tremor process_zone",
+    "results.FaultEvents": "magnitude moment stress_drop event_catalog seismic_moment b_value gutenberg_richter slip "
+    "rupture_speed fracture_energy",
     "friction.nucleation": "nucleation_length nucleation_size h_star",
     "friction.critical_stiffness": "kc stiffness_criterion",
-    "friction.healing": "frictional_healing ageing aging",
+    "friction.healing": "frictional_healing ageing aging contact_age",
     "friction": "friction_coefficient rsf",
     "laws": "friction_coefficient coulomb coulomb_friction",
     "experiments.gouge": "velocity_step fault_gouge granular_fault",
@@ -125,36 +132,58 @@ MEANT = {
     "dilatancy dilation critical_state mohr_circle mohr mohr_coulomb undrained drained cohesion_intercept peak "
     "geotechnical simple_shear_test plane_strain k0 skempton compression_index swelling_index swelling consolidation "
     "fit_envelope mohr_envelope csl",
-    "experiments.cyclic_shear": "cyclic cyclic_triaxial liquefaction damping_ratio g_gmax shear_modulus_reduction",
+    "experiments.cyclic_shear": "cyclic cyclic_triaxial liquefaction damping_ratio g_gmax shear_modulus_reduction "
+    "hysteresis return_point cyclic_loading fatigue compaction",
     "experiments.flow": "hopper silo drum rotating_drum column_collapse angle_of_repose mu_i rheology granular_flow "
-    "plane_shear_flow chute inclined_plane heap pile discharge",
-    "experiments.threshold": "static_friction yield_stress yield kinetic_friction",
+    "plane_shear_flow chute inclined_plane heap pile discharge granular_temperature_profile slope avalanche_flow",
+    "experiments.threshold": "static_friction yield_stress yield kinetic_friction peak_friction residual_friction",
     "experiments.catalogue": "catalog statistics_of_events",
     "protocols.run_batch": "gpu cuda device parallel batch ensemble_run",
     "run_sweep": "sweep parameter_study parameter_sweep grid_search scan parallel",
     "ensemble.run_members": "parallel multiprocessing dask ensemble cluster slurm",
     "io.units_in_use": "units si_units si unit",
-    "`stickslip report`": "report html page summary plot view show display open",
-    "`stickslip movie`": "animate video",
-    "`stickslip resume`": "restart checkpoint resume continue restore",
+    "`stickslip report`": "report html page summary plot view show display open "
+    "figure figures gui dashboard browser notebook color colour colormap",
+    "`stickslip movie`": "animate video film picture png snapshot",
+    "`stickslip resume`": "restart checkpoint resume continue restore pause cancel kill stop",
     "`stickslip fit`": "fit_rsf rsf inversion invert rate_and_state",
     "`stickslip convert`": "export import save to translate write read",
     "`stickslip stability FILE`": "analyze analyse check verdict modes spectrum eigenvalues jacobian unstable status "
     "inspect pairs growth eig info",
     "`stickslip run SCENARIO`": "simulate start execute launch dem sweep batch array ensemble",
     "`stickslip example`": "list ls examples new init create template scenario scenarios start tutorial triaxial",
-    "`stickslip docs`": "help manual man documentation keys settings config options guide howto",
+    "`stickslip docs`": "help manual man documentation keys settings config options guide howto "
+    "schema units tutorial how why explain",
     "`stickslip --help`": "help commands usage",
     "`stickslip doctor`": "test selfcheck self_test verify install version check openmp threads set_threads "
-    "num_threads info",
+    "num_threads info verbose debug",
     "`stickslip --version`": "version",
     "`stickslip reproduce`": "demo papers paper claims reproduction benchmark validate validation",
-    "`stickslip docs many_runs`": "submit queue job slurm sweep seed seeds random_seed set_seed statistics average",
-    "`stickslip convert FILE --to packing.gsd` for OVITO or freud": "rdf g_of_r pair_correlation voronoi d2min "
+    "`stickslip docs installation`": "upgrade update self_update completion install_completion "
+    "conda pip container docker",
+    "`stickslip docs performance`": "speed benchmark benchmarks timing profile",
+    "`stickslip cite SCENARIO`": "cite citation reference bibtex doi license",
+    "`stickslip shear PACKING`": "fail predict forecast load unload strain perturb events",
+    "`stickslip watch DIR`": "monitor tail log logs progress follow",
+    "`stickslip docs many_runs`": "merge gather compare submit queue job slurm sweep "
+    "seed seeds random_seed set_seed statistics average",
+    "`stickslip convert FILE --to packing.gsd` for OVITO or freud": "d_min segregation mixing rdf g_of_r "
+    "pair_correlation voronoi d2min "
     "steinhardt hyperuniformity radial_distribution bond_order static_structure_factor",
     "`to_dataframe()` of a result": "dataframe pandas table csv as_dataframe",
 }  # fmt: skip
-COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "the", "and", "from", "for", "with"}
+# subjects that the package leaves to others, and words for them
+ABSENT = {
+    "grains are disks and spheres": "clump clumps multisphere ellipsoid superquadric polygon polyhedron non_spherical "
+    "rod fiber fibre shape triangle",
+    "grains do not break": "breakage breakage_model crushing crush fragmentation fragment wear comminution",
+    "there is no fluid between grains": "fluid cfd permeability seepage diffusion lubrication porous_flow immersed "
+    "hydrodynamics suspension",
+    "there is no heat": "heat temperature thermal_conduction heat_transfer",
+    "walls are planes": "mesh stl facet facets triangulated_wall cad",
+}  # fmt: skip
+COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "start", "stop", "end", "work"}
+COMMON |= {"the", "and", "from", "for", "with", "about", "size"}
 ROW = re.compile(r"^ *(\w+(?:, \w+)*)  +(\S.*)$", re.M)
 SHORT = 7  # letters of a part of a word that are compared
 
@@ -177,6 +206,11 @@ def suggestions(word: str, limit: int = 3) -> list[str]:
         if found:
             return list(dict.fromkeys(found))[:limit]
     return (_spelled_like(word, names) or with_rarest_parts(word, _overview()))[:limit]
+
+
+def absent(word: str) -> str:
+    """Why the package has nothing for a word, or an empty string."""
+    return next((why for why, words in ABSENT.items() if word.lower() in words.split()), "")
 
 
 def public_names_by_space() -> dict[str, list[str]]:

@@ -142,9 +142,12 @@ NAMES = """
     dilatancy_angle undrained_shear angle_of_repose flow_function particle_size_distribution jam hessian d2min
     nonaffine_displacement AQS Disk block_on_spring stability_matrix lcp solve integrate save element_tests mass_matrix
     contact_force eigenvectors critical_state silo set_threads cuda lees_edwards pebble_game video dataframe forecast
+    unloading penetration granular_temperature soft_spots bonds cement belt vibration hysteresis afterslip dc creep
+    tremor color progress cite shear_strength peak_friction stress_strain_curve
 """
 COMMANDS = (
-    "list new sweep triaxial fault help export import init info plot pack status submit restart ratestate test ls"
+    "list new sweep triaxial fault help export import init info plot pack status submit restart ratestate test ls "
+    "log compare merge monitor fail predict film figure upgrade completion schema gui why cancel"
 )
 
 
@@ -174,7 +177,13 @@ def test_a_subject_that_examples_mention_is_not_one_of_them():
     assert not any("injection" in line for line in commands_like("friction", known))
 
 
-@pytest.mark.parametrize("word", ["temperature", "lubrication", "qwertz"])
+@pytest.mark.parametrize("word", ["clump", "crushing", "temperature", "lubrication", "stl"])
+def test_subjects_of_other_codes_are_said_to_be_absent(word):
+    with pytest.raises(AttributeError, match=r"has no attribute '\w+': .* names codes that have more"):
+        getattr(stickslip, word)
+
+
+@pytest.mark.parametrize("word", ["qwertz", "about", "size"])
 def test_no_name_is_better_than_a_misleading_one(word):
     with pytest.raises(AttributeError, match=r"has no attribute '\w+': see help\(stickslip\)"):
         getattr(stickslip, word)

@@ -30,3 +30,8 @@ def test_floating_point_numbers_have_a_number_of_digits_and_integers_all():
 def test_a_heading_has_a_name_and_a_unit(heading, parts):
     assert split_label(heading) == parts
     assert heading_of("a", "1") == "a [-]"
+
+
+def test_numbers_between_quotation_marks_may_have_decimal_commas(tmp_path):
+    (tmp_path / "t.csv").write_text('a,b\n"0,50",1\n"1,25",2\n')
+    assert [fields for _, fields in read_table(tmp_path / "t.csv")[1:]] == [["0.50", "1"], ["1.25", "2"]]

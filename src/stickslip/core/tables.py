@@ -49,8 +49,8 @@ def write_table(path: Path, headings: Iterable[str], rows: Iterable[Iterable], *
 def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tuple[int, list[str]]]:
     """Line number and fields of every row of a table, that of the headings first.
 
-    Separators are commas, semicolons or tabs; with the last two, numbers may have decimal commas. Lines that start with
-    # are comments. Files that are not UTF-8 are read as Windows-1252.
+    Separators are commas, semicolons or tabs; numbers may have decimal commas. Lines that start with # are comments.
+    Files that are not UTF-8 are read as Windows-1252.
 
     Raises
     ------
@@ -79,8 +79,8 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
 def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None) -> list[tuple[int, list[str]]]:
     """Number and fields of each numbered line; separated by `mark`, or by white space if it is None.
 
-    Decimal commas become points unless commas separate. Files with both are refused if one of them may separate
-    thousands throughout.
+    Decimal commas, between quotation marks if commas separate, become points. Files with both are refused if one of
+    them may separate thousands throughout.
     """
     if mark is None:
         split = [line.split() for _, line in lines]
@@ -92,9 +92,8 @@ def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None)
             raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
         if len(split) != len(lines):
             raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
-    if mark != ",":
-        _check_decimals(path, [(number, field) for (number, _), row in zip(lines, split, strict=True) for field in row])
-        split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
+    _check_decimals(path, [(number, field) for (number, _), row in zip(lines, split, strict=True) for field in row])
+    split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
     return [(number, row) for (number, _), row in zip(lines, split, strict=True)]
 
 

@@ -99,6 +99,19 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     ),
     "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
 }  # fmt: skip
+OTHER_LANGUAGES = {  # names in German and French
+    "time": "zeit temps", "load_point": "scherweg déplacement",
+    "friction": "reibungskoeffizient coefficient_de_frottement",
+    "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement",
+    "normal_stress": "normalspannung contrainte_normale",
+    "axial_strain": "axialdehnung axiale_dehnung stauchung axiale_stauchung déformation_axiale",
+    "volumetric_strain": "volumendehnung volumetrische_dehnung volumenänderung déformation_volumique",
+    "q": "deviatorspannung deviatorische_spannung spannungsdifferenz déviateur contrainte_déviatorique",
+    "u": "porenwasserdruck porendruck pression_interstitielle", "void_ratio": "porenzahl indice_des_vides",
+    "axial_stress": "axialspannung vertikalspannung contrainte_axiale contrainte_verticale",
+    "cell_pressure": "zelldruck pression_de_confinement pression_cellulaire",
+}  # fmt: skip
+COLUMNS |= {name: (COLUMNS[name][0], (*COLUMNS[name][1], *words.split())) for name, words in OTHER_LANGUAGES.items()}
 NAMES = {alias for _, aliases in COLUMNS.values() for alias in aliases}
 ABSENT = (-9999.0, -999.0, -99999.0)  # written by some programs where there is no number
 SIMILAR = 0.1  # relative deviation within which a ratio is that of two units

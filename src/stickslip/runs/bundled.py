@@ -135,8 +135,8 @@ def pages() -> dict[str, str]:
 
 def _pages() -> dict[str, Path]:
     """Files of the pages of the laboratory, and of those in the folders of wings, by their names."""
-    files = [file.relative_to(PAGES) for file in sorted(PAGES.rglob("*.md")) if file.name != "README.md"]
-    names = [file.with_suffix("").as_posix() for file in files if not file.parts[0].startswith("_")]
+    files = sorted([*PAGES.glob("*.md"), *PAGES.glob("[!_]*/**/*.md")])
+    names = [file.relative_to(PAGES).with_suffix("").as_posix() for file in files if file.name != "README.md"]
     own = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
     own = [(name, folder) for name, folder in own if name not in names and (folder / f"{name}.md").is_file()]
     return {name: folder / f"{name}.md" for name, folder in [*((name, PAGES) for name in names), *own]}
@@ -144,7 +144,7 @@ def _pages() -> dict[str, Path]:
 
 @checked
 def page(name: str) -> str:
-    """Return a page of documentation as Markdown.
+    """Return a page of documentation as Markdown; the last part of its name is enough where only one page has it.
 
     Raises
     ------
@@ -152,10 +152,11 @@ def page(name: str) -> str:
         If there is no such page; the message lists pages with similar names.
     """
     known = _pages()
-    if name not in known:
+    meant = [name] if name in known else [key for key in known if key.rpartition("/")[2] == name]
+    if len(meant) != 1:
         near = [key for key in known if name.rpartition("/")[2] in key] or get_close_matches(name, known, 3) or known
         raise ValueError(f"there is no page {name!r}: use {', '.join(near)}")
-    return known[name].read_text(encoding="utf-8")
+    return known[meant[0]].read_text(encoding="utf-8")
 
 
 LIBRARIES = ("NumPy", "SciPy", "Numba", "h5py", "Matplotlib")

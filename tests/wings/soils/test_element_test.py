@@ -505,6 +505,8 @@ def table_of(path, headings, *columns, mark=";", comma=True):
         (["eps_a [-]", "Deviator stress (psi)", "Volumetric strain [-]"], (1, 1 / 6894.757293168, 1), {}),
         (["Axial Strain, %", "q, MPa", "ε_v [-]"], (100, 1e-6, 1), {"mark": "\t"}),
         (["ε1 / %", "(σ1-σ3) (kN/m²)", "vol_strain_%"], (100, 1e-3, 100), {"mark": ",", "comma": False}),
+        (["Axialdehnung [%]", "Deviatorspannung [kPa]", "Volumenänderung [%]"], (100, 1e-3, 100), {}),
+        (["Déformation axiale (%)", "Déviateur (kPa)", "Déformation volumique (%)"], (100, 1e-3, 100), {}),
     ],
 )
 def test_tables_of_laboratories_are_read_by_their_headings_and_units(tmp_path, headings, factors, options):

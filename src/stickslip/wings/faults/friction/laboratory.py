@@ -276,7 +276,8 @@ def _check_columns(table: laboratory_table.LaboratoryTable, motion: bool) -> Non
 
 
 def _names(column: str) -> str:
-    return ", ".join(laboratory_table.COLUMNS[column][1])
+    foreign = laboratory_table.OTHER_LANGUAGES.get(column, "").split()
+    return ", ".join(name for name in laboratory_table.COLUMNS[column][1] if name not in foreign)
 
 
 @readable
