@@ -68,10 +68,22 @@ first = {sign: state.load for sign, state in first_seen(probes).items() if state
 options = ("axial_strain", 1), first, ("axial", "lateral")
 some = probes[1::4]
 labels = [f"ε = {state.load:.3f}" for state in some]"""
+NETWORK = """
+import numpy as np
+
+state, _ = ss.packings.jammed(300, packing_fraction=0.88, dim=2, seed=1)
+law = ss.laws.hertz_mindlin(mu=0.5)
+for _ in range(8):
+    sheared = ss.packings.strained(state, 2e-3 * np.eye(2, k=1))
+    state, outcome = ss.equilibrate(sheared, law)"""
 SECTIONS = {
     "packing": Section(
         "Packing of spheres in its unstable mode", MODE,
         {"mode": "ss.figures.packing(state, law, mode=mode)"},
+    ),
+    "forces": Section(
+        "Contact forces", NETWORK,
+        {"forces": "ss.figures.forces(state, law)"},
     ),
     "bursts": Section(
         "Bursts after an instability", BURSTS,

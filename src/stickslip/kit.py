@@ -87,7 +87,8 @@ Figures
     style                       the module of the following: axes, style and colours
     styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH, PAGE       axes and style
     BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY        colours
-    draw_grains_by_speed, body_limits, APART        grains coloured by speed, and the view of them
+    draw_grains_by_speed        grains coloured by speed
+    body_limits, zoomed, outside, outside_words, Zoom, APART, ASIDE     the view of grains that are together
     bare_frame, layout_of, start_drawing, contact_segments      drawings of packings and their contacts
     OwnFigure, common_style, TIME, animation        figures without axes, animations
     page                        pages of HTML

@@ -190,7 +190,12 @@ from .figures.grains import draw_grains_by_speed as draw_grains_by_speed
 from .figures.grains import layout_of as layout_of
 from .figures.grains import start_drawing as start_drawing
 from .figures.outlines import APART as APART
+from .figures.outlines import ASIDE as ASIDE
+from .figures.outlines import Zoom as Zoom
 from .figures.outlines import body_limits as body_limits
+from .figures.outlines import outside as outside
+from .figures.outlines import outside_words as outside_words
+from .figures.outlines import zoomed as zoomed
 from .figures.saving import FORMATS as FORMATS
 from .figures.saving import PLAIN as PLAIN
 from .figures.saving import render as render

@@ -22,6 +22,12 @@ Continuum
     dissipation         energy that each contact dissipates in a step, by sliding and by dashpots
     coarse_grained      density, velocity and stress as fields on a grid
 
+Network of forces, of a state or measured
+    force_network       contacts that touch and their forces
+    force_chains        grains in a row that bear more than the mean
+    strong_network      contacts above the mean force, and their largest cluster
+    force_anisotropy    anisotropies of contacts, normal and tangential forces
+
 Equilibrium
     unbalanced_forces   generalised force on every body
     residual            the largest of them

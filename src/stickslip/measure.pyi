@@ -22,3 +22,7 @@ from .solve.balance import imbalance as imbalance
 from .solve.balance import likely_causes as likely_causes
 from .solve.balance import residual as residual
 from .solve.coarse_graining import coarse_grained as coarse_grained
+from .solve.force_chains import force_anisotropy as force_anisotropy
+from .solve.force_chains import force_chains as force_chains
+from .solve.force_chains import force_network as force_network
+from .solve.force_chains import strong_network as strong_network

@@ -61,6 +61,10 @@ MEANT = {
     "results.Ledger": "energy_balance dissipated_energy energy_budget kinetic_energy",
     "measure.fabric": "fabric_tensor anisotropy",
     "measure.stress": "stress_tensor virial cauchy_stress",
+    "measure.force_chains": "force_chain chain_length",
+    "measure.strong_network": "backbone strong_contacts percolation",
+    "measure.force_anisotropy": "rose anisotropy stress_force_fabric a_c a_n a_t",
+    "figures.forces": "force_distribution force_chains rose backbone photoelastic",
     "measure.contact_forces": "normal_force tangential_force forces_between force_distribution fn ft",
     "io.contact_table": "contact_list contacts_dataframe sliding_contacts mobilized_friction mobilised_friction "
     "friction_mobilization contact_status_table",

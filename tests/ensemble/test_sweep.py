@@ -15,7 +15,7 @@ from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scen
 from stickslip.runs.folder import find_unfinished
 from stickslip.runs.page import folder_content
 from stickslip.runs.sweep import report
-from stickslip.runs.sweep.axes import OPTIONS, quantiles
+from stickslip.runs.sweep.axes import OPTIONS, quantiles, short_names
 from stickslip.runs.sweep.dataset import DATASET, is_sweep, open_sweep, write_sweep
 from stickslip.runs.sweep.definition import members, read_sweep, sweep
 from stickslip.runs.sweep.run import MEASURES, MEMBERS, SweepResult, gather_members, run_sweep
@@ -319,3 +319,24 @@ def test_measures_that_no_member_has_fill_no_rows(tmp_path, capsys):
     (tmp_path / "sweep.json").write_text(chosen.text)
     text = dict(folder_content(tmp_path).sections)["Members"]
     assert "known" in text and "No member has nowhere." in text and "nan" not in text
+
+
+@pytest.mark.parametrize("keys, others, short", [
+    (["law.mu"], [], ["mu"]),
+    (["law.mu", "packing.friction.mu"], [], ["law.mu", "friction.mu"]),
+    (["law.mu", "law.kn", "seed"], ["kn", "friction"], ["mu", "law.kn", "seed"]),  # a measure has that name
+    (["legs.1.velocity", "legs.2.velocity"], [], ["legs.1.velocity", "legs.2.velocity"]),
+    (["friction.a.1.2", "friction.b"], [], ["a.1.2", "b"]),  # no name begins with a number
+    (["mu", "law.mu"], [], ["mu", "law.mu"]),
+])  # fmt: skip
+def test_swept_keys_have_short_names_that_tell_them_apart(keys, others, short):
+    assert short_names(keys, others) == dict(zip(keys, short, strict=True))
+
+
+def test_a_sweep_is_read_with_short_names_and_its_file_keeps_the_keys(tmp_path):
+    chosen = small(**{"surface.mu0": [0.3, 0.5], "legs.1.velocity": [0.01, 0.02]})
+    run_sweep(chosen, tmp_path, workers=1)
+    assert set(open_sweep(tmp_path).coords) == {"surface.mu0", "legs.1.velocity"}
+    found = open_sweep(tmp_path, short=True)
+    assert set(found.coords) == set(found.final_friction.dims) == {"mu0", "velocity"}
+    assert float(found.final_friction.sel(mu0=0.3, velocity=0.01)) == float(open_sweep(tmp_path).final_friction[0, 0])

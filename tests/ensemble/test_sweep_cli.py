@@ -46,7 +46,7 @@ def sliders(path, values="[0.3, 0.5]", seeds=2):
 def test_a_sweep_says_what_it_is_and_where_everything_is(tmp_path):
     run = stickslip_process("run", sliders(tmp_path / "s.toml"), "--out", tmp_path / "out", "--workers", "2")
     assert run.returncode == 0, run.stderr
-    assert "Sweep: 4 members, surface.mu0 (2) × seed (2)." in run.stdout
+    assert "Sweep: 4 members, mu0 (2) × seed (2)." in run.stdout
     assert "Measures of 4 of 4 members" in run.stdout
     assert "sweep.nc" in run.stdout
     again = stickslip_process("run", tmp_path / "s.toml", "--out", tmp_path / "out")

@@ -92,6 +92,7 @@ BY_NAME = {
     "growth_rate": 0.5, "stresses": np.ones((1, len(SYSTEM.free))), "until": 1.0, "travel": [1e-3, 0, 0], "apex": APEX,
     "place": "nowhere", "units": "SI", "rows": [Row("a", "b", "reproduced", (0.5,), 0.1, "1", "1", False)],
     "measured": ss.io.measured_forces([[0, 0], [1.01, 0]], 0.5, [0], [1], [0.1], held=[0, 1]),
+    "source": STATE,
 }  # fmt: skip
 STEPS = np.zeros(len(FREE))
 GOOD = {

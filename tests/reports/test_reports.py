@@ -219,6 +219,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         np.testing.assert_allclose(shift, moved[k].state.grains.position - state.grains.position, atol=1e-6)
     assert "".join(shown.words).count("e-folding time") == 1
     assert "period 4.833" in data["modes"][0]["words"]
+    assert "strong network" in (tmp_path / "p-report.html").read_text()
 
 
 @pytest.mark.parametrize("command", ["report", "movie"])
@@ -232,7 +233,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         (lambda p: None, ["d"], "d does not exist"),
         (lambda p: None, ["p.npz"], "p.npz is not a file"),
         (lambda p: (p / "d").mkdir(), ["d", "--kn", "1"], "--kn was given with d"),
-        (lambda p: (p / "d").mkdir(), ["d", "--out", "a.pdf"], "a.pdf ends with '.pdf'"),
+        (lambda p: (p / "d").mkdir(), ["d", "--out", "a.doc"], "a.doc ends with '.doc'"),
         (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),
     ],
 )
@@ -355,6 +356,35 @@ def test_a_movie_lasts_eight_seconds_at_any_rate(ending, folder):
     else:
         count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
         assert (count, seconds) == (8, pytest.approx(8, abs=0.3))
+
+
+@pytest.mark.parametrize("words, message", [
+    (["--zoom", "0"], "--zoom = 0 was given: give a number from 0.01 to 1000, or all for every grain"),
+    (["--zoom", "nan"], "--zoom = nan was given"),
+    (["--zoom", "big"], "--zoom = 'big' was given: give a number from 0.01 to 1000, or all"),
+])  # fmt: skip
+@pytest.mark.parametrize("command", ["movie", "report"])
+def test_a_zoom_without_sense_is_refused_before_anything_is_read(command, words, message, tmp_path):
+    out = run(command, "none.npz", *words, cwd=tmp_path)
+    assert out.returncode == 2 and message in out.stderr and not any(tmp_path.iterdir())
+
+
+def test_movies_and_pages_say_how_many_grains_are_outside_the_view(tmp_path):
+    place = [*np.mgrid[:8, :3, :1].reshape(3, -1).T.tolist(), [40, 0, 0]]
+    states = [ss.packings.from_arrays(place, [0.5] * 25, SHARP, dim=2)._replace(time=float(k)) for k in range(2)]
+    archive.write(
+        tmp_path / "results.h5", {"law": SHARP, "frames": {f"{k}": s for k, s in enumerate(states)}},
+        scenario='{"experiment": "flow"}', version="9",
+    )  # fmt: skip
+    film = run("movie", tmp_path, "--slides", "--fps", "1", "--json")
+    assert json.loads(film.stdout)["notes"] == ["1 grain is outside the view: --zoom all shows every grain"]
+    with Image.open(tmp_path / "movie.gif") as shown:
+        assert shown.size == (1280, 720)
+    assert "1 grain is outside the view: zoom out to see it" in run("report", tmp_path).stdout
+    shown = page(tmp_path / "report.html")
+    assert any("1 grain is outside the view: zoom out to see it." in word for word in shown.words)
+    assert view_of(shown)["box"][1][0] == pytest.approx(7.5)
+    assert "outside" not in run("report", tmp_path, "--zoom", "all").stdout
 
 
 def test_the_palette_of_a_movie_keeps_rare_colours_and_a_white_background():

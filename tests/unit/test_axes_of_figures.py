@@ -13,8 +13,10 @@ from matplotlib.transforms import Bbox
 import stickslip as ss
 from stickslip.core.state import empty_contacts
 from stickslip.experiments.registry import EXPERIMENTS
+from stickslip.figures.grains import bare_frame
 from stickslip.figures.outlines import body_limits
 from stickslip.figures.style import column_axes, label_axes, plot_fast, styled
+from stickslip.figures.view3d import view_box
 from stickslip.solve.freedom import freedom
 from stickslip.solve.spectrum import Spectrum
 from stickslip.wings.faults.rate_state import figures as rate_state
@@ -212,13 +214,18 @@ def moment(time):
     return ss.State(grains, walls, cell, empty_contacts(7, 0, 0.1), ss.control.loads(4, 3), time)
 
 
-@pytest.fixture
-def panels():
+def snapshots_of_fall(**how):
     """Axes of snapshots, those with a picture, and that of the colours."""
     frames = [moment(t) for t in (0.0, 3.0, 4.0, 4.2, 4.4, 5.0, 5.7, 6.5, 7.1, 8.0)]
     stages = [Made(name="settle", start=0.0), Made(name="flow", start=3.0)]
-    *snapshots, bar = flow.snapshots(Made(frames=frames, stages=stages, poured=Made(loose=LOOSE))).axes
+    *snapshots, bar = flow.snapshots(Made(frames=frames, stages=stages, poured=Made(loose=LOOSE)), **how).axes
     return [axes for axes in snapshots if axes.axison], bar
+
+
+@pytest.fixture
+def panels():
+    """Snapshots as they are drawn by default."""
+    return snapshots_of_fall()
 
 
 SHOWN = (3.0, 4.0, 5.0, 5.7, 7.1, 8.0)  # of the last stage, nearest to 3, 4, 5, 6, 7 and 8
@@ -243,6 +250,15 @@ def test_snapshots_show_where_grains_are_and_how_fast(panels):
                 np.testing.assert_allclose(disks.get_facecolor(), to_rgba_array("0.6"))
         # once where they are, and once a cell to either side, as grains at an edge are seen at both
         assert sorted(left) == [(kind, shift) for kind in (False, True) for shift in (-10, 0, 10)]
+
+
+def test_snapshots_are_enlarged_around_the_median():
+    for axes, t in zip(snapshots_of_fall(zoom=4)[0], SHOWN, strict=True):
+        (low, high), place = axes.get_xlim(), SEEN - [0, 0.01 * t]
+        assert (low, high) == pytest.approx((4 - LENGTH / 8, 4 + LENGTH / 8))  # of 1, 3, 5 and 6
+        inside = (place > [low, axes.get_ylim()[0]]) & (place < [high, axes.get_ylim()[1]])
+        away = np.count_nonzero(~inside.all(axis=1))
+        assert away > 0 and f"{away} grain" in axes.get_title() and "outside the view" in axes.get_title()
 
 
 def test_snapshots_have_walls_times_and_units(panels):
@@ -379,8 +395,38 @@ def test_grains_that_have_left_the_heap_do_not_shrink_it():
     np.testing.assert_array_equal(body_limits(away, 3.0), [heap.min(axis=0), heap.max(axis=0)])
     np.testing.assert_array_equal(body_limits(heap, 3.0), [heap.min(axis=0), heap.max(axis=0)])  # none of it is hidden
     np.testing.assert_array_equal(body_limits(away, 3.0, 0.0), [away.min(axis=0), away.max(axis=0)])
+    spray = np.column_stack([np.arange(32.0, 150.0, 2.0), np.zeros(59)])  # each within a gap of the next
+    assert 60 < body_limits(np.r_[heap, spray], 3.0)[1, 0] < 80 < spray[-1, 0]
+    few = np.r_[heap[:9], [[90.0, 0.0]]]
+    assert body_limits(few, 3.0)[1, 0] == heap[:9, 0].max() and body_limits(few[1:], 3.0)[1, 0] == 90.0
     halves = np.r_[heap[:600], heap[600:] + np.array([100.0, 0.0])]  # two heaps
     np.testing.assert_array_equal(body_limits(halves, 3.0), [halves.min(axis=0), halves.max(axis=0)])
+
+
+RUNAWAYS = ss.packings.from_arrays(
+    [*np.mgrid[:12, :5, :1].reshape(3, -1).T.tolist(), [40, 0, 0], [70, 0, 0]], [0.5] * 62, ss.laws.linear(), dim=2
+)
+
+
+@pytest.mark.parametrize("zoom, wide, words", [
+    (1.0, 12.0, "2 grains are outside the view"),
+    ("all", 71.0, ""),
+    (2, 6.0, "outside the view"),
+    (0.5, 24.0, "2 grains are outside the view"),
+])  # fmt: skip
+def test_the_view_is_that_of_grains_that_are_together(zoom, wide, words):
+    (axes,) = ss.figures.packing(RUNAWAYS, zoom=zoom).axes
+    assert np.diff(axes.get_xlim())[0] == pytest.approx(wide, rel=0.03)
+    (said,) = (text.get_text() for text in axes.texts)
+    assert said.endswith(words) and said.startswith(" mean diameter") and bool(words) == (";" in said)
+    box = view_box([bare_frame(RUNAWAYS)], zoom)
+    assert box[1, 0] - box[0, 0] == pytest.approx(wide, rel=0.03)  # of the page, by the same rule
+
+
+@pytest.mark.parametrize("zoom", [0, -1, np.nan, np.inf, 1e9, True, None, "some", [1.0]])
+def test_a_zoom_without_sense_is_refused(zoom):
+    with pytest.raises(ValueError, match=r"zoom = .* was given: give a number from 0\.01 to 1000, or all"):
+        ss.figures.packing(RUNAWAYS, zoom=zoom)
 
 
 def test_logarithmic_axes_of_a_decade_show_two_and_five():

@@ -5,12 +5,15 @@ import json
 import os
 import re
 import tomllib
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
+from matplotlib import pyplot as plt
 from packaging.requirements import Requirement
 
 import stickslip as ss
+from stickslip.runs.bundled import page
 from tests.conftest import stickslip_here
 from tests.unit.test_page_outputs import require_output, run, sessions
 
@@ -28,6 +31,35 @@ def test_every_example_has_a_description_and_every_scenario_is_valid():
             read = ss.io.read_sweep if "sweep" in tomllib.loads(text) else ss.examples.scenario
             assert read(ss.examples.path(name) if read is ss.io.read_sweep else name)
     assert ss.laws.from_file(ss.examples.path("cohesive_law")).kind
+
+
+LECTURE = json.loads((ROOT / "examples" / "lecture.ipynb").read_text(encoding="utf-8"))["cells"]
+CELLS = ["".join(cell["source"]) for cell in LECTURE if cell["cell_type"] == "code"]
+
+
+def test_the_lecture_has_no_outputs_and_its_names_exist():
+    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in LECTURE if "outputs" in cell)
+    for cell in CELLS:
+        assert re.match(r"# \d+ s\n", cell), f"the cell does not say how long it takes: {cell[:60]}"
+        for name in re.findall(r"\bss\.([\w.]+)", cell):
+            assert attrgetter(name.rstrip("."))(ss), name
+    for page_name in re.findall(r"`stickslip docs (\w+)`", str(LECTURE)):
+        assert page(page_name)
+
+
+@pytest.mark.slow
+def test_the_lecture_runs_and_a_pair_is_born_that_grows_as_predicted(capsys):
+    space = {"__name__": "lecture"}
+    for cell in CELLS:
+        exec(compile(cell, cell.splitlines()[1], "exec"), space)
+    plt.close("all")
+    assert space["pairs"][0] == 0 and space["pairs"][-1] == 1
+    assert space["path"][10].load < space["birth"] < space["path"][11].load
+    assert space["run"].growth.growth_rate == pytest.approx(space["run"].corrected_rate, rel=1e-3)
+    lines = capsys.readouterr().out.splitlines()
+    works = [float(line.split()[-1]) for line in lines if "work" in line]
+    assert works[0] > 1e-8 and works[1] < -1e-8 and abs(works[2]) < 1e-12
+    assert [line for line in lines if line.startswith("without friction ") and "at most 0 complex pairs" in line]
 
 
 def test_the_packing_is_that_of_the_quick_start():

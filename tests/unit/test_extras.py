@@ -15,6 +15,7 @@ from scipy import sparse
 
 from stickslip import extras
 from stickslip.doctor.selfcheck import STORED
+from stickslip.figures import animation
 from stickslip.solve import linear
 
 ROOT = Path(__file__).parents[2]
@@ -38,6 +39,18 @@ def test_a_missing_library_gives_a_one_sentence_error_with_the_command(extra, mo
     assert licence.get(extra, "") in str(caught.value)[len(text) :]
     assert (extra in licence) == (len(str(caught.value)) > len(text))
     assert isinstance(caught.value, ValueError)
+
+
+def test_a_movie_that_needs_ffmpeg_names_what_installs_it_and_what_needs_none(monkeypatch):
+    monkeypatch.setattr(animation, "which", lambda name: None)
+    monkeypatch.setattr(sys, "meta_path", [])
+    monkeypatch.delitem(sys.modules, "imageio_ffmpeg", raising=False)
+    with pytest.raises(extras.MissingExtraError) as caught:
+        animation.check_movie(Path("a.mp4"), 25)
+    start = (
+        'an MP4 needs ffmpeg: imageio_ffmpeg is not installed: `pip install "stickslip[mp4]"` installs it (its ffmpeg'
+    )
+    assert str(caught.value).startswith(start) and str(caught.value).endswith("; or write a .gif")
 
 
 @pytest.mark.parametrize(

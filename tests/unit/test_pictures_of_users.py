@@ -130,6 +130,17 @@ def test_figures_are_one_or_two_columns_wide(width, pixels):
     assert abs(wide - pixels) <= 1 and 0.4 < tall / wide < 1.0  # disks remain round: height grows as well
 
 
+@pytest.mark.parametrize("draw", [two_panels, lambda: ss.figures.packing(PAIR, LAW)])
+def test_slides_are_wide_and_their_type_is_large(draw):
+    figure = draw()
+    before = tuple(figure.get_size_inches())
+    assert Image.open(BytesIO(render(figure, "png", Look(slides=True)))).size == (1920, 1080)
+    pdf = render(figure, "pdf", Look(slides=True))
+    wide, tall = map(float, re.search(rb"/MediaBox \[ *0 0 ([\d.]+) ([\d.]+)", pdf).groups())
+    assert wide / tall == pytest.approx(16 / 9, rel=1e-3) and 8 / tall > 0.035  # type of 8 points: 19 of 540
+    assert tuple(figure.get_size_inches()) == before
+
+
 def letters_of(figure):
     svg = render(figure, "svg", Look(letters=True)).decode()
     return re.findall(r">\((\w+)\)</text>", svg)
@@ -157,6 +168,7 @@ def test_letters_hide_nothing():
 @pytest.mark.parametrize("words, message", [
     (["--format", "eps"], "format 'eps' is not known: use png, pdf, svg"),
     (["--width", "90"], "--width 90 was given: use 86 or 178 [mm]"),
+    (["--width", "86", "--slides"], "width 86 was given with slides: slides are 16:9, so leave out one of the two"),
 ])  # fmt: skip
 def test_a_look_that_does_not_exist_is_refused_before_anything_is_run(words, message, tmp_path):
     (tmp_path / "s.json").write_text(json.dumps(SHORT))
@@ -179,12 +191,13 @@ def test_a_run_writes_figures_as_it_was_asked_to(tmp_path):
 
 
 def test_a_stopped_run_remembers_its_look(tmp_path):
-    chosen, look = ss.scenario(**SHORT), Look(("png", "pdf"), 178, letters=True)
+    chosen, look = ss.scenario(**SHORT), Look(("png", "pdf"), 178, letters=True, slides=True)
     mark_look(tmp_path, chosen, look)
     assert find_unfinished(tmp_path).look == look
-    (tmp_path / "unfinished" / "look.json").write_text('{"formats": ["eps"]}')
-    with pytest.raises(ValueError, match=r"look\.json is damaged: start again with --overwrite"):
-        find_unfinished(tmp_path)
+    for wrong in ('{"formats": ["eps"]}', '{"slides": 1}'):
+        (tmp_path / "unfinished" / "look.json").write_text(wrong)
+        with pytest.raises(ValueError, match=r"look\.json is damaged: start again with --overwrite"):
+            find_unfinished(tmp_path)
     mark_look(tmp_path, chosen, Look())  # the same run, started again without options
     assert find_unfinished(tmp_path).look == Look()
 

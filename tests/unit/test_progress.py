@@ -3,11 +3,14 @@
 import importlib
 import inspect
 import pkgutil
+from io import StringIO
 
 import pytest
 
 import stickslip as ss
-from stickslip.core.progress import Report, silent, within
+from stickslip.core.progress import Report, announced, silent, within
+from stickslip.reports import terminal
+from stickslip.reports.terminal import console_output
 
 
 def functions_with_report():
@@ -45,3 +48,37 @@ def test_a_part_tells_its_share_of_the_whole():
     part = within(within(lambda *now: told.append(now), 0.5, 1.0, stage="all"), 0.0, 0.5, prefix="sample 3: ")
     part("shear", 0.5, "2 pairs")
     assert told == [("all", 0.625, "2 pairs")]
+
+
+class Terminal(StringIO):
+    """Standard error of a terminal."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("stream, options, words", [
+    (Terminal, {}, "compiling a user's law: normal_force …"),
+    (StringIO, {}, ""),
+    (Terminal, {"quiet": True}, ""),
+    (Terminal, {"as_json": True}, ""),
+])  # fmt: skip
+def test_the_compilation_of_a_law_is_shown_on_a_terminal(stream, options, words, monkeypatch):
+    scale = 1.0 + 0.1 * len(words) + len(options) + 0.01 * (stream is StringIO) + 0.001 * ("quiet" in options)
+    law = ss.laws.custom(normal_force=lambda overlap, kn: scale * kn * overlap)  # a law of its own for each case
+    monkeypatch.setattr("sys.stderr", said := stream())
+    monkeypatch.setenv("TERM", "xterm")
+    with console_output(**options):
+        ss.packings.from_arrays([[0, 0, 0], [0.99, 0, 0]], [0.5, 0.5], law)
+    shown = said.getvalue()
+    assert shown.startswith(words) and (shown.endswith("\r\x1b[K") if words else not shown)
+
+
+def test_the_compilation_of_a_law_is_a_line_of_the_stages_that_are_shown(monkeypatch):
+    screen = Terminal()
+    monkeypatch.setattr(terminal, "console", terminal._Console(file=screen, force_terminal=True, width=100))
+    with terminal.progress(transient=True) as tell:
+        tell("packing", 0.5, "")
+        with announced("compiling mine: cap"):
+            terminal.console.file.flush()
+    assert "compiling mine: cap" in screen.getvalue()

@@ -133,6 +133,7 @@ Ranks = Annotated[
 Trust = Annotated[
     bool, typer.Option("--trust", help="Allow the Python file that law.file names to run, now and later on.")
 ]
+Slides = Annotated[bool, typer.Option("--slides", help="For slides: 16:9, with large type and thick lines.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 
@@ -150,19 +151,21 @@ class FigureOptions(NamedTuple):
         list[str] | None, typer.Option("--format", help="pdf or svg: also write figures so, besides PNG; repeatable.")
     ] = None
     width: Annotated[
-        int, typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column), or 178 (two).")
-    ] = 86
+        int | None, typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column, default), or 178.")
+    ] = None
     letters: Annotated[bool, typer.Option("--letters", help="Letter the panels of figures: (a), (b) …")] = False
+    slides: Slides = False
 
     def look(self):
-        """Return the formats, width and letters of figures; raise ValueError if one of them is not available."""
-        from ..figures.saving import FORMATS, WIDTHS, Look
+        """Return how figures are written; raise ValueError if that is not available."""
+        from ..figures.saving import FORMATS, WIDTHS, look_of
 
         for kind in self.formats or ():
             check_choice("format", kind, FORMATS)
-        if self.width not in WIDTHS:
+        if self.width not in (None, *WIDTHS):
             raise ValueError(f"--width {self.width} was given: use 86 or 178 [mm]")
-        return Look(("png", *(self.formats or ())), self.width, self.letters)
+        formats = "png", *(self.formats or ())
+        return look_of(formats, width=self.width, letters=self.letters, slides=self.slides)
 
 
 class EngineOptions(NamedTuple):

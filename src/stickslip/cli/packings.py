@@ -1,6 +1,7 @@
 """Commands that read a packing: stability, conversion, reports with a three-dimensional view, and movies."""
 
 import sys
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -8,7 +9,18 @@ from typing import Annotated, NamedTuple
 import typer
 
 from ..builtin_laws import BUILTIN_LAWS
-from .app import Output, OverwriteFile, Trust, command, complete_from, examples, finish, number_option, numbers_by_name
+from .app import (
+    Output,
+    OverwriteFile,
+    Slides,
+    Trust,
+    command,
+    complete_from,
+    examples,
+    finish,
+    number_option,
+    numbers_by_name,
+)
 
 LAWS = {law.name: law.words for law in BUILTIN_LAWS}
 COULOMB = {"smooth": "friction approaches its limit", "sharp": "friction is truncated at its limit"}
@@ -86,8 +98,7 @@ class PackingOptions(NamedTuple):
     i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None
     contacts: Annotated[
-        Path | None,
-        typer.Option(help="LAMMPS `dump local` with the contact forces, or a table i j fn ft of measured ones."),
+        Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces, or a table of measured ones.")
     ] = None
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None
     boundary: Annotated[
@@ -285,11 +296,13 @@ def convert(
     from ..data.sample import account_of
     from ..known import with_keys
     from ..loading.reading import convert
+    from ..reports import terminal
 
-    (paths, notes), said = capture_warnings(
-        convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow, overwrite=overwrite,
-        **options.values(),
-    )  # fmt: skip
+    with terminal.console_output(*output):
+        (paths, notes), said = capture_warnings(
+            convert, file, to, modes=modes, mode=mode, count=frames, amplitude=amplitude, grow=grow,
+            overwrite=overwrite, **options.values(),
+        )  # fmt: skip
     notes = [*notes, *said]
     _finish_with_notes("convert", paths, {"notes": notes, "met": with_keys(account_of(notes))}, output)
 
@@ -312,6 +325,10 @@ REPORT = examples(
     ("report examples/sheared_spheres.npz", "sheared_spheres-report.html, with the unstable mode animated"),
     ("run examples/rate_state.toml --out results/rate-state", "any run"),
     ("report results/rate-state", "measures, figures and scenario: results/rate-state/report.html"),
+    (
+        "report examples/measured_disks.csv \\\n      --contacts examples/measured_forces.csv --out forces.pdf",
+        "distribution of forces, chains, strong network, anisotropies",
+    ),
 )
 MOVIE = examples(
     ("movie examples/sheared_spheres.npz --out packing.gif", "its fastest mode; .mp4 needs the mp4 extra"),
@@ -332,7 +349,24 @@ class ViewOptions(NamedTuple):
         str | None,
         typer.Option("--colour", help="Quantity that colours the grains; default of a movie: speed, or displacement."),
     ] = None
+    zoom: Annotated[
+        str | None,
+        typer.Option(
+            "--zoom", metavar="<float>|all", help="Enlarge the view on the grains, or show all that rolled away."
+        ),
+    ] = None
     trust: Trust = False
+
+    def enlargement(self):
+        """Zoom of figures; raise ValueError if it is not allowed."""
+        from ..core.text import parse_number
+        from ..figures.outlines import check_zoom
+
+        zoom = "1" if self.zoom is None else self.zoom
+        with suppress(ValueError):
+            zoom = parse_number(zoom)
+        check_zoom("--zoom", zoom)
+        return zoom
 
 
 @command(epilog=REPORT, short_help="Write an HTML report on a run or a packing.")
@@ -341,7 +375,11 @@ def report(
     *,
     place: Place,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Output file; default: report.html in the run, or FILE-report.html.")
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Output file, by default report.html in the run, or FILE-report.html; .pdf, .png, .svg: forces only.",
+        ),
     ] = None,
     view: ViewOptions,
     verdict: Annotated[
@@ -355,21 +393,45 @@ def report(
     output: Output,
     options: PackingOptions,
 ) -> None:
-    """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions."""
-    from ..data.run_files import PAGE
-    from ..reports import page, terminal
-    from ..runs.page import load_content
+    """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions.
 
-    path = out or page.default_path(place, PAGE)
-    page.check_output(path, (".html", ".htm"), overwrite=overwrite, made_from=_input_files(place, view, options))
+    With --out NAME.pdf, .png or .svg, only the figure of the contact forces of a packing, or of measured forces as they
+    are: their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
+    """
+    from ..data.run_files import PAGE
+    from ..figures.saving import FORMATS
+    from ..reports import page, terminal
+    from ..runs.page import is_run, load_content
+
+    path, zoom = out or page.default_path(place, PAGE), view.enlargement()
+    figures = tuple(f".{kind}" for kind in FORMATS)
+    made_from = _input_files(place, view, options)
+    page.check_output(path, (".html", ".htm", *figures), overwrite=overwrite, made_from=made_from)
+    if path.suffix.lower() in figures:
+        _check_figure(path, place if is_run(place) else None, view, verdict)
+        with terminal.console_output(*output):
+            notes = page.write_forces(place, path, options.values())
+        _finish_with_notes("report", [path], {"verdict": None, "notes": notes}, output)
+        return
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
         content = load_content(
             place, modes=view.modes, options=options.values(), settle=view.settle, dashpots=dashpots, report=tell,
-            search=verdict, trust=view.trust,
+            search=verdict, trust=view.trust, zoom=zoom,
         )  # fmt: skip
-        page.write_page(content, path, colour=view.colour)
+        page.write_page(content, path, colour=view.colour, zoom=zoom)
     notes = [content.warning] if content.warning else []
+    notes += page.notes_on_view(content, zoom)
     _finish_with_notes("report", [path], {"verdict": content.verdict or None, "notes": notes}, output)
+
+
+def _check_figure(path: Path, folder: Path | None, view: ViewOptions, verdict: bool | None) -> None:
+    """Raise ValueError for the folder of a run, or for options that the figure of contact forces does not use."""
+    if folder is not None:
+        raise ValueError(f"--out {path} was given with {folder}, the folder of a run: give a packing, or use .html")
+    asked = {"modes": view.modes, "settle": view.settle or None, "colour": view.colour, "zoom": view.zoom}
+    asked["verdict"] = verdict
+    for name in (name for name, value in asked.items() if value is not None):
+        raise ValueError(f"--{name} was given with --out {path}, which shows contact forces only: use .html")
 
 
 class FilmOptions(NamedTuple):
@@ -390,6 +452,7 @@ class FilmOptions(NamedTuple):
     whole: Annotated[bool, typer.Option("--whole", help="Film all stages of a run; default: the last.")] = False
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48
     amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3
+    slides: Slides = False
 
 
 @command(epilog=MOVIE, short_help="Write a movie of a run or a mode, GIF or MP4.")
@@ -414,7 +477,7 @@ def movie(
     from ..reports import page, terminal
     from ..runs.page import is_run, load_content
 
-    path = out or page.default_path(place, FILM)
+    path, zoom = out or page.default_path(place, FILM), view.enlargement()
     page.check_output(path, page.film.ENDINGS, overwrite=overwrite, made_from=_input_files(place, view, options))
     page.film.check_movie(path, film.fps)
     with terminal.console_output(*output), terminal.progress(transient=True) as tell:
@@ -422,11 +485,11 @@ def movie(
             place, modes=view.modes, options=options.values(), settle=view.settle, report=tell,
             search=film.mode is not None or not is_run(place), trust=view.trust,
         )  # fmt: skip
-        page.write_movie(
+        away = page.write_movie(
             content, path, colour=view.colour, fps=film.fps, count=film.frames, amplitude=film.amplitude,
-            mode=film.mode, whole=film.whole, report=tell,
+            mode=film.mode, whole=film.whole, zoom=zoom, slides=film.slides, report=tell,
         )  # fmt: skip
-    notes = [content.warning] if content.warning else []
+    notes = [*([content.warning] if content.warning else []), *away]
     notes += [content.verdict] if content.verdict and not content.decided else []
     _finish_with_notes("movie", [path], {"notes": notes}, output)
 

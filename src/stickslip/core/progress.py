@@ -1,8 +1,16 @@
-"""Sizes of runs, refused beyond a limit before anything is allocated; progress of a run; outcome of a solve."""
+"""Sizes of runs, refused beyond a limit before anything is allocated; progress of a run; outcome of a solve.
+
+Progress is told to one kind of callable. Short work deep below, such as the compilation of a law, has no such callable:
+`announced` shows it on the terminal.
+"""
 
 import inspect
-from collections.abc import Callable, Iterable
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from enum import Enum
+from multiprocessing import parent_process
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -88,6 +96,45 @@ def within(
     sample 3: shear 0.75 2 pairs
     """
     return lambda name, share, text: report(f"{prefix}{stage or name}", begin + (end - begin) * share, text)
+
+
+@contextmanager
+def _line_on_terminal(text: str) -> Iterator[None]:
+    """Show a line on standard error while the work lasts, if that is a terminal and this is no worker process."""
+    stream = sys.stderr
+    if stream is None or not stream.isatty() or os.environ.get("TERM") == "dumb" or parent_process():
+        yield
+        return
+    stream.write(f"{text} …")
+    stream.flush()
+    try:
+        yield
+    finally:
+        stream.write("\r\x1b[K")
+        stream.flush()
+
+
+_displays: list[Callable[[str], AbstractContextManager]] = [_line_on_terminal]  # the last one is in use
+
+
+def announced(text: str) -> AbstractContextManager:
+    """Context manager that shows what is being done while it lasts."""
+    return _displays[-1](text)
+
+
+def hidden(text: str) -> AbstractContextManager:
+    """Display that shows nothing."""
+    return nullcontext()
+
+
+@contextmanager
+def displayed_by(display: Callable[[str], AbstractContextManager]) -> Iterator[None]:
+    """Let `announced` use another display: a function of the text that returns a context manager."""
+    _displays.append(display)
+    try:
+        yield
+    finally:
+        _displays.remove(display)
 
 
 class Status(Enum):

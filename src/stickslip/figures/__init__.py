@@ -9,6 +9,7 @@ figure as a picture; pyplot and its backend are left alone. `figure.savefig` or 
 Any packing
 
     packing                grains, contacts, walls, cell, and the orbits of a mode
+    forces                 distribution, force chains, strong network and directions of contact forces
     view                   three-dimensional view for a notebook (a K3D plot)
     movie                  animation of the frames of a run, written to a file
 

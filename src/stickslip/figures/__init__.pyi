@@ -18,6 +18,7 @@ from .analyses import static_and_kinetic as static_and_kinetic
 from .animation import movie as movie
 from .claims import claims_chart as claims_chart
 from .grains import packing as packing
+from .network import forces as forces
 from .saving import Look as Look
 from .saving import save as save
 from .view3d import view as view
@@ -34,6 +35,7 @@ __all__ = [
     "failure_path",
     "fault",
     "flow",
+    "forces",
     "gouge",
     "growth_by_amplitude",
     "inclusion",

@@ -14,11 +14,11 @@ from scipy.interpolate import PchipInterpolator
 from ..core.arguments import Requirement, require_filled, require_shape
 from ..core.progress import Report, silent
 from ..data.exchange.frame import Frame
-from ..extras import require
+from ..extras import MissingExtraError, require
 from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
-from .outlines import Mode
+from .outlines import Mode, Zoom
 from .page import MARK
-from .style import OwnFigure, common_style, styled
+from .style import SLIDE_DPI, SLIDE_MOVIE, OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
 FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
@@ -32,7 +32,7 @@ STRETCH = 1.02  # of a contact between two stored states, above which it is left
 def movie(
     frames: Annotated[list[Frame], Requirement(require_filled)], path: str | Path, *, labels: list[str],
     mode: Mode | None = None, colour: str | None = None,
-    fps: int = FPS, report: Report = silent,
+    fps: int = FPS, zoom: Zoom = 1.0, slides: bool = False, report: Report = silent,
 ) -> Path:  # fmt: skip
     """Draw frames one after another, with common limits for axes and colours.
 
@@ -44,12 +44,14 @@ def movie(
     mode : the mode that the frames show, for the colour "mode displacement"
     colour : one of `quantities`
     fps : frames per second
+    zoom : as in `packing`
+    slides : whether the movie is 16:9, with larger type and thicker lines
     report : called as report(stage, share done, text)
 
     Raises
     ------
     ValueError
-        if the extension or the colour is not known.
+        if the extension or the colour is not known, or the zoom is not allowed.
     MissingExtraError
         if an MP4 is requested but ffmpeg is not available.
     RuntimeError
@@ -58,35 +60,51 @@ def movie(
     path = Path(path)
     check_movie(path, fps)
     require_shape((len(frames),), labels=labels)
-    layout = layout_of(frames, colour=colour, mode=mode)
+    layout = layout_of(frames, colour=colour, mode=mode, zoom=zoom)
     low, high = view_limits(layout)
     wide, tall = high - low
     inches = PIXELS / 100 * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low heap is drawn wider
     below, above = 0.85 if colour else 0.4, 0.3  # for the legend and the colour bar, and for the title
     height = min(0.98 * inches * tall / wide, 1.3 * inches) + below + above
     inches, height = (round(50 * size) / 50 for size in (inches, height))  # even numbers of pixels, as H.264 requires
-    settings = {"savefig.dpi": 100, "font.size": 11}
+    dpi, settings = 100, {"font.size": 11, "legend.fontsize": 9, "axes.labelsize": 9, "xtick.labelsize": 9}
+    if slides:
+        (inches, height), dpi, settings = SLIDE_MOVIE, SLIDE_DPI, {"font.size": 10, "legend.fontsize": 8}
+        below = 0.75 if colour else 0.35
+    settings["savefig.dpi"] = dpi
     if path.suffix.lower() == ".mp4":
         settings["animation.ffmpeg_path"] = _find_ffmpeg()
     with common_style(**settings):
-        figure = OwnFigure(figsize=(inches, height), dpi=100)
+        figure = OwnFigure(figsize=(inches, height), dpi=dpi)
         axes = figure.add_axes([0.01, below / height, 0.98, 1 - (below + above) / height])
         writer: GifWriter | FFMpegWriter = GifWriter(fps=fps)
         if path.suffix.lower() == ".mp4":
             extra = ["-pix_fmt", "yuv420p", "-loglevel", "error"]
             writer = FFMpegWriter(fps=fps, codec="libx264", extra_args=extra, metadata={"comment": MARK})
-        with _explain_ffmpeg_failure(), writer.saving(figure, str(path), 100):
+        with _explain_ffmpeg_failure(), writer.saving(figure, str(path), dpi):
             for k, frame in enumerate(frames):
                 axes.clear()
                 drawn = draw(axes, frame, layout, mode=mode, first=frames[0], near=False)
                 draw_legend(axes, frame, near=False, colour=colour)
-                axes.set_title(labels[k], fontsize=11, pad=4)
+                axes.set_title(labels[k], fontsize=settings["font.size"], pad=4)
+                _fit_texts(axes)
                 if colour and k == 0:
                     place = figure.add_axes([0.25, 0.42 / height, 0.5, 0.1 / height])
                     draw_colour_bar(figure, drawn, layout, cax=place, orientation="horizontal")
                 writer.grab_frame()
                 report("movie", (k + 1) / len(frames), f"frame {k + 1} of {len(frames)}")
     return path
+
+
+def _fit_texts(axes) -> None:
+    """Shrink the title and the words beside the scale bar where they would leave the picture."""
+    axes.apply_aspect()
+    page = axes.figure.bbox
+    for text in (axes.title, *axes.texts):
+        box = text.get_window_extent()
+        room = page.width if text is axes.title else page.x1 - box.x0
+        if box.width > 0.98 * room:
+            text.set_fontsize(text.get_fontsize() * 0.98 * room / box.width)
 
 
 def check_movie(path: Path, fps: int) -> None:
@@ -147,7 +165,12 @@ def _palette_of(frames: list[Image.Image]) -> Image.Image:
 
 def _find_ffmpeg() -> str:
     """Path to ffmpeg: the system's own, or the one installed by a wheel."""
-    return which("ffmpeg") or require("imageio_ffmpeg", "mp4").get_ffmpeg_exe()
+    if found := which("ffmpeg"):
+        return found
+    try:
+        return require("imageio_ffmpeg", "mp4").get_ffmpeg_exe()
+    except MissingExtraError as problem:
+        raise MissingExtraError(f"an MP4 needs ffmpeg: {problem}; or write a .gif") from None
 
 
 def frames_between(frames: list[Frame], count: int) -> list[Frame]:
@@ -211,8 +234,7 @@ def _mixed_contacts(before: Frame, after: Frame, share: float, position: np.ndar
         branch = c["branch"] + step
         long, stored = (np.linalg.norm(b, axis=1) for b in (branch, c["branch"]))
         force = weight * c.get("force_n", np.ones(len(c["i"])))
-        image = c.get("image", np.zeros(len(c["i"]), int))
-        key = np.column_stack([c["i"], c["j"], image.reshape(len(c["i"]), -1)])
+        key = np.column_stack([c["i"], c["j"], c.get("image", np.zeros(len(c["i"]), int))])
         kept = (long <= STRETCH * stored) & (weight > 0)
         parts.append([column[kept] for column in (key, branch, force, c["mode"], np.full(len(key), weight))])
     key, branch, force, mode, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))

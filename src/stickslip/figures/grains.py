@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
+from matplotlib import colormaps, rcParams
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection
@@ -16,7 +16,21 @@ from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
 from ..core.state import OPEN, SLIDE, State
 from ..data.exchange.frame import Frame, frame_of
-from .outlines import APART, ASIDE, Mode, body_limits, cell_edges, quantities, unit_mode, view_basis, wall_edges
+from .outlines import (
+    APART,
+    ASIDE,
+    Mode,
+    Zoom,
+    body_limits,
+    cell_edges,
+    outside,
+    outside_words,
+    quantities,
+    unit_mode,
+    view_basis,
+    wall_edges,
+    zoomed,
+)
 from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, styled, subplots
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
@@ -51,7 +65,7 @@ class Layout(NamedTuple):
 @styled
 def packing(
     state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
-    width: Positive = WIDTH,
+    width: Positive = WIDTH, zoom: Zoom = 1.0,
 ):  # fmt: skip
     """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
 
@@ -66,6 +80,8 @@ def packing(
     mode : translation, rotation and exponent, as returned by `read_mode`
     colour : one of `quantities`; without it, rattlers are white and other grains grey
     width : width of the figure [inches]
+    zoom : enlargement of the view on the grains. A few that have left the others, at most 5 % at each side, are outside
+        the view, and the figure says so; "all" shows every grain
 
     Returns
     -------
@@ -74,7 +90,7 @@ def packing(
     Raises
     ------
     ValueError
-        if there is no such quantity.
+        if there is no such quantity, or the zoom is not allowed.
 
     Examples
     --------
@@ -87,7 +103,7 @@ def packing(
     if width > WIDEST:
         raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
-    layout = layout_of([frame], colour=colour, mode=mode)
+    layout = layout_of([frame], colour=colour, mode=mode, zoom=zoom)
     wide, tall = layout.high - layout.low
     figure, axes = subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + (1.0 if colour else 0.6)))
     drawn = draw(axes, frame, layout, mode=mode)
@@ -109,10 +125,11 @@ def bare_frame(state: State) -> Frame:
     return Frame(state, law=None, grains={"coordination": np.bincount(ends[ends < n], minlength=n)}, contacts=contacts)
 
 
-def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None) -> Layout:
+def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | None = None, zoom: Zoom = 1.0) -> Layout:
     """Common limits of the drawing and of the colours for all frames."""
-    corners = [_drawing_limits(frame, ASIDE if len(frames) > 1 else 0.0) for frame in frames]
-    low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
+    corners = [_drawing_limits(frame, 0.0 if zoom == "all" else ASIDE) for frame in frames]
+    box = np.array([np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)])
+    low, high = zoomed(box, np.concatenate([_places(frame) for frame in frames]), zoom)
     forces = np.concatenate([_normal_forces(frame) for frame in frames])
     mean = float(forces.mean()) if len(forces) and forces.mean() > 0 else 1.0
     layout = Layout(frames[0].state.cell.dim, low, high, mean)
@@ -174,11 +191,21 @@ def draw(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
     axes.axis("off")
+    margin = high[1] - layout.high[1]  # white covers grains below the view, and the row of pixels where they are cut
+    below = low[1] - 0.5 * margin, layout.low[1] - margin
+    axes.axhspan(*below, facecolor="white", lw=0, zorder=60, clip_on=False)
     long = 2 * float(state.grains.radius.mean())  # of the scale bar
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
-    axes.annotate(" mean diameter", (x + long, y), va="center", fontsize=6.5, zorder=70)
+    away = int(outside(place[:, :2], layout.low, layout.high).sum())
+    words = " mean diameter" + (f"; {outside_words(away)}" if away else "")
+    axes.annotate(words, (x + long, y), va="center", fontsize=rcParams["legend.fontsize"], zorder=70)
     return drawn
+
+
+def count_outside(frames: list[Frame], layout: Layout) -> int:
+    """Number of grains that are outside of the view in a frame."""
+    return int(np.any([outside(_places(frame), layout.low, layout.high) for frame in frames], axis=0).sum())
 
 
 def view_limits(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
@@ -349,13 +376,18 @@ def _projected(edges: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return (edges @ basis.T)[..., :2]
 
 
+def _places(frame: Frame) -> np.ndarray:
+    """(N, 2) positions in the plane of the drawing."""
+    return _projected(wrapped(frame.state), view_basis(frame))
+
+
 def _drawing_limits(frame: Frame, hidden: float) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the drawing: those of grains and cell, and walls as far as they are near.
 
     A share `hidden` of the grains may be outside at each side if they have left the others.
     """
     basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius
-    place = (wrapped(frame.state) @ basis.T)[:, :2]
+    place = _places(frame)
     low, high = body_limits(place, 2 * APART * frame.state.grains.radius.max(), hidden)
     low, high = low - radius.max(), high + radius.max()
     walls = np.clip(_projected(wall_edges(frame), basis).reshape(-1, 2), low - radius.max(), high + radius.max())

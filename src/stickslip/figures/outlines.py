@@ -1,15 +1,23 @@
-"""Outlines, direction of view, and quantities that colour the grains, shared by drawings and the interactive view."""
+"""Outlines, view, and quantities that colour the grains, shared by drawings, movies and the interactive view."""
+
+from numbers import Real
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..core.arguments import require_shape
+from ..core.arguments import Requirement, require_shape
 from ..core.measure import wrapped
+from ..core.readable import pluralize
 from ..core.state import SLIDE
+from ..core.text import quoted
 from ..core.units import current_units, unit_name
 from ..data.exchange.frame import Frame
 
-ASIDE = 0.01  # largest share of the grains that may be out of view at each side of a movie or of snapshots
-APART = 3.0  # gap to the others, in largest diameters, beyond which they may
+ASIDE = 0.05  # largest share of the grains that may be out of view at each side
+FEW = 10  # grains below which all are in view
+APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
+FAR = 3.0  # so may grains farther from the middle half than this, in widths of that half
+ZOOMS = (0.01, 1000.0)  # least and greatest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
 DISPLACEMENT = "mode displacement"
 
@@ -22,17 +30,51 @@ def unit_mode(mode: Mode, frame: Frame) -> np.ndarray:
     return mode[0] / largest if largest > 0 else mode[0]
 
 
-def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarray:
-    """(2, d) corners of positions (N, d), without grains that have left the others by more than a gap.
+def check_zoom(name: str, zoom) -> None:
+    """Raise ValueError with a one-sentence message if a zoom is neither a number within bounds nor "all"."""
+    (low, high), number = ZOOMS, isinstance(zoom, Real) and not isinstance(zoom, bool)
+    if not (low <= zoom <= high if number else isinstance(zoom, str) and zoom == "all"):
+        got = f"{zoom:g}" if number else quoted(zoom)
+        raise ValueError(f"{name} = {got} was given: give a number from {low:g} to {high:g}, or all for every grain")
 
-    At each side this leaves out at most a share of the grains, as those that roll away would shrink the picture.
+
+Zoom = Annotated[Any, Requirement(check_zoom)]  # enlargement of the view on grains that are together, or "all"
+
+
+def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarray:
+    """(2, d) corners of positions (N, d), without grains that have left the others and would shrink the picture.
+
+    These are at most a share of the grains at each side that are beyond a gap, or far beyond the middle half.
     """
-    corners, most = [], int(share * len(place))
+    corners, most = [], int(np.ceil(share * len(place))) if len(place) >= FEW else 0
     for x in np.sort(place, axis=0).T:
-        wide = np.flatnonzero(np.diff(x) > gap)
-        below, above = wide[wide < most], wide[wide >= len(x) - 1 - most]
+        low, high = np.quantile(x, (0.25, 0.75))
+        reach = FAR * (high - low) + gap
+        wide = np.diff(x) > gap
+        left = np.flatnonzero(wide | (x[1:] >= low - reach) & (x[:-1] < low - reach))
+        right = np.flatnonzero(wide | (x[:-1] <= high + reach) & (x[1:] > high + reach))
+        below, above = left[left < most], right[right >= len(x) - 1 - most]
         corners.append((x[below[-1] + 1] if len(below) else x[0], x[above[0]] if len(above) else x[-1]))
     return np.array(corners).T
+
+
+def zoomed(box: np.ndarray, place: np.ndarray, zoom: Zoom) -> np.ndarray:
+    """(2, d) corners of an enlarged view: within the box, around the median position, or around the box if zoom < 1."""
+    if zoom == "all":
+        return box
+    half = 0.5 * (box[1] - box[0]) / zoom
+    ends = np.sort([box[0] + half, box[1] - half], axis=0)
+    return np.clip(np.median(place, axis=0), *ends) + np.array([-half, half])
+
+
+def outside(place: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(N,) bool, True for grains whose centres are outside of a view."""
+    return ((place < low) | (place > high)).any(axis=-1)
+
+
+def outside_words(count: int) -> str:
+    """Sentence on grains that are outside of a view."""
+    return f"{pluralize(count, 'grain')} {'is' if count == 1 else 'are'} outside the view"
 
 
 def cell_edges(frame: Frame) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Figures as files: PNG, PDF and SVG, one or two columns wide, with letters of the panels."""
+"""Figures as files: PNG, PDF and SVG, one or two columns wide or for slides, with letters of the panels."""
 
 from contextlib import contextmanager
 from io import BytesIO
@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 from ..core.arguments import checked
 from ..core.readable import readable
-from .style import common_style
+from .style import SLIDE_PIXELS, common_style, fit_slide
 
 FORMATS, WIDTHS = ("png", "pdf", "svg"), (86, 178)  # [mm]: one column, and two
 UNDATED = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}  # the same figure has the same bytes
@@ -22,33 +22,45 @@ class Look(NamedTuple):
     formats: tuple[str, ...] = ("png",)
     width: Literal[86, 178] = 86  # in mm
     letters: bool = False  # of panels
+    slides: bool = False  # 16:9 with large type, instead of a width
 
 
 PLAIN = Look()
 
 
 @checked
-def save(figure, path: str | Path, *, width: Literal[86, 178] = 86, letters: bool = False) -> Path:
+def save(
+    figure, path: str | Path, *, width: Literal[86, 178] | None = None, letters: bool = False, slides: bool = False
+) -> Path:
     """Write a figure as PNG, PDF or SVG, as the extension says; text remains text in PDF (TrueType) and SVG.
 
     Parameters
     ----------
     figure : of this package, or another one of matplotlib
-    width : 86 is one column, 178 two [mm]; figures with panels side by side are 178 wide anyway
+    width : 86 is one column, 178 two [mm]; default 86; figures with panels side by side are 178 wide anyway
     letters : whether panels are lettered (a), (b) …, if there are several
+    slides : whether the figure is 16:9, with type and lines as large as a lecture hall needs, instead of a width
     """
     path = Path(path)
     if (kind := path.suffix.lower().removeprefix(".")) not in FORMATS:
         raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: use .png, .pdf or .svg")
-    path.write_bytes(render(figure, kind, Look(width=width, letters=letters)))
+    path.write_bytes(render(figure, kind, look_of(width=width, letters=letters, slides=slides)))
     return path
+
+
+def look_of(formats: tuple[str, ...] = ("png",), *, width: int | None, letters: bool, slides: bool) -> Look:
+    """Look of figures; raise ValueError if slides are asked for with a width, which they have none."""
+    if slides and width is not None:
+        raise ValueError(f"width {width} was given with slides: slides are 16:9, so leave out one of the two")
+    return Look(formats, width or PLAIN.width, letters, slides)
 
 
 def render(figure, kind: str = "png", look: Look = PLAIN) -> bytes:
     """Return a figure as the content of a file; the figure stays as it is."""
     content = BytesIO()
     with common_style(), _arranged(figure, look):
-        figure.savefig(content, format=kind, metadata=UNDATED[kind])
+        dpi = {"dpi": SLIDE_PIXELS / figure.get_figwidth()} if look.slides and kind == "png" else {}
+        figure.savefig(content, format=kind, metadata=UNDATED[kind], **dpi)
     return content.getvalue()
 
 
@@ -64,12 +76,19 @@ def _arranged(figure, look: Look):
     wide, tall = figure.get_size_inches()
     factor = max(1.0, look.width / 25.4 / wide)
     equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
-    figure.set_size_inches(factor * wide, (factor if equal else 1.0) * tall)
-    letters = _letter(figure) if look.letters else []
+    sizes, letters = {}, []
     try:
+        if look.slides:
+            sizes = fit_slide(figure)
+        else:
+            figure.set_size_inches(factor * wide, (factor if equal else 1.0) * tall)
+        if look.letters:
+            letters = _letter(figure)
         yield
     finally:
         figure.set_size_inches(wide, tall)
+        for text, before in sizes.items():
+            text.set_fontsize(before)
         for letter in letters:
             letter.remove()
 

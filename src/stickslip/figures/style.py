@@ -1,16 +1,20 @@
 """Common style of all figures: width, palette, labels and ticks of axes, envelopes of fast oscillations, legends.
 
-Figures are one column wide (86 mm), or two (178 mm), in the colour-blind-safe palette of Okabe and Ito.
+Figures are one column wide (86 mm), or two (178 mm), in the colour-blind-safe palette of Okabe and Ito. For slides they
+are laid out on a small canvas of 16:9, which is shown enlarged, and type and lines with it.
 """
 
 import re
+import warnings
 from contextlib import contextmanager
 from functools import wraps
 from io import BytesIO
+from itertools import combinations
 from threading import RLock
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -21,6 +25,12 @@ from ..core.scales import ROUND_OFF
 from ..core.units import unit_name
 
 WIDTH, PAGE = 86 / 25.4, 178 / 25.4  # inches, one column and two
+SLIDE, SLIDE_STEP = 2.7, 1.1  # inches, height of the canvas of a figure on a slide, and its growth until panels fit
+# (8 points on it are as large as 22 on a slide 7.5 inches high)
+PANEL, DRAWING = 0.4, 0.9  # inches, least height of a panel there, and of a drawing with axes
+LEAST_LABEL = 0.7  # of its size, to which a long label is shrunk there
+SLIDE_PIXELS = 1920  # width of figures on slides
+SLIDE_MOVIE, SLIDE_DPI = (5.12, 2.88), 250  # canvas of a movie on slides [inches], of 1280 × 720 pixels
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#0072B2",
     "#E69F00",
@@ -58,10 +68,12 @@ STYLE = {
     "svg.hashsalt": "stickslip",  # the same figure has the same bytes
 }
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
+STRESS = "force/length^(dim-1)"  # without named units
 POWERS = (-3, 4)  # powers of ten up to and from which one is taken out of the numbers of an axis, into its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
 DIGIT = 0.65  # width of a digit over the size of the font
 BIN = 1.0  # width of the bins of an envelope [points]: less than one oscillation per bin can be seen
+
 
 Words = str | tuple[str, str]  # quantity, or quantity and unit
 
@@ -117,6 +129,46 @@ def subplots(rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], *
     return figure, figure.subplots(rows, columns, **options)
 
 
+def fit_slide(figure) -> dict:
+    """Give a figure a canvas of 16:9, as small as its panels allow, so that type is large when it is shown enlarged.
+
+    Labels that are longer than their axes are shrunk. Returns their sizes before that.
+    """
+    height, most, sizes = SLIDE, 2 * max(figure.get_size_inches()), {}
+    with warnings.catch_warnings(action="ignore"):  # of matplotlib, that panels have no room
+        while True:
+            for text, size in sizes.items():
+                text.set_fontsize(size)
+            figure.set_size_inches(height * 16 / 9, height)
+            figure.draw_without_rendering()
+            for axes in _shown_axes(figure):
+                for text, along in ((axes.xaxis.label, "width"), (axes.yaxis.label, "height")):
+                    room, long = getattr(axes.bbox, along), getattr(text.get_window_extent(), along)
+                    if long > room:
+                        sizes.setdefault(text, text.get_fontsize())
+                        text.set_fontsize(sizes[text] * max(LEAST_LABEL, room / long))
+            if height > most or not _is_crowded(figure):
+                return sizes
+            height *= SLIDE_STEP
+
+
+def _shown_axes(figure) -> list[Axes]:
+    return [axes for axes in figure.axes if axes.get_visible() and axes.axison]
+
+
+def _is_crowded(figure) -> bool:
+    """True if labels of axes and titles overlap or leave the figure, or panels are too small."""
+    shown = _shown_axes(figure)
+    texts = [text for axes in shown for text in (axes.xaxis.label, axes.yaxis.label, axes.title)]
+    boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
+    legends = [legend.get_window_extent() for legend in (*map(Axes.get_legend, shown), *figure.legends) if legend]
+    page = figure.bbox.padded(1)
+    leave = any(box.x0 < page.x0 or box.y0 < page.y0 or box.x1 > page.x1 or box.y1 > page.y1 for box in boxes + legends)
+    panels = [(axes.bbox.height, axes.get_aspect()) for axes in shown if axes.get_label() != "<colorbar>"]
+    small = any(height < (PANEL if aspect == "auto" else DRAWING) * figure.dpi for height, aspect in panels)
+    return leave or small or any(a.overlaps(b) for a, b in combinations(boxes, 2))
+
+
 def column_axes(rows: int = 1, height: float = 2.5, **options):
     """Create a figure one column wide with stacked axes; height in inches."""
     return subplots(rows, figsize=(WIDTH, height), **options)
@@ -159,7 +211,8 @@ def label_axes(
     for name, label in (("x", x), ("y", y), ("z", z)):
         if label is None:
             continue
-        quantity, unit = (label, "") if isinstance(label, str) else (label[0], unit_name(label[1]))
+        quantity, unit = (label, "") if isinstance(label, str) else label
+        unit = unit_name(unit).replace(STRESS, "stress")
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":

@@ -19,7 +19,21 @@ from ..core.measure import wrapped
 from ..core.state import SLIDE
 from ..core.units import with_unit
 from ..data.exchange.frame import Frame
-from .outlines import DISPLACEMENT, Mode, cell_edges, quantities, unit_mode, view_basis, wall_edges
+from .outlines import (
+    APART,
+    ASIDE,
+    DISPLACEMENT,
+    Mode,
+    Zoom,
+    body_limits,
+    cell_edges,
+    outside,
+    quantities,
+    unit_mode,
+    view_basis,
+    wall_edges,
+    zoomed,
+)
 from .style import BLUE, COLORS, RED
 
 SMOOTH = 3000  # largest number of grains with antialiasing, which takes most of the time without a graphics card
@@ -42,7 +56,7 @@ CONTENT = {"material", "coordination", "sliding contacts"}  # integers
 @checked
 def view(
     frames: Annotated[list[Frame], Requirement(require_filled)], modes: list[Mode] | None = None, *,
-    colour: str | None = None, height: int = 480,
+    colour: str | None = None, height: int = 480, zoom: Zoom = 1.0,
 ):  # fmt: skip
     """Three-dimensional view of a packing for a notebook, as a K3D plot.
 
@@ -55,11 +69,12 @@ def view(
     modes : of the packing, from `read_mode`
     colour : one of `quantities`; default: the displacement of the mode, else the coordination
     height : height of the view [pixels]
+    zoom : as in `packing`
 
     Raises
     ------
     ValueError
-        if there is no such quantity.
+        if there is no such quantity, or the zoom is not allowed.
 
     Examples
     --------
@@ -67,7 +82,7 @@ def view(
     >>> state, law, _ = ss.io.read_packing("packing.npz")  # doctest: +SKIP
     >>> ss.figures.view([ss.io.frame_of(state, law)])  # doctest: +SKIP
     """
-    data = view_data(frames[:1], modes or [])
+    data = view_data(frames[:1], modes or [], zoom=zoom)
     shown = _choose_quantity(data, colour)
     plot = _plot(data, shown, height)
     if modes:
@@ -80,10 +95,10 @@ def view(
 
 def page_view(
     frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str],
-    colour: str | None = None,
+    colour: str | None = None, zoom: Zoom = 1.0,
 ) -> str:  # fmt: skip
     """Self-contained HTML document with controls, for frames and the modes of the frame `at`."""
-    data = view_data(frames, modes, at=at, labels=labels)
+    data = view_data(frames, modes, at=at, labels=labels, zoom=zoom)
     plot = _plot(data, _choose_quantity(data, colour), 480)
     here = files(__package__)
     packed = base64.b64encode(zlib.compress(json.dumps(data).encode(), 6)).decode()
@@ -93,7 +108,9 @@ def page_view(
     return re.sub(r"<title>.*?</title>", "<title>packing</title>" + WITHOUT_WEBGL, text, count=1)
 
 
-def view_data(frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None) -> dict:
+def view_data(
+    frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: list[str] | None = None, zoom: Zoom = 1.0
+) -> dict:
     """Data for `view.js`, as JSON; arrays are base64-encoded float32 (int32 for i and j, uint8 for mode)."""
     chosen = sorted({*_select_frames(frames), at})
     first, mode = frames[0], modes[0] if modes else None
@@ -116,7 +133,7 @@ def view_data(frames: list[Frame], modes: list[Mode], *, at: int = 0, labels: li
         "dim": dim, "n": len(radius), "radius": _encode(radius), "frames": out, "left_out": len(frames) - len(chosen),
         "quantities": about, "mode_frame": chosen.index(at), "start": start,
         "modes": [_mode_data(m, frames[at]) for m in modes],
-        "eye": view_basis(first).tolist(), "box": _bounding_box([frames[k] for k in chosen]), "fov": FOV[dim],
+        "eye": view_basis(first).tolist(), "box": view_box([frames[k] for k in chosen], zoom).tolist(), "fov": FOV[dim],
         "map": (red << 16 | green << 8 | blue).tolist(),  # 0xrrggbb
         "colours": {"stick": _to_int(BLUE), "slide": _to_int(RED), "kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
@@ -212,7 +229,7 @@ def _lines(k3d, ends: np.ndarray, name: str, color: int, width: float):
 
 
 def _camera(data: dict) -> list[float]:
-    """Position, target and up vector of a camera that shows everything in a square."""
+    """Position, target and up vector of a camera that shows the box in a square."""
     low, high = np.array(data["box"])
     _, up, toward = np.array(data["eye"])
     center, reach = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
@@ -220,15 +237,21 @@ def _camera(data: dict) -> list[float]:
     return [float(v) for v in (*(center + away * toward), *center, *up)]
 
 
-def _bounding_box(frames: list[Frame]) -> list[list[float]]:
-    """Corners of the bounding box of all grains and cells in all frames."""
-    low, high = [], []
+def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
+    """(2, 3) corners of the box that the camera shows: grains that are together, and cells, in all frames."""
+    share, places, corners = 0.0 if zoom == "all" else ASIDE, [], []
     for frame in frames:
-        place, radius = wrapped(frame.state), frame.state.grains.radius[:, None]
-        ends = cell_edges(frame).reshape(-1, 3)
-        low.append(np.concatenate([place - radius, ends]).min(axis=0))
-        high.append(np.concatenate([place + radius, ends]).max(axis=0))
-    return [np.min(low, axis=0).tolist(), np.max(high, axis=0).tolist()]
+        place, radius = wrapped(frame.state), frame.state.grains.radius.max()
+        limits = body_limits(place, 2 * APART * radius, share) + radius * np.array([[-1.0], [1.0]])
+        places.append(place)
+        corners += [*limits, *cell_edges(frame).reshape(-1, 3)]
+    return zoomed(np.array([np.min(corners, axis=0), np.max(corners, axis=0)]), np.concatenate(places), zoom)
+
+
+def count_out_of_view(frames: list[Frame], zoom: Zoom = 1.0) -> int:
+    """Number of grains that are outside of the box in a frame."""
+    box = view_box(frames, zoom)
+    return int(np.any([outside(wrapped(frame.state), *box) for frame in frames], axis=0).sum())
 
 
 def _encode(values, kind=np.float32) -> str:

@@ -17,7 +17,7 @@ from ..core.state import SLIDE, STICK, State
 from ..data.exchange.arrays import law_from_options
 from ..data.exchange.columns import mass_note
 from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
-from ..data.exchange.force_network import MeasuredForces, read_forces
+from ..data.exchange.force_network import MeasuredForces, read_forces, unit_branches
 from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_account
 from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
@@ -28,6 +28,8 @@ FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and wit
 OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
 WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that of this force, so that steps do not cycle
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
+FACETS = 8  # of the Coulomb cone between spheres
+BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that of this force
 
 
 @readable
@@ -58,20 +60,21 @@ class Adjustment(NamedTuple):
 
 @checked
 def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[State, Adjustment]:
-    """State in exact balance that is nearest to measured positions and contact forces of disks.
+    """State in exact balance that is nearest to measured positions and contact forces of disks or spheres.
 
     Minimises Σ Δx²/σ_x² + Σ ΔF²/σ_F² over positions, normal and tangential forces. Every free grain is in balance,
     each contact has the overlap and the slip that the law gives for its forces, none exceeds the Coulomb limit or
     pulls, and no other grains overlap. The equations are linearised until nothing changes; each linear problem is
     solved by an interior-point method. Contacts whose force vanishes open. Grains that are held need not balance, but
     their positions were measured like all others. Errors that were not measured are estimated: of positions from the
-    gaps at contacts, of forces from the imbalance of free grains; chi² then says little.
+    gaps at contacts, of forces from the imbalance of free grains; chi² then says little. Tangential forces of spheres
+    turn with the branch vector of their contact, and errors are those of each component.
 
     Parameters
     ----------
     measured : from `read_forces`
     law : Law with friction, of one material, whose forces follow from overlap and slip
-    density : float or (N,), mass over the area of a disk [mass/length²]
+    density : float or (N,), mass over the area of a disk or volume of a sphere [mass/length²] or [mass/length³]
 
     Returns
     -------
@@ -109,17 +112,18 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
 def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None = None, **options) -> Reading:
     """State in balance nearest to measured forces, see `read_forces`; options of the law as in `read_packing`."""
     options = {name: value for name, value in options.items() if value not in (None, {})}
-    for name in ("frame", *LAMMPS_OPTIONS):
+    frame = options.pop("frame", None)
+    for name in LAMMPS_OPTIONS:
         if name in options:
             raise PackingError(f"{name} was given with {path.name}, measured forces that do not have it: leave it out")
     given, own = law_from_file(options)
-    measured = read_forces(path, contacts)
+    measured = read_forces(path, contacts, frame=frame)
     with naming(path):
         law = own or law_from_options(given)
         state, change = from_forces(measured, law)
     notes = [*measured.notes, str(change), mass_note(path.name)] + ([] if options else [law_note(law)])
     as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
-    if opposite < as_given / 2:
+    if measured.dim == 2 and opposite < as_given / 2:
         notes.append("forces balance better with opposite ft, which is positive if it turns grains from x to y")
     return Reading(with_inertia(state, i0), law, with_one_account(notes))
 
@@ -141,7 +145,7 @@ class _Network(NamedTuple):
     law: Law
     least: float  # smallest normal force of a contact
     near: np.ndarray  # (2, P) grains without contact that might overlap
-    start: np.ndarray  # (2N + 2C,) first guess of the changes over the errors
+    start: np.ndarray  # (D (N + C),) first guess of the changes over the errors
     opened: tuple[tuple[int, int], ...] = ()
     spent: float = 0.0  # chi² of the forces of opened contacts
 
@@ -150,8 +154,9 @@ class _Network(NamedTuple):
         m, ends = self.measured, self.measured.ends[:, rows]
         if rows.all():
             raise PackingError("no contact bears a force in balance: mark the grains at the edge as fixed")
-        lost = np.concatenate([m.force_n / m.force_n_error, m.force_t / m.force_t_error])[np.tile(rows, 2)]
-        kept = np.concatenate([np.ones(m.position.size, bool), ~rows, ~rows])
+        sizes = m.force_n / m.force_n_error, _sizes(m.force_t) / m.force_t_error
+        lost = np.concatenate(sizes)[np.tile(rows, 2)]
+        kept = np.concatenate([np.ones(m.position.size, bool), ~rows, np.repeat(~rows, m.dim - 1)])
         return self._replace(
             measured=m.select(~rows), near=np.hstack([self.near, ends]), start=change[kept],
             opened=self.opened + tuple(map(tuple, m.ids[ends].T.tolist())), spent=self.spent + float(lost @ lost),
@@ -159,29 +164,34 @@ class _Network(NamedTuple):
 
     @property
     def error(self) -> np.ndarray:
-        """(2N + 2C,) errors of the coordinates and forces."""
+        """(D (N + C),) errors of the coordinates and forces."""
         m = self.measured
-        return np.concatenate([np.repeat(m.position_error, 2), m.force_n_error, m.force_t_error])
+        return np.concatenate(
+            [np.repeat(m.position_error, m.dim), m.force_n_error, np.repeat(m.force_t_error, m.dim - 1)]
+        )
 
     def at(self, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Positions, normal and tangential forces after a change."""
+        """Positions, normal forces and (C, D − 1) components of tangential forces after a change."""
         m, n = self.measured, self.measured.position.size
         place, force_n, force_t = np.split(change * self.error, [n, n + len(m.force_n)])
-        return m.position + place.reshape(-1, 2), m.force_n + force_n, m.force_t + force_t
+        before = _components(m, _Directions.of(m, m.position))
+        return m.position + place.reshape(-1, m.dim), m.force_n + force_n, before + force_t.reshape(-1, m.dim - 1)
 
     def solve(self) -> tuple[np.ndarray, int]:
-        """(2N + 2C,) smallest change that balances, and the number of equations and inequalities that bind."""
-        change, share, size = self.start, 1.0, np.inf
+        """(D (N + C),) smallest change that balances, and the number of equations and inequalities that bind."""
+        change, share, size, bent = self.start, 1.0, np.inf, None
         for _ in range(STEPS):
-            nearest = nearest_point(*self.linearised(change))
+            nearest = nearest_point(*self.linearised(change), bent, change)
             if nearest is None:
                 raise PackingError(self._reason())
             step, last = nearest.point - change, size
-            size = float(np.abs(step).max())
+            moves = np.where(self.bearing(nearest.point), np.abs(step), 0.0)
+            size = float(moves.max())
             if size < SETTLED:
                 return nearest.point, nearest.binding
             share = max(share / 2, SHORTEST) if size > FALLS * last else share
             change = change + share * step
+            bent = self.curvature(change, nearest.pushes) if self.measured.dim == 3 else None
         raise PackingError(
             f"positions and forces still change by {size:.2g} errors after {STEPS} steps: the errors are too large for "
             f"the equations of balance to be linearised"
@@ -191,23 +201,28 @@ class _Network(NamedTuple):
         """A, b, G, h of the equations A z = b and inequalities G z ≥ h around a change."""
         m, (place, force_n, force_t) = self.measured, self.at(change)
         force_n, radii, count = np.maximum(force_n, self.least), m.radius[m.ends], len(force_n)
-        along, across, distance = _geometry(place, m.ends)
+        to = _Directions.of(m, place)
         overlap, line = overlap_of_force(self.law, radii, force_n)
         slope = overlap_of_force(self.law, radii, np.maximum(force_n, WEAK * m.force_n.mean()))[1].slope_n
-        near, _, far = _geometry(place, self.near)
-        both, kept = _touches(m), np.repeat(m.free, 2)
-        turning = across.T @ sparse.diags_array(force_n / distance) - along.T @ sparse.diags_array(force_t / distance)
-        eye, mu, (length, force) = sparse.eye_array(count), sparse.diags_array(line.mu), self._scales
+        steps, spins = _differences(m.ends, m.dim, len(place)), _sums(m)
+        near, far = _separations(place, self.near)
+        kept, turning = np.repeat(m.free, m.dim), np.repeat(m.free, spins.shape[0] // len(m.free))
+        along, across = _blocks(to.normal[:, None]) @ steps, _blocks(to.across) @ steps
+        force, torque = to.force_slopes(force_n, force_t)
+        eye, mu, (length, unit) = sparse.eye_array(count), sparse.diags_array(line.mu), self._scales
         equations = [
-            [(turning @ across)[kept] / force, along.T[kept] / force, across.T[kept] / force],
-            [None, None, both[m.free] / force],
+            [(steps.T @ _blocks(force) @ steps)[kept] / unit, along.T[kept] / unit, across.T[kept] / unit],
+            [(spins @ _blocks(torque) @ steps)[turning] / unit, None, (spins @ _blocks(to.levers))[turning] / unit],
             [along / length, sparse.diags_array(1 / (length * slope)), None],
         ]
-        limits = [[None, eye / force, None], [None, mu / force, -eye / force], [None, mu / force, eye / force]]
+        facets = _facets(force_t)
+        limits = [[None, eye / unit, None], *([None, mu / unit, -_blocks(f[:, None]) / unit] for f in facets)]
+        total = to.total(force_n, force_t)
         values = [
-            (along.T @ force_n + across.T @ force_t + m.load.ravel())[kept] / force, (both @ force_t)[m.free] / force,
-            (distance + overlap - radii.sum(axis=0)) / length,
-            (force_n - self.least) / force, (line.limit - force_t) / force, (line.limit + force_t) / force,
+            (steps.T @ total.ravel() + m.load.ravel())[kept] / unit,
+            (spins @ to.torque(force_t).ravel())[turning] / unit,
+            (to.distance + overlap - radii.sum(axis=0)) / length, (force_n - self.least) / unit,
+            *((line.limit - (f * force_t).sum(axis=1)) / unit for f in facets),
             (far - m.radius[self.near].sum(axis=0) - APART * m.radius.mean()) / length,
         ]  # fmt: skip
         a, g = (
@@ -215,6 +230,25 @@ class _Network(NamedTuple):
             for rows in (equations, [*limits, [near / length, None, None]])
         )
         return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
+
+    def bearing(self, change: np.ndarray) -> np.ndarray:
+        """(D (N + C),) mask without the tangential forces of contacts that are about to open, which keep turning."""
+        m = self.measured
+        bears = self.at(change)[1] > 2 * self.least
+        return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
+
+    def curvature(self, change: np.ndarray, pushes: np.ndarray):
+        """Second derivative of the limits of tangential forces times their multipliers, by which iterations converge.
+
+        That of |t| is (1 − t̂ ⊗ t̂)/|t|.
+        """
+        m, force_t = self.measured, self.at(change)[2]
+        count, size = len(force_t), np.maximum(np.linalg.norm(force_t, axis=1), BLUNT * m.force_t_error)
+        way = force_t / size[:, None]
+        weight = pushes[count : 2 * count] * m.force_t_error**2 / (self._scales[1] * size)
+        block = _blocks(weight[:, None, None] * (np.eye(2) - way[:, :, None] * way[:, None]))
+        free = m.position.size + count
+        return sparse.block_diag([sparse.csr_array((free, free)), block], format="csr")
 
     @property
     def _scales(self) -> tuple[float, float]:
@@ -233,14 +267,13 @@ class _Network(NamedTuple):
     def result(self, change: np.ndarray, binding: int, density) -> tuple[State, Adjustment]:
         """Balanced state, and what was changed."""
         m, law, (place, force_n, force_t) = self.measured, self.law, self.at(change)
-        radii = m.radius[m.ends]
+        radii, size = m.radius[m.ends], np.linalg.norm(force_t, axis=1)
         overlap, line = overlap_of_force(law, radii, force_n)
-        branch = place[m.pair_i] - place[m.pair_j]
-        way = np.stack([branch[:, 1], -branch[:, 0]], axis=1) / np.linalg.norm(branch, axis=1, keepdims=True)
-        slip = np.sign(force_t) * slip_of_force(law, radii, overlap, np.abs(force_t), line)
-        slides = np.abs(force_t) >= (1 - AT_LIMIT) * line.limit
+        tangential = _Directions.of(m, place).total(0 * force_n, force_t)
+        slip = slip_of_force(law, radii, overlap, size, line) / np.where(size > 0, size, 1.0)
+        slides = size >= (1 - AT_LIMIT) * line.limit
         state = from_arrays(
-            place, m.radius, law, pair_i=m.pair_i, pair_j=m.pair_j, slip=-slip[:, None] * way, dim=2,
+            place, m.radius, law, pair_i=m.pair_i, pair_j=m.pair_j, slip=-slip[:, None] * tangential, dim=m.dim,
             mode=np.where(slides, SLIDE, STICK), external_force=m.load, density=density,
         )  # fmt: skip
         held = np.flatnonzero(~m.free)
@@ -248,19 +281,24 @@ class _Network(NamedTuple):
         return state, self._adjustment(change, binding, slides)
 
     def _adjustment(self, change: np.ndarray, binding: int, slides: np.ndarray) -> Adjustment:
-        m, count = self.measured, 2 * len(self.opened)
+        m, count = self.measured, self.measured.dim * len(self.opened)
         limit = overlap_of_force(self.law, m.radius[m.ends], np.maximum(m.force_n, self.least))[1].limit
         move, force = np.split(change, [m.position.size])
         return Adjustment(
             float(change @ change + self.spent), binding + count, *self._scales,
             float(np.abs(move).max()), float(np.sqrt((move**2).mean())),
             float(np.abs(force).max()), float(np.sqrt((force @ force + self.spent) / (len(force) + count))),
-            int(slides.sum()), int((slides & (np.abs(m.force_t) > limit)).sum()), self.opened,
+            int(slides.sum()), int((slides & (_sizes(m.force_t) > limit)).sum()), self.opened,
         )  # fmt: skip
 
 
 def _network(measured: MeasuredForces, law: Law) -> _Network:
     """Network with its errors and the pairs that might touch, without contacts that nothing can balance."""
+    if measured.free.all() and not measured.load.any():
+        raise PackingError(
+            "no grain is held and there are no loads: grains that press each other need something around them, so mark "
+            "those at the edge as fixed"
+        )
     m = _with_errors(measured, law)
     _check_limit(m, law)
     reach = 2 * m.radius.max() + NEAR * np.sqrt(2) * m.position_error.max()
@@ -268,7 +306,7 @@ def _network(measured: MeasuredForces, law: Law) -> _Network:
     wide = m.radius[pairs].sum(axis=0) + NEAR * np.linalg.norm(m.position_error[pairs], axis=0)
     near, n = np.linalg.norm(m.position[pairs[0]] - m.position[pairs[1]], axis=1) < wide, len(m.radius)
     near &= ~np.isin(pairs[0] * n + pairs[1], m.ends.min(axis=0) * n + m.ends.max(axis=0))
-    start = np.zeros(m.position.size + m.ends.size)
+    start = np.zeros(m.dim * (len(m.radius) + len(m.force_n)))
     network = _Network(m, law, OPENS * m.force_n.mean(), pairs[:, near], start)
     while (loose := _loose_contacts(network.measured)).any():
         network = network.without(loose, network.start)
@@ -288,41 +326,129 @@ def _loose_contacts(m: MeasuredForces) -> np.ndarray:
     return rows
 
 
-def _geometry(place: np.ndarray, ends: np.ndarray):
-    """∂(n·r)/∂x and (n × z)·∂r/∂x, (C, 2N) sparse, and distances (C,); n from j to i."""
+class _Directions(NamedTuple):
+    """Directions at C contacts of grains at some place; tangential forces have D − 1 components."""
+
+    normal: np.ndarray  # (C, D) from j to i
+    across: np.ndarray  # (C, D − 1, D) unit vectors of the components; in a plane n × z
+    twist: np.ndarray  # (C, D) the vectors turn about n by twist · dn when n changes by dn
+    distance: np.ndarray  # (C,)
+
+    @classmethod
+    def of(cls, m: MeasuredForces, place: np.ndarray) -> "_Directions":
+        """Directions after grains moved: vectors across turn with the normals, by the shortest way."""
+        branch = place[m.pair_i] - place[m.pair_j]
+        distance = np.linalg.norm(branch, axis=1)
+        normal = branch / distance[:, None]
+        if m.dim == 2:
+            return cls(normal, np.stack([normal[:, 1], -normal[:, 0]], axis=1)[:, None], 0 * normal, distance)
+        first = unit_branches(m)
+        one = np.cross(first, np.eye(3)[np.argmin(np.abs(first), axis=1)])
+        one /= np.linalg.norm(one, axis=1, keepdims=True)
+        axis, share = np.cross(first, normal), 1 + np.einsum("ck,ck->c", first, normal)[:, None]
+        across = [
+            v + np.cross(axis, v) + np.cross(axis, np.cross(axis, v)) / share for v in (one, np.cross(first, one))
+        ]
+        return cls(normal, np.stack(across, axis=1), -axis / share, distance)
+
+    def total(self, force_n: np.ndarray, force_t: np.ndarray) -> np.ndarray:
+        """(C, D) forces on i."""
+        return force_n[:, None] * self.normal + np.einsum("ca,cak->ck", force_t, self.across)
+
+    @property
+    def levers(self) -> np.ndarray:
+        """(C, 1 or 3, D − 1) torques on both grains, over their radii, by unit tangential forces: −n × t."""
+        if self.normal.shape[1] == 2:
+            return np.ones((len(self.normal), 1, 1))
+        return -np.cross(self.normal[:, None], self.across).transpose(0, 2, 1)
+
+    def torque(self, force_t: np.ndarray) -> np.ndarray:
+        """(C, 1 or 3) torques on both grains over their radii."""
+        return np.einsum("cra,ca->cr", self.levers, force_t)
+
+    def force_slopes(self, force_n: np.ndarray, force_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(C, D, D) and (C, 1 or 3, D): change of forces and torques with the branch vector, at fixed components.
+
+        With dn = (1 − n ⊗ n) dr/r: dt = −n (t · dn) + (n × t) (twist · dn), and of −n × t: t × dn + t (twist · dn).
+        """
+        n, t, dim = self.normal, self.total(0 * force_n, force_t), self.normal.shape[1]
+        turn = (np.eye(dim) - n[:, :, None] * n[:, None]) / self.distance[:, None, None]
+        force = force_n[:, None, None] * turn - n[:, :, None] * np.einsum("ck,ckl->cl", t, turn)[:, None]
+        if dim == 2:
+            return force, np.zeros((len(n), 1, 2))
+        spin = np.einsum("ck,ckl->cl", self.twist, turn)[:, None]
+        force = force + np.cross(n, t)[:, :, None] * spin
+        return force, np.cross(t[:, :, None], turn, axis=1) + t[:, :, None] * spin
+
+
+def _components(m: MeasuredForces, to: _Directions) -> np.ndarray:
+    """(C, D − 1) components of measured tangential forces."""
+    return m.force_t[:, None] if m.dim == 2 else np.einsum("cak,ck->ca", to.across, m.force_t)
+
+
+def _sizes(force_t: np.ndarray) -> np.ndarray:
+    """(C,) sizes of tangential forces."""
+    return np.abs(force_t) if force_t.ndim == 1 else np.linalg.norm(force_t, axis=1)
+
+
+def _facets(force_t: np.ndarray) -> list[np.ndarray]:
+    """Directions (C, D − 1) in which tangential forces are limited: ±, or around the cone, the first along the force.
+
+    Where iterations end, the first facet touches the cone at the force, and the others are not reached.
+    """
+    if force_t.shape[1] == 1:
+        return [np.ones_like(force_t), -np.ones_like(force_t)]
+    angle = np.arctan2(force_t[:, 1], force_t[:, 0])
+    return [np.stack([np.cos(angle + at), np.sin(angle + at)], axis=1) for at in 2 * np.pi * np.arange(FACETS) / FACETS]
+
+
+def _blocks(matrices: np.ndarray):
+    """(C p, C q) sparse, with the (p, q) matrices of each contact on its diagonal."""
+    count, p, q = matrices.shape
+    of = sparse.bsr_array((matrices, np.arange(count), np.arange(count + 1)), shape=(count * p, count * q))
+    return sparse.csr_array(of)
+
+
+def _differences(ends: np.ndarray, dim: int, n: int):
+    """(D C, D N) sparse, from positions of grains to branch vectors."""
+    count = ends.shape[1]
+    where = np.tile(np.arange(count), 2), ends.ravel()
+    of = sparse.csr_array((np.repeat([1.0, -1.0], count), where), shape=(count, n))
+    return sparse.csr_array(sparse.kron(of, sparse.eye_array(dim)))
+
+
+def _separations(place: np.ndarray, ends: np.ndarray):
+    """∂(distance)/∂x of pairs, (P, D N) sparse, and their distances (P,)."""
     branch = place[ends[0]] - place[ends[1]]
     distance = np.linalg.norm(branch, axis=1)
-    unit = branch / distance[:, None]
-    where = np.tile(np.repeat(np.arange(len(unit)), 2), 2), (2 * ends[..., None] + [0, 1]).ravel()
-    along, across = (
-        sparse.csr_array((np.concatenate([v, -v]).ravel(), where), shape=(len(unit), place.size))
-        for v in (unit, np.stack([unit[:, 1], -unit[:, 0]], axis=1))
-    )
-    return along, across, distance
+    return _blocks((branch / distance[:, None])[:, None]) @ _differences(ends, place.shape[1], len(place)), distance
 
 
-def _touches(m: MeasuredForces):
-    """(N, C) sparse, 1 for the grains of each contact."""
+def _sums(m: MeasuredForces):
+    """(N, C) or (3 N, 3 C) sparse, from torques at contacts to those on grains."""
     count = len(m.pair_i)
     where = m.ends.ravel(), np.tile(np.arange(count), 2)
-    return sparse.csr_array((np.ones(2 * count), where), shape=(len(m.radius), count))
+    both = sparse.csr_array((np.ones(2 * count), where), shape=(len(m.radius), count))
+    return sparse.csr_array(sparse.kron(both, sparse.eye_array(1 if m.dim == 2 else 3)))
 
 
 def _imbalance(m: MeasuredForces, sign: float = 1.0) -> np.ndarray:
-    """(N, 3) sums of forces and torque/R on every grain, as measured or with the opposite tangential forces."""
-    along, across, _ = _geometry(m.position, m.ends)
-    force = (along.T @ m.force_n + sign * (across.T @ m.force_t)).reshape(-1, 2) + m.load
-    return np.column_stack([force, _touches(m) @ m.force_t])
+    """(N, 3 or 6) sums of forces and torque/R on every grain, as measured or with the opposite tangential forces."""
+    to, n = _Directions.of(m, m.position), len(m.radius)
+    force_t = sign * _components(m, to)
+    force = _differences(m.ends, m.dim, n).T @ to.total(m.force_n, force_t).ravel()
+    return np.column_stack([force.reshape(-1, m.dim) + m.load, (_sums(m) @ to.torque(force_t).ravel()).reshape(n, -1)])
 
 
 def _with_errors(m: MeasuredForces, law: Law) -> MeasuredForces:
     """Network with errors of positions estimated from gaps, and of forces from imbalance, where none were measured."""
     mean = m.force_n.mean()
     overlap, _ = overlap_of_force(law, m.radius[m.ends], np.maximum(m.force_n, OPENS * mean))
-    miss = _geometry(m.position, m.ends)[2] + overlap - m.radius[m.ends].sum(axis=0)
+    miss = _separations(m.position, m.ends)[1] + overlap - m.radius[m.ends].sum(axis=0)
     sides = np.bincount(m.ends.ravel(), minlength=len(m.radius))[m.free].sum()
     length = max(np.sqrt((miss**2).mean() / 2), LEAST_ERROR * m.radius.mean())
-    force = max(np.sqrt((_imbalance(m)[m.free] ** 2).sum() / max(3 * sides, 1)), LEAST_ERROR * mean)
+    rest = _imbalance(m)[m.free]
+    force = max(np.sqrt((rest**2).sum() / max(rest.shape[1] * sides, 1)), LEAST_ERROR * mean)
     estimates = {"position_error": length, "force_n_error": force, "force_t_error": force}
     known = {name: getattr(m, name) for name in estimates}
     return m._replace(**{name: np.where(np.isnan(e), estimates[name], e) for name, e in known.items()})
@@ -331,11 +457,12 @@ def _with_errors(m: MeasuredForces, law: Law) -> MeasuredForces:
 def _check_limit(m: MeasuredForces, law: Law) -> None:
     """Raise PackingError if a tangential force is far beyond the Coulomb limit."""
     mu = law.table[0, 0, MU]
-    beyond = (np.abs(m.force_t) - mu * m.force_n) / np.hypot(m.force_t_error, mu * m.force_n_error)
+    size = _sizes(m.force_t)
+    beyond = (size - mu * m.force_n) / np.hypot(m.force_t_error, mu * m.force_n_error)
     c = int(np.argmax(beyond))
     if beyond[c] > FAR:
         i, j = m.ids[m.ends[:, c]]
         raise PackingError(
-            f"grains {i} and {j} touch with a tangential force of {abs(m.force_t[c]):.4g} at a normal force of "
+            f"grains {i} and {j} touch with a tangential force of {size[c]:.4g} at a normal force of "
             f"{m.force_n[c]:.4g}, {beyond[c]:.2g} errors beyond the Coulomb limit for mu = {mu:g}: check mu and errors"
         )

@@ -15,17 +15,19 @@ from ..core.progress import Report, silent
 from ..core.reading import read_arrays
 from ..core.units import unit_name, with_unit
 from ..data import archive
-from ..data.exchange.files import capture_warnings
+from ..data.exchange.files import capture_warnings, is_measured
+from ..data.exchange.force_network import read_forces
 from ..data.exchange.frame import Frame, frame_of, mode_frames, read_mode
 from ..data.manifest import add_to_manifest, digest, find_foreign, read_manifest, write_manifest
 from ..data.run_files import FILM, PAGE, check_free, replace_atomically
-from ..data.sample import Obstacle
+from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
 from ..figures import page
 from ..figures import view3d as scene
 from ..figures.animation import frames_between
-from ..figures.grains import packing
-from ..figures.outlines import DISPLACEMENT
+from ..figures.grains import count_outside, layout_of, packing
+from ..figures.network import enough_contacts, forces
+from ..figures.outlines import DISPLACEMENT, Zoom, outside_words
 from ..figures.page import MARK
 from ..figures.saving import render
 from ..loading.reading import read_packing
@@ -34,7 +36,8 @@ from ..solve.stability import DENSE_UP_TO, stability
 from .packing import Settling, describe_law, find_birth_form, growing_modes, let_settle, likely_causes, verdict
 
 SEARCHED = 30_000  # coordinates up to which the verdict takes about a minute, and is sought without being asked for
-DRAWN = 2000  # grains up to which a packing is also drawn as a figure
+DRAWN = 2000  # grains up to which a packing and its forces are also drawn as figures
+FORCES = "distribution, chains, strong network and directions of contact forces"
 MODES = 6  # modes that a page animates
 REMEDY = "Give the missing data, or settle the packing with --settle"
 MARK_RANGE = 4096  # bytes at the beginning and end of a file that may contain the mark
@@ -65,7 +68,7 @@ class PageContent(NamedTuple):
 
 def packing_content(
     file: Path, *, modes: Path | None = None, method: str = "auto", options: dict, settle: bool = False,
-    dashpots: bool = True, search: bool | None = True, report: Report = silent,
+    dashpots: bool = True, search: bool | None = True, zoom: Zoom = 1.0, report: Report = silent,
 ) -> PageContent:  # fmt: skip
     """Load a packing file with `read_packing`, together with its verdict and modes.
 
@@ -75,6 +78,7 @@ def packing_content(
     options : options of `read_packing`
     settle : if True, the packing is settled first
     dashpots : if False, dashpots of the law are left out
+    zoom : of the figure
     search : if False and no file of modes is given, no verdict and no modes are computed; None: if that takes minutes
     """
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)
@@ -114,14 +118,36 @@ def packing_content(
     if mine:
         sections.append(("Modes out of equilibrium: no verdict" if why else "Growing modes", _mode_table(mine)))
     if n <= DRAWN:
-        drawn, caption = packing(state, law, mode=mine[0] if mine else None), "contacts"
+        drawn, caption = packing(state, law, mode=mine[0] if mine else None, zoom=zoom), "contacts"
         caption += ", and the fastest mode" if mine else ""
         sections.append(("Figure", page.pictures({caption: render(drawn)})))
+        if enough_contacts(state, law):
+            sections.append(("Contact forces", page.pictures({FORCES: render(forces(state, law))})))
     about = f"stickslip {__version__}, {archive.versions()}"
     return PageContent(
         file.name, about, [frame], [""], 0, mine, sections, warning=warning, unjudged=why, verdict=sentence,
         decided=not any(isinstance(note, Obstacle) for note in notes),
     )  # fmt: skip
+
+
+def write_forces(file: Path, path: Path, options: dict) -> list[str]:
+    """Write the figure of the contact forces of a packing, as PDF, PNG or SVG; return notes on what was read.
+
+    Measured forces are drawn as they were read, without balance; options of a law are then not used.
+    """
+    contacts = options.get("contacts")
+    if is_measured(file, contacts and Path(contacts)):
+        source, law = read_forces(file, contacts, frame=options.get("frame")), None
+        notes = [*with_one_account(source.notes), f"{file.name}: forces are drawn as they were measured, not balanced"]
+    else:
+        (source, law, notes), said = capture_warnings(read_packing, file, **options)
+        notes = [*notes, *said]
+        if not (rest := imbalance(source, law)) <= BALANCED_BELOW:
+            notes.append(no_equilibrium_message(rest))
+    drawn = forces(source, law)
+    with staged_file(path) as part:
+        part.write_bytes(render(drawn, path.suffix.lower().removeprefix(".")))
+    return notes
 
 
 def _read_modes(path: Path, n: int) -> list:
@@ -150,14 +176,14 @@ def _mode_table(modes: list) -> str:
     return page.table(columns, rows, classes=dict.fromkeys(columns, "number"))
 
 
-def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> None:
+def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoom: Zoom = 1.0) -> None:
     """Write the page."""
     view = ""
     if shown.frames:
         inside = scene.page_view(
-            shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour
+            shown.frames, shown.modes, at=shown.at, labels=shown.labels, colour=colour, zoom=zoom
         )  # fmt: skip
-        view = page.paragraph(_describe_view(shown))
+        view = page.paragraph(" ".join([_describe_view(shown), *(f"{note}." for note in notes_on_view(shown, zoom))]))
         view += page.embedded_document(inside, "the packing in three dimensions")
         view += page.paragraph(HELP, kind="soft")
     warning = shown.warning[:1].upper() + shown.warning[1:]
@@ -168,6 +194,12 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None) -> 
     text = page.page(shown.title, shown.about, [*first, *shown.sections])
     with staged_file(path) as part:
         part.write_bytes(text.encode())
+
+
+def notes_on_view(shown: PageContent, zoom: Zoom) -> list[str]:
+    """Note on grains that are outside the view of a page when it is opened, if there are any."""
+    away = scene.count_out_of_view(shown.frames, zoom) if shown.frames else 0
+    return [f"{outside_words(away)}: zoom out to see {'it' if away == 1 else 'them'}"] if away else []
 
 
 def _describe_view(shown: PageContent) -> str:
@@ -217,9 +249,10 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
 
 def write_movie(
     shown: PageContent, path: Path, *, colour: str | None = None, fps: int = film.FPS, count: int = 48,
-    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, report: Report = silent,
-) -> Path:  # fmt: skip
-    """Write the frames of a run, or one period of a mode, as a GIF or MP4.
+    amplitude: float = 0.3, mode: int | None = None, whole: bool = False, zoom: Zoom = 1.0, slides: bool = False,
+    report: Report = silent,
+) -> list[str]:  # fmt: skip
+    """Write the frames of a run, or one period of a mode, as a GIF or MP4; return notes on grains outside the view.
 
     Parameters
     ----------
@@ -228,6 +261,7 @@ def write_movie(
     fps : frames per second
     count, amplitude : number of frames in one period of a mode, and its amplitude; see `mode_frames`
     whole : True to show all stages of a run, instead of the last
+    zoom, slides : see `stickslip.figures.movie`
     """
     if not shown.frames:
         raise ValueError(f"there are no frames for a movie: {shown.without}")
@@ -252,8 +286,11 @@ def write_movie(
         labels = [f"mode {mode}, enlarged: {describe_growth(chosen[2])}{note}"] * len(frames)
     colour = colour or ("speed" if mode is None else DISPLACEMENT)
     with staged_file(path) as part:
-        film.movie(frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, report=report)
-    return path
+        film.movie(
+            frames, part, labels=labels, mode=chosen, colour=colour, fps=fps, zoom=zoom, slides=slides, report=report
+        )
+    away = count_outside(frames, layout_of(frames, zoom=zoom))
+    return [f"{outside_words(away)}: --zoom all shows every grain"] if away else []
 
 
 def default_path(place: Path, name: str) -> Path:

@@ -6,6 +6,7 @@ import time
 from bisect import bisect
 from collections.abc import Iterable
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -16,6 +17,7 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
+from ..core.progress import displayed_by, hidden
 from ..core.text import printable
 from ..core.units import heading
 
@@ -56,7 +58,8 @@ def console_output(quiet: bool = False, as_json: bool = False):
     console.stderr = as_json
     console.quiet = quiet or (as_json and not can_redraw())
     try:
-        yield
+        with displayed_by(hidden) if quiet or as_json else nullcontext():
+            yield
     finally:
         console.quiet, console.stderr = before
 
@@ -123,9 +126,20 @@ def progress(*, transient: bool = False):
             if plain_line:
                 plain_line(stage, share, text, left)
 
-        yield update
+        with displayed_by(partial(_unmeasured, bar)) if can_redraw() else nullcontext():
+            yield update
         for task in stages.values():
             bar.update(task, total=1.0, completed=1.0, left="")
+
+
+@contextmanager
+def _unmeasured(bar: Progress, text: str):
+    """Line for work without a measure of its progress, below the stages while it lasts."""
+    task = bar.add_task(text, total=None, text="", left="")
+    try:
+        yield
+    finally:
+        bar.remove_task(task)
 
 
 def estimate_left(history: list[tuple[float, float]]) -> float | None:

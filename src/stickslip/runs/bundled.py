@@ -29,6 +29,7 @@ def _bundled_folder(name: str) -> Path:
 
 FOLDER, PAGES = _bundled_folder("examples"), _bundled_folder("docs")
 _WITHOUT_TEXT = {
+    "lecture.ipynb": "A notebook for a lecture hour, with exercises: press and shear a packing until a pair is born",
     "wing": "A wing, a package that adds an experiment to `stickslip run` when it is installed",
     "sheared": "What LAMMPS wrote for shear.lammps: 27 grains, three frames, for `stickslip watch`",
     "sheared_spheres.npz": "Fifty spheres, sheared until a complex pair exists, with the slip of every contact",

@@ -349,7 +349,8 @@ def _read_arguments(path: Path) -> dict:
 def _look_in(options, path: Path) -> Look:
     try:
         look = Look(**options)
-        if set(look.formats) <= set(FORMATS) and look.width in WIDTHS and isinstance(look.letters, bool):
+        plain = isinstance(look.letters, bool) and isinstance(look.slides, bool)
+        if set(look.formats) <= set(FORMATS) and look.width in WIDTHS and plain:
             return look._replace(formats=tuple(look.formats))
     except TypeError:
         pass

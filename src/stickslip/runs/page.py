@@ -21,6 +21,7 @@ from ..data.sample import PackingError
 from ..experiments.registry import list_files
 from ..figures import page
 from ..figures.grains import bare_frame
+from ..figures.outlines import Zoom
 from ..reports import claims as claims_table
 from ..reports.packing import growing_modes
 from ..reports.page import MODES, PageContent, describe_growth, packing_content
@@ -42,16 +43,17 @@ ROWS = 60  # of a table of measures or members; the number of omitted rows is sh
 def load_content(
     place: Path, *, modes: Path | None, options: dict, settle: bool = False, dashpots: bool = True,
     report: Report = silent,
-    search: bool | None = True, trust: bool = False,
+    search: bool | None = True, trust: bool = False, zoom: Zoom = 1.0,
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder.
 
-    With `trust`, the law file of a run may be executed.
+    With `trust`, the law file of a run may be executed; `zoom` is that of figures of a packing.
     """
     if not is_run(place) and (place.is_dir() or place.is_file() or place.suffix):
         return packing_content(
-            place, modes=modes, options=options, settle=settle, dashpots=dashpots, search=search, report=report
-        )
+            place, modes=modes, options=options, settle=settle, dashpots=dashpots, search=search, zoom=zoom,
+            report=report,
+        )  # fmt: skip
     own = (*options.items(), ("modes", modes), ("settle", settle or None), ("no-dashpots", None if dashpots else True))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
@@ -297,7 +299,7 @@ def _limited_table(columns: list[str], rows: list[list[str]], *, numbers=slice(1
 
 
 def _sweep_content(folder: Path) -> PageContent:
-    data = open_sweep(folder)
+    data = open_sweep(folder, short=True)
     kept = data.drop_vars([name for name in ("finished", "seconds") if name in data]).to_dataframe().reset_index()
     kept = kept[[name for name in kept.columns if name != "member"] + ["member"]]
     columns, empty = [], [name for name in kept.columns if name != "member" and kept[name].isna().all()]

@@ -65,27 +65,31 @@ class Projection(NamedTuple):
 
     point: np.ndarray  # (n,)
     binding: int
+    pushes: np.ndarray  # (k,) multipliers of the inequalities
 
 
-def nearest_point(a, b: np.ndarray, g, h: np.ndarray) -> Projection | None:
+def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> Projection | None:
     """Minimise |z|²/2 under A z = b and G z ≥ h; None if no point is found, as where there is none.
 
     Parameters
     ----------
     a, g : (m, n) and (k, n) sparse, k > 0
     b, h : (m,) and (k,)
+    bent, around : (n, n) sparse H and (n,) z₀ of a further term (z − z₀)ᵀ H (z − z₀)/2; None: there is none
 
     Source
     ------
     Nocedal & Wright, doi:10.1007/978-0-387-40065-5, Algorithm 16.4 (Mehrotra's predictor and corrector).
     """
     z, y, w = np.zeros(a.shape[1]), np.zeros(len(b)), np.maximum(-h, 1.0)
+    metric = sparse.eye_array(len(z)) if bent is None else sparse.eye_array(len(z)) + bent
+    pull = np.zeros(len(z)) if bent is None else bent @ around
     v = 1 / w  # multipliers of G z − w = h
     for _ in range(ITERATIONS):
-        dual, equal, above, gap = z - a.T @ y - g.T @ v, a @ z - b, g @ z - w - h, v @ w / len(h)
+        dual, equal, above, gap = metric @ z - pull - a.T @ y - g.T @ v, a @ z - b, g @ z - w - h, v @ w / len(h)
         if gap < GAP and max(np.abs(r).max(initial=0.0) for r in (dual, equal, above / (1 + w))) < RESIDUAL:
-            return Projection(z, len(b) + int((v > w).sum()))
-        stiff = sparse.eye_array(len(z)) + g.T @ sparse.diags_array(v / w) @ g
+            return Projection(z, len(b) + int((v > w).sum()), v)
+        stiff = metric + g.T @ sparse.diags_array(v / w) @ g
         whole = sparse.block_array([[stiff, a.T], [a, -SOFT * sparse.eye_array(len(b))]])
         try:
             solve = splu(sparse.csc_array(whole)).solve  # its order by columns fills ten times less than by degrees

@@ -17,6 +17,7 @@ import numpy as np
 from ...builtin_laws import BUILTIN_LAWS, FIRST_OF_OWN
 from ...extras import require
 from ..library import core
+from ..progress import announced
 from .builtin import (
     DAMPING_N,
     DAMPING_T,
@@ -148,10 +149,17 @@ def block_function(kind: Kind, name: str):
     ValueError
         with a one-sentence message that names the line, if Numba cannot compile it.
     """
+    own = USER_LAWS[kind]
+    with announced(f"compiling {own.name}: {MEMBERS[name]}"):
+        return _compiled_block(own, kind, name)
+
+
+def _compiled_block(own: UserLaw, kind: Kind, name: str):
+    """Compile a function of a user's law."""
     numba = require("numba", "laws")
     numbers = numba.types.CPointer(numba.types.float64)
     signature = numba.types.void(numbers, numba.types.int64, *6 * [numbers])
-    own, scope = USER_LAWS[kind], dict(numba_functions(kind))
+    scope = dict(numba_functions(kind))
     exec(compile(_block_text(own, name), "<contact law>", "exec"), scope)
     try:
         with warnings.catch_warnings(action="ignore"):

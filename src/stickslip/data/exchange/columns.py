@@ -7,7 +7,7 @@ import numpy as np
 
 from ...known import HARMLESS, USED
 from ..sample import Assumption, Obstacle, PackingError, account_for
-from .content import HEAD, Packing, head_text, read_content
+from .content import HEAD, Packing, read_content
 
 PLACES = (
     "", "pos", "position", "positions", "point", "points", "coord", "coordinate", "coordinates", "coords", "center",
@@ -37,16 +37,6 @@ NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
 def plain_name(name: str) -> str:
     """Name of a column in small letters, without units and punctuation: "Pos_X [mm]" becomes "posx"."""
     return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*?[\])]", "", name.lower()))
-
-
-def is_measured(path: Path, contacts: Path | None) -> bool:
-    """Return True for a file of MATLAB, or if there is a table of contacts with a column fn, not from LAMMPS."""
-    if contacts is None or not contacts.is_file():
-        return is_matlab(path)
-    lines = head_text(read_content(contacts, HEAD)).splitlines()
-    return lines[:1] != ["ITEM: TIMESTEP"] and any(
-        "fn" in map(plain_name, re.split(r"[;,\t]+| +(?!\[)", line)) for line in lines[:20]
-    )
 
 
 def is_matlab(path: Path) -> bool:

@@ -37,7 +37,7 @@ from ..sample import (
     with_one_account,
 )
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
-from .columns import at_rest, mass_note
+from .columns import at_rest, is_matlab, mass_note
 from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, placed_state, read_content
 from .frame import Frame, frame_of, write_graph
 
@@ -73,6 +73,15 @@ FORMATS = (
     Format("PackLSD", _here("dialects.recognize_packlsd"), _here("dialects.read_packlsd")),
     Format("CSV, YADE and other tables", _here("table_file.recognize"), _here("table_file.read")),
 )
+
+
+def is_measured(path: Path, contacts: Path | None) -> bool:
+    """Return True for a file of MATLAB, or if there is a table of contact forces that is not from LAMMPS."""
+    if contacts is None or not contacts.is_file():
+        return is_matlab(path)
+    from .force_lists import is_table_of_forces
+
+    return is_table_of_forces(path, contacts)
 
 
 def find_format(path: Path) -> Format:

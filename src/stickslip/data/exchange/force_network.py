@@ -1,6 +1,5 @@
-"""Measured positions and contact forces of disks: two tables, or the structure of PeGS (Photoelastic Grain Solver)."""
+"""Measured positions and contact forces: two tables, or the structure of PeGS, a Photoelastic Grain Solver."""
 
-import re
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -10,16 +9,13 @@ import numpy as np
 from ...core.arguments import Array, Numbers, Several, check_computed, checked
 from ...core.readable import readable
 from ...core.reading import Budget, check_matlab, read_bytes
-from ...known import USED
-from ..sample import PackingError, account_for, naming
-from .columns import identify_columns, is_matlab, plain_name
-from .table_file import read, read_columns
+from ..sample import PackingError, naming
+from .columns import is_matlab
+from .content import only_state
+from .force_lists import NEEDED, WIDEST, frames_of_lists, read_lists
 
-WIDEST = 0.5  # gap or overlap of grains in contact, over the smaller radius
-PIXELS = ("px", "pix", "pixel", "pixels")
+SAID = 0.05  # such gaps above which a note says how large they are
 PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
-NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
-OPTIONAL = ("fixed", "loadx", "loady", "positionerror")  # columns of grains, by plain names
 
 
 Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where they are not known
@@ -27,16 +23,16 @@ Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where they 
 
 @readable
 class MeasuredForces(NamedTuple):
-    """Disks and the forces at their contacts, as they were measured; overlaps and slips are not known."""
+    """Disks or spheres and the forces at their contacts, as they were measured; overlaps and slips are not known."""
 
-    position: np.ndarray  # (N, 2) [length]
+    position: np.ndarray  # (N, D), D = 2 for disks, 3 for spheres [length]
     radius: np.ndarray  # (N,) [length]
     free: np.ndarray  # (N,) bool; others are held, as at walls, and need not balance
-    load: np.ndarray  # (N, 2) external forces [force]
+    load: np.ndarray  # (N, D) external forces [force]
     pair_i: np.ndarray  # (C,) grains from 0
     pair_j: np.ndarray  # (C,)
     force_n: np.ndarray  # (C,) normal forces, not negative [force]
-    force_t: np.ndarray  # (C,) tangential forces, positive if they turn both grains from x to y [force]
+    force_t: np.ndarray  # of disks (C,), positive if they turn both from x to y; of spheres (C, 3), on i [force]
     position_error: np.ndarray  # (N,) of each coordinate; NaN: not known [length]
     force_n_error: np.ndarray  # (C,) NaN: not known [force]
     force_t_error: np.ndarray  # (C,) NaN: not known [force]
@@ -46,10 +42,21 @@ class MeasuredForces(NamedTuple):
     def check_entries(self) -> None:
         """Raise PackingError with a one-sentence message if these cannot be the forces of a packing."""
         check_computed(self)
+        wanted = {2: (len(self.pair_i),), 3: (len(self.pair_i), 3)}.get(self.dim)
+        if np.shape(self.force_t) != wanted:
+            raise PackingError(
+                f"force_t has shape {np.shape(self.force_t)} for positions of shape {self.position.shape}: for C "
+                "contacts of disks (C,) is needed, of spheres (C, 3)"
+            )
         if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
             raise PackingError("contacts name grains by fractions: use whole numbers from 0")
         _check_numbers(self)
         _check_pairs(self)
+
+    @property
+    def dim(self) -> int:
+        """2 for disks, 3 for spheres."""
+        return self.position.shape[1]
 
     @property
     def ends(self) -> np.ndarray:
@@ -64,20 +71,22 @@ class MeasuredForces(NamedTuple):
 
 @checked
 def measured_forces(
-    position: Numbers, radius: Several, pair_i: Several, pair_j: Several, force_n: Several, force_t: Several = 0.0, *,
+    position: Numbers, radius: Several, pair_i: Several, pair_j: Several, force_n: Several, force_t: Numbers = 0.0, *,
     held: Several = (), load: Numbers = 0.0, position_error: Unknown = np.nan, force_n_error: Unknown = np.nan,
     force_t_error: Unknown = np.nan, ids: Several | None = None, notes: list[str] | tuple[str, ...] = (),
 ) -> MeasuredForces:  # fmt: skip
-    """Disks and the forces at their contacts as they were measured.
+    """Disks or spheres and the forces at their contacts as they were measured.
 
     Parameters
     ----------
-    position : (N, 2) [length]; radius : float or (N,) [length]
+    position : (N, 2) or (N, 3) [length]; radius : float or (N,) [length]
     pair_i, pair_j : (C,) grains from 0, each contact once
-    force_n : (C,), not negative [force]; force_t : float or (C,), positive if it turns both grains from x to y, its
-        torque on them divided by their radius [force]
+    force_n : (C,), not negative [force]
+    force_t : tangential forces. Of disks float or (C,), positive if it turns both from x to y, its torque on them
+        divided by their radius; of spheres (C, 3), the force on grain i, of which the part along the normal is left out
+        [force]
     held : grains that need not balance, such as those at walls whose forces were not measured
-    load : (N, 2), external forces such as weights [force]
+    load : as `position`, external forces such as weights [force]
     position_error, force_n_error, force_t_error : float, (N,) or (C,), standard deviations; NaN if not known
     ids : (N,) numbers by which messages name the grains, default from 0
 
@@ -93,17 +102,28 @@ def measured_forces(
     array([2.])
     """
     n, count = len(np.atleast_1d(position)), np.size(pair_i)
+    dim = 3 if np.shape(position) == (n, 3) else 2
     each = {"radius": radius, "position_error": position_error, "ids": np.arange(n) if ids is None else ids}
     pairs = {"pair_i": pair_i, "pair_j": pair_j, "force_n": force_n, "force_t": force_t}
     pairs |= {"force_n_error": force_n_error, "force_t_error": force_t_error}
-    shapes = {"position": (position, (n, 2)), "load": (load, (n, 2))}
+    shapes = {"position": (position, (n, dim)), "load": (load, (n, dim))}
     shapes |= {name: (value, (n,)) for name, value in each.items()}
     shapes |= {name: (value, (count,)) for name, value in pairs.items()}
+    shapes |= {"force_t": (force_t, (count,) if dim == 2 else (count, 3))}
     full = {name: _filled(name, *parts) for name, parts in shapes.items()}
     network = MeasuredForces(**full, free=~np.isin(np.arange(n), held), notes=list(notes))
     _check_numbers(network)
     _check_pairs(network)
-    return network
+    if dim == 2:
+        return network
+    normal = unit_branches(network)
+    return network._replace(force_t=network.force_t - np.einsum("ck,ck,cl->cl", network.force_t, normal, normal))
+
+
+def unit_branches(m: MeasuredForces) -> np.ndarray:
+    """(C, D) normals of contacts, from j to i."""
+    branch = m.position[m.pair_i] - m.position[m.pair_j]
+    return branch / np.linalg.norm(branch, axis=1, keepdims=True)
 
 
 def _filled(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
@@ -129,11 +149,6 @@ def _check_numbers(m: MeasuredForces) -> None:
             raise PackingError(f"{name} = {getattr(m, name).min():g} was given: it must be positive")
     if not m.force_n.any():
         raise PackingError("all normal forces are zero: nothing presses the grains together")
-    if m.free.all() and not m.load.any():
-        raise PackingError(
-            "no grain is held and there are no loads: grains that press each other need something around them, so mark "
-            "those at the edge as fixed"
-        )
 
 
 def _check_pairs(m: MeasuredForces) -> None:
@@ -142,8 +157,7 @@ def _check_pairs(m: MeasuredForces) -> None:
     _, first = np.unique(low * len(m.radius) + high, return_index=True)
     again = np.ones(len(low), bool)
     again[first] = False
-    size, reach = np.linalg.norm(m.position[low] - m.position[high], axis=1), m.radius[m.ends].sum(axis=0)
-    share = (size - reach) / m.radius[m.ends].min(axis=0)
+    share, size = _gaps(m), m.radius[m.ends].min(axis=0)
     for wrong, text in (
         (low == high, "are one grain, which cannot touch itself: check the numbers of the grains"),
         (again, "touch twice in the list of contacts: give each contact once"),
@@ -152,20 +166,25 @@ def _check_pairs(m: MeasuredForces) -> None:
          " radii and their unit, and the numbers of the grains"),
     ):  # fmt: skip
         for c in np.flatnonzero(wrong):
-            gap = size[c] - reach[c]
-            how = "have a gap of" if gap > 0 else "overlap by"
-            told = text.format(how=how, gap=abs(gap), share=abs(share[c]))
+            how = "have a gap of" if share[c] > 0 else "overlap by"
+            told = text.format(how=how, gap=abs(share[c]) * size[c], share=abs(share[c]))
             raise PackingError(f"grains {m.ids[m.pair_i[c]]} and {m.ids[m.pair_j[c]]} {told}")
 
 
 @checked
-def read_forces(path: str | Path, contacts: str | Path | None = None) -> MeasuredForces:
+def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: str | None = None) -> MeasuredForces:
     """Read measured positions and contact forces, from two tables or a file of PeGS.
 
-    Tables are text with names of columns. Grains: x, y, radius; optional id, fixed (1: held, 0: free), load_x, load_y,
-    position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it turns both grains from x to y);
-    optional fn_error, ft_error. Units in brackets, as in "fn [N]", are not converted: give all lengths in one unit, all
-    forces in one, and the law in these.
+    Tables are text. Grains: x, y, radius, between spheres also z; optional id, fixed (1: held, 0: free), edge (held if
+    not 0), load_x, load_y, load_z, position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it
+    turns both grains from x to y); optional fn_error, ft_error. Instead of fn and ft there may be the force on grain i,
+    fx, fy, fz, and instead of ft its tangential part tx, ty, tz; one of them is needed between spheres. Units in
+    brackets, as in "fn [N]", are not converted: give all lengths in one unit, all forces in one, and the law in these.
+
+    Columns without names are those of the lists of PeGS2 and RigidLibrary: frame, id, x, y, radius, edge, and frame, i,
+    j, ft, fn; or x, y, radius and i, j, fn, ft. Negative numbers are walls, whose contacts are left out; grains in
+    contact with them are held. Of a contact that is listed from both grains, the forces are averaged, and the root mean
+    square of half the differences is their error. Negative normal forces are left out within five errors.
 
     Files of PeGS hold the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
     grain its neighbours, forces in newtons, and angles alphas. They are read in SI units; y points down as in the
@@ -177,6 +196,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None) -> Measure
     ----------
     path : table of grains, or .mat
     contacts : table of contacts; not with .mat
+    frame : of tables with a column frame, the last by default
 
     Raises
     ------
@@ -194,51 +214,30 @@ def read_forces(path: str | Path, contacts: str | Path | None = None) -> Measure
     if is_matlab(path):
         if contacts is not None:
             raise PackingError(f"{contacts} was given with {path.name}, which holds the contacts: leave it out")
+        only_state(path, frame)
         return _read_pegs(path)
     if contacts is None:
         raise PackingError(f"{path} has no forces: give the table of contacts as well, {' '.join(NEEDED)}")
-    return _read_tables(path, Path(contacts))
-
-
-def _read_tables(path: Path, contacts: Path) -> MeasuredForces:
-    """Network from a table of grains and one of contacts."""
-    packing, grains, forces = read(path)[0], _plain(path), _plain(contacts)
-    for name in NEEDED:
-        if name not in forces:
-            raise PackingError(f"{contacts} has no column {name}: it has {' '.join(forces)}, needed are i j fn ft")
-    if not (n := len(packing.arrays["radius"])):
-        raise PackingError(f"{path} has no grains: give a row with x y radius for each")
-    named = packing.ids is not None
-    order, ids = (np.argsort(grains["id"], kind="stable"), packing.ids) if named else (np.arange(n), np.arange(n))
-    ends = np.stack([forces["i"], forces["j"]])
-    for wrong in ends[~np.isin(ends, ids)]:
-        use = "the ids of grains" if named else f"rows of grains, 0 to {n - 1}"
-        raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
-    columns = {name: values[order] for name, values in grains.items()}
-    errors = {f"force_{a}_error": forces.get(f"f{a}error", np.nan) for a in "nt"}
-    zero, used = np.zeros(n), {*grains} - {*identify_columns(grains)[1]} | {*OPTIONAL}
-    notes = account_for("column of a table", grains, path.name, dict.fromkeys(used, USED))
-    notes += account_for("column of contacts", forces, contacts.name, dict.fromkeys((*NEEDED, *FORCES), USED))
+    fields, notes = read_lists(path, Path(contacts), frame)
     with naming(path):
-        return measured_forces(
-        packing.arrays["position"][:, :2], packing.arrays["radius"], *np.searchsorted(ids, ends), forces["fn"],
-        forces["ft"], held=np.flatnonzero(columns.get("fixed", zero)), ids=ids, **errors,
-        load=np.stack([columns.get(f"load{axis}", zero) for axis in "xy"], axis=1),
-        position_error=columns.get("positionerror", np.nan), notes=notes,
-    )  # fmt: skip
+        measured = measured_forces(**fields, notes=notes)
+    gap = _gaps(measured)
+    note = (
+        f"grains said to touch have gaps of up to {gap.max():.2g} of a radius, {np.median(gap):.2g} in the middle: "
+        "overlaps follow from the forces"
+    )
+    return measured._replace(notes=[*notes, *([note] if gap.max() > SAID else [])])
 
 
-def _plain(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a table by plain names; PackingError if lengths are in pixels or forces in several units."""
-    columns, _ = read_columns(path)
-    units = {name: match[1].strip() for name in columns if (match := re.search(r"[\[(](.*?)[\])]", name))}
-    for name, unit in units.items():
-        if unit.lower() in PIXELS:
-            raise PackingError(f"{path} has {name!r} in pixels: give lengths in the unit of length of the law")
-    forces = sorted({unit for name, unit in units.items() if plain_name(name) in FORCES})
-    if len(forces) > 1:
-        raise PackingError(f"{path} has forces in {' and '.join(forces)}: give them in one unit")
-    return {plain_name(name): values for name, values in columns.items()}
+def _gaps(m: MeasuredForces) -> np.ndarray:
+    """(C,) gaps of grains in contact over the smaller radius, negative for overlaps."""
+    size = np.linalg.norm(m.position[m.pair_i] - m.position[m.pair_j], axis=1)
+    return (size - m.radius[m.ends].sum(axis=0)) / m.radius[m.ends].min(axis=0)
+
+
+def measured_frames(path: Path, contacts: Path | None) -> list[str | None]:
+    """Names of the frames of measured forces; None for that of files without names of frames."""
+    return [None] if contacts is None or is_matlab(path) else [*frames_of_lists(path, contacts)] or [None]
 
 
 def _read_pegs(path: Path) -> MeasuredForces:

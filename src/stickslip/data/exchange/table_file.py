@@ -6,6 +6,7 @@ written without a library, because ASE would write only eight decimals.
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ MERCURY = {  # numbers in the header, and columns of a row
     8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
     6: ["x", "y", "vx", "vy", "r", "a", "w", "info"],
 }  # fmt: skip
+NAMELESS = ["x", "y", "z", "radius"]
 COMMENT = ("#", "%")
 NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf")
 
@@ -32,11 +34,11 @@ def recognize(head: bytes) -> bool:
     lines = _content_lines(head_text(head)[:4000])
     if not lines:
         return False
-    names = _names(lines[0])
-    return len(_split(lines[0])) == 4 if names is None else _has_grains(names) or lines[0].startswith("#format")
+    names = names_of(lines[0])
+    return len(_split(lines[0])) == 4 if names is None else has_grains(names) or lines[0].startswith("#format")
 
 
-def _has_grains(names: list[str] | None) -> bool:
+def has_grains(names: list[str] | None) -> bool:
     """Return True if there are names of positions and of radii among these."""
     known, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
     return "position" in known and bool({"radius", "diameter"} & set(known))
@@ -66,13 +68,26 @@ def _are_times(name: str, values: np.ndarray) -> bool:
     return plain_name(name) in TIMES and len(counts) > 1 and counts.min() > 1 and bool((np.diff(values) >= 0).all())
 
 
-def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns of a table by their names, which are x y z radius if it has none, and a note if so."""
-    lines = _content_lines(read_lines(path, fallback="cp1252"))
-    names, notes = _names(lines[0]) if lines else None, []
+def read_columns(
+    path: Path, nameless: dict[int, list[str]] | None = None, heads: Callable = has_grains
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns of a table by their names, which are x y z radius if it has none, and a note if so.
+
+    Parameters
+    ----------
+    nameless : names of columns without names, by their number
+    heads : function that returns True for names in a comment that are those of the columns
+    """
+    lines = _content_lines(read_lines(path, fallback="cp1252"), heads)
+    names, notes = names_of(lines[0]) if lines else None, []
     if names is None:
-        names = ["x", "y", "z", "radius"]
-        notes = [Assumption(f"{path.name} does not name its columns: x y z radius is assumed", COLUMNS)]
+        names = NAMELESS
+        if nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
+            allowed = " or ".join(f"{n} ({' '.join(known)})" for n, known in nameless.items())
+            raise PackingError(
+                f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are read, name others"
+            )
+        notes = [Assumption(f"{path.name} does not name its columns: {' '.join(names)} is assumed", COLUMNS)]
     else:
         lines = lines[1:]
     _check_names(path, names)
@@ -82,11 +97,11 @@ def read_columns(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     }, notes
 
 
-def _content_lines(text: str) -> list[str]:
+def _content_lines(text: str, heads: Callable = has_grains) -> list[str]:
     """Lines with content; comments before the data are dropped, unless they name its columns."""
     lines = [line.strip() for line in text.split("\n") if line.strip()]
     first = next((k for k, line in enumerate(lines) if not line.startswith(COMMENT)), len(lines))
-    named = next((k for k in range(first - 1, -1, -1) if _has_grains(_names(lines[k]))), None)
+    named = next((k for k in range(first - 1, -1, -1) if heads(names_of(lines[k]))), None)
     return lines[first if named is None else named :]
 
 
@@ -102,7 +117,7 @@ def _split(line: str) -> list[str]:
     return [word.strip().strip('"') for word in (line.split(mark) if mark else line.split())]
 
 
-def _names(line: str) -> list[str] | None:
+def names_of(line: str) -> list[str] | None:
     """Names of columns in a line; None if the line has numbers."""
     fields = _split(line.lstrip("#%").strip())
     if line.startswith("#format"):
@@ -141,7 +156,10 @@ def recognize_mercury(head: bytes) -> bool:
     lines = head_text(head).split("\n")
     sizes = [len(line.split()) for line in lines[:2]]
     return (
-        len(lines) > 1 and sizes[0] in MERCURY and sizes[1] in (len(MERCURY[sizes[0]]), 0) and _names(lines[0]) is None
+        len(lines) > 1
+        and sizes[0] in MERCURY
+        and sizes[1] in (len(MERCURY[sizes[0]]), 0)
+        and names_of(lines[0]) is None
     )
 
 

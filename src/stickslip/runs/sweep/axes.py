@@ -4,7 +4,7 @@ import math
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -143,6 +143,24 @@ def flatten(table: dict, ends: Callable[[dict], bool] = lambda inner: False, abo
 def swept_entries(table: dict) -> dict:
     """Return the entries of the swept keys of a [sweep] table."""
     return flatten({key: value for key, value in table.items() if key not in OPTIONS}, _is_distribution)
+
+
+def short_names(keys: Iterable[str], others: Iterable[str] = ()) -> dict[str, str]:
+    """Return the shortest last parts of dotted keys by which they differ from each other and from other names.
+
+    Examples
+    --------
+    >>> short_names(["packing.friction.mu", "law.kn", "law.mu"])
+    {'packing.friction.mu': 'friction.mu', 'law.kn': 'kn', 'law.mu': 'law.mu'}
+    """
+    keys, others, out = list(keys), set(others), {}
+    for key in keys:
+        parts = key.split(".")
+        tails = [".".join(parts[k:]) for k in reversed(range(len(parts))) if not parts[k].isdecimal()]
+        same = [sum(f".{other}".endswith(f".{tail}") for other in keys) for tail in tails]
+        free = (tail for tail, count in zip(tails, same, strict=True) if count == 1 and tail not in others)
+        out[key] = next(free, key)
+    return out
 
 
 def _is_distribution(value: dict) -> bool:

@@ -20,7 +20,7 @@ from ...data.schema import field_at, split_unit
 from ...experiments.experiment import SweepMember
 from ...experiments.registry import EXPERIMENTS, scenario_class
 from ...figures.saving import FORMATS, PLAIN, Look, render_all
-from .axes import Axis
+from .axes import Axis, short_names
 from .definition import Sweep, member, values_of
 
 DATASET = "sweep.nc"
@@ -34,12 +34,16 @@ def is_sweep(folder: str | Path) -> bool:
 
 
 @checked
-def open_sweep(folder: str | Path) -> xr.Dataset:
+def open_sweep(folder: str | Path, *, short: bool = False) -> xr.Dataset:
     """Load the results of a sweep from its folder or file.
 
     In a grid without conditions, variables have a dimension for every swept key, and `draw` for a table of draws;
     otherwise their dimensions are `point`, and `seed` if it is given as a count. Values of unfinished members are NaN.
     `member` is the folder of each member, and `failure` its error message.
+
+    Parameters
+    ----------
+    short : whether swept keys have the shortest names by which they differ, as `mu` for `law.mu`
 
     Raises
     ------
@@ -55,9 +59,11 @@ def open_sweep(folder: str | Path) -> xr.Dataset:
     try:
         check_regular_file(path, "give the folder of a finished sweep")
         with xr.open_dataset(path, engine="scipy") as dataset:
-            return dataset.load()
+            found = dataset.load()
     except (OSError, TypeError, ValueError):
         raise ValueError(f"{path} does not contain a sweep: give the folder of a finished sweep") from None
+    names = short_names(map(str, found.coords), map(str, found.data_vars)) if short else {}
+    return found.rename(names | {dim: names[dim] for dim in found.dims if dim in names})
 
 
 def write_sweep(folder: Path, chosen: Sweep, names: list[str], outputs: list[dict | None], failures: list[str]) -> None:

@@ -19,6 +19,7 @@ from ...ensemble import Workers, reach
 from ...figures.saving import Look
 from ...reports.terminal import console, new_table, progress, show_lines, show_table
 from ..folder import check_writable, read_json
+from .axes import short_names
 from .dataset import DATASET, comparison_files, write_comparison
 from .definition import Sweep, describe_differences, member
 from .run import (
@@ -105,8 +106,9 @@ def _count_finished(folder: Path, names: list[str]) -> int:
 
 
 def _describe_size(chosen: Sweep) -> str:
+    short = short_names(axis.key for axis in chosen.axes)
     dims = " × ".join(
-        f"{' with '.join(axis.key for axis in group)} ({n})"
+        f"{' with '.join(short[axis.key] for axis in group)} ({n})"
         for group, n in zip(chosen.groups, chosen.shape, strict=True)
     )
     size = f"Sweep: {chosen.count} member{'s' if chosen.count > 1 else ''}, {dims}."

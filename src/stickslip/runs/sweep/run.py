@@ -26,6 +26,7 @@ from ...experiments.registry import experiment_of, is_run_file, list_files
 from ...figures.saving import PLAIN, Look
 from ...reports.terminal import format_duration
 from ..folder import staged_results, write_numbers, write_result
+from .axes import short_names
 from .dataset import write_sweep
 from .definition import Sweep, member, sweep
 
@@ -221,8 +222,9 @@ def _run_member(text: str, k: int, folder: str, look: Look | None, report) -> Me
     """Run one member in any process, in its folder if the process can access it; otherwise return its files."""
     chosen, place = member(_parse_sweep(text), k), Path(folder)
     assert place.name in (chosen.name, FIRST), f"{place.name} is not {chosen.name}"
+    short = short_names(chosen.values)
     label = ", ".join(
-        f"{key} = {v:.6g}" if isinstance(v, float) else f"{key} = {v}" for key, v in chosen.values.items()
+        f"{short[key]} = {v:.6g}" if isinstance(v, float) else f"{short[key]} = {v}" for key, v in chosen.values.items()
     )
     report(label, 0.0, "started")
     report = within(report, prefix=f"{label}: ")

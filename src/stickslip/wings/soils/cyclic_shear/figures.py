@@ -82,10 +82,10 @@ def modulus_and_damping(tables: list[_Table], sands: dict | None = None):
             label = "grains" if k == 0 else None
             axes.plot(table["amplitude"], table[name], "o-", color=color, label=label)
         axes.set_xscale("log")
-        label_axes(axes, y=CYCLE[name].axis)
+        label_axes(axes, y=CYCLE[name].axis, least={"y": 0.01})  # one per cent
     label_axes(panels[1], x=CYCLE["amplitude"].axis)
-    panels[1].yaxis.set_major_formatter(PercentFormatter(1, decimals=0))
-    panels[0].set_ylim(0, None)
+    panels[1].yaxis.set_major_formatter(PercentFormatter(1))
+    panels[0].set_ylim(0, 1.05 * panels[0].dataLim.y1)
     panels[0].legend(loc="lower left")
     return figure
 

@@ -7,6 +7,7 @@ from matplotlib.lines import Line2D
 
 from ....kit import (
     APART,
+    ASIDE,
     BLACK,
     BLUE,
     COLORS,
@@ -16,15 +17,19 @@ from ....kit import (
     Array,
     Result,
     Series,
+    Zoom,
     body_limits,
     column_axes,
     draw_grains_by_speed,
     label_axes,
     legend_above,
+    outside,
+    outside_words,
     plot_fast,
     styled,
     subplots,
     with_unit,
+    zoomed,
 )
 from ....measure import wrapped
 
@@ -33,16 +38,21 @@ WALL = "0.25"
 
 
 @styled
-def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "poured"))]):
-    """Snapshots seen along z: poured grains coloured by speed, plates grey, walls as lines."""
+def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "poured"))], *, zoom: Zoom = 1.0):
+    """Snapshots seen along z: poured grains coloured by speed, plates grey, walls as lines.
+
+    Parameters
+    ----------
+    zoom : as in `stickslip.figures.packing`
+    """
     shown = _select_frames(result)
     places = [wrapped(state) for state in shown]
-    low, high = _view_limits(result, shown, places)
+    low, high = _view_limits(result, shown, places, zoom)
     wide, tall = high - low
     columns = min(1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3, len(shown))
     rows = -(-len(shown) // columns)
     tops = np.full(rows, high[1])
-    if columns == 1:  # each panel is only as high as its grains
+    if columns == 1 and zoom == 1:  # each panel is only as high as its grains
         radius = shown[0].grains.radius.max()
         tops = np.array([body_limits(p[:, 1:2], 2 * APART * radius)[1, 0] for p in places]) + 4 * radius
         tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
@@ -57,13 +67,17 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     top = max(float(np.quantile(s, 0.99)) for s in speeds) or 1.0
     drawn = None
     for k, (axes, state, place) in enumerate(zip(panels.flat, shown, places, strict=False)):
+        corners = np.array([low, [high[0], tops[k // columns]]])
+        away = int(outside(place[:, :2], *corners).sum())
         drawn = draw_grains_by_speed(axes, state, place, loose, top)
         # lines where walls intersect the plane of the drawing; walls parallel to it are omitted
         for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
             if np.hypot(normal[0], normal[1]) > 1e-9:
                 axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], tops[k // columns]), aspect="equal")
-        axes.set_title(f"$t$ = {with_unit(f'{state.time:.4g}', 'time', unnamed='time units')}", fontsize=7, pad=2)
+        axes.set(xlim=corners[:, 0], ylim=corners[:, 1], aspect="equal")
+        time = with_unit(f"{state.time:.4g}", "time", unnamed="time units")
+        words = f"{'; ' if columns == 1 else chr(10)}{outside_words(away)}" if away else ""
+        axes.set_title(f"$t$ = {time}{words}", fontsize=7, pad=2)
     for axes in panels.flat[len(shown) :]:
         axes.axis("off")
     for axes in panels[-1]:
@@ -92,14 +106,15 @@ def _select_frames(result) -> list:
     return [frames[k] for k in dict.fromkeys(int(np.abs(times - t).argmin()) for t in wanted)]
 
 
-def _view_limits(result, shown, places):
+def _view_limits(result, shown, places, zoom):
     """Lower and upper corners of the drawing."""
     radius, periodic = shown[0].grains.radius.max(), shown[0].cell.periodic
-    corners = np.array([body_limits(p[:, :2], 2 * APART * radius) for p in places])
+    share = 0.0 if zoom == "all" else ASIDE
+    corners = np.array([body_limits(p[:, :2], 2 * APART * radius, share) for p in places])
     low, high = corners[:, 0].min(axis=0) - 2 * radius, corners[:, 1].max(axis=0) + 2 * radius
     for k in np.flatnonzero(periodic[:2]):
         low[k], high[k] = 0.0, result.frames[0].cell.vectors[k, k]
-    return low, high
+    return zoomed(np.array([low, high]), np.concatenate(places)[:, :2], zoom)
 
 
 @styled

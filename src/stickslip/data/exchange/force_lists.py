@@ -1,0 +1,361 @@
+"""Tables of grains and of contact forces: with headings, or without as in the two lists of PeGS2 and RigidLibrary."""
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...known import USED
+from ..sample import Assumption, PackingError, account_for
+from .columns import identify_columns, packing_of_columns, plain_name
+from .content import HEAD, chosen_frames, head_text, read_content
+from .table_file import names_of, read_columns, recognize
+
+PIXELS = ("px", "pix", "pixel", "pixels")
+NEEDED, FORCES = ("i", "j", "fn", "ft"), ("fn", "ft", "fnerror", "fterror")
+OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # columns of grains, by plain names
+FRAMES = ("frame", "step", "timestep", "time")
+WIDEST = 1.0  # gap or overlap of grains in contact, over the smaller radius
+FAR = 5.0  # errors beyond which a measurement is impossible
+FEW = 0.1  # largest share of contacts that may pull, if errors are not known
+NAMELESS_GRAINS = {
+    3: ["x", "y", "radius"], 4: ["x", "y", "z", "radius"], 6: ["frame", "id", "x", "y", "radius", "edge"],
+}  # fmt: skip
+NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
+ALIASES = {
+    "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "body1", "a"),
+    "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "b"),
+    "fn": ("fn", "fnormal", "forcen", "forcenormal", "normal", "normalforce"),
+    "ft": ("ft", "ftangential", "forcet", "forcetangential", "tangential", "tangentialforce", "shear", "shearforce"),
+    **{f"f{axis}": (f"f{axis}", f"force{axis}") for axis in "xyz"},
+    **{f"ft{axis}": (f"ft{axis}", f"t{axis}") for axis in "xyz"},
+}  # fmt: skip
+PLAIN = {other: name for name, others in ALIASES.items() for other in others}
+VECTORS = ("f", "ft")  # total and tangential force on the first grain
+
+
+class Lists(NamedTuple):
+    """Content of two tables, in one frame; names as in `measured_forces`."""
+
+    fields: dict[str, Any]  # for `measured_forces`
+    notes: list[str]
+
+
+def is_table_of_forces(grains: Path, contacts: Path) -> bool:
+    """Return True for a table of contacts with normal forces, or, beside a table of grains, other lists of forces."""
+    text = head_text(read_content(contacts, HEAD))
+    if text.startswith("ITEM: TIMESTEP"):
+        return False
+    lines = [line for line in text.splitlines() if line.strip()]
+    found = [names_of(line) for line in lines[:20]]
+    if any("fn" in map(_contact_name, names) for names in found if names):
+        return True
+    if not lines or not grains.is_file():
+        return False
+    bare = all(names is None for names in found) and len(_entries(lines[0])) in NAMELESS_CONTACTS
+    return (bare or any(map(_has_forces, found))) and _are_grains(read_content(grains, HEAD))
+
+
+def _are_grains(head: bytes) -> bool:
+    """Return True for a table of grains, with names of columns or as in lists without."""
+    first = next((line for line in head_text(head).splitlines() if line.strip()), "")
+    return recognize(head) or (names_of(first) is None and len(_entries(first)) in NAMELESS_GRAINS)
+
+
+def _entries(line: str) -> list[str]:
+    return [word for word in re.split(r"[;,\s]+", line.strip()) if word]
+
+
+def _contact_name(name: str) -> str:
+    plain = plain_name(name)
+    return PLAIN.get(plain, plain)
+
+
+def _has_forces(names: list[str] | None) -> bool:
+    """Return True if there are names of two grains and of a force between them among these."""
+    known = set(map(_contact_name, names or []))
+    return {"i", "j"} <= known and ("fn" in known or {"fx", "fy"} <= known)
+
+
+def frames_of_lists(path: Path, contacts: Path) -> list[str]:
+    """Names of the frames that both tables have; none if they have no column of frames."""
+    grains, forces = _grains_of(path)[0], _contacts_of(contacts)[0]
+    return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces)]
+
+
+def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
+    """Grains and contact forces of one frame, by default the last.
+
+    Grains at walls are held: those that are fixed or at an edge, or in contact with a grain of a negative number or
+    without a place. A contact that is listed from both of its grains is averaged.
+    """
+    (grains, notes), (forces, more) = _grains_of(path), _contacts_of(contacts)
+    steps = _common_frames(path, grains, contacts, forces)
+    notes = [*notes, *more, *_account(path, grains, contacts, forces)]
+    if len(steps):
+        ((at),) = chosen_frames(path, [f"{step:g}" for step in steps], frame)
+        if frame is None and len(steps) > 1:
+            notes.append(f"{path.name} has {len(steps)} frames: the last, {steps[at]:g}, is used; give another --frame")
+        grains, forces = (_rows_of(columns, steps[at]) for columns in (grains, forces))
+    elif frame is not None:
+        raise PackingError(f"frame {frame!r} was requested, but {path.name} has no column of frames: leave it out")
+    return _joined(path, grains, contacts, forces, notes)
+
+
+def _grains_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns of grains by plain names."""
+    columns, notes = read_columns(path, NAMELESS_GRAINS)
+    _check_units(path, columns)
+    out = {plain_name(name): values for name, values in columns.items()}
+    if notes and len(out) == 4 and (out["radius"] <= 0).any():  # as centers.txt of PeGS2
+        out = dict(zip(("x", "y", "radius", "edge"), out.values(), strict=True))
+        out["id"] = 1.0 + np.arange(len(out["x"]))
+    if notes:
+        said = f"{path.name} does not name its columns: {' '.join(out)} is assumed, all lengths in one unit"
+        notes = [Assumption(f"{said}, as in lists of PeGS2 (pixels): law and errors must have the same")]
+    return out, notes
+
+
+def _contacts_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns of contacts by plain names."""
+    columns, notes = read_columns(path, NAMELESS_CONTACTS, _has_forces)
+    _check_units(path, columns)
+    out = {_contact_name(name): values for name, values in columns.items()}
+    if notes and "frame" in out and np.isin(out["j"], (0, 1)).all():
+        raise PackingError(
+            f"{path} has five columns without names, of which the third has flags instead of grains: name the columns, "
+            "as in i j slides ft fn"
+        )
+    if notes:
+        notes = [Assumption(f"{path.name} does not name its columns: {' '.join(out)} is assumed, as in lists of PeGS2")]
+    vectors = any({f"{name}x", f"{name}y"} <= {*out} for name in VECTORS)
+    for name in NEEDED:
+        if name not in out and (name in "ij" or not vectors):
+            raise PackingError(
+                f"{path} has no column {name}: it has {' '.join(out)}, needed are i j fn ft, or i j and the force on "
+                "grain i, fx fy (fz)"
+            )
+    return out, notes
+
+
+def _check_units(path: Path, columns: dict[str, np.ndarray]) -> None:
+    """Raise PackingError if lengths are in pixels or forces in several units."""
+    units = {name: match[1].strip() for name in columns if (match := re.search(r"[\[(](.*?)[\])]", name))}
+    for name, unit in units.items():
+        if unit.lower() in PIXELS:
+            raise PackingError(f"{path} has {name!r} in pixels: give lengths in the unit of length of the law")
+    forces = sorted({unit for name, unit in units.items() if _contact_name(name) in (*FORCES, "fx", "fy", "fz")})
+    if len(forces) > 1:
+        raise PackingError(f"{path} has forces in {' and '.join(forces)}: give them in one unit")
+
+
+def _frame_column(columns: dict[str, np.ndarray]) -> np.ndarray | None:
+    return next((columns[name] for name in FRAMES if name in columns), None)
+
+
+def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict) -> np.ndarray:
+    """Frames that both tables have; PackingError if there are none, or only one table tells several apart."""
+    known = [np.unique(c[np.isfinite(c)]) for c in map(_frame_column, (grains, forces)) if c is not None]
+    if len(known) == 2:
+        both = np.intersect1d(*known)
+        if not len(both):
+            some = [", ".join(f"{step:g}" for step in steps[:4]) for steps in known]
+            raise PackingError(
+                f"{path} has the frames {some[0]} and {contacts.name} has {some[1]}: give tables of the same frames"
+            )
+        return both
+    if known and len(known[0]) > 1:
+        lacks = contacts if _frame_column(forces) is None else path
+        raise PackingError(f"{lacks} has no column frame, and the other table has {len(known[0])} frames: add it")
+    return known[0] if known else np.zeros(0)
+
+
+def _rows_of(columns: dict[str, np.ndarray], step: float) -> dict[str, np.ndarray]:
+    frames = _frame_column(columns)
+    return columns if frames is None else {name: values[frames == step] for name, values in columns.items()}
+
+
+def _account(path: Path, grains: dict, contacts: Path, forces: dict) -> list[str]:
+    """Account of the columns of both tables."""
+    used = {*grains} - {*identify_columns(grains)[1]} | {*OPTIONAL, *FRAMES}
+    read = {*NEEDED, *FORCES, *FRAMES, *(f"{name}{axis}" for name in VECTORS for axis in "xyz")}
+    return [
+        *account_for("column of a table", grains, path.name, dict.fromkeys(used, USED)),
+        *account_for("column of contacts", forces, contacts.name, dict.fromkeys(read, USED)),
+    ]
+
+
+def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> Lists:
+    """Network of the grains and contacts of one frame."""
+    grains, lost = _placed(path, grains, notes)
+    packing = packing_of_columns(grains, path.name)
+    if not (n := len(packing.arrays["radius"])):
+        raise PackingError(f"{path} has no grains: give a row with x y radius for each")
+    named, zero = packing.ids is not None, np.zeros(n)
+    order = np.argsort(identify_columns(grains)[0]["id"], kind="stable") if named else np.arange(n)
+    ids = packing.ids if named else order
+    grains = {name: values[order] for name, values in grains.items()}
+    forces = _finite_rows(forces, contacts, notes)
+    ends = np.stack([forces["i"], forces["j"]])
+    outside = (ends < 0) | np.isin(ends, lost)
+    for wrong in ends[~outside & ~np.isin(ends, ids)]:
+        use = "the ids of grains" if named else f"rows of grains, 0 to {n - 1}"
+        raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
+    walls, edge = outside.any(axis=0), grains.get("edge", zero) != 0
+    held = (grains.get("fixed", zero) != 0) | edge
+    beside = np.searchsorted(ids, np.unique(ends[:, walls][~outside[:, walls]]))
+    held[beside] = True
+    if walls.any():
+        notes.append(
+            f"contacts with walls, which have negative numbers, or with grains without a place are left out of "
+            f"{contacts.name}, and their grains held: {walls.sum()} of {len(walls)} rows, {len(beside)} grains"
+        )
+    if edge.any():
+        notes.append(f"grains at an edge are held: {edge.sum()}")
+    dim = packing.arrays.get("dim", 3)
+    place, radius = packing.arrays["position"][:, :dim], packing.arrays["radius"]
+    forces, ends = {name: values[~walls] for name, values in forces.items()}, np.searchsorted(ids, ends[:, ~walls])
+    load = np.stack([grains.get(f"load{axis}", zero) for axis in "xyz"[:dim]], axis=1)
+    network = _pressing(contacts, _averaged(contacts, forces, ends, place, ids, notes), ids, notes)
+    return Lists(_near(contacts, network, place, radius, notes) | {
+        "position": place, "radius": radius, "held": np.flatnonzero(held), "ids": ids, "load": load,
+        "position_error": grains.get("positionerror", np.nan),
+    }, notes)  # fmt: skip
+
+
+def _placed(path: Path, grains: dict, notes: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Rows of grains without missing numbers, and the ids of the others."""
+    known, rest = identify_columns(grains)
+    whole = np.all([np.isfinite(values) for name, values in grains.items() if name not in rest], axis=0)
+    ids = known.get("id", np.zeros(0))
+    if not whole.all() and not len(ids):
+        raise PackingError(f"{path} has rows in which numbers are missing, and no column id: add it, or remove them")
+    if not whole.all():
+        notes.append(f"grains of {path.name} of which numbers are missing are left out: {(~whole).sum()}")
+    kept = ids[whole] if len(ids) else ids
+    if (kept != np.round(kept)).any():
+        raise PackingError(f"{path} has ids of grains that are fractions: use whole numbers")
+    number, count = np.unique(kept, return_counts=True)
+    for twice in number[count > 1]:
+        raise PackingError(f"{path} has grain {twice:g} more than once: give each once, or a column frame")
+    return {name: values[whole] for name, values in grains.items()}, ids[~whole] if len(ids) else ids
+
+
+def _finite_rows(forces: dict, contacts: Path, notes: list[str]) -> dict[str, np.ndarray]:
+    """Rows of contacts without missing numbers."""
+    read = [name for name in forces if name in NEEDED or name[:-1] in VECTORS]
+    whole = np.all([np.isfinite(forces[name]) for name in read], axis=0)
+    if not whole.all():
+        notes.append(f"rows of {contacts.name} in which numbers are missing are left out: {(~whole).sum()}")
+    forces = {name: values[whole] for name, values in forces.items()}
+    for name in "ij":
+        if (forces[name] != np.round(forces[name])).any():
+            raise PackingError(f"{contacts} names grains by fractions in column {name}: use whole numbers")
+    return forces
+
+
+def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]):
+    """Normal forces (C,), and tangential ones, (C,) in a plane or vectors on the first grain (C, 3)."""
+    dim = place.shape[1]
+    axes = "xyz"[:dim]
+    branch = place[ends[0]] - place[ends[1]]
+    length = np.linalg.norm(branch, axis=1)
+    for c in np.flatnonzero(length == 0):
+        one, other = ids[ends[:, c]]
+        if one == other:
+            raise PackingError(f"{contacts} has a contact of grain {one} with itself: check the numbers of the grains")
+        raise PackingError(f"grains {one} and {other} of {contacts} are in one place: check the numbers of the grains")
+    normal = branch / length[:, None]
+    vector = {name: np.stack([forces[name + a] for a in axes], axis=1) for name in VECTORS
+              if all(name + a in forces for a in axes)}  # fmt: skip
+    if "f" in vector and "fn" not in forces:
+        along = np.einsum("ck,ck->c", vector["f"], normal)
+        sign = -1.0 if along.sum() < 0 else 1.0
+        if sign < 0:
+            notes.append(f"forces in {contacts.name} are taken as those on the second grain, as contacts press")
+        along, vector["ft"] = sign * along, sign * (vector["f"] - along[:, None] * normal)
+    else:
+        along = forces["fn"]
+    if dim == 2:
+        across = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+        turn = np.einsum("ck,ck->c", vector["ft"], across) if "ft" in vector else forces["ft"]
+        return along, turn
+    if "ft" not in vector:
+        raise PackingError(
+            f"{contacts} has sizes of tangential forces only: between spheres directions are needed, so give the force "
+            "on grain i, fx fy fz, or its tangential part, tx ty tz"
+        )
+    return along, vector["ft"]
+
+
+def _averaged(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]) -> dict:
+    """Contacts, each once, as arguments of `measured_forces`; those listed from both grains are averaged."""
+    n, (along, across) = len(ids), _parts(contacts, forces, ends, place, ids, notes)
+    low, high = np.sort(ends, axis=0)
+    if across.ndim == 2:
+        across = across * np.where(ends[0] > ends[1], -1.0, 1.0)[:, None]
+    key, row, count = np.unique(low * n + high, return_inverse=True, return_counts=True)
+    pair = {"pair_i": key // n, "pair_j": key % n}
+    for c in np.flatnonzero(count > 2):
+        i, j = (ids[grain[c]] for grain in pair.values())
+        raise PackingError(
+            f"{contacts} lists the contact of grains {i} and {j} {count[c]} times: once or twice is read"
+        )
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        out = np.zeros((len(key), *values.shape[1:]))
+        np.add.at(out, row, values)
+        return (out.T / count).T
+
+    out = pair | {"force_n": mean(along), "force_t": mean(across)}
+    out |= {f"force_{a}_error": mean(forces.get(f"f{a}error", np.full(len(row), np.nan))) for a in "nt"}
+    if not (twice := count == 2).any():
+        return out
+    size = {}
+    for a, values in (("n", along), ("t", across)):
+        half = (values - out[f"force_{a}"][row])[twice[row]]  # of the difference, with both signs
+        size[a], known = float(np.sqrt((half**2).mean())), out[f"force_{a}_error"]
+        out[f"force_{a}_error"] = np.where(np.isnan(known) & (size[a] > 0), size[a], known)
+    told = f"half their differences, {size['n']:.3g} normal and {size['t']:.3g} tangential, are the errors of forces"
+    told = told if any(size.values()) else "as both are the same, they tell nothing about errors"
+    notes.append(f"{twice.sum()} contacts of {contacts.name} are listed twice: readings are averaged; {told}")
+    if twice.all() or twice.mean() <= 0.5:
+        return out
+    notes.append(f"contacts that only one of both grains sees are left out: {(~twice).sum()}")
+    return {name: values[twice] for name, values in out.items()}
+
+
+def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) -> dict:
+    """Contacts without those that pull; PackingError if they pull more than errors explain."""
+    force, error = network["force_n"], network["force_n_error"]
+    if not (pulls := force < 0).any():
+        return network
+    c, mean = int(np.argmin(force)), np.abs(force).mean()
+    unknown = np.isnan(error[pulls]).any() and (pulls.mean() > FEW or -force[c] > force.max())
+    if unknown or (-force[pulls] > FAR * error[pulls]).any():
+        i, j = (ids[network[name][c]] for name in ("pair_i", "pair_j"))
+        raise PackingError(
+            f"{pulls.sum()} of {len(force)} contacts of {contacts} pull, the most that of grains {i} and {j} with "
+            f"{-force[c]:.4g}, more than errors explain: normal forces press and are positive; check the order of the "
+            "columns"
+        )
+    notes.append(
+        f"contacts with negative normal forces are left out: {pulls.sum()}, the most negative {-force[c] / mean:.2g} "
+        "of the mean"
+    )
+    return {name: values[~pulls] for name, values in network.items()}
+
+
+def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, notes: list[str]) -> dict:
+    """Contacts without a few whose grains are far apart, as where grains were confused; if many are, all are kept."""
+    i, j = network["pair_i"], network["pair_j"]
+    gap = np.linalg.norm(place[i] - place[j], axis=1) - radius[i] - radius[j]
+    share = np.abs(gap) / np.minimum(radius[i], radius[j])
+    if not (far := share > WIDEST).any() or far.mean() > FEW:
+        return network
+    notes.append(
+        f"contacts of {contacts.name} between grains that do not touch are left out: {far.sum()} of {len(far)}, with a "
+        f"gap or overlap of up to {share.max():.3g} radii"
+    )
+    return {name: values[~far] for name, values in network.items()}

@@ -1,0 +1,102 @@
+"""Chains, the strong network and anisotropies of contact forces, against networks of which they are known."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from benchmarks.measured_forces import LAW, forces_of, sheared
+
+
+def network(rows, i, j, force_n, force_t=0.0):
+    return ss.io.measured_forces(rows, 0.5, i, j, force_n, force_t)
+
+
+def lattice(columns, rows, strong):
+    """Square lattice whose contacts bear 1, vertical ones 3 in some columns."""
+    place = np.array([[k, m] for m in range(rows) for k in range(columns)], float)
+    up = [(k, k + columns) for k in range(columns * (rows - 1))]
+    right = [(k, k + 1) for k in range(columns * rows) if (k + 1) % columns]
+    force = [3.0 if i % columns in strong else 1.0 for i, _ in up] + [1.0] * len(right)
+    return network(place, *np.array(up + right).T, force)
+
+
+def test_columns_under_load_are_chains_and_clusters():
+    m = lattice(6, 7, strong=(1, 4))
+    chains, strong = ss.measure.force_chains(m), ss.measure.strong_network(m)
+    assert chains.lengths.tolist() == [7, 7]  # ends have one contact, and still bear more than the mean
+    assert {tuple(sorted(chain % 6)) for chain in chains.chains} == {(1,) * 7, (4,) * 7}
+    for chain in chains.chains:
+        assert (np.abs(np.diff(chain)) == 6).all()
+    assert strong.clusters == 2 and len(strong.grains) == 7
+    assert strong.strong.sum() == 12 and strong.cluster.sum() == 6
+    assert strong.share_of_pressure == pytest.approx(36 / (36 + 24 + 35))
+
+
+def test_chains_end_where_they_turn_too_far():
+    turn = np.deg2rad([0] * 5 + [70] * 5)
+    place = np.vstack([[0, 0], np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]), axis=0)])
+    i = np.arange(10)
+    both = np.vstack([place, place + np.array([0, 9])])
+    m = network(both, [*i, *i + 11], [*i + 1, *i + 12], [2.0] * 10 + [0.5] * 10)
+    # σ₁ of the grain at the corner points 35° from either side, within 45° and not within 30°
+    assert ss.measure.force_chains(m).lengths.tolist() == [9]  # without the ends, which bear half
+    assert ss.measure.force_chains(m, angle=30).lengths.tolist() == [4, 4]
+    with pytest.raises(ValueError, match="from 0 to 90"):
+        ss.measure.force_chains(m, angle=100)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_anisotropies_are_those_that_directions_were_drawn_with(dim):
+    """Contacts drawn with known anisotropies along x, as pairs of grains of their own."""
+    a_c, a_n, a_t, count = 0.3, 0.5, 0.2, 40_000
+    rng = np.random.default_rng(1)
+    normal = rng.normal(size=(4 * count, dim))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    shape = np.diag([1.0, -1.0] if dim == 2 else [2 / 3, -1 / 3, -1 / 3])  # a scalar a of one along x
+    form = np.einsum("ck,kl,cl->c", normal, shape, normal)
+    normal = normal[rng.uniform(size=len(form)) < (1 + a_c * form) / (1 + a_c)][:count]
+    form = np.einsum("ck,kl,cl->c", normal, shape, normal)
+    across = a_t * (normal @ shape - form[:, None] * normal)
+    first = 3.0 * np.arange(len(normal))[:, None] * np.eye(1, dim)
+    force_t = across if dim == 3 else across[:, 0] * normal[:, 1] - across[:, 1] * normal[:, 0]
+    i = np.arange(len(normal))
+    place = np.vstack([first, first - normal])
+    m = ss.io.measured_forces(place, 0.5, i, i + len(normal), 1 + a_n * form, force_t)
+    found = ss.measure.force_anisotropy(m)
+    error = 5 / np.sqrt(count)
+    assert (found.contacts, found.normal, found.tangential) == pytest.approx((a_c, a_n, a_t), abs=2 * error)
+    assert abs(found.contact_axis[0]) > 0.99 and abs(found.normal_axis[0]) > 0.99
+    turned = ss.io.measured_forces(place, 0.5, i, i + len(normal), 1 + a_n * form, -force_t)
+    assert ss.measure.force_anisotropy(turned).tangential == pytest.approx(-a_t, abs=2 * error)
+
+
+def test_a_state_and_its_measured_forces_have_the_same_statistics():
+    state = sheared(40, 0.86, 2e-2, seed=1)
+    i, j, along, across = forces_of(state)
+    inside = ~state.contacts.image[ss.measure.touching(state)].any(axis=1)
+    m = ss.io.measured_forces(
+        state.grains.position[:, :2], state.grains.radius, i[inside], j[inside], along[inside], across[inside]
+    )
+    whole, part = ss.measure.force_network(state, LAW), ss.measure.force_network(m)
+    np.testing.assert_allclose(part.force, whole.force[inside], atol=1e-12)
+    np.testing.assert_allclose(part.branch, whole.branch[inside], atol=1e-12)
+    found = ss.measure.force_anisotropy(state, LAW)
+    stress = ss.measure.stress(state, LAW)[:2, :2]
+    low, high = np.linalg.eigvalsh((stress + stress.T) / 2)
+    assert found.deviator == pytest.approx((high - low) / (high + low), rel=1e-9)
+    assert found.predicted_deviator == pytest.approx(found.deviator, rel=0.2)
+    with pytest.raises(ValueError, match="without a law"):
+        ss.measure.force_chains(state)
+    with pytest.raises(ValueError, match="leave it out"):
+        ss.measure.force_chains(m, LAW)
+
+
+def test_the_figure_states_what_was_measured():
+    m = lattice(6, 7, strong=(1, 4))
+    figure = ss.figures.forces(m)
+    texts = [text.get_text() for axes in figure.axes for text in axes.get_legend().get_texts()]
+    assert any("71 contacts" in text for text in texts) and "2 chains" in texts
+    assert any("largest cluster, 7 of 42" in text for text in texts)
+    assert "$a_n$ = " in figure.axes[3].get_title()
+    with pytest.raises(ValueError, match="the figure needs"):
+        ss.figures.forces(network([[0, 0], [1, 0]], [0], [1], [1.0]))
