@@ -12,11 +12,10 @@ import stickslip as ss
 from stickslip._core import build
 from stickslip.core.dynamics import batch, device
 from stickslip.core.dynamics.batch import Processor, run_legs
-from stickslip.core.dynamics.engine import Leg
 from stickslip.core.dynamics.record import OBSERVABLES
-from stickslip.core.dynamics.run import own_engine
+from stickslip.core.dynamics.run import Leg, own_engine
 from stickslip.core.library import core
-from stickslip.ensemble.together import Together
+from stickslip.experiments.realizations import Together
 
 GROUPS = "group_position", "group_velocity", "group_force", "group_pull"
 

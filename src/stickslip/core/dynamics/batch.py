@@ -32,9 +32,8 @@ from .coefficients import (
     state_checksum,
 )
 from .driver import run_steps
-from .engine import Leg
 from .record import WIDTH, Record, allocate_buffers, make_record
-from .timestep import check_time_step
+from .run import Leg, check_time_step
 
 SKIN = 0.02  # of the lists, in mean diameters
 WARP = 32  # rooms are multiples of it
