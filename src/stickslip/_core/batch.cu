@@ -120,7 +120,7 @@ __device__ void step() {
 template <int DIM>
 __device__ void sample() {
   const batch::Slot slot(systems, blockIdx.x);
-  if (slot.number[SLOT_PHASE] == SAMPLING) batch::write_sample<DIM>(law, slot, Team());
+  if (slot.number[SLOT_PHASE] == SAMPLING) batch::end_at_sample<DIM>(law, slot, Team());
 }
 
 template <int DIM>

@@ -37,6 +37,29 @@ struct Slot {
   double *slip(int64_t a, int64_t list, int k) const { return batch.slip + batch.most * (half() * (3 * list + k) + row(a)); }
   int32_t &entries(int64_t a, int64_t list) const { return batch.entries[half() * list + row(a)]; }
   const double *here(int64_t a) const { return point(a, number[SLOT_NOW]); }
+  bool goes_on() const { return number[SLOT_STEP] != number[SLOT_NEXT]; }  // to the next step, without a sample
+
+  // Sums of `count` numbers, at most SUMS: `add` adds those of thread t to zeros. They are left in ROWS parts for `total`.
+  template <class Team, class Add>
+  void add_up(const Team &team, int64_t count, const Add &add) const {
+    double *partial = batch.partial + TEAM * SUMS * s;
+    team.each([&](int64_t t) {
+      for (int64_t k = 0; k < count; ++k) partial[SUMS * t + k] = 0.0;
+      add(t, partial + SUMS * t);
+    });
+    team.each([&](int64_t t) {
+      for (int64_t k = t / ROWS; k < count; k += TEAM / ROWS) {
+        double sum = 0.0;
+        for (int64_t m = t % ROWS; m < TEAM; m += ROWS) sum += partial[SUMS * m + k];
+        partial[SUMS * (t % ROWS) + k] = sum;
+      }
+    });
+  }
+  double total(int64_t k) const {
+    double sum = 0.0;
+    for (int64_t m = 0; m < ROWS; ++m) sum += batch.partial[SUMS * (TEAM * s + m) + k];
+    return sum;
+  }
 
   // the view of `observables.h`
   double time() const { return value[PACE_START] + double(number[SLOT_STEP]) * value[PACE_DT]; }
@@ -58,18 +81,6 @@ struct Slot {
   int64_t &changed() const { return number[SLOT_CHANGED]; }
   void count(int64_t a) const { fetch_add(&held(a), 1); }
   void add_virial(double *) const {}
-
-  template <class Act>
-  void each_end(int64_t t, const Act &act) const {
-    const int64_t list = number[SLOT_LISTED];
-    for (int64_t a = t; a < grains(); a += TEAM)
-      for (int64_t e = 0; e < entries(a, list); ++e) {
-        const int64_t word = entry(a, list)[e], partner = word >> PARTNER;
-        if ((word & MODE) == OPEN) continue;
-        act(a, partner);
-        if (partner >= grains()) act(partner, a);  // a wall has no list
-      }
-  }
 };
 
 // the view of `pairs.h`
@@ -125,6 +136,14 @@ inline void open_entry(const Slot &slot, int64_t a, int64_t *entry) {
 // What a system does that may step.
 inline int64_t run_or_wait(const Slot &slot) {  // one step and a new list fill less than half of the rows
   return 2 * int64_t(slot.batch.happened[slot.s]) > slot.batch.events ? WAITING : RUNNING;
+}
+
+// Counts the step that all bodies have begun.
+inline void count_step(const Slot &slot) {
+  int64_t *number = slot.number;
+  number[SLOT_STEP] += 1;
+  slot.value[PACE_CLOCK] += slot.value[PACE_DT];
+  number[SLOT_PHASE] = number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
 }
 
 struct Sum {  // force and torque
@@ -200,11 +219,13 @@ inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t
   return {{f.x, f.y, f.z, turn.x, turn.y, turn.z}};
 }
 
-// Ends a step with half a kick (`half`) and begins the next one (`go_on`), as `move_body` in `motion.cpp`; from one
-// buffer of the motion to another.
+// Ends a step with half a kick (`half`), from one buffer of the motion to the other, and begins the next one unless a
+// sample is due, as `move_body` in `motion.cpp`.
 template <int DIM>
-inline void move(const Slot &slot, int64_t a, const double *f, bool half, bool go_on, int64_t from, int64_t to) {
+inline void move(const Slot &slot, int64_t a, const double *f, bool half) {
   const Batch &b = slot.batch;
+  const int64_t from = slot.number[SLOT_NOW], to = half ? 1 - from : from;
+  const bool go_on = slot.goes_on();
   const double *value = slot.value, *x = slot.point(a, from), *was = slot.motion(a, from);
   const double kick[2] = {b.kick[2 * slot.row(a)], b.kick[2 * slot.row(a) + 1]}, dt = value[PACE_DT];
   const double keep[2] = {value[PACE_KEEP], value[PACE_KEEP_T]}, slow[2] = {value[PACE_SLOW], value[PACE_SLOW_T]};
@@ -234,50 +255,26 @@ inline void move(const Slot &slot, int64_t a, const double *f, bool half, bool g
   for (int k = 0; k < 6; ++k) motion[k] = rate[k], motion[6 + k] = ahead[k];
 }
 
-inline void store_force(const Slot &slot, int64_t a, const double *f) {
-  for (int k = 0; k < 6; ++k) slot.batch.force[6 * slot.row(a) + k] = f[k];
-}
-
 // Ends the step of grain a, and begins the next one, with the loads of its contacts.
 template <int DIM>
 inline void end_step(const Slot &slot, int64_t a, const double *loads) {
-  const int64_t now = slot.number[SLOT_NOW];
-  const bool go_on = slot.number[SLOT_STEP] != slot.number[SLOT_NEXT];
+  const bool single = a < slot.number[SLOT_SINGLE], store = !single || !slot.goes_on();
   double f[6];
-  for (int k = 0; k < 6; ++k) f[k] = slot.batch.external[6 * slot.row(a) + k] + loads[k];
-  const bool single = a < slot.number[SLOT_SINGLE];
-  if (!single || !go_on) store_force(slot, a, f);
-  if (single) move<DIM>(slot, a, f, true, go_on, now, 1 - now);
+  for (int k = 0; k < 6; ++k) {
+    f[k] = slot.batch.external[6 * slot.row(a) + k] + loads[k];
+    if (store) slot.batch.force[6 * slot.row(a) + k] = f[k];
+  }
+  if (single) move<DIM>(slot, a, f, true);
 }
 
 // Pull of the springs on body a.
-inline double pull_of(const Slot &slot, int64_t a, int k, int64_t now) {
+inline double pull_of(const Slot &slot, int64_t a, int k) {
   const Batch &b = slot.batch;
   const double *spring = b.spring + 6 * slot.row(a);
   if (!(spring[k] > 0.0)) return 0.0;
-  return spring_force(spring[k], spring[3 + k], slot.point(a, now)[k], b.knot + b.knots * slot.s, b.knots,
+  return spring_force(spring[k], spring[3 + k], slot.here(a)[k], b.knot + b.knots * slot.s, b.knots,
                       b.course + b.knots * b.courses * slot.s, b.courses, b.leads[3 * slot.row(a) + k],
                       slot.value[PACE_CLOCK]);
-}
-
-// Adds up the first `sums` sums of all threads, in ROWS parts; the sum of these is `reduced`.
-template <class Team>
-inline void reduce(const Slot &slot, const Team &team, int64_t sums) {
-  double *partial = slot.batch.partial + TEAM * SUMS * slot.s;
-  team.each([&](int64_t t) {
-    for (int64_t k = t / ROWS; k < sums; k += TEAM / ROWS) {
-      double total = 0.0;
-      for (int64_t m = t % ROWS; m < TEAM; m += ROWS) total += partial[SUMS * m + k];
-      partial[SUMS * (t % ROWS) + k] = total;
-    }
-  });
-}
-
-inline double reduced(const Slot &slot, int64_t k) {
-  const double *partial = slot.batch.partial + TEAM * SUMS * slot.s;
-  double total = 0.0;
-  for (int64_t m = 0; m < ROWS; ++m) total += partial[SUMS * m + k];
-  return total;
 }
 
 // Springs, rigid groups, walls and counters of one system, after all grains have ended their step.
@@ -285,47 +282,33 @@ template <int DIM, class Team>
 inline void finish_step(const Slot &slot, const Team &team) {
   const Batch &b = slot.batch;
   int64_t *number = slot.number;
-  const int64_t now = number[SLOT_NOW], single = number[SLOT_SINGLE], bodies = number[SLOT_BODIES];
-  const bool go_on = number[SLOT_STEP] != number[SLOT_NEXT];
-  const int64_t *members = b.members + (b.groups + 1) * slot.s, rest = b.groups ? members[b.groups] : single;
-  team.each([&](int64_t t) {
-    double *partial = b.partial + TEAM * SUMS * slot.s + SUMS * t;
-    for (int64_t g = 0; g < b.groups; ++g) {
-      double total[3] = {};
+  const int64_t *members = b.members + (b.groups + 1) * slot.s;
+  const bool go_on = slot.goes_on();
+  slot.add_up(team, 3 * b.groups, [&](int64_t t, double *sum) {
+    for (int64_t g = 0; g < b.groups; ++g)
       for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM)
-        for (int k = 0; k < 3; ++k) total[k] += b.force[6 * slot.row(a) + k] + pull_of(slot, a, k, now);
-      for (int k = 0; k < 3; ++k) partial[3 * g + k] = total[k];
-    }
+        for (int k = 0; k < 3; ++k) sum[3 * g + k] += b.force[6 * slot.row(a) + k] + pull_of(slot, a, k);
   });
-  reduce(slot, team, 3 * b.groups);
   team.each([&](int64_t t) {
-    for (int64_t g = 0; g < b.groups; ++g) {
-      const double total[3] = {reduced(slot, 3 * g), reduced(slot, 3 * g + 1), reduced(slot, 3 * g + 2)};
-      for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM) {
-        double *f = b.force + 6 * slot.row(a);
-        for (int k = 0; k < 3; ++k) f[k] = total[k];
-        move<DIM>(slot, a, f, true, go_on, now, 1 - now);
-      }
-    }
-    for (int64_t a = rest + t; a < bodies; a += TEAM) {
+    int64_t g = 0;
+    for (int64_t a = number[SLOT_SINGLE] + t; a < number[SLOT_BODIES]; a += TEAM) {
       double *f = b.force + 6 * slot.row(a);
-      for (int k = 0; k < 3; ++k) f[k] += pull_of(slot, a, k, now);
-      move<DIM>(slot, a, f, true, go_on, now, 1 - now);
+      while (g < b.groups && a >= members[g + 1]) ++g;
+      for (int k = 0; k < 3; ++k) f[k] = g < b.groups ? slot.total(3 * g + k) : f[k] + pull_of(slot, a, k);
+      move<DIM>(slot, a, f, true);
     }
   });
   team.once([&] {
-    number[SLOT_NOW] = 1 - now;
-    number[SLOT_STEP] += go_on;
-    if (go_on) slot.value[PACE_CLOCK] += slot.value[PACE_DT];
-    number[SLOT_PHASE] = !go_on ? SAMPLING : number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
+    number[SLOT_NOW] = 1 - number[SLOT_NOW];
+    if (go_on) count_step(slot);
+    else number[SLOT_PHASE] = SAMPLING;
   });
 }
 
 // Begins the step after a sample.
 template <int DIM>
 inline void begin_step(const Slot &slot, int64_t a) {
-  const int64_t now = slot.number[SLOT_NOW];
-  move<DIM>(slot, a, slot.batch.force + 6 * slot.row(a), false, true, now, now);
+  move<DIM>(slot, a, slot.batch.force + 6 * slot.row(a), false);
 }
 
 // ---- lists
@@ -348,11 +331,7 @@ inline void sort_into_bins(const Slot &slot, const Team &team) {
   const Batch &b = slot.batch;
   int64_t *number = slot.number;
   team.once([&] {
-    if (number[SLOT_PHASE] == BEGINNING) {
-      number[SLOT_STEP] += 1;
-      slot.value[PACE_CLOCK] += slot.value[PACE_DT];
-      number[SLOT_PHASE] = number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
-    }
+    if (number[SLOT_PHASE] == BEGINNING) count_step(slot);
   });
   if (number[SLOT_PHASE] != LISTING) return;
   const int64_t grains = number[SLOT_GRAINS], now = number[SLOT_NOW], *bins = number + SLOT_BINS;
@@ -493,93 +472,75 @@ inline void finish_list(const Slot &slot) {
 static_assert(Observables::SUMS <= SUMS, "more sums than there is room for");
 
 template <int DIM>
-inline void add_contacts(const Law &law, const Slot &slot, int64_t a, double *sum) {
-  const int64_t list = slot.number[SLOT_LISTED];
-  for (int64_t e = 0; e < slot.entries(a, list); ++e) {
-    const int64_t word = slot.entry(a, list)[e], mode = word & MODE;
-    if (mode == OPEN) continue;
-    Pair pair = pair_of<DIM>(slot, a, word);
-    const double part = pair.wall ? 1.0 : 0.5;
-    Seen seen = {part, 1.0, mode == SLIDE, pair.wall, pair.r, pair.n, !pair.wall, {}};
-    if (seen.elastic) {
-      find_parameters(pair, law, slot, a, word >> PARTNER, nullptr);
-      const Elastic<double> spring = built_in(law, pair.q, pair.r_eff, pair.overlap);
-      const double *x = slot.slip(a, list, 0), *y = slot.slip(a, list, 1), *z = slot.slip(a, list, 2);
-      const Vec<double> s = {x[e], y[e], DIM == 3 ? z[e] : 0.0};
-      const double limit = coulomb_limit(pair.q, spring.force, false);
-      seen.force = spring.force * pair.n + tangential_force(law.smooth, spring.stiffness, limit, s);
-    }
-    Observables::add_contact(seen, sum);
-  }
-}
+struct Sample : Slot {  // the rest of the view of `observables.h`
+  static constexpr bool FROM_BOTH = true;
+  const Law &law;
+  Sample(const Law &law, const Slot &slot) : Slot(slot), law(law) {}
 
-inline void write_row(const Slot &slot, double *row) {
-  double sum[Observables::SUMS];
-  for (int64_t k = 0; k < Observables::SUMS; ++k) sum[k] = reduced(slot, k);
-  Observables::write(slot, sum, row);
-}
+  template <class Act>
+  void each_closed(int64_t t, const Act &act) const {
+    for (int64_t a = t; a < grains(); a += TEAM)
+      for (int64_t e = 0; e < entries(a, number[SLOT_LISTED]); ++e) {
+        const int64_t word = entry(a, number[SLOT_LISTED])[e];
+        if ((word & MODE) != OPEN) act(a, word >> PARTNER, e);
+      }
+  }
+  Seen seen(int64_t a, int64_t partner, int64_t e) const {
+    const int64_t list = number[SLOT_LISTED], word = entry(a, list)[e];
+    Seen out = {pair_of<DIM>(*this, a, word), (word & MODE) == SLIDE, {}};
+    find_parameters(out.pair, law, *this, a, partner, nullptr);
+    const Elastic<double> spring = built_in(law, out.pair.q, out.pair.r_eff, out.pair.overlap);
+    const Vec<double> s = flat<DIM>({slip(a, list, 0)[e], slip(a, list, 1)[e], slip(a, list, 2)[e]});
+    const double limit = coulomb_limit(out.pair.q, spring.force, false);
+    out.force = spring.force * out.pair.n + tangential_force(law.smooth, spring.stiffness, limit, s);
+    return out;
+  }
+};
 
 // Motion and loads of a rigid group, see `write_groups` in `core/dynamics/record.py`.
 template <class Team>
-inline void write_group(const Slot &slot, const Team &team, int64_t g, double *row) {
+inline void write_group(const Slot &slot, const Team &team, const int64_t *members, double *row) {
   const Batch &b = slot.batch;
-  const int64_t now = slot.number[SLOT_NOW], *members = b.members + (b.groups + 1) * slot.s;
-  double *partial = b.partial + TEAM * SUMS * slot.s;
-  team.each([&](int64_t t) {
-    double *sum = partial + SUMS * t;
-    for (int k = 0; k < 10; ++k) sum[k] = 0.0;
-    for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM) {
-      const double mass = is_wall(slot, a) ? 1.0 : slot.mass(a);
-      sum[0] += mass;
+  slot.add_up(team, 10, [&](int64_t t, double *sum) {
+    for (int64_t a = members[0] + t; a < members[1]; a += TEAM) {
+      sum[0] += slot.mass(a);
       for (int k = 0; k < 3; ++k) {
-        sum[1 + k] += mass * slot.point(a, now)[k];
+        sum[1 + k] += slot.mass(a) * slot.here(a)[k];
         sum[4 + k] += b.external[6 * slot.row(a) + k];
-        sum[7 + k] += pull_of(slot, a, k, now);
+        sum[7 + k] += pull_of(slot, a, k);
       }
     }
   });
-  reduce(slot, team, 10);
   team.once([&] {
     for (int k = 0; k < 3; ++k) {
-      const double pull = reduced(slot, 7 + k);
-      row[k] = reduced(slot, 1 + k) / reduced(slot, 0);
-      row[3 + k] = slot.motion(members[g], now)[k];
-      row[6 + k] = b.force[6 * slot.row(members[g]) + k] - reduced(slot, 4 + k) - pull;
+      const double pull = slot.total(7 + k);
+      row[k] = slot.total(1 + k) / slot.total(0);
+      row[3 + k] = slot.motion(members[0], slot.number[SLOT_NOW])[k];
+      row[6 + k] = b.force[6 * slot.row(members[0]) + k] - slot.total(4 + k) - pull;
       row[9 + k] = pull;
     }
   });
 }
 
 template <int DIM, class Team>
-inline void write_sample(const Law &law, const Slot &slot, const Team &team) {
+inline void end_at_sample(const Law &law, const Slot &slot, const Team &team) {
   const Batch &b = slot.batch;
   int64_t *number = slot.number;
-  const int64_t at_row = b.samples * slot.s + number[SLOT_ROWS];
-  double *partial = b.partial + TEAM * SUMS * slot.s;
+  const int64_t at_row = b.samples * slot.s + number[SLOT_ROWS], *members = b.members + (b.groups + 1) * slot.s;
   const bool due = number[SLOT_EVERY] && number[SLOT_STEP] % number[SLOT_EVERY] == 0;
   if (due) {
     for (int64_t g = 0; g < b.groups; ++g)
-      if (b.members[(b.groups + 1) * slot.s + g] < b.members[(b.groups + 1) * slot.s + g + 1])
-        write_group(slot, team, g, b.group + 12 * (b.groups * at_row + g));
-    mark_rattlers(slot, team);
-    team.each([&](int64_t t) {
-      double *sum = partial + SUMS * t;
-      for (int64_t k = 0; k < Observables::SUMS; ++k) sum[k] = 0.0;
-      for (int64_t a = t; a < number[SLOT_GRAINS]; a += TEAM) {
-        Observables::add_grain(slot, a, sum);
-        add_contacts<DIM>(law, slot, a, sum);
-      }
-    });
-    reduce(slot, team, Observables::SUMS);
+      if (members[g] < members[g + 1]) write_group(slot, team, members + g, b.group + 12 * (b.groups * at_row + g));
+    write_sample(Sample<DIM>(law, slot), team, b.series + Observables::WIDTH * at_row);
     team.each([&](int64_t t) {
       for (int64_t a = t; a < number[SLOT_GRAINS] && a < b.tracks; a += TEAM) {
         double *row = b.track + 6 * (b.tracks * at_row + a);
-        for (int k = 0; k < 3; ++k) row[k] = slot.point(a, number[SLOT_NOW])[k], row[3 + k] = b.angle[3 * slot.row(a) + k];
+        for (int k = 0; k < 3; ++k) row[k] = slot.here(a)[k], row[3 + k] = b.angle[3 * slot.row(a) + k];
       }
     });
   }
   team.once([&] {
-    if (due) write_row(slot, b.series + Observables::WIDTH * at_row), number[SLOT_ROWS] += 1;
+    number[SLOT_ROWS] += due;
     number[SLOT_NEXT] += number[SLOT_EVERY];
     if (number[SLOT_EVERY] == 0 || number[SLOT_NEXT] > number[SLOT_STOP]) number[SLOT_NEXT] = number[SLOT_STOP];
     number[SLOT_PHASE] = number[SLOT_STEP] == number[SLOT_STOP] ? FINISHED : BEGINNING;
