@@ -10,6 +10,12 @@ int32_t fetch_add(int32_t *to, int32_t more) {
   return *to - more;
 }
 
+int32_t exchange(int32_t *at, int32_t value) {
+  const int32_t former = *at;
+  *at = value;
+  return former;
+}
+
 }  // namespace batch
 
 namespace {

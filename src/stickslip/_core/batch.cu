@@ -8,6 +8,7 @@ __constant__ Law law;
 
 namespace batch {
 __device__ int32_t fetch_add(int32_t *to, int32_t more) { return atomicAdd(to, more); }
+__device__ int32_t exchange(int32_t *at, int32_t value) { return atomicExch(at, value); }
 }  // namespace batch
 
 namespace {

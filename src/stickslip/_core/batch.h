@@ -13,14 +13,11 @@
 
 namespace batch {
 
-int32_t fetch_add(int32_t *to, int32_t more);  // atomic where threads run at once
+int32_t fetch_add(int32_t *to, int32_t more);  // atomic where threads run at once, and so is the next
+int32_t exchange(int32_t *at, int32_t value);  // returns the former value
 
 constexpr int64_t MODE = 3, REACHED = 4, FLAGS = ENTRY_FLAGS, PARTNER = ENTRY_PARTNER;
 constexpr int64_t ROWS = 16;  // of partial sums
-
-inline int64_t image_of(int64_t word, int k) {
-  return (word >> (FLAGS + IMAGE_BITS * (2 - k)) & (2 * IMAGE_OFFSET - 1)) - IMAGE_OFFSET;
-}
 
 struct Slot {
   const Batch &batch;
@@ -80,7 +77,7 @@ struct Slot {
   int32_t &held(int64_t a) const { return batch.touching[row(a)]; }
   int64_t &changed() const { return number[SLOT_CHANGED]; }
   void count(int64_t a) const { fetch_add(&held(a), 1); }
-  void add_virial(double *) const {}
+  void write_virial(double *) const {}
 };
 
 // the view of `pairs.h`
@@ -99,7 +96,7 @@ template <int DIM>
 inline Vec<double> pair_vector(const Slot &slot, const double *own, const double *other, int64_t word) {
   Vec<double> r = flat<DIM>(read(own) - read(other));
   for (int k = 0; k < 3; ++k)
-    if (const int64_t image = image_of(word, k)) r = r + double(image) * flat<DIM>(read(slot.vectors() + 3 * k));
+    if (const int64_t image = image_of(word >> FLAGS, k)) r = r + double(image) * flat<DIM>(read(slot.vectors() + 3 * k));
   return r;
 }
 
@@ -119,7 +116,7 @@ __attribute__((noinline)) inline void store_event(const Batch &b, int64_t s, int
   const int64_t row = fetch_add(b.happened + s, 1);
   if (row >= b.events) return;
   const Slot slot(b, s);
-  const int64_t image[3] = {image_of(word, 0), image_of(word, 1), image_of(word, 2)};
+  const int64_t key = word >> FLAGS, image[3] = {image_of(key, 0), image_of(key, 1), image_of(key, 2)};
   write_event(b.event + EVENT * (b.events * s + row), kind, slot.time(), a, word >> PARTNER, image, slot.here(a));
 }
 
@@ -169,7 +166,8 @@ inline void may_touch(const Slot &slot, int64_t a, int64_t e, int64_t step, int6
   }
 }
 
-// Loads on body a of its entry e, whose memory is updated.
+// Loads on body a of its entry e, whose memory is updated: the parts of `sweep_row` in `rows.cpp` that a device needs.
+// Not one function, because compilers then fuse other products in rows, which changes last bits in two dimensions.
 template <int DIM>
 inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t e) {
   const int64_t now = slot.number[SLOT_NOW], list = slot.number[SLOT_LISTED];
@@ -325,7 +323,7 @@ inline int64_t bin_along(const Slot &slot, Vec<double> x, int k, int64_t *box) {
   return place <= 0.0 ? 0 : place >= double(bins - 1) ? bins - 1 : int64_t(place);
 }
 
-// Sorts the grains of one system into bins.
+// Sorts the grains of one system into bins, of which each is a chain.
 template <class Team>
 inline void sort_into_bins(const Slot &slot, const Team &team) {
   const Batch &b = slot.batch;
@@ -334,48 +332,19 @@ inline void sort_into_bins(const Slot &slot, const Team &team) {
     if (number[SLOT_PHASE] == BEGINNING) count_step(slot);
   });
   if (number[SLOT_PHASE] != LISTING) return;
-  const int64_t grains = number[SLOT_GRAINS], now = number[SLOT_NOW], *bins = number + SLOT_BINS;
-  const int64_t count = bins[0] * bins[1] * bins[2];
-  int32_t *bound = b.bound + (b.room + 1) * slot.s, *bin = b.bin + slot.row(0), *binned = b.binned + slot.row(0);
+  const int64_t *bins = number + SLOT_BINS;
   team.each([&](int64_t t) {
-    for (int64_t k = t; k <= count; k += TEAM) bound[k] = 0;
+    for (int64_t k = t; k < bins[0] * bins[1] * bins[2]; k += TEAM) b.head[slot.row(k)] = -1;
   });
   team.each([&](int64_t t) {
-    for (int64_t a = t; a < grains; a += TEAM) {
-      int64_t box, at_bin = 0;
-      for (int k = 0; k < 3; ++k) at_bin = at_bin * bins[k] + bin_along(slot, slot.position(a), k, &box);
-      bin[a] = int32_t(at_bin);
-      fetch_add(bound + at_bin + 1, 1);
+    for (int64_t a = t; a < number[SLOT_GRAINS]; a += TEAM) {
+      int64_t box, bin = 0;
+      for (int k = 0; k < 3; ++k) bin = bin * bins[k] + bin_along(slot, slot.position(a), k, &box);
+      b.next[slot.row(a)] = exchange(b.head + slot.row(bin), int32_t(a));  // the order in a bin does not matter
     }
     for (int64_t a = t; a < number[SLOT_BODIES]; a += TEAM)
-      for (int k = 0; k < 3; ++k) b.origin[3 * slot.row(a) + k] = slot.point(a, now)[k];
+      for (int k = 0; k < 3; ++k) b.origin[3 * slot.row(a) + k] = slot.here(a)[k];
   });
-  // prefix sums: each thread adds up a stretch of bins, then the stretches before it
-  const int64_t stretch = (count + TEAM - 1) / TEAM;
-  double *sums = b.partial + TEAM * SUMS * slot.s;
-  team.each([&](int64_t t) {
-    int32_t total = 0;
-    for (int64_t k = stretch * t; k < stretch * (t + 1) && k < count; ++k) total += bound[k + 1];
-    sums[t] = total;
-  });
-  team.each([&](int64_t t) {
-    int32_t total = 0;
-    for (int64_t k = 0; k < t; ++k) total += sums[k];
-    for (int64_t k = stretch * t; k < stretch * (t + 1) && k < count; ++k) bound[k + 1] = total += bound[k + 1];
-  });
-  team.each([&](int64_t t) {  // bodies from the last place of a bin on; their order does not matter
-    for (int64_t a = t; a < grains; a += TEAM) binned[fetch_add(bound + bin[a] + 1, -1) - 1] = int32_t(a);
-  });
-}
-
-// First and last place of a bin in `binned`: the last loop above has moved each bound to the begin of its bin.
-struct Bin {
-  int32_t first, last;
-};
-
-inline Bin bin_at(const Slot &slot, int64_t bin, int64_t bins) {
-  const int32_t *bound = slot.batch.bound + (slot.batch.room + 1) * slot.s;
-  return {bound[bin + 1], bin + 2 <= bins ? bound[bin + 2] : int32_t(slot.number[SLOT_GRAINS])};
 }
 
 // Keys of all bodies within reach of grain a, unsorted. Returns their number, which may be larger than there is room for,
@@ -383,7 +352,7 @@ inline Bin bin_at(const Slot &slot, int64_t bin, int64_t bins) {
 template <int DIM>
 inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
   const Batch &b = slot.batch;
-  const int64_t now = slot.number[SLOT_NOW], *bins = slot.number + SLOT_BINS, count = bins[0] * bins[1] * bins[2];
+  const int64_t now = slot.number[SLOT_NOW], *bins = slot.number + SLOT_BINS;
   const double *own = slot.point(a, now), *vectors = b.vectors + 9 * slot.s, skin = slot.value[PACE_SKIN];
   const Vec<double> x = read(own);
   int64_t many = 0, box[3], home[3], other[3];
@@ -399,9 +368,7 @@ inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
       bin = bin * bins[k] + place - cross[k] * bins[k];
     }
     if (!exists) continue;
-    const Bin at_bin = bin_at(slot, bin, count);
-    for (int64_t m = at_bin.first; m < at_bin.last; ++m) {
-      const int64_t c = b.binned[slot.row(m)];
+    for (int64_t c = b.head[slot.row(bin)]; c >= 0; c = b.next[slot.row(c)]) {
       const double *there = slot.point(c, now);
       int64_t image[3];
       Vec<double> r = flat<DIM>(x - read(there));
@@ -437,12 +404,7 @@ inline void build_list(const Slot &slot, int64_t a) {
     slot.number[SLOT_CHANGED] = many;  // tells that a list cannot be made, or is full
     many = many < 0 ? 0 : slot.batch.most;
   }
-  for (int64_t c = 1; c < many; ++c) {
-    const int64_t key = entry[c];
-    int64_t d = c;
-    for (; d > 0 && entry[d - 1] > key; --d) entry[d] = entry[d - 1];
-    entry[d] = key;
-  }
+  insert_in_order(entry, many);
   int64_t e = 0;
   for (int64_t c = 0; c < many; ++c) {
     const int64_t key = entry[c];
@@ -487,12 +449,12 @@ struct Sample : Slot {  // the rest of the view of `observables.h`
   }
   Seen seen(int64_t a, int64_t partner, int64_t e) const {
     const int64_t list = number[SLOT_LISTED], word = entry(a, list)[e];
-    Seen out = {pair_of<DIM>(*this, a, word), (word & MODE) == SLIDE, {}};
-    find_parameters(out.pair, law, *this, a, partner, nullptr);
-    const Elastic<double> spring = built_in(law, out.pair.q, out.pair.r_eff, out.pair.overlap);
+    Seen out = {pair_of<DIM>(*this, a, word), (word & MODE) == SLIDE, {}, 1.0, 1.0};
+    find_parameters(out, law, *this, a, partner, nullptr);
+    const Elastic<double> spring = built_in(law, out.q, out.r_eff, out.overlap);
     const Vec<double> s = flat<DIM>({slip(a, list, 0)[e], slip(a, list, 1)[e], slip(a, list, 2)[e]});
-    const double limit = coulomb_limit(out.pair.q, spring.force, false);
-    out.force = spring.force * out.pair.n + tangential_force(law.smooth, spring.stiffness, limit, s);
+    const double limit = coulomb_limit(out.q, spring.force, false);
+    out.force = spring.force * out.n + tangential_force(law.smooth, spring.stiffness, limit, s);
     return out;
   }
 };

@@ -1,16 +1,16 @@
 // Observables of a sample, and rattlers: written once, for runs and for batches.
 //
 // An observable adds terms of grains and of closed contacts to sums that begin at zero, and writes its columns from
-// these. The view of a system is `Sample` in `record.cpp` or `batch::Slot`.
+// these. The view of a system is `Sample` in `record.cpp` or in `batch.h`: `each_closed` calls its argument with bodies i
+// and j of each closed contact that a thread has, and its place in a list. With `FROM_BOTH`, each grain has a list.
 #pragma once
 #include "pairs.h"
 
-struct Seen {  // a closed contact
-  Pair pair;
+struct Seen : Pair {  // a closed contact
   bool slides;
-  Vec<double> force;  // elastic, on i; zero in a run, which adds its virial up apart, for the sake of last bits
-  double part = 1.0;  // 1/2 if the contact is met from both of its grains
-  double ends = 1.0;  // grains from which it is met here
+  Vec<double> force;  // elastic, on i
+  double part;  // 1, or 1/2 if it is met from both of its grains
+  double ends;  // grains from which it is met here
 };
 
 inline void add_square(double *out, double factor, Vec<double> a, Vec<double> b) {  // factor a ⊗ b
@@ -82,12 +82,12 @@ struct Sliding : Sums<1> {
 struct Virial : Sums<9> {  // of contacts between grains
   static constexpr const char *NAME = "virial";
   static void add_contact(const Seen &seen, double *sum) {
-    if (!seen.pair.wall) add_square(sum, seen.part, seen.force, seen.pair.r);
+    if (!seen.wall) add_square(sum, seen.part, seen.force, seen.r);
   }
   template <class View>
   static void write(const View &view, const double *sum, double *row) {
     Sums<9>::write(view, sum, row);
-    view.add_virial(row);
+    view.write_virial(row);
   }
 };
 
@@ -95,7 +95,7 @@ struct Fabric : Sums<10> {  // the last one counts contacts
   static constexpr const char *NAME = "fabric";
   static constexpr int64_t WIDTH = 9;
   static void add_contact(const Seen &seen, double *sum) {
-    add_square(sum, seen.part, seen.pair.n, seen.pair.n);
+    add_square(sum, seen.part, seen.n, seen.n);
     sum[9] += seen.part;
   }
   template <class View>
@@ -160,7 +160,7 @@ struct Table {
   }
 };
 
-// in the order of `OBSERVABLES` in `core/dynamics/record.py`
+// with the names of fields of `Record` in `core/dynamics/record.py`, which reads their widths here
 using Observables = Table<Time, Msd, KineticEnergy, Center, Touching, Sliding, Virial, Fabric, MomentumFlux,
                           Coordination, HeldCoordination, RattlerCount, CellVectors>;
 
@@ -226,7 +226,8 @@ inline void write_sample(const View &view, const Team &team, double *row) {
     for (int64_t a = t; a < view.grains(); a += Team::SIZE) Observables::add_grain(view, a, sum);
     view.each_closed(t, [&](int64_t i, int64_t j, int64_t entry) {
       Seen seen = view.seen(i, j, entry);
-      if (!seen.pair.wall) (View::FROM_BOTH ? seen.part = 0.5 : seen.ends = 2.0);
+      seen.part = View::FROM_BOTH && !seen.wall ? 0.5 : 1.0;
+      seen.ends = View::FROM_BOTH || seen.wall ? 1.0 : 2.0;
       Observables::add_contact(seen, sum);
     });
   });

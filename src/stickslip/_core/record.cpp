@@ -36,7 +36,10 @@ struct Sample {
   int64_t &held(int64_t a) const { return contact_count[a]; }
   int64_t &changed() const { return peeled; }
   void count(int64_t a) const { ++contact_count[a]; }
-  void add_virial(double *out) const { ::add_virial(&law, dim, &body, &contacts, shift, out); }
+  void write_virial(double *row) const {  // again, with the last bits that `linear.cpp` gives it
+    for (int k = 0; k < 9; ++k) row[k] = 0.0;
+    add_virial(&law, dim, &body, &contacts, shift, row);
+  }
 
   double total(int64_t k) const { return sum[k]; }
   template <class Team, class Add>
@@ -50,7 +53,8 @@ struct Sample {
       if (contacts.mode[c] != OPEN) act(contacts.i[c], contacts.j[c], c);
   }
   Seen seen(int64_t, int64_t, int64_t c) const {
-    return {pair_at(law, dim, body, contacts, shift, c), contacts.mode[c] == SLIDE, {}};
+    const Pair pair = pair_at(law, dim, body, contacts, shift, c);
+    return {pair, contacts.mode[c] == SLIDE, elastic_force(law, contacts, pair, c), 1.0, 1.0};
   }
 };
 
