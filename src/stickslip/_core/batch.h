@@ -77,7 +77,7 @@ struct Slot {
   int32_t &held(int64_t a) const { return batch.touching[row(a)]; }
   int64_t &changed() const { return number[SLOT_CHANGED]; }
   void count(int64_t a) const { fetch_add(&held(a), 1); }
-  void write_virial(double *) const {}
+  void add_virial(double *) const {}
 };
 
 // the view of `pairs.h`
@@ -449,7 +449,7 @@ struct Sample : Slot {  // the rest of the view of `observables.h`
   }
   Seen seen(int64_t a, int64_t partner, int64_t e) const {
     const int64_t list = number[SLOT_LISTED], word = entry(a, list)[e];
-    Seen out = {pair_of<DIM>(*this, a, word), (word & MODE) == SLIDE, {}, 1.0, 1.0};
+    Seen out = {pair_of<DIM>(*this, a, word), (word & MODE) == SLIDE, {}, false, 1.0, 1.0};
     find_parameters(out, law, *this, a, partner, nullptr);
     const Elastic<double> spring = built_in(law, out.q, out.r_eff, out.overlap);
     const Vec<double> s = flat<DIM>({slip(a, list, 0)[e], slip(a, list, 1)[e], slip(a, list, 2)[e]});

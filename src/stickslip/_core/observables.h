@@ -9,6 +9,7 @@
 struct Seen : Pair {  // a closed contact
   bool slides;
   Vec<double> force;  // elastic, on i
+  bool apart;  // its virial is added up apart
   double part;  // 1, or 1/2 if it is met from both of its grains
   double ends;  // grains from which it is met here
 };
@@ -82,12 +83,12 @@ struct Sliding : Sums<1> {
 struct Virial : Sums<9> {  // of contacts between grains
   static constexpr const char *NAME = "virial";
   static void add_contact(const Seen &seen, double *sum) {
-    if (!seen.wall) add_square(sum, seen.part, seen.force, seen.r);
+    if (!seen.wall && !seen.apart) add_square(sum, seen.part, seen.force, seen.r);
   }
   template <class View>
   static void write(const View &view, const double *sum, double *row) {
     Sums<9>::write(view, sum, row);
-    view.write_virial(row);
+    view.add_virial(row);
   }
 };
 

@@ -36,10 +36,8 @@ struct Sample {
   int64_t &held(int64_t a) const { return contact_count[a]; }
   int64_t &changed() const { return peeled; }
   void count(int64_t a) const { ++contact_count[a]; }
-  void write_virial(double *row) const {  // again, with the last bits that `linear.cpp` gives it
-    for (int k = 0; k < 9; ++k) row[k] = 0.0;
-    add_virial(&law, dim, &body, &contacts, shift, row);
-  }
+  // with the last bits that `linear.cpp` gives it
+  void add_virial(double *row) const { ::add_virial(&law, dim, &body, &contacts, shift, row); }
 
   double total(int64_t k) const { return sum[k]; }
   template <class Team, class Add>
@@ -54,7 +52,7 @@ struct Sample {
   }
   Seen seen(int64_t, int64_t, int64_t c) const {
     const Pair pair = pair_at(law, dim, body, contacts, shift, c);
-    return {pair, contacts.mode[c] == SLIDE, elastic_force(law, contacts, pair, c), 1.0, 1.0};
+    return {pair, contacts.mode[c] == SLIDE, elastic_force(law, contacts, pair, c), true, 1.0, 1.0};
   }
 };
 
