@@ -22,7 +22,7 @@ from .cell_motion import cell_mass
 from .coefficients import driven_bodies, inverse_inertia_of, make_plan, matching_instant, movable, with_mark
 from .driver import run_steps
 from .ledger import open_books
-from .record import PER_SAMPLE, WIDTH, Record, allocate_buffers, make_record
+from .record import GROUPS, Record, allocate_buffers, columns, make_record, observables
 
 
 class Wave(NamedTuple):
@@ -194,7 +194,7 @@ def run(
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
     probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
-    memory = 8 * rows * (WIDTH + 12 * groups + 6 * len(probes))
+    memory = 8 * rows * (columns() + 12 * groups + 6 * len(probes))
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
@@ -249,7 +249,8 @@ def take_sample(state: State, leg: Leg) -> Record:
 
 def join_samples(samples: list[Record], leg: Leg) -> Record:
     """Record with the samples of several records of a leg."""
-    each = {name: np.concatenate([getattr(record, name) for record in samples]) for name in PER_SAMPLE if samples}
+    names = (*observables(), *(f"group_{name}" for name in GROUPS), "position", "angle") if samples else ()
+    each = {name: np.concatenate([getattr(record, name) for record in samples]) for name in names}
     return run(leg.state, leg.law, 0, leg.dt)[1]._replace(**each)
 
 
