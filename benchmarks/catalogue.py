@@ -24,9 +24,17 @@ from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
 from stickslip.runs.folder import write_result
 from stickslip.wings.studies.catalogue import figures as figures
-from stickslip.wings.studies.catalogue.predictors import PREDICTORS, Skill, skills
 from stickslip.wings.studies.catalogue.report import class_counts, law_label
-from stickslip.wings.studies.catalogue.tables import Table, read_table, rows_of, stack_tables, write_table
+from stickslip.wings.studies.catalogue.tables import (
+    PREDICTORS,
+    Skill,
+    Table,
+    read_table,
+    rows_of,
+    skills,
+    stack_tables,
+    write_table,
+)
 
 OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
 PAGE = Path(__file__).parents[1] / "docs/catalogue.md"

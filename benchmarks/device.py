@@ -15,7 +15,7 @@ import numpy as np
 import stickslip as ss
 from stickslip.core.dynamics.batch import Device, Processor, run_legs
 from stickslip.core.dynamics.device import open_device
-from stickslip.core.dynamics.engine import Leg
+from stickslip.core.dynamics.run import Leg
 from stickslip.ensemble.pool import default_workers
 from stickslip.extras import MissingExtraError
 from stickslip.wings.papers.gouge.protocol import slide_leg

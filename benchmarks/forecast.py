@@ -5,7 +5,7 @@
 Packings of 30 disks are sheared, and each forecast along the path is compared with what came next. The naive forecasts
 are that the next event, or pair, comes after the mean spacing of those so far, and after the last spacing; they need
 two earlier ones. TIMES as many packings are sheared, by default 1. `calibrate` prints the quantiles of
-`loading.forecast.CALIBRATED`, from other packings, instead. Saddle nodes of the reference catalogue are also used,
+`loading.event_path.CALIBRATED`, from other packings, instead. Saddle nodes of the reference catalogue are also used,
 whose eigenvalues are known at small distances.
 """
 
@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 import stickslip as ss
-from stickslip.core.outcome import NotInEquilibriumError
+from stickslip.core.progress import NotInEquilibriumError
+from stickslip.loading.event_path import CALIBRATED, LEVEL, SADDLE, extrapolations, forecast, zero_of_power
 from stickslip.loading.failure import complete_path, follow, signs_of
-from stickslip.loading.forecast import CALIBRATED, LEVEL, SADDLE, extrapolations, forecast, zero_of_power
 from stickslip.wings.studies.catalogue.tables import read_table
 
 from .records import number

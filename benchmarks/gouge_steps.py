@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from stickslip.friction import LoadStep, RateState, Spring, spring_slider
-from stickslip.wings.faults.friction.measure import steady_mean
+from stickslip.wings.faults.friction.laboratory import steady_mean
 from stickslip.wings.papers.gouge.claims import DC, A, B
 from stickslip.wings.papers.gouge.paper import MAIN, PAPER, STEPS, paper_size_scenario, stored_samples
 from stickslip.wings.papers.gouge.sample import stiffness

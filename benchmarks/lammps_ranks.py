@@ -51,10 +51,9 @@ def rows(*logs: str, smallest: bool = False):
     """One row per number of ranks above one, with the speed of one rank as the peer; or the speeds in logs."""
     import os
 
-    from stickslip.core.dynamics.engine import Leg
+    from stickslip.core.dynamics.run import Leg
     from stickslip.extras import MissingExtraError
-    from stickslip.wings.lammps.process import LOG, require_lammps
-    from stickslip.wings.lammps.run import run_leg
+    from stickslip.wings.lammps.run import LOG, require_lammps, run_leg
 
     if logs:
         yield from speeds(logs)

@@ -7,7 +7,7 @@ import json
 import re
 from pathlib import Path
 
-from stickslip.core.sizes import LIMITS, MOST
+from stickslip.core.progress import LIMITS, MOST
 from stickslip.data.schema import ScenarioBase, split_unit
 from stickslip.experiments.experiment import table_of
 from stickslip.experiments.quantities import estimate, median

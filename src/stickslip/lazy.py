@@ -46,6 +46,31 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
     return get, lambda: sorted({*where, *more()}), sorted(where)
 
 
+def lazy_function(package: str, path: str) -> Callable:
+    """Return a function that imports `path` ("module.function") from a package when first called.
+
+    Its attribute `resolve` returns the function itself. Of another value, such as a table, it is the function that
+    returns it.
+    """
+    module, _, name = path.partition(".")
+
+    def resolve() -> Callable:
+        return getattr(import_module(f"{package}.{module}"), name)
+
+    def call(*args, **options):
+        found = resolve()
+        return found(*args, **options) if callable(found) else found
+
+    call.__name__, call.__qualname__ = name, f"{package}.{path}"
+    call.resolve = resolve  # type: ignore[attr-defined]
+    return call
+
+
+def lazy_functions(package: str, module: str, *names: str) -> dict[str, Callable]:
+    """Return several functions of one module by name, each as `lazy_function` does."""
+    return {name: lazy_function(package, f"{module}.{name}") for name in names}
+
+
 def missing_attribute(package: str, name: str) -> str:
     """Error message for a missing attribute, with the places where it exists, or the closest name."""
     if name.startswith("_"):

@@ -1,6 +1,6 @@
 from .core.contacts.forces import unbalanced_forces as unbalanced_forces
 from .core.dynamics.ledger import dissipation as dissipation
-from .core.dynamics.timestep import stable_time_step as stable_time_step
+from .core.dynamics.run import stable_time_step as stable_time_step
 from .core.measure import branch_vectors as branch_vectors
 from .core.measure import contact_forces as contact_forces
 from .core.measure import contact_numbers as contact_numbers

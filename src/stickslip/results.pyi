@@ -7,10 +7,10 @@ from .loading.event_class import Event as Event
 from .loading.event_class import EventKind as EventKind
 from .loading.event_class import Events as Events
 from .loading.event_class import StrainStep as StrainStep
+from .loading.event_path import Forecast as Forecast
 from .loading.failure import Failure as Failure
 from .loading.failure import PairLife as PairLife
 from .loading.failure import PathStep as PathStep
-from .loading.forecast import Forecast as Forecast
 from .loading.packing import PackingInfo as PackingInfo
 from .loading.protocols import Equilibrium as Equilibrium
 from .loading.protocols import Released as Released
@@ -34,11 +34,11 @@ from .solve.spectrum import Spectrum as Spectrum
 from .solve.stability import Stability as Stability
 from .solve.transient import TransientGrowth as TransientGrowth
 from .wings.faults.friction.fault_cycles import FaultHistory as FaultHistory
-from .wings.faults.friction.fault_events import FaultEvents as FaultEvents
+from .wings.faults.friction.fault_record import FaultEvents as FaultEvents
 from .wings.faults.friction.fitting import Fit as Fit
-from .wings.faults.friction.measure import Healing as Healing
-from .wings.faults.friction.measure import HoldResponse as HoldResponse
-from .wings.faults.friction.measure import Mean as Mean
+from .wings.faults.friction.laboratory import Healing as Healing
+from .wings.faults.friction.laboratory import HoldResponse as HoldResponse
+from .wings.faults.friction.laboratory import Mean as Mean
 from .wings.faults.friction.model_comparison import LawComparison as LawComparison
 from .wings.faults.friction.ratestate import SlipHistory as SlipHistory
 from .wings.faults.friction.sampling import Posterior as Posterior

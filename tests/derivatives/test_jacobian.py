@@ -5,9 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from stickslip.core.contacts.forces import forces
+from stickslip.core.contacts.forces import FREE, HELD, forces
 from stickslip.core.contacts.jacobian import contact_blocks
-from stickslip.core.contacts.memory import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import overlaps
 from stickslip.core.state import SLIDE, STICK

@@ -6,6 +6,7 @@
 #include <ucontext.h>
 
 #include <algorithm>
+#include <utility>
 
 using std::max;
 using std::min;
@@ -104,6 +105,7 @@ static int __shfl_up_sync(unsigned, int value, int lanes) {
 }
 
 static int atomicAdd(int *to, int more) { return (*to += more) - more; }
+static int atomicExch(int *at, int value) { return std::exchange(*at, value); }
 
 #include "batch.cu"
 

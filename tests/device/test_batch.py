@@ -12,11 +12,10 @@ import stickslip as ss
 from stickslip._core import build
 from stickslip.core.dynamics import batch, device
 from stickslip.core.dynamics.batch import Processor, run_legs
-from stickslip.core.dynamics.engine import Leg
-from stickslip.core.dynamics.record import OBSERVABLES
-from stickslip.core.dynamics.run import own_engine
+from stickslip.core.dynamics.record import observables
+from stickslip.core.dynamics.run import Leg, own_engine
 from stickslip.core.library import core
-from stickslip.ensemble.together import Together
+from stickslip.experiments.realizations import Together
 
 GROUPS = "group_position", "group_velocity", "group_force", "group_pull"
 
@@ -105,7 +104,7 @@ def test_a_batch_does_what_a_run_does(leg):
     for name in ("position", "velocity", "spin", "angle"):
         scale = np.abs(getattr(end.grains, name)).max()
         np.testing.assert_allclose(getattr(mine.grains, name), getattr(end.grains, name), rtol=0, atol=1e-10 * scale)
-    for name in (*OBSERVABLES, *GROUPS):
+    for name in (*observables(), *GROUPS):
         values = getattr(record, name)
         scale = np.abs(values).max(initial=1e-300)
         np.testing.assert_allclose(getattr(samples, name), values, rtol=0, atol=1e-9 * scale, err_msg=name)

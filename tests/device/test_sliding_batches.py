@@ -6,8 +6,8 @@ import pytest
 import stickslip as ss
 from stickslip.core.dynamics import device
 from stickslip.core.dynamics.batch import Processor
-from stickslip.ensemble.together import Together
 from stickslip.experiments import realizations
+from stickslip.experiments.realizations import Together
 from stickslip.wings.papers.disk_array.simulate import simulate_disk_array
 
 

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from stickslip.ensemble import local, reach, run_members, trial
+from stickslip.ensemble import reach, run_members, trial, worker
 from stickslip.ensemble.worker import WorkerDiedError, WorkerProcess, borrowed, waiting_processes
 from tests.ensemble import tasks
 
@@ -219,5 +219,5 @@ def test_a_process_that_ended_while_it_waited_costs_no_try():
 def test_processes_wait_for_later_tasks_if_only_this_package_runs(own):
     while waiting_processes:
         waiting_processes.pop().end()
-    local.run_tasks(enumerate([pickle.dumps((os.getpid, ()))] * 3), 2, lambda *_: None, None, own=own)
+    worker.run_tasks(enumerate([pickle.dumps((os.getpid, ()))] * 3), 2, lambda *_: None, None, own=own)
     assert len(waiting_processes) in ((1, 2) if own else (0,))

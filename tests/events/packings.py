@@ -1,7 +1,7 @@
 """Small packings whose first events come early."""
 
 import stickslip as ss
-from stickslip.core.dynamics.timestep import stable_time_step
+from stickslip.core.dynamics.run import stable_time_step
 
 FRICTIONLESS, LINEAR = ss.laws.hertz_mindlin(mu=0.0), ss.laws.linear(mu=10.0)
 SMOOTH = ss.laws.linear(mu=10.0, coulomb="smooth")

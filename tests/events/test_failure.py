@@ -10,10 +10,10 @@ import pytest
 import stickslip as ss
 from stickslip.data.checkpoint import Checkpoint
 from stickslip.figures import failure_path
-from stickslip.loading.deformation import deformation
+from stickslip.loading.event_path import CONTACT, PAIR, SADDLE, Signs, extrapolations, forecast
 from stickslip.loading.failure import PathStep
-from stickslip.loading.forecast import CONTACT, PAIR, SADDLE, Signs, extrapolations, forecast
 from stickslip.loading.protocols import bisect_change
+from stickslip.loading.settling import deformation
 from stickslip.modes import UnstableEquilibriumWarning
 from stickslip.results import Event, EventKind
 from stickslip.solve.shear_response import Response

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.wings.studies.catalogue.predictors import label_steps, resampled_skill, roc, skills
-from stickslip.wings.studies.catalogue.tables import event_table, step_table
+from stickslip.wings.studies.catalogue.tables import event_table, label_steps, resampled_skill, roc, skills, step_table
 from tests.events.made import samples
 
 

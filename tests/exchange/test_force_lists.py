@@ -6,7 +6,8 @@ from typer.testing import CliRunner
 
 import stickslip as ss
 from stickslip.cli.app import app
-from stickslip.data.exchange.force_network import is_measured, measured_frames
+from stickslip.data.exchange.files import is_measured
+from stickslip.data.exchange.force_network import measured_frames
 from stickslip.examples import path as example
 
 

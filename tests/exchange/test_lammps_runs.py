@@ -16,12 +16,11 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.core.contacts.forces import bodies
-from stickslip.core.contacts.memory import FREE, FROZEN
-from stickslip.core.dynamics.engine import Leg
+from stickslip.core.contacts.forces import FREE, FROZEN, bodies
+from stickslip.core.dynamics.run import Leg
 from stickslip.core.laws.builtin import DAMPING, DAMPING_N, KT, LEVER, PARAMETERS, ROLLING, rescales, with_values
 from stickslip.core.laws.compiled import FORCES, law_struct
-from stickslip.core.laws.restitution import dashpot_coefficients
+from stickslip.core.laws.properties import dashpot_coefficients
 from stickslip.core.library import core
 from stickslip.data.exchange import lammps_restart
 from stickslip.data.exchange.columns import packing_of_columns

@@ -10,7 +10,7 @@ import stickslip as ss
 from benchmarks.measured_forces import LAW, cut, forces_of, measured, sheared
 from stickslip.cli.app import app
 from stickslip.core.contacts.jacobian import linearise
-from stickslip.data.exchange.force_network import is_measured
+from stickslip.data.exchange.files import is_measured
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ import pytest
 from scipy.io import savemat
 
 import stickslip as ss
-from stickslip.core.outcome import Outcome
+from stickslip.core.progress import Outcome
 from stickslip.core.reading import LARGE, Budget, Reader, read_bytes
 from stickslip.data import checkpoint as records
 from stickslip.data.archive import ArchiveError

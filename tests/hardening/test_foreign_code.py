@@ -12,7 +12,7 @@ import pytest
 import stickslip as ss
 from stickslip.data import archive
 from stickslip.data.exchange.frame import read_mode
-from stickslip.data.law_file import check_law_files
+from stickslip.data.law_schema import check_law_files
 from stickslip.ensemble.worker import WorkerProcess
 from stickslip.experiments.registry import ScenarioError, read_tables
 from stickslip.runs.bundled import bibtex, read_scenarios

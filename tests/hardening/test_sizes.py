@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.sizes import LIMITS
+from stickslip.core.progress import LIMITS
 from stickslip.data.exchange.frame import mode_frames
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, read_scenario, scenario
 from tests.conftest import stickslip_here

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
-from stickslip.core.laws.restitution import dashpot_coefficients
+from stickslip.core.laws.properties import dashpot_coefficients
 
 STORE = Path(__file__).with_suffix(".json")
 RADII, MASSES, STEP = (0.5, 0.3), (2.0, 0.7), 1e-3

@@ -13,7 +13,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.laws import kinds
 from stickslip.core.laws.builtin import parameter_names
-from stickslip.data import archive, law_file
+from stickslip.data import archive, law_schema
 from stickslip.data.sample import PackingError
 from stickslip.experiments.registry import read_tables, scenario
 from stickslip.runs.sweep.definition import members as sweep_members
@@ -202,7 +202,7 @@ def test_a_flow_runs_with_a_user_defined_law(folder):
 
 
 def test_report_and_export_execute_a_law_only_where_they_must_and_may(folder, monkeypatch):
-    monkeypatch.setattr(law_file, "TRUSTED", folder / "trusted.txt")  # nobody has allowed this text yet
+    monkeypatch.setattr(law_schema, "TRUSTED", folder / "trusted.txt")  # nobody has allowed this text yet
     mine, toml = folder / "mine.py", folder / "flow.toml"
     said = stickslip_here("run", toml, "--export", folder / "job", "--engine", "lammps")
     assert said.returncode == 2 and "LAMMPS has only built-in laws" in said.stderr

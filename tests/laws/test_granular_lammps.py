@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.forces import bodies
-from stickslip.core.contacts.memory import FREE
+from stickslip.core.contacts.forces import FREE, bodies
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws.compiled import FORCES, law_struct
 from stickslip.core.library import core

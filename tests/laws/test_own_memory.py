@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.memory import FREE
+from stickslip.core.contacts.forces import FREE
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.laws.compiled import evaluate
 from stickslip.data import archive

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.memory import FREE, HELD
+from stickslip.core.contacts.forces import FREE, HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.dynamics import driver
 from stickslip.core.laws.builtin import ROLLING, TWISTING, with_values

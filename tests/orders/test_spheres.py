@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.core.contacts.forces import HELD
 from stickslip.core.contacts.jacobian import contact_blocks
-from stickslip.core.contacts.memory import HELD
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, touching
 from stickslip.loading.packing import frictionless, jammed, sheared

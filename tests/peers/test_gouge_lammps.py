@@ -15,8 +15,8 @@ from stickslip.core.dynamics.run import take_sample as engine_sample
 from stickslip.core.state import empty_contacts
 from stickslip.data.schema import ScenarioError
 from stickslip.extras import MissingExtraError
-from stickslip.wings.faults.friction.measure import steady_mean
-from stickslip.wings.lammps import process
+from stickslip.wings.faults.friction.laboratory import steady_mean
+from stickslip.wings.lammps import run as process
 from stickslip.wings.lammps.run import lammps_engine
 from stickslip.wings.lammps.script import contact_commands, motion_commands, write_input
 from stickslip.wings.lammps.supported import check_leg

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.contacts.memory import FROZEN
-from stickslip.core.dynamics.engine import Leg, Wave
-from stickslip.core.dynamics.run import join_samples, own_engine, take_sample
+from stickslip.core.contacts.forces import FROZEN
+from stickslip.core.dynamics.run import Leg, Wave, join_samples, own_engine, take_sample
 from stickslip.core.laws.builtin import ROLLING
 from stickslip.data import archive
 from stickslip.data.checkpoint import read_pieces
@@ -20,8 +19,9 @@ from stickslip.data.exchange import lammps_restart as memory
 from stickslip.data.schema import ScenarioError
 from stickslip.experiments.registry import read_scenario
 from stickslip.extras import MissingExtraError
-from stickslip.wings.faults.friction.measure import steady_mean
-from stickslip.wings.lammps import process, script
+from stickslip.wings.faults.friction.laboratory import steady_mean
+from stickslip.wings.lammps import run as process
+from stickslip.wings.lammps import script
 from stickslip.wings.lammps.run import leg_folder, restart_path, run_in_lammps, run_leg, walls_at
 from stickslip.wings.lammps.supported import check_leg
 from stickslip.wings.studies.flow import SETTLING, SHEARED

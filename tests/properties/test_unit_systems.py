@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.core.dynamics.timestep import stable_time_step
+from stickslip.core.dynamics.run import stable_time_step
 from stickslip.loading.packing import frictionless
 from stickslip.solve.equilibrate import quench
 from stickslip.wings.studies.flow.scenario import FlowScenario

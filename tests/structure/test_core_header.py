@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.core.contacts.forces import Bodies
-from stickslip.core.contacts.memory import FREE, FROZEN, HELD
+from stickslip.core.contacts.forces import FREE, FROZEN, HELD, Bodies
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.fields import FIELDS
 from stickslip.core.library import _DTYPES, core

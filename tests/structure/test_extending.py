@@ -91,22 +91,22 @@ struct WallContacts : Sums<1> {
   static void add_contact(const Seen &seen, double *sum) { *sum += seen.wall ? seen.part : 0.0; }
 };
 
+struct ContactForce : Sums<1> {
+  static constexpr const char *NAME = "contact_force";
+  static void add_contact(const Seen &seen, double *sum) { *sum += seen.part * root(dot(seen.force, seen.force)); }
+};
+
 """
 FIELDS = """\
     momentum: np.ndarray  # (T, 3) Σ m v over grains [mass length/time]
     wall_contacts: np.ndarray  # (T,) number of closed contacts with walls
+    contact_force: np.ndarray  # (T,) Σ|f| over contacts, elastic part [force]
 """
 OBSERVABLE = {
     "src/stickslip/_core/observables.h": ("template <class... Ones>", STRUCTS),
     "src/stickslip/core/dynamics/record.py": ("    group_position: np.ndarray", FIELDS),
 }
-TABLES = {  # file: end of the table, and the end with the new names
-    "src/stickslip/_core/observables.h": ("CellVectors>;", "CellVectors, Momentum, WallContacts>;"),
-    "src/stickslip/core/dynamics/record.py": (
-        '"cell": (3, 3),',
-        '"cell": (3, 3), "momentum": (3,), "wall_contacts": (),',
-    ),
-}
+TABLE = "src/stickslip/_core/observables.h", "CellVectors>;", "CellVectors, Momentum, WallContacts, ContactForce>;"
 USED = """
 import numpy as np
 import stickslip as ss
@@ -119,6 +119,9 @@ assert record.momentum.shape == (2, 3) and abs(record.momentum[0, 0]) > 0
 np.testing.assert_allclose(record.momentum[-1], end.grains.mass @ end.grains.velocity, rtol=1e-9, atol=1e-24)
 walls = int((end.contacts.j[ss.measure.touching(end)] >= n).sum())
 assert record.wall_contacts[-1] == walls > 0
+force = np.linalg.norm(ss.measure.contact_forces(end, law), axis=1).sum()
+np.testing.assert_allclose(record.contact_force[-1], force, rtol=1e-9)
+assert force > 0
 """
 CLAIM = {  # text of the claims of sheared spheres, and the text that comes before it
     '    "pairs": 0.0,': '    "rattlers": 0.5,  # a number of a few per cent, from a few packings\n',
@@ -169,13 +172,13 @@ def test_a_law_needs_one_entry_one_formula_one_constructor_one_form_and_one_line
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_an_observable_needs_a_struct_a_name_in_the_table_a_shape_and_a_field(tmp_path):
+def test_an_observable_needs_a_struct_a_name_in_the_table_and_a_field(tmp_path):
     """Runs record it, of grains and of contacts; batches do so as runs do."""
     copy_sources(tmp_path)
     for name, (after, text) in OBSERVABLE.items():
         insert(tmp_path / name, after, text)
-        path, (end, more) = tmp_path / name, TABLES[name]
-        path.write_text(path.read_text().replace(end, more))
+    name, end, more = TABLE
+    (tmp_path / name).write_text((tmp_path / name).read_text().replace(end, more))
     run_python(tmp_path, "src/stickslip/_core/build.py")
     run_python(tmp_path, "-c", USED)
     tests = ("-m", "pytest", "-x", "-p", "no:cacheprovider", "tests/unit/test_record.py", "tests/device/test_batch.py")

@@ -38,7 +38,7 @@ def test_no_import_cycles_between_modules():
         ("from stickslip.cli import app", ("matplotlib", "h5py", "scipy", "numba", "numpy")),
         # what `stickslip stability` imports
         ("import stickslip.reports.packing, stickslip.data.exchange.files, stickslip.reports.terminal",
-         ("matplotlib", "xarray", "pandas", "scipy.stats", "scipy.optimize", "scipy.spatial")),
+         ("matplotlib", "h5py", "xarray", "pandas", "scipy.stats", "scipy.optimize", "scipy.spatial")),
         # pyplot belongs to the user: with it, a backend is chosen
         ("import stickslip.figures.animation, stickslip.figures.saving", ("matplotlib.pyplot",)),
     ],

@@ -20,7 +20,7 @@ from stickslip.figures.view3d import view_box
 from stickslip.solve.freedom import freedom
 from stickslip.solve.spectrum import Spectrum
 from stickslip.wings.faults.rate_state import figures as rate_state
-from stickslip.wings.lammps import watch_page as watch
+from stickslip.wings.lammps import watch_record as watch
 from stickslip.wings.papers.disk_array import figures as disk_array
 from stickslip.wings.papers.gouge import figures as gouge
 from stickslip.wings.papers.gouge.measures import Curve

@@ -7,7 +7,7 @@ import pytest
 
 from stickslip import extras
 from stickslip._core import build
-from stickslip.doctor import machine, report, selfcheck
+from stickslip.doctor import report, selfcheck
 from stickslip.doctor.selfcheck import BITS, PROBLEM, TOLERANCES, compare
 from tests.conftest import stickslip_here as stickslip
 from tests.conftest import stickslip_process
@@ -50,7 +50,7 @@ def test_what_breaks_on_the_way_is_reported_and_the_rest_goes_on(monkeypatch, ca
     def broken():
         raise TypeError("no\nsuch compiler")
 
-    monkeypatch.setattr("stickslip.wings.faults.selfchecks.selfchecks", broken)
+    monkeypatch.setattr("stickslip.wings.faults.friction.ratestate.selfchecks", broken)
     monkeypatch.setattr(selfcheck, "measure_array", lambda law: {})
     result = selfcheck.selfcheck()
     assert not result.ok
@@ -91,12 +91,10 @@ def test_json_is_one_object_and_a_wrong_number_ends_with_1(tmp_path, monkeypatch
 
 def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
     monkeypatch.setattr(extras, "is_installed", lambda library: library not in ("gsd", "furo"))
-    monkeypatch.setattr(machine, "factorised", lambda matrix, method: 1 / 0)
-    monkeypatch.setattr(
-        "stickslip.wings.lammps.process.load_error", lambda: "libmpi.so.12: cannot open shared object file"
-    )
-    monkeypatch.setattr(machine, "which", lambda name: None)
-    parts = {part.name: part for part in machine.parts()}
+    monkeypatch.setattr(report, "factorised", lambda matrix, method: 1 / 0)
+    monkeypatch.setattr("stickslip.wings.lammps.run.load_error", lambda: "libmpi.so.12: cannot open shared object file")
+    monkeypatch.setattr(report, "which", lambda name: None)
+    parts = {part.name: part for part in report.parts()}
     assert parts["exchange"].remedy == '`pip install "stickslip[exchange]"`'
     assert parts["exchange"].found.endswith("gsd missing")
     assert parts["docs"].found.endswith("furo missing")
@@ -108,11 +106,11 @@ def test_missing_and_broken_parts_say_what_installs_them(monkeypatch):
 
 
 def test_doctor_tells_the_level_and_compiler_of_the_core(monkeypatch):
-    told = machine.compiled_core()
+    told = report.compiled_core()
     assert told["level"] in build.LEVELS and told["level"] in told["levels"]
     assert told["compiler"]
     monkeypatch.setenv("STICKSLIP_LEVEL", "base")
-    assert machine.compiled_core()["level"] == "base"
+    assert report.compiled_core()["level"] == "base"
 
 
 def test_another_folder_remembers_if_none_can_be_written(monkeypatch, tmp_path):

@@ -12,7 +12,7 @@ from stickslip.experiments.experiment import meaning_of
 from stickslip.experiments.registry import EXPERIMENTS
 from stickslip.wings.faults.fault.simulate import FaultResult
 from stickslip.wings.faults.friction.fault_cycles import Energy
-from stickslip.wings.faults.friction.fault_events import FaultEvents
+from stickslip.wings.faults.friction.fault_record import FaultEvents
 from stickslip.wings.faults.rate_state.simulate import simulate_slider
 from stickslip.wings.papers.gouge import protocol as gouge_run
 from stickslip.wings.soils.cyclic_shear.simulate import CyclicRun, Response

@@ -1,25 +1,13 @@
 """What a run samples equals what is measured on its states; a perturbation decays as the damped spectrum says."""
 
-import ctypes
-import math
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 import stickslip as ss
-from stickslip.core.dynamics.record import OBSERVABLES
-from stickslip.core.library import core
 from stickslip.loading.packing import jammed
 from tests.conftest import make_law
 from tests.properties.test_determinism import flowing
-
-
-def test_the_core_writes_the_observables_of_a_record_in_their_order():
-    for k, (name, shape) in enumerate(OBSERVABLES.items()):
-        assert ctypes.string_at(core.observable_name(k)).decode() == name
-        assert core.observable_width(k) == math.prod(shape)
-    assert core.observable_name(len(OBSERVABLES)) is None
 
 
 @pytest.mark.parametrize("dim", [2, 3])

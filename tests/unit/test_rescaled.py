@@ -5,8 +5,8 @@ import pytest
 
 import stickslip as ss
 from stickslip.builtin_laws import BY_NAME, NAMES
+from stickslip.core.contacts.forces import FREE
 from stickslip.core.contacts.jacobian import contact_blocks
-from stickslip.core.contacts.memory import FREE
 from stickslip.core.laws import builtin as laws
 from stickslip.core.laws.compiled import evaluate
 from stickslip.data.exchange.frame import law_from_dict, law_to_dict

@@ -10,21 +10,17 @@ int32_t fetch_add(int32_t *to, int32_t more) {
   return *to - more;
 }
 
+int32_t exchange(int32_t *at, int32_t value) {
+  const int32_t former = *at;
+  *at = value;
+  return former;
+}
+
 }  // namespace batch
 
 namespace {
 
-struct Team {
-  static constexpr int64_t SIZE = TEAM;
-  template <class Work>
-  void each(const Work &work) const {
-    for (int64_t t = 0; t < TEAM; ++t) work(t);
-  }
-  template <class Work>
-  void once(const Work &work) const {
-    work();
-  }
-};
+using Team = InTurn<TEAM>;
 
 template <int DIM>
 void step(const Law &law, const batch::Slot &slot) {
@@ -43,7 +39,7 @@ void step(const Law &law, const batch::Slot &slot) {
 template <int DIM>
 void serve(const Law &law, const batch::Slot &slot) {
   const int64_t *number = slot.number;
-  if (number[SLOT_PHASE] == SAMPLING) batch::write_sample<DIM>(law, slot, Team());
+  if (number[SLOT_PHASE] == SAMPLING) batch::end_at_sample<DIM>(law, slot, Team());
   if (number[SLOT_PHASE] == BEGINNING)
     for (int64_t a = 0; a < number[SLOT_BODIES]; ++a) batch::begin_step<DIM>(slot, a);
   batch::sort_into_bins(slot, Team());

@@ -8,6 +8,7 @@ __constant__ Law law;
 
 namespace batch {
 __device__ int32_t fetch_add(int32_t *to, int32_t more) { return atomicAdd(to, more); }
+__device__ int32_t exchange(int32_t *at, int32_t value) { return atomicExch(at, value); }
 }  // namespace batch
 
 namespace {
@@ -120,7 +121,7 @@ __device__ void step() {
 template <int DIM>
 __device__ void sample() {
   const batch::Slot slot(systems, blockIdx.x);
-  if (slot.number[SLOT_PHASE] == SAMPLING) batch::write_sample<DIM>(law, slot, Team());
+  if (slot.number[SLOT_PHASE] == SAMPLING) batch::end_at_sample<DIM>(law, slot, Team());
 }
 
 template <int DIM>

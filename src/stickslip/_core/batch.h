@@ -13,14 +13,11 @@
 
 namespace batch {
 
-int32_t fetch_add(int32_t *to, int32_t more);  // atomic where threads run at once
+int32_t fetch_add(int32_t *to, int32_t more);  // atomic where threads run at once, and so is the next
+int32_t exchange(int32_t *at, int32_t value);  // returns the former value
 
 constexpr int64_t MODE = 3, REACHED = 4, FLAGS = ENTRY_FLAGS, PARTNER = ENTRY_PARTNER;
 constexpr int64_t ROWS = 16;  // of partial sums
-
-inline int64_t image_of(int64_t word, int k) {
-  return (word >> (FLAGS + IMAGE_BITS * (2 - k)) & (2 * IMAGE_OFFSET - 1)) - IMAGE_OFFSET;
-}
 
 struct Slot {
   const Batch &batch;
@@ -37,6 +34,29 @@ struct Slot {
   double *slip(int64_t a, int64_t list, int k) const { return batch.slip + batch.most * (half() * (3 * list + k) + row(a)); }
   int32_t &entries(int64_t a, int64_t list) const { return batch.entries[half() * list + row(a)]; }
   const double *here(int64_t a) const { return point(a, number[SLOT_NOW]); }
+  bool goes_on() const { return number[SLOT_STEP] != number[SLOT_NEXT]; }  // to the next step, without a sample
+
+  // Sums of `count` numbers, at most SUMS: `add` adds those of thread t to zeros. They are left in ROWS parts for `total`.
+  template <class Team, class Add>
+  void add_up(const Team &team, int64_t count, const Add &add) const {
+    double *partial = batch.partial + TEAM * SUMS * s;
+    team.each([&](int64_t t) {
+      for (int64_t k = 0; k < count; ++k) partial[SUMS * t + k] = 0.0;
+      add(t, partial + SUMS * t);
+    });
+    team.each([&](int64_t t) {
+      for (int64_t k = t / ROWS; k < count; k += TEAM / ROWS) {
+        double sum = 0.0;
+        for (int64_t m = t % ROWS; m < TEAM; m += ROWS) sum += partial[SUMS * m + k];
+        partial[SUMS * (t % ROWS) + k] = sum;
+      }
+    });
+  }
+  double total(int64_t k) const {
+    double sum = 0.0;
+    for (int64_t m = 0; m < ROWS; ++m) sum += batch.partial[SUMS * (TEAM * s + m) + k];
+    return sum;
+  }
 
   // the view of `observables.h`
   double time() const { return value[PACE_START] + double(number[SLOT_STEP]) * value[PACE_DT]; }
@@ -58,18 +78,6 @@ struct Slot {
   int64_t &changed() const { return number[SLOT_CHANGED]; }
   void count(int64_t a) const { fetch_add(&held(a), 1); }
   void add_virial(double *) const {}
-
-  template <class Act>
-  void each_end(int64_t t, const Act &act) const {
-    const int64_t list = number[SLOT_LISTED];
-    for (int64_t a = t; a < grains(); a += TEAM)
-      for (int64_t e = 0; e < entries(a, list); ++e) {
-        const int64_t word = entry(a, list)[e], partner = word >> PARTNER;
-        if ((word & MODE) == OPEN) continue;
-        act(a, partner);
-        if (partner >= grains()) act(partner, a);  // a wall has no list
-      }
-  }
 };
 
 // the view of `pairs.h`
@@ -88,7 +96,7 @@ template <int DIM>
 inline Vec<double> pair_vector(const Slot &slot, const double *own, const double *other, int64_t word) {
   Vec<double> r = flat<DIM>(read(own) - read(other));
   for (int k = 0; k < 3; ++k)
-    if (const int64_t image = image_of(word, k)) r = r + double(image) * flat<DIM>(read(slot.vectors() + 3 * k));
+    if (const int64_t image = image_of(word >> FLAGS, k)) r = r + double(image) * flat<DIM>(read(slot.vectors() + 3 * k));
   return r;
 }
 
@@ -108,7 +116,7 @@ __attribute__((noinline)) inline void store_event(const Batch &b, int64_t s, int
   const int64_t row = fetch_add(b.happened + s, 1);
   if (row >= b.events) return;
   const Slot slot(b, s);
-  const int64_t image[3] = {image_of(word, 0), image_of(word, 1), image_of(word, 2)};
+  const int64_t key = word >> FLAGS, image[3] = {image_of(key, 0), image_of(key, 1), image_of(key, 2)};
   write_event(b.event + EVENT * (b.events * s + row), kind, slot.time(), a, word >> PARTNER, image, slot.here(a));
 }
 
@@ -125,6 +133,14 @@ inline void open_entry(const Slot &slot, int64_t a, int64_t *entry) {
 // What a system does that may step.
 inline int64_t run_or_wait(const Slot &slot) {  // one step and a new list fill less than half of the rows
   return 2 * int64_t(slot.batch.happened[slot.s]) > slot.batch.events ? WAITING : RUNNING;
+}
+
+// Counts the step that all bodies have begun.
+inline void count_step(const Slot &slot) {
+  int64_t *number = slot.number;
+  number[SLOT_STEP] += 1;
+  slot.value[PACE_CLOCK] += slot.value[PACE_DT];
+  number[SLOT_PHASE] = number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
 }
 
 struct Sum {  // force and torque
@@ -150,7 +166,8 @@ inline void may_touch(const Slot &slot, int64_t a, int64_t e, int64_t step, int6
   }
 }
 
-// Loads on body a of its entry e, whose memory is updated.
+// Loads on body a of its entry e, whose memory is updated: the parts of `sweep_row` in `rows.cpp` that a device needs.
+// Not one function, because compilers then fuse other products in rows, which changes last bits in two dimensions.
 template <int DIM>
 inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t e) {
   const int64_t now = slot.number[SLOT_NOW], list = slot.number[SLOT_LISTED];
@@ -200,11 +217,13 @@ inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t
   return {{f.x, f.y, f.z, turn.x, turn.y, turn.z}};
 }
 
-// Ends a step with half a kick (`half`) and begins the next one (`go_on`), as `move_body` in `motion.cpp`; from one
-// buffer of the motion to another.
+// Ends a step with half a kick (`half`), from one buffer of the motion to the other, and begins the next one unless a
+// sample is due, as `move_body` in `motion.cpp`.
 template <int DIM>
-inline void move(const Slot &slot, int64_t a, const double *f, bool half, bool go_on, int64_t from, int64_t to) {
+inline void move(const Slot &slot, int64_t a, const double *f, bool half) {
   const Batch &b = slot.batch;
+  const int64_t from = slot.number[SLOT_NOW], to = half ? 1 - from : from;
+  const bool go_on = slot.goes_on();
   const double *value = slot.value, *x = slot.point(a, from), *was = slot.motion(a, from);
   const double kick[2] = {b.kick[2 * slot.row(a)], b.kick[2 * slot.row(a) + 1]}, dt = value[PACE_DT];
   const double keep[2] = {value[PACE_KEEP], value[PACE_KEEP_T]}, slow[2] = {value[PACE_SLOW], value[PACE_SLOW_T]};
@@ -234,50 +253,26 @@ inline void move(const Slot &slot, int64_t a, const double *f, bool half, bool g
   for (int k = 0; k < 6; ++k) motion[k] = rate[k], motion[6 + k] = ahead[k];
 }
 
-inline void store_force(const Slot &slot, int64_t a, const double *f) {
-  for (int k = 0; k < 6; ++k) slot.batch.force[6 * slot.row(a) + k] = f[k];
-}
-
 // Ends the step of grain a, and begins the next one, with the loads of its contacts.
 template <int DIM>
 inline void end_step(const Slot &slot, int64_t a, const double *loads) {
-  const int64_t now = slot.number[SLOT_NOW];
-  const bool go_on = slot.number[SLOT_STEP] != slot.number[SLOT_NEXT];
+  const bool single = a < slot.number[SLOT_SINGLE], store = !single || !slot.goes_on();
   double f[6];
-  for (int k = 0; k < 6; ++k) f[k] = slot.batch.external[6 * slot.row(a) + k] + loads[k];
-  const bool single = a < slot.number[SLOT_SINGLE];
-  if (!single || !go_on) store_force(slot, a, f);
-  if (single) move<DIM>(slot, a, f, true, go_on, now, 1 - now);
+  for (int k = 0; k < 6; ++k) {
+    f[k] = slot.batch.external[6 * slot.row(a) + k] + loads[k];
+    if (store) slot.batch.force[6 * slot.row(a) + k] = f[k];
+  }
+  if (single) move<DIM>(slot, a, f, true);
 }
 
 // Pull of the springs on body a.
-inline double pull_of(const Slot &slot, int64_t a, int k, int64_t now) {
+inline double pull_of(const Slot &slot, int64_t a, int k) {
   const Batch &b = slot.batch;
   const double *spring = b.spring + 6 * slot.row(a);
   if (!(spring[k] > 0.0)) return 0.0;
-  return spring_force(spring[k], spring[3 + k], slot.point(a, now)[k], b.knot + b.knots * slot.s, b.knots,
+  return spring_force(spring[k], spring[3 + k], slot.here(a)[k], b.knot + b.knots * slot.s, b.knots,
                       b.course + b.knots * b.courses * slot.s, b.courses, b.leads[3 * slot.row(a) + k],
                       slot.value[PACE_CLOCK]);
-}
-
-// Adds up the first `sums` sums of all threads, in ROWS parts; the sum of these is `reduced`.
-template <class Team>
-inline void reduce(const Slot &slot, const Team &team, int64_t sums) {
-  double *partial = slot.batch.partial + TEAM * SUMS * slot.s;
-  team.each([&](int64_t t) {
-    for (int64_t k = t / ROWS; k < sums; k += TEAM / ROWS) {
-      double total = 0.0;
-      for (int64_t m = t % ROWS; m < TEAM; m += ROWS) total += partial[SUMS * m + k];
-      partial[SUMS * (t % ROWS) + k] = total;
-    }
-  });
-}
-
-inline double reduced(const Slot &slot, int64_t k) {
-  const double *partial = slot.batch.partial + TEAM * SUMS * slot.s;
-  double total = 0.0;
-  for (int64_t m = 0; m < ROWS; ++m) total += partial[SUMS * m + k];
-  return total;
 }
 
 // Springs, rigid groups, walls and counters of one system, after all grains have ended their step.
@@ -285,47 +280,33 @@ template <int DIM, class Team>
 inline void finish_step(const Slot &slot, const Team &team) {
   const Batch &b = slot.batch;
   int64_t *number = slot.number;
-  const int64_t now = number[SLOT_NOW], single = number[SLOT_SINGLE], bodies = number[SLOT_BODIES];
-  const bool go_on = number[SLOT_STEP] != number[SLOT_NEXT];
-  const int64_t *members = b.members + (b.groups + 1) * slot.s, rest = b.groups ? members[b.groups] : single;
-  team.each([&](int64_t t) {
-    double *partial = b.partial + TEAM * SUMS * slot.s + SUMS * t;
-    for (int64_t g = 0; g < b.groups; ++g) {
-      double total[3] = {};
+  const int64_t *members = b.members + (b.groups + 1) * slot.s;
+  const bool go_on = slot.goes_on();
+  slot.add_up(team, 3 * b.groups, [&](int64_t t, double *sum) {
+    for (int64_t g = 0; g < b.groups; ++g)
       for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM)
-        for (int k = 0; k < 3; ++k) total[k] += b.force[6 * slot.row(a) + k] + pull_of(slot, a, k, now);
-      for (int k = 0; k < 3; ++k) partial[3 * g + k] = total[k];
-    }
+        for (int k = 0; k < 3; ++k) sum[3 * g + k] += b.force[6 * slot.row(a) + k] + pull_of(slot, a, k);
   });
-  reduce(slot, team, 3 * b.groups);
   team.each([&](int64_t t) {
-    for (int64_t g = 0; g < b.groups; ++g) {
-      const double total[3] = {reduced(slot, 3 * g), reduced(slot, 3 * g + 1), reduced(slot, 3 * g + 2)};
-      for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM) {
-        double *f = b.force + 6 * slot.row(a);
-        for (int k = 0; k < 3; ++k) f[k] = total[k];
-        move<DIM>(slot, a, f, true, go_on, now, 1 - now);
-      }
-    }
-    for (int64_t a = rest + t; a < bodies; a += TEAM) {
+    int64_t g = 0;
+    for (int64_t a = number[SLOT_SINGLE] + t; a < number[SLOT_BODIES]; a += TEAM) {
       double *f = b.force + 6 * slot.row(a);
-      for (int k = 0; k < 3; ++k) f[k] += pull_of(slot, a, k, now);
-      move<DIM>(slot, a, f, true, go_on, now, 1 - now);
+      while (g < b.groups && a >= members[g + 1]) ++g;
+      for (int k = 0; k < 3; ++k) f[k] = g < b.groups ? slot.total(3 * g + k) : f[k] + pull_of(slot, a, k);
+      move<DIM>(slot, a, f, true);
     }
   });
   team.once([&] {
-    number[SLOT_NOW] = 1 - now;
-    number[SLOT_STEP] += go_on;
-    if (go_on) slot.value[PACE_CLOCK] += slot.value[PACE_DT];
-    number[SLOT_PHASE] = !go_on ? SAMPLING : number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
+    number[SLOT_NOW] = 1 - number[SLOT_NOW];
+    if (go_on) count_step(slot);
+    else number[SLOT_PHASE] = SAMPLING;
   });
 }
 
 // Begins the step after a sample.
 template <int DIM>
 inline void begin_step(const Slot &slot, int64_t a) {
-  const int64_t now = slot.number[SLOT_NOW];
-  move<DIM>(slot, a, slot.batch.force + 6 * slot.row(a), false, true, now, now);
+  move<DIM>(slot, a, slot.batch.force + 6 * slot.row(a), false);
 }
 
 // ---- lists
@@ -342,61 +323,28 @@ inline int64_t bin_along(const Slot &slot, Vec<double> x, int k, int64_t *box) {
   return place <= 0.0 ? 0 : place >= double(bins - 1) ? bins - 1 : int64_t(place);
 }
 
-// Sorts the grains of one system into bins.
+// Sorts the grains of one system into bins, of which each is a chain.
 template <class Team>
 inline void sort_into_bins(const Slot &slot, const Team &team) {
   const Batch &b = slot.batch;
   int64_t *number = slot.number;
   team.once([&] {
-    if (number[SLOT_PHASE] == BEGINNING) {
-      number[SLOT_STEP] += 1;
-      slot.value[PACE_CLOCK] += slot.value[PACE_DT];
-      number[SLOT_PHASE] = number[SLOT_BROKEN] ? BROKE : number[SLOT_MOVED_FAR] ? LISTING : run_or_wait(slot);
-    }
+    if (number[SLOT_PHASE] == BEGINNING) count_step(slot);
   });
   if (number[SLOT_PHASE] != LISTING) return;
-  const int64_t grains = number[SLOT_GRAINS], now = number[SLOT_NOW], *bins = number + SLOT_BINS;
-  const int64_t count = bins[0] * bins[1] * bins[2];
-  int32_t *bound = b.bound + (b.room + 1) * slot.s, *bin = b.bin + slot.row(0), *binned = b.binned + slot.row(0);
+  const int64_t *bins = number + SLOT_BINS;
   team.each([&](int64_t t) {
-    for (int64_t k = t; k <= count; k += TEAM) bound[k] = 0;
+    for (int64_t k = t; k < bins[0] * bins[1] * bins[2]; k += TEAM) b.head[slot.row(k)] = -1;
   });
   team.each([&](int64_t t) {
-    for (int64_t a = t; a < grains; a += TEAM) {
-      int64_t box, at_bin = 0;
-      for (int k = 0; k < 3; ++k) at_bin = at_bin * bins[k] + bin_along(slot, slot.position(a), k, &box);
-      bin[a] = int32_t(at_bin);
-      fetch_add(bound + at_bin + 1, 1);
+    for (int64_t a = t; a < number[SLOT_GRAINS]; a += TEAM) {
+      int64_t box, bin = 0;
+      for (int k = 0; k < 3; ++k) bin = bin * bins[k] + bin_along(slot, slot.position(a), k, &box);
+      b.next[slot.row(a)] = exchange(b.head + slot.row(bin), int32_t(a));  // the order in a bin does not matter
     }
     for (int64_t a = t; a < number[SLOT_BODIES]; a += TEAM)
-      for (int k = 0; k < 3; ++k) b.origin[3 * slot.row(a) + k] = slot.point(a, now)[k];
+      for (int k = 0; k < 3; ++k) b.origin[3 * slot.row(a) + k] = slot.here(a)[k];
   });
-  // prefix sums: each thread adds up a stretch of bins, then the stretches before it
-  const int64_t stretch = (count + TEAM - 1) / TEAM;
-  double *sums = b.partial + TEAM * SUMS * slot.s;
-  team.each([&](int64_t t) {
-    int32_t total = 0;
-    for (int64_t k = stretch * t; k < stretch * (t + 1) && k < count; ++k) total += bound[k + 1];
-    sums[t] = total;
-  });
-  team.each([&](int64_t t) {
-    int32_t total = 0;
-    for (int64_t k = 0; k < t; ++k) total += sums[k];
-    for (int64_t k = stretch * t; k < stretch * (t + 1) && k < count; ++k) bound[k + 1] = total += bound[k + 1];
-  });
-  team.each([&](int64_t t) {  // bodies from the last place of a bin on; their order does not matter
-    for (int64_t a = t; a < grains; a += TEAM) binned[fetch_add(bound + bin[a] + 1, -1) - 1] = int32_t(a);
-  });
-}
-
-// First and last place of a bin in `binned`: the last loop above has moved each bound to the begin of its bin.
-struct Bin {
-  int32_t first, last;
-};
-
-inline Bin bin_at(const Slot &slot, int64_t bin, int64_t bins) {
-  const int32_t *bound = slot.batch.bound + (slot.batch.room + 1) * slot.s;
-  return {bound[bin + 1], bin + 2 <= bins ? bound[bin + 2] : int32_t(slot.number[SLOT_GRAINS])};
 }
 
 // Keys of all bodies within reach of grain a, unsorted. Returns their number, which may be larger than there is room for,
@@ -404,7 +352,7 @@ inline Bin bin_at(const Slot &slot, int64_t bin, int64_t bins) {
 template <int DIM>
 inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
   const Batch &b = slot.batch;
-  const int64_t now = slot.number[SLOT_NOW], *bins = slot.number + SLOT_BINS, count = bins[0] * bins[1] * bins[2];
+  const int64_t now = slot.number[SLOT_NOW], *bins = slot.number + SLOT_BINS;
   const double *own = slot.point(a, now), *vectors = b.vectors + 9 * slot.s, skin = slot.value[PACE_SKIN];
   const Vec<double> x = read(own);
   int64_t many = 0, box[3], home[3], other[3];
@@ -420,9 +368,7 @@ inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
       bin = bin * bins[k] + place - cross[k] * bins[k];
     }
     if (!exists) continue;
-    const Bin at_bin = bin_at(slot, bin, count);
-    for (int64_t m = at_bin.first; m < at_bin.last; ++m) {
-      const int64_t c = b.binned[slot.row(m)];
+    for (int64_t c = b.head[slot.row(bin)]; c >= 0; c = b.next[slot.row(c)]) {
       const double *there = slot.point(c, now);
       int64_t image[3];
       Vec<double> r = flat<DIM>(x - read(there));
@@ -458,12 +404,7 @@ inline void build_list(const Slot &slot, int64_t a) {
     slot.number[SLOT_CHANGED] = many;  // tells that a list cannot be made, or is full
     many = many < 0 ? 0 : slot.batch.most;
   }
-  for (int64_t c = 1; c < many; ++c) {
-    const int64_t key = entry[c];
-    int64_t d = c;
-    for (; d > 0 && entry[d - 1] > key; --d) entry[d] = entry[d - 1];
-    entry[d] = key;
-  }
+  insert_in_order(entry, many);
   int64_t e = 0;
   for (int64_t c = 0; c < many; ++c) {
     const int64_t key = entry[c];
@@ -493,93 +434,75 @@ inline void finish_list(const Slot &slot) {
 static_assert(Observables::SUMS <= SUMS, "more sums than there is room for");
 
 template <int DIM>
-inline void add_contacts(const Law &law, const Slot &slot, int64_t a, double *sum) {
-  const int64_t list = slot.number[SLOT_LISTED];
-  for (int64_t e = 0; e < slot.entries(a, list); ++e) {
-    const int64_t word = slot.entry(a, list)[e], mode = word & MODE;
-    if (mode == OPEN) continue;
-    Pair pair = pair_of<DIM>(slot, a, word);
-    const double part = pair.wall ? 1.0 : 0.5;
-    Seen seen = {part, 1.0, mode == SLIDE, pair.wall, pair.r, pair.n, !pair.wall, {}};
-    if (seen.elastic) {
-      find_parameters(pair, law, slot, a, word >> PARTNER, nullptr);
-      const Elastic<double> spring = built_in(law, pair.q, pair.r_eff, pair.overlap);
-      const double *x = slot.slip(a, list, 0), *y = slot.slip(a, list, 1), *z = slot.slip(a, list, 2);
-      const Vec<double> s = {x[e], y[e], DIM == 3 ? z[e] : 0.0};
-      const double limit = coulomb_limit(pair.q, spring.force, false);
-      seen.force = spring.force * pair.n + tangential_force(law.smooth, spring.stiffness, limit, s);
-    }
-    Observables::add_contact(seen, sum);
-  }
-}
+struct Sample : Slot {  // the rest of the view of `observables.h`
+  static constexpr bool FROM_BOTH = true;
+  const Law &law;
+  Sample(const Law &law, const Slot &slot) : Slot(slot), law(law) {}
 
-inline void write_row(const Slot &slot, double *row) {
-  double sum[Observables::SUMS];
-  for (int64_t k = 0; k < Observables::SUMS; ++k) sum[k] = reduced(slot, k);
-  Observables::write(slot, sum, row);
-}
+  template <class Act>
+  void each_closed(int64_t t, const Act &act) const {
+    for (int64_t a = t; a < grains(); a += TEAM)
+      for (int64_t e = 0; e < entries(a, number[SLOT_LISTED]); ++e) {
+        const int64_t word = entry(a, number[SLOT_LISTED])[e];
+        if ((word & MODE) != OPEN) act(a, word >> PARTNER, e);
+      }
+  }
+  Seen seen(int64_t a, int64_t partner, int64_t e) const {
+    const int64_t list = number[SLOT_LISTED], word = entry(a, list)[e];
+    Seen out = {pair_of<DIM>(*this, a, word), (word & MODE) == SLIDE, {}, false, 1.0, 1.0};
+    find_parameters(out, law, *this, a, partner, nullptr);
+    const Elastic<double> spring = built_in(law, out.q, out.r_eff, out.overlap);
+    const Vec<double> s = flat<DIM>({slip(a, list, 0)[e], slip(a, list, 1)[e], slip(a, list, 2)[e]});
+    const double limit = coulomb_limit(out.q, spring.force, false);
+    out.force = spring.force * out.n + tangential_force(law.smooth, spring.stiffness, limit, s);
+    return out;
+  }
+};
 
 // Motion and loads of a rigid group, see `write_groups` in `core/dynamics/record.py`.
 template <class Team>
-inline void write_group(const Slot &slot, const Team &team, int64_t g, double *row) {
+inline void write_group(const Slot &slot, const Team &team, const int64_t *members, double *row) {
   const Batch &b = slot.batch;
-  const int64_t now = slot.number[SLOT_NOW], *members = b.members + (b.groups + 1) * slot.s;
-  double *partial = b.partial + TEAM * SUMS * slot.s;
-  team.each([&](int64_t t) {
-    double *sum = partial + SUMS * t;
-    for (int k = 0; k < 10; ++k) sum[k] = 0.0;
-    for (int64_t a = members[g] + t; a < members[g + 1]; a += TEAM) {
-      const double mass = is_wall(slot, a) ? 1.0 : slot.mass(a);
-      sum[0] += mass;
+  slot.add_up(team, 10, [&](int64_t t, double *sum) {
+    for (int64_t a = members[0] + t; a < members[1]; a += TEAM) {
+      sum[0] += slot.mass(a);
       for (int k = 0; k < 3; ++k) {
-        sum[1 + k] += mass * slot.point(a, now)[k];
+        sum[1 + k] += slot.mass(a) * slot.here(a)[k];
         sum[4 + k] += b.external[6 * slot.row(a) + k];
-        sum[7 + k] += pull_of(slot, a, k, now);
+        sum[7 + k] += pull_of(slot, a, k);
       }
     }
   });
-  reduce(slot, team, 10);
   team.once([&] {
     for (int k = 0; k < 3; ++k) {
-      const double pull = reduced(slot, 7 + k);
-      row[k] = reduced(slot, 1 + k) / reduced(slot, 0);
-      row[3 + k] = slot.motion(members[g], now)[k];
-      row[6 + k] = b.force[6 * slot.row(members[g]) + k] - reduced(slot, 4 + k) - pull;
+      const double pull = slot.total(7 + k);
+      row[k] = slot.total(1 + k) / slot.total(0);
+      row[3 + k] = slot.motion(members[0], slot.number[SLOT_NOW])[k];
+      row[6 + k] = b.force[6 * slot.row(members[0]) + k] - slot.total(4 + k) - pull;
       row[9 + k] = pull;
     }
   });
 }
 
 template <int DIM, class Team>
-inline void write_sample(const Law &law, const Slot &slot, const Team &team) {
+inline void end_at_sample(const Law &law, const Slot &slot, const Team &team) {
   const Batch &b = slot.batch;
   int64_t *number = slot.number;
-  const int64_t at_row = b.samples * slot.s + number[SLOT_ROWS];
-  double *partial = b.partial + TEAM * SUMS * slot.s;
+  const int64_t at_row = b.samples * slot.s + number[SLOT_ROWS], *members = b.members + (b.groups + 1) * slot.s;
   const bool due = number[SLOT_EVERY] && number[SLOT_STEP] % number[SLOT_EVERY] == 0;
   if (due) {
     for (int64_t g = 0; g < b.groups; ++g)
-      if (b.members[(b.groups + 1) * slot.s + g] < b.members[(b.groups + 1) * slot.s + g + 1])
-        write_group(slot, team, g, b.group + 12 * (b.groups * at_row + g));
-    mark_rattlers(slot, team);
-    team.each([&](int64_t t) {
-      double *sum = partial + SUMS * t;
-      for (int64_t k = 0; k < Observables::SUMS; ++k) sum[k] = 0.0;
-      for (int64_t a = t; a < number[SLOT_GRAINS]; a += TEAM) {
-        Observables::add_grain(slot, a, sum);
-        add_contacts<DIM>(law, slot, a, sum);
-      }
-    });
-    reduce(slot, team, Observables::SUMS);
+      if (members[g] < members[g + 1]) write_group(slot, team, members + g, b.group + 12 * (b.groups * at_row + g));
+    write_sample(Sample<DIM>(law, slot), team, b.series + Observables::WIDTH * at_row);
     team.each([&](int64_t t) {
       for (int64_t a = t; a < number[SLOT_GRAINS] && a < b.tracks; a += TEAM) {
         double *row = b.track + 6 * (b.tracks * at_row + a);
-        for (int k = 0; k < 3; ++k) row[k] = slot.point(a, number[SLOT_NOW])[k], row[3 + k] = b.angle[3 * slot.row(a) + k];
+        for (int k = 0; k < 3; ++k) row[k] = slot.here(a)[k], row[3 + k] = b.angle[3 * slot.row(a) + k];
       }
     });
   }
   team.once([&] {
-    if (due) write_row(slot, b.series + Observables::WIDTH * at_row), number[SLOT_ROWS] += 1;
+    number[SLOT_ROWS] += due;
     number[SLOT_NEXT] += number[SLOT_EVERY];
     if (number[SLOT_EVERY] == 0 || number[SLOT_NEXT] > number[SLOT_STOP]) number[SLOT_NEXT] = number[SLOT_STOP];
     number[SLOT_PHASE] = number[SLOT_STEP] == number[SLOT_STOP] ? FINISHED : BEGINNING;

@@ -378,9 +378,8 @@ struct Batch {  // S slots with room for R bodies, in each of which is a system 
   int64_t *entry;    // (2, S, R, M) see `batch.h`
   double *slip;      // (2, 3, S, R, M)
   int32_t *entries;  // (2, S, R) number of entries of each body
-  int32_t *bin;      // (S, R) of each body
-  int32_t *bound;    // (S, R + 1) of each bin in `binned`
-  int32_t *binned;   // (S, R) bodies by bin
+  int32_t *head;     // (S, R) first grain of each bin, −1: none
+  int32_t *next;     // (S, R) grain after each in its bin
   int32_t *arrived;  // (S,) blocks that have taken the step
   double *partial;   // (S, TEAM, SUMS)
   double *series;    // (S, T, columns of all observables)

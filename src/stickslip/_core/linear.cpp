@@ -229,8 +229,9 @@ void add_virial(const Law *law, int64_t dim, const Bodies *bodies, const Contact
   int64_t grains = bodies->len_radius - bodies->len_normal;
   for (int64_t c = 0; c < *contacts->count; c++) {
     if (contacts->mode[c] == OPEN || contacts->j[c] >= grains) continue;
-    ElasticPair pair = elastic_pair(*law, dim, *bodies, *contacts, shift, c);
-    double f[] = {pair.force.x, pair.force.y, pair.force.z}, r[] = {pair.r.x, pair.r.y, pair.r.z};
+    const Pair pair = pair_at(*law, dim, *bodies, *contacts, shift, c);
+    const Vec<double> force = elastic_force(*law, *contacts, pair, c);
+    double f[] = {force.x, force.y, force.z}, r[] = {pair.r.x, pair.r.y, pair.r.z};
     for (int a = 0; a < 3; a++)
       for (int b = 0; b < 3; b++) out[3 * a + b] += f[a] * r[b];
   }

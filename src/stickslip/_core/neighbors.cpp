@@ -454,12 +454,7 @@ int order(const void *a, const void *b) {
 // Sorts keys, which are few except for grains much larger than their neighbours.
 void sort_keys(int64_t *key, int64_t count) {
   if (count > 64) return qsort(key, count, sizeof(int64_t), order);
-  for (int64_t c = 1; c < count; ++c) {
-    const int64_t one = key[c];
-    int64_t d = c;
-    for (; d > 0 && key[d - 1] > one; --d) key[d] = key[d - 1];
-    key[d] = one;
-  }
+  insert_in_order(key, count);
 }
 
 bool Search::write_keys(int64_t *&out, int64_t *row) {
@@ -505,8 +500,6 @@ void free_pairs(Pairs *pairs) {
 
 namespace {
 
-constexpr int64_t OPEN = 0;
-
 // Row of a key in a list, or −1.
 int64_t find_row(const Pairs &pairs, int64_t grain, int64_t key) {
   if (grain >= pairs.grains) return -1;
@@ -548,15 +541,14 @@ void copy_memory(const Pairs &pairs, const Contacts &old, const Contacts &list) 
 }  // namespace
 
 void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list) {
-  constexpr int64_t LOW = (1 << IMAGE_BITS) - 1, BODY = (1 << BODY_BITS) - 1;
+  constexpr int64_t BODY = (1 << BODY_BITS) - 1;
   const int64_t count = pairs->row[pairs->grains];
   if (list->len_key > 0) memcpy(list->key, pairs->key, count * sizeof(int64_t));
   for (int64_t c = 0; c < count; ++c) {
     const int64_t key = pairs->key[c];
     list->i[c] = static_cast<int32_t>(key >> (BODY_BITS + 3 * IMAGE_BITS));
     list->j[c] = static_cast<int32_t>(key >> 3 * IMAGE_BITS & BODY);
-    for (int64_t m = 0; m < 3; ++m)
-      list->image[3 * c + m] = static_cast<int16_t>((key >> (2 - m) * IMAGE_BITS & LOW) - IMAGE_OFFSET);
+    for (int m = 0; m < 3; ++m) list->image[3 * c + m] = static_cast<int16_t>(image_of(key, m));
   }
   copy_memory(*pairs, *old, *list);
 }

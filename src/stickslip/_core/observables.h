@@ -1,17 +1,17 @@
 // Observables of a sample, and rattlers: written once, for runs and for batches.
 //
 // An observable adds terms of grains and of closed contacts to sums that begin at zero, and writes its columns from
-// these. The view of a system is `Sample` in `record.cpp` or `batch::Slot`.
+// these. The view of a system is `Sample` in `record.cpp` or in `batch.h`: `each_closed` calls its argument with bodies i
+// and j of each closed contact that a thread has, and its place in a list. With `FROM_BOTH`, each grain has a list.
 #pragma once
 #include "pairs.h"
 
-struct Seen {  // a closed contact
+struct Seen : Pair {  // a closed contact
+  bool slides;
+  Vec<double> force;  // elastic, on i
+  bool apart;  // its virial is added up apart
   double part;  // 1, or 1/2 if it is met from both of its grains
   double ends;  // grains from which it is met here
-  bool slides, wall;
-  Vec<double> r, n;
-  bool elastic;  // whether the elastic force on i is known
-  Vec<double> force;
 };
 
 inline void add_square(double *out, double factor, Vec<double> a, Vec<double> b) {  // factor a ⊗ b
@@ -83,7 +83,7 @@ struct Sliding : Sums<1> {
 struct Virial : Sums<9> {  // of contacts between grains
   static constexpr const char *NAME = "virial";
   static void add_contact(const Seen &seen, double *sum) {
-    if (seen.elastic && !seen.wall) add_square(sum, seen.part, seen.force, seen.r);
+    if (!seen.wall && !seen.apart) add_square(sum, seen.part, seen.force, seen.r);
   }
   template <class View>
   static void write(const View &view, const double *sum, double *row) {
@@ -161,17 +161,33 @@ struct Table {
   }
 };
 
-// in the order of `OBSERVABLES` in `core/dynamics/record.py`
+// with the names of fields of `Record` in `core/dynamics/record.py`, which reads their widths here
 using Observables = Table<Time, Msd, KineticEnergy, Center, Touching, Sliding, Virial, Fabric, MomentumFlux,
                           Coordination, HeldCoordination, RattlerCount, CellVectors>;
+
+template <int64_t THREADS>
+struct InTurn {  // a team whose threads run one after another
+  static constexpr int64_t SIZE = THREADS;
+  template <class Work>
+  void each(const Work &work) const {
+    for (int64_t t = 0; t < THREADS; ++t) work(t);
+  }
+  template <class Work>
+  void once(const Work &work) const {
+    work();
+  }
+};
 
 // Counts the contacts between bodies that are not loose, of each body or, with `by_unit`, of its rigid group.
 template <class View, class Team>
 inline void count_held(const View &view, const Team &team, bool by_unit) {
   team.each([&](int64_t t) {
-    view.each_end(t, [&](int64_t i, int64_t j) {  // each closed contact from both of its bodies
+    view.each_closed(t, [&](int64_t i, int64_t j, int64_t) {
+      const bool other = !View::FROM_BOTH || j >= view.grains();  // a wall has no list
       if (by_unit) i = view.unit(i), j = view.unit(j);
-      if (i != j && !view.loose(i) && !view.loose(j)) view.count(i);
+      if (i == j || view.loose(i) || view.loose(j)) return;
+      view.count(i);
+      if (other) view.count(j);
     });
   });
 }
@@ -201,4 +217,24 @@ inline void mark_rattlers(const View &view, const Team &team) {
     for (int64_t a = t; a < bodies; a += Team::SIZE) view.held(a) = 0;
   });
   count_held(view, team, false);
+}
+
+// Writes the columns of all observables.
+template <class View, class Team>
+inline void write_sample(const View &view, const Team &team, double *row) {
+  mark_rattlers(view, team);
+  view.add_up(team, Observables::SUMS, [&](int64_t t, double *sum) {
+    for (int64_t a = t; a < view.grains(); a += Team::SIZE) Observables::add_grain(view, a, sum);
+    view.each_closed(t, [&](int64_t i, int64_t j, int64_t entry) {
+      Seen seen = view.seen(i, j, entry);
+      seen.part = View::FROM_BOTH && !seen.wall ? 0.5 : 1.0;
+      seen.ends = View::FROM_BOTH || seen.wall ? 1.0 : 2.0;
+      Observables::add_contact(seen, sum);
+    });
+  });
+  team.once([&] {
+    double sum[Observables::SUMS];
+    for (int64_t k = 0; k < Observables::SUMS; ++k) sum[k] = view.total(k);
+    Observables::write(view, sum, row);
+  });
 }

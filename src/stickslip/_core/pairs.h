@@ -115,18 +115,12 @@ inline Pair pair_at(const Law &law, int dim, const Bodies &bodies, const Contact
   return pair;
 }
 
-struct ElasticPair {
-  Vec<double> r, force;  // pair vector, and force on i
-};
-
-// Elastic force of contact c of the list, which touches and whose memory is committed.
-inline ElasticPair elastic_pair(const Law &law, int dim, const Bodies &bodies, const Contacts &contacts,
-                                const double *shift, int64_t c) {
-  Pair pair = pair_at(law, dim, bodies, contacts, shift, c);
+// Elastic force on i of contact c of the list, which touches and whose memory is committed.
+inline Vec<double> elastic_force(const Law &law, const Contacts &contacts, const Pair &pair, int64_t c) {
   Elastic<double> spring = elastic(law, pair.q, pair.r_eff, pair.overlap);
   double limit = cap(law, pair.q, pair.r_eff, pair.overlap, spring.force);
   Vec<double> slip = vector_at(3, contacts.slip, c);
-  return {pair.r, spring.force * pair.n + tangential_force(law.smooth, spring.stiffness, limit, slip)};
+  return spring.force * pair.n + tangential_force(law.smooth, spring.stiffness, limit, slip);
 }
 
 // A row of events: columns as in `core.h`.

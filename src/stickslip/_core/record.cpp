@@ -3,15 +3,8 @@
 
 namespace {
 
-struct Alone {  // team of one thread
-  static constexpr int64_t SIZE = 1;
-  template <class Work>
-  void each(const Work &work) const {
-    work(0);
-  }
-};
-
 struct Sample {
+  static constexpr bool FROM_BOTH = false;
   const Law &law;
   int dim;
   const Bodies &body;
@@ -23,6 +16,7 @@ struct Sample {
   bool friction;
   int64_t *is_loose, *contact_count;  // (B,)
   mutable int64_t peeled;
+  mutable double sum[Observables::SUMS];
 
   double time() const { return now; }
   const double *vectors() const { return cell; }
@@ -42,12 +36,23 @@ struct Sample {
   int64_t &held(int64_t a) const { return contact_count[a]; }
   int64_t &changed() const { return peeled; }
   void count(int64_t a) const { ++contact_count[a]; }
-  void add_virial(double *out) const { ::add_virial(&law, dim, &body, &contacts, shift, out); }
+  // with the last bits that `linear.cpp` gives it
+  void add_virial(double *row) const { ::add_virial(&law, dim, &body, &contacts, shift, row); }
 
+  double total(int64_t k) const { return sum[k]; }
+  template <class Team, class Add>
+  void add_up(const Team &, int64_t count, const Add &add) const {
+    for (int64_t k = 0; k < count; ++k) sum[k] = 0.0;
+    add(0, sum);
+  }
   template <class Act>
-  void each_end(int64_t, const Act &act) const {
+  void each_closed(int64_t, const Act &act) const {
     for (int64_t c = 0; c < contacts.count[0]; ++c)
-      if (contacts.mode[c] != OPEN) act(contacts.i[c], contacts.j[c]), act(contacts.j[c], contacts.i[c]);
+      if (contacts.mode[c] != OPEN) act(contacts.i[c], contacts.j[c], c);
+  }
+  Seen seen(int64_t, int64_t, int64_t c) const {
+    const Pair pair = pair_at(law, dim, body, contacts, shift, c);
+    return {pair, contacts.mode[c] == SLIDE, elastic_force(law, contacts, pair, c), true, 1.0, 1.0};
   }
 };
 
@@ -66,18 +71,9 @@ bool sample(const Law &law, int64_t dim, int64_t k, const Bodies &bodies, const 
       !scratch.take(held, bodies.len_radius))
     return false;
   find_shifts(contacts.image, contacts.count[0], vectors, shift);
-  const Sample s = {law, int(dim), bodies, contacts, shift, vectors, writing, time, has_friction(law), loose, held, 0};
-  mark_rattlers(s, Alone());
-  double sums[Observables::SUMS] = {}, *track = writing.tracks + 6 * writing.len_probes * k;
-  for (int64_t a = 0; a < s.grains(); ++a) Observables::add_grain(s, a, sums);
-  for (int64_t c = 0; c < contacts.count[0]; ++c) {
-    if (contacts.mode[c] == OPEN) continue;
-    const Pair pair = pair_at(law, s.dim, bodies, contacts, shift, c);
-    const double ends = pair.wall ? 1.0 : 2.0;
-    const Seen seen = {1.0, ends, contacts.mode[c] == SLIDE, pair.wall, pair.r, pair.n, false, {}};
-    Observables::add_contact(seen, sums);
-  }
-  Observables::write(s, sums, writing.series + Observables::WIDTH * k);
+  const Sample s = {law, int(dim), bodies, contacts, shift, vectors, writing, time, has_friction(law), loose, held, 0, {}};
+  write_sample(s, InTurn<1>(), writing.series + Observables::WIDTH * k);
+  double *track = writing.tracks + 6 * writing.len_probes * k;
   for (int64_t a = 0; a < writing.len_probes; ++a, track += 6) {
     memcpy(track, bodies.position + 3 * writing.probes[a], 3 * sizeof(double));
     memcpy(track + 3, bodies.angle + 3 * writing.probes[a], 3 * sizeof(double));

@@ -197,7 +197,6 @@ def stability(
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
-    from ..data.exchange.matrices import check_name, write_matrices
     from ..loading.reading import read_packing
     from ..reports import packing as stability_report
     from ..reports import terminal
@@ -211,6 +210,8 @@ def stability(
     if modes or not output.as_json:
         stability_report.check_modes(shapes, file, asked=modes is not None)
     if matrices is not None:
+        from ..data.exchange.matrices import check_name, write_matrices
+
         if not matrices:
             raise ValueError("--matrices has no name: give NAME.npz, or a folder")
         check_name(Path(matrices))

@@ -224,7 +224,7 @@ def run(
     output: Output,
 ) -> None:
     """Run a scenario, or many with a [sweep] table: arrays, packings, tests, flows, gouge, sliders, faults."""
-    from ..data.law_file import check_law_files, trust_law_files
+    from ..data.law_schema import check_law_files, trust_law_files
     from ..experiments.registry import read_tables
     from ..experiments.registry import scenario as make_scenario
     from ..runs import folder as run_folder
@@ -367,7 +367,7 @@ def resume(
     output: Output,
 ) -> None:
     """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
-    from ..data.law_file import check_law_files, trust_law_files
+    from ..data.law_schema import check_law_files, trust_law_files
     from ..reports import terminal
     from ..runs.folder import find_unfinished
 
@@ -394,7 +394,7 @@ def resume(
 
 def _report_finished(folder: Path, output: Output) -> None:
     """Report that a run has finished, and list its files."""
-    from ..data.checkpoint import SCENARIO
+    from ..data.run_files import SCENARIO
     from ..experiments.registry import list_files, read_scenario
     from ..reports import terminal
     from ..runs import json_output

@@ -21,8 +21,7 @@ from typing import Annotated, Any, Literal, NamedTuple, ParamSpec, TypeVar, Unio
 
 import numpy as np
 
-from .definitions import shapes_of
-from .fields import LARGEST
+from .fields import LARGEST, shapes_of
 from .text import bounded, quoted
 
 P, R = ParamSpec("P"), TypeVar("R")
@@ -364,7 +363,12 @@ def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True)
     if float in classes and isinstance(value, Real):
         return _check_float(name, value) if given else value
     if int in classes and isinstance(value, Real):
-        return _check_integer(name, value)
+        if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
+            raise ValueError(f"{name} = {value} was given, but it must be a whole number")
+        if abs(value) > _LARGEST_INTEGER:
+            shown = value if abs(value) < 1e40 else "a longer number"
+            raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
+        return value if isinstance(value, bool) else int(value)
     if complex in classes and isinstance(value, Complex):
         if isinstance(value, Real):
             return _check_float(name, value)
@@ -389,15 +393,6 @@ def _check_float(name: str, value):
     if isinstance(value, Integral) and abs(value) > _LARGEST_INTEGER:
         raise ValueError(f"{name} is a whole number beyond {_LARGEST_INTEGER}: give a float")
     return value
-
-
-def _check_integer(name: str, value):
-    if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
-        raise ValueError(f"{name} = {value} was given, but it must be a whole number")
-    if abs(value) > _LARGEST_INTEGER:
-        shown = value if abs(value) < 1e40 else "a longer number"
-        raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
-    return value if isinstance(value, bool) else int(value)
 
 
 def _check_callable(name: str, value):

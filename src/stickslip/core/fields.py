@@ -1,14 +1,65 @@
 """Fields of a state: type, shape, range, and what each of them numbers. All checks of states and of their parts follow.
 
 Compiled code does not check types, indices or lengths. `check_parts` is therefore called wherever a state or a part of
-one enters: at public functions (`arguments.checked`), at files, and when a state is built.
+one enters: at public functions (`arguments.checked`), at files, and when a state is built. Shapes and units stand in
+comments beside the fields of a NamedTuple (`definitions`).
 """
 
+import ast
+import inspect
+import re
 from collections.abc import Mapping
+from functools import cache
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 import numpy as np
+
+
+@cache
+def _classes(module) -> dict[str, str]:
+    """Source of the classes at the top of a module: `inspect` parses the whole module for each of them."""
+    try:
+        text = inspect.getsource(module)
+    except (OSError, TypeError):  # an interpreter
+        return {}
+    lines = text.splitlines()
+    tops = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
+    return {node.name: "\n".join(lines[node.lineno - 1 : node.end_lineno]) for node in tops}
+
+
+@cache
+def definitions(kind: type) -> tuple[str, dict[str, str]]:
+    """The first line of a NamedTuple's docstring, and the comments beside its fields."""
+    names = getattr(kind, "_fields", ())
+    try:
+        text = _classes(inspect.getmodule(kind)).get(kind.__qualname__) or inspect.getsource(kind)
+        head, *lines = (line for line in text.splitlines() if not re.match(r"@|class |\s*$", line))
+    except (OSError, TypeError, ValueError):  # no NamedTuple, or one defined in an interpreter
+        return "", {}
+    fields = (re.match(r"\s+(\w+): [^#]*#(.*)", line) for line in reversed(lines))
+    return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first such line counts
+
+
+@cache
+def shapes_of(kind: type) -> dict[str, tuple[str, ...]]:
+    """Shapes of fields as their comments begin with them, such as (N, 3), or as the docstring's first line has one.
+
+    Examples
+    --------
+    >>> from stickslip.core.state import Grains
+    >>> shapes_of(Grains)["position"]
+    ('N', '3')
+    """
+    whole, comments = definitions(kind)
+    shared = _SHAPE.findall(whole)
+    shapes = dict.fromkeys(getattr(kind, "_fields", ()), shared[0]) if len(shared) == 1 else {}
+    shapes |= {name: shape[1] for name, text in comments.items() if (shape := re.match(rf"\s*{_SHAPE.pattern}", text))}
+    return {name: tuple(part.strip() for part in shape.split(",") if part.strip()) for name, shape in shapes.items()}
+
+
+_SHAPE = re.compile(r"\(((?:\w+, ?)+(?:\w+)?)\)")
+
 
 BODY_BITS, IMAGE_BITS = 21, 7  # of a body and of one component of an image in the key of a contact
 LARGEST = 1e150  # of any number in a state: squares are finite
@@ -107,7 +158,12 @@ def check_parts(parts: Mapping[str, Any]) -> None:
                 continue
         _check_range(name, value, field, sizes)
     if "contacts" in parts:
-        _check_keys(parts["contacts"])
+        # pairs are sorted by their keys
+        contacts = parts["contacts"]
+        count = int(contacts.count[0])
+        key = pack_keys(contacts.i[:count], contacts.j[:count], contacts.image[:count])
+        if not np.array_equal(key, contacts.key[:count]) or (key[1:] <= key[:-1]).any():
+            raise ValueError("contacts are not sorted, or their keys do not match them: use the contacts of this state")
 
 
 def _sum_squares(values: np.ndarray) -> float:
@@ -215,11 +271,3 @@ def pack_keys(i, j, image) -> np.ndarray:
     for m in range(3):
         key = key << IMAGE_BITS | image[:, m] + np.int64(1 << IMAGE_BITS - 1)
     return key
-
-
-def _check_keys(contacts) -> None:
-    """Raise ValueError with a one-sentence message if pairs are not sorted by their keys."""
-    count = int(contacts.count[0])
-    key = pack_keys(contacts.i[:count], contacts.j[:count], contacts.image[:count])
-    if not np.array_equal(key, contacts.key[:count]) or (key[1:] <= key[:-1]).any():
-        raise ValueError("contacts are not sorted, or their keys do not match them: use the contacts of this state")

@@ -9,9 +9,8 @@ from typing import Annotated
 import numpy as np
 
 from .arguments import Positive, Requirement, checked, require_shape
-from .contacts.forces import bodies, check_materials
+from .contacts.forces import HELD, bodies, check_materials
 from .contacts.jacobian import linearise
-from .contacts.memory import HELD
 from .contacts.neighbors import body_radii, check_list, shifts
 from .laws.builtin import MU, Law
 from .laws.compiled import law_struct

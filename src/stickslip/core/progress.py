@@ -1,17 +1,64 @@
-"""Progress of what takes a while: every function tells it to one kind of callable.
+"""Sizes of runs, refused beyond a limit before anything is allocated; progress of a run; outcome of a solve.
 
-Short work deep below, such as the compilation of a law, has no such callable: `announced` shows it on the terminal.
+Progress is told to one kind of callable. Short work deep below, such as the compilation of a law, has no such callable:
+`announced` shows it on the terminal.
 """
 
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from enum import Enum
 from multiprocessing import parent_process
-from typing import Annotated
+from typing import Annotated, NamedTuple
+
+import numpy as np
 
 from .arguments import Requirement
+from .readable import pluralize, readable
+
+MOST = 1_000_000
+# largest number of each thing; the same on every machine, so that a scenario is valid everywhere or nowhere
+LIMITS = {
+    "grains": MOST, "bodies": 2 * MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
+    "types": 300, "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,
+    "directions": 100_000, "walkers": 10_000, "wave vectors": 100_000,
+    "time steps": 1000 * MOST, "bytes": 1 << 36,
+}  # fmt: skip
+STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 766 for packed spheres
+
+
+class Size(NamedTuple):
+    """Number of things of one kind that a run has or a function makes."""
+
+    what: str  # what determines it, as the start of a sentence: "line.width and line.cell make"
+    number: float
+    kind: str  # a key of LIMITS
+    remedy: str  # what to do if there are too many
+
+
+def require_sizes(sizes: Iterable[Size], error: type[ValueError] = ValueError) -> None:
+    """Raise an error with one sentence at the first size beyond its limit.
+
+    Sizes are computed one after another, so that an earlier one can bound the work of computing a later one.
+
+    Examples
+    --------
+    >>> require_sizes([Size("it takes", 4e9, "load steps", "use larger steps")])
+    Traceback (most recent call last):
+    ValueError: it takes 4e+09 load steps: at most 100000 are allowed; use larger steps
+    """
+    for what, number, kind, remedy in sizes:
+        if not number <= LIMITS[kind]:
+            got, most = (f"{_format(n, kind)} {'GiB' if kind == 'bytes' else kind}" for n in (number, LIMITS[kind]))
+            raise error(f"{what} {got}: at most {most.removesuffix(f' {kind}')} are allowed; {remedy}")
+
+
+def _format(number: float, kind: str) -> str:
+    if kind == "bytes":
+        return f"{number / 2**30:.3g}"
+    return f"{number:.0f}" if number < 10 * MOST else f"{number:.3g}"
 
 
 def _require_signature(name: str, value: Callable) -> None:
@@ -88,3 +135,71 @@ def displayed_by(display: Callable[[str], AbstractContextManager]) -> Iterator[N
         yield
     finally:
         _displays.remove(display)
+
+
+class Status(Enum):
+    """Status of a solve. The value of each member is a message for users, including a remedy."""
+
+    CONVERGED = "equilibrium was reached"
+    DONE = "the run reached its last step"
+    STEPS_SPENT = (
+        "equilibrium was not reached in the allowed number of steps: perhaps nothing balances this load; "
+        "otherwise allow more steps, or use stronger drag or a tolerance above round-off"
+    )
+    NOT_A_NUMBER = "a grain's position became infinite or NaN: use a smaller time step or smaller load steps"
+    BLOWN_UP = "a grain moved by more than its radius in one time step: use a smaller time step"
+    STALLED = "Newton's method stopped converging: use smaller load steps, or damped dynamics"
+    SINGULAR = (
+        "the Jacobian is singular (a rattler, or sliding without resistance): remove rattlers, or use damped dynamics"
+    )
+    CONTACT_LOST = "grains flew apart and lost all their contacts: use stronger drag or a smaller load"
+
+
+@readable(rows=lambda outcome: _rows(outcome))
+class Outcome(NamedTuple):
+    """Result of a solve."""
+
+    status: Status
+    residual: float  # largest unbalanced force or torque/radius [force]
+    iterations: int
+    where: int = -1  # body with the largest residual, or the one that blew up
+    how: str = ""  # description of the solve
+    fallback: bool = False  # True if Newton's method failed and damped dynamics was used
+    warning: str = ""  # message to the user about a solve that succeeded
+    unstable: bool = False  # True if a check found that the equilibrium is unstable
+    left: bool = False  # True if a check found that a step of a path left its branch
+
+    @property
+    def ok(self) -> bool:
+        """True if equilibrium was reached, or the last step of a run without a tolerance."""
+        return self.status in (Status.CONVERGED, Status.DONE)
+
+    @property
+    def broken(self) -> bool:
+        """True if the run blew up, so that its last state is meaningless."""
+        return self.status in (Status.NOT_A_NUMBER, Status.BLOWN_UP)
+
+    def __str__(self) -> str:
+        if self.broken and self.how:
+            return f"{self.status.value} (grain {self.where + 1}, {self.how})"
+        at = f", grain {self.where + 1}" if self.where >= 0 and not self.ok else ""
+        size = "" if np.isinf(self.residual) else f"residual {self.residual:.3g}{at}, "  # inf: it was not computed
+        return f"{self.status.value} ({size}{pluralize(self.iterations, 'iteration')})"
+
+
+def _rows(outcome: Outcome):
+    yield "end", outcome.status.value
+    yield "residual", outcome.residual if np.isfinite(outcome.residual) else None, "force", "largest unbalanced force"
+    yield "where", f"grain {outcome.where + 1}" if outcome.where >= 0 and not outcome.ok else None
+    yield "iterations", outcome.iterations
+    yield "how", outcome.how
+    yield "fallback", "damped dynamics, because Newton's method failed" if outcome.fallback else None
+    yield "warning", outcome.warning
+
+
+class NotInEquilibriumError(RuntimeError):
+    """Error for a run that did not reach a required equilibrium; `outcome` is the outcome of the solve."""
+
+    def __init__(self, sentence: str, outcome: Outcome):
+        super().__init__(f"{sentence}: {outcome}")
+        self.outcome = outcome

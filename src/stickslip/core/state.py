@@ -10,8 +10,8 @@ import numpy as np
 
 from .arguments import Numbers, Series, checked, require_shape
 from .fields import COURSE_DTYPE, FIELDS, LARGEST, check_parts
+from .progress import Size, require_sizes
 from .readable import pluralize, readable
-from .sizes import Size, require_sizes
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap

@@ -12,7 +12,7 @@ from functools import cache
 from typing import NamedTuple
 
 from .arguments import checked
-from .definitions import definitions
+from .fields import definitions
 from .text import quoted
 
 YEAR = 365.25 * 86400.0  # [s]

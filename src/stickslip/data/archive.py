@@ -27,8 +27,8 @@ import numpy as np
 from .._core import build
 from ..core.reading import Budget, check_regular_file
 from ..core.units import Units, units_from
-from .atomic import write_atomically
 from .nodes import ArchiveError, Node, known_nouns, make_node, refuse_damage, restore
+from .run_files import write_atomically
 
 SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
 REMEDY = "give the results.h5 of a run"

@@ -22,8 +22,8 @@ from .. import __version__
 from .._core import build
 from ..core.arguments import check_value
 from ..core.units import Units
-from .atomic import write_atomically
 from .nodes import ArchiveError, Node, from_bytes, known_nouns, make_node, refuse_damage, restore, to_bytes
+from .run_files import SCENARIO, write_atomically
 
 SUFFIX = ".records"
 SYNC = 1.0  # shortest time between two flushes to disk: a power failure loses no more work than this [s]
@@ -115,8 +115,8 @@ def _to_frame(name: str, content: bytes) -> bytes:
     return b"".join([struct.pack("<I", crc32(content, crc32(label, crc32(sizes)))), sizes, label, content])
 
 
-# a folder and two files in the folder of the results, and the folders of a sweep's members and of legs for LAMMPS
-UNFINISHED, SCENARIO, SWEEP, MEMBERS, LEGS = "unfinished", "scenario.json", "sweep.json", "members", "lammps"
+# a folder and a file in the folder of the results, and the folders of a sweep's members and of legs for LAMMPS
+UNFINISHED, SWEEP, MEMBERS, LEGS = "unfinished", "sweep.json", "members", "lammps"
 # temporary folders: results being written, a sweep that replaces another, pieces being removed
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
 OTHER_VERSION = "resume with that version, or start again with --overwrite"

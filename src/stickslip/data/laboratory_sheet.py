@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.matlab import check_matlab
-from ..core.reading import Budget, read_bytes
+from ..core.reading import Budget, check_matlab, read_bytes
 from ..core.tables import split_rows
 from ..core.text import decode_text, parse_number
 

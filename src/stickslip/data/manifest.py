@@ -17,8 +17,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from . import atomic
-from .checkpoint import ANEW, GONE, LEGS, MEMBERS, SCENARIO, SWEEP, UNFINISHED, WRITING, unfinished_scenario
+from .checkpoint import ANEW, GONE, LEGS, MEMBERS, SWEEP, UNFINISHED, WRITING, unfinished_scenario
+from .run_files import SCENARIO, write_atomically
 
 MANIFEST = "manifest.json"
 _ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"
@@ -40,7 +40,7 @@ def read_manifest(folder: Path) -> Files:
 def write_manifest(folder: Path, files: Files) -> None:
     """Write the manifest."""
     content = {"about": _ABOUT, "files": dict(sorted(files.items()))}
-    atomic.write_atomically(folder / MANIFEST, json.dumps(content, indent=1).encode())
+    write_atomically(folder / MANIFEST, json.dumps(content, indent=1).encode())
 
 
 def add_to_manifest(folder: Path, *names: str) -> None:
@@ -52,7 +52,7 @@ def write_file(folder: Path, name: str, content: bytes) -> None:
     """Write or replace a file of a run, all or nothing."""
     known, new = read_manifest(folder), hashlib.sha256(content).hexdigest()
     write_manifest(folder, known | {name: [*known.get(name, []), new]})
-    atomic.write_atomically(folder / name, content)
+    write_atomically(folder / name, content)
     write_manifest(folder, known | {name: [new]})
 
 
@@ -147,7 +147,7 @@ def allow_overwriting(folder: Path, names: Iterable[str]) -> None:
     """Allow the run that starts in this folder to replace these files when it finishes."""
     (folder / UNFINISHED).mkdir(exist_ok=True)
     content = {"files": {name: [digest(folder / name)] for name in names}}
-    atomic.write_atomically(folder / UNFINISHED / _OVERWRITABLE, json.dumps(content).encode())
+    write_atomically(folder / UNFINISHED / _OVERWRITABLE, json.dumps(content).encode())
 
 
 def _read(path: Path) -> Files:
@@ -205,7 +205,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
         by = " ".join(["stickslip", *sys.argv[1:2]])
         note = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S"), "by": by}
         with suppress(OSError):  # a full disk is reported when results are written
-            atomic.write_atomically(place / HOLDER, json.dumps(note).encode())
+            write_atomically(place / HOLDER, json.dumps(note).encode())
         yield
     finally:
         for name in (HOLDER, LOCK):  # under the lock: a process that opened the old file sees it is gone, and retries

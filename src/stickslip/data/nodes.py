@@ -76,10 +76,6 @@ def make_node(value, units: Units | None = None, unit: str | None = None) -> Nod
     if isinstance(value, tuple | list) and {*map(type, value)} not in ({float}, {int}):  # others are one array
         content = {f"{k:06d}": make_node(item, units, unit) for k, item in enumerate(value)}
         return Node({"sequence": type(value).__name__}, content)
-    return _leaf(value, units, unit)
-
-
-def _leaf(value, units: Units | None, unit: str | None) -> Node:
     if value is None:
         return Node({}, None)
     if isinstance(value, bytes):

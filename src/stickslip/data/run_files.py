@@ -1,11 +1,17 @@
-"""Names of the files that runs of any experiment write into their folders; an experiment names its own in `writes`."""
+"""Files that runs of any experiment write: their names, and atomic replacement.
 
+An experiment names its own in `writes`. A file is written to a temporary one in the same folder, flushed to disk, and
+renamed.
+"""
+
+import errno
+import os
 import shlex
+from collections.abc import Iterable
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .checkpoint import SCENARIO
-
-NUMBERS = "results.h5"
+SCENARIO, NUMBERS = "scenario.json", "results.h5"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
 REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
 LOOK = "look.json"  # how its figures are written
@@ -31,3 +37,69 @@ def join_names(names: list[str]) -> str:
 def resume_command(folder: Path) -> str:
     """Return the command that continues a run, as it is typed."""
     return shlex.join(["stickslip", "resume", str(folder)])
+
+
+@contextmanager
+def name_file_in_errors(path: str | Path):
+    """Add a path to operating-system errors, such as a full disk, raised by libraries that do not name the file."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.strerror and not problem.filename:
+            problem.filename = str(path)
+        raise
+
+
+@contextmanager
+def replace_atomically(path: str | Path):
+    """Yield a temporary path in the same folder, with the same extension, that replaces `path` on success.
+
+    Raises
+    ------
+    OSError
+        naming `path`, if it cannot be written; an existing file is left unchanged.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "its folder does not exist: create it first", str(path))
+    part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield part
+        with open(part, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except OSError as problem:
+        problem.filename = str(path)
+        raise
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Iterable[str | Path | None] = ()) -> None:
+    """Check that output files may be written, before anything is computed.
+
+    Parameters
+    ----------
+    overwrite : True if existing files may be replaced
+    made_from : input files, which are never replaced
+
+    Raises
+    ------
+    ValueError
+        with a one-sentence message that names the first file that may not be written.
+    """
+    sources = [Path(path) for path in made_from if path is not None]
+    for path in paths:
+        if any(path.exists() and source.exists() and path.samefile(source) for source in sources):
+            raise ValueError(f"{path} would replace its own input file: give another name")
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder: give the name of a file")
+        if os.path.lexists(path) and not overwrite:
+            raise ValueError(f"{path} exists: give another name, or add --overwrite")
+
+
+def write_atomically(path: str | Path, *content: bytes) -> None:
+    """Write or replace a file, given in one or more parts, all or nothing; errors as in `replace_atomically`."""
+    with replace_atomically(path) as part, part.open("wb") as file:
+        file.writelines(content)

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..builtin_laws import BY_NAME
 from ..core.arguments import checked
-from ..core.contacts.forces import accept, forces
-from ..core.contacts.memory import AT_LIMIT, FREE, FROZEN, GIVEN, HELD
+from ..core.contacts.forces import AT_LIMIT, FREE, FROZEN, GIVEN, HELD, accept, forces
 from ..core.contacts.neighbors import grid_of, with_neighbor_list
 from ..core.fields import pack_keys
 from ..core.laws.builtin import CONSTRUCTORS as LAWS
@@ -273,7 +272,13 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
         state = assembly(grains, cell=cell, control=loads(n, force=force))
     except ValueError as problem:
         raise PackingError(str(problem)) from None
-    _check_box(state)
+    height, largest = grid_of(state.cell).height, 2 * float(state.grains.radius.max())
+    for k in np.flatnonzero(state.cell.periodic):
+        if height[k] < largest:
+            raise PackingError(
+                f"the box is {height[k]:.4g} wide across its vector {k}, less than the largest grain ({largest:.4g}): "
+                f"replicate it until it is wider"
+            )
     state = with_neighbor_list(state)
     _check_overlap(state)
     return state
@@ -372,16 +377,6 @@ def _build_cell(cell, periodic, dim: int):
             )
         flags = [bool(flags[0]), bool(flags[1]), False]
     return box(cell, flags, dim)
-
-
-def _check_box(state: State) -> None:
-    height, largest = grid_of(state.cell).height, 2 * float(state.grains.radius.max())
-    for k in np.flatnonzero(state.cell.periodic):
-        if height[k] < largest:
-            raise PackingError(
-                f"the box is {height[k]:.4g} wide across its vector {k}, less than the largest grain ({largest:.4g}): "
-                f"replicate it until it is wider"
-            )
 
 
 def _check_overlap(state: State) -> None:

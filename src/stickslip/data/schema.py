@@ -21,8 +21,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from ..core import arguments
+from ..core.progress import Size, require_sizes
 from ..core.readable import folded, format_value, table
-from ..core.sizes import Size, require_sizes
 from ..core.text import SentenceError
 from ..core.units import SI, Units, units_from
 

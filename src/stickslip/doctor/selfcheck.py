@@ -19,8 +19,7 @@ import numpy as np
 from ..core.contacts.forces import accept, forces
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law, for_pair, hertz_mindlin
-from ..core.outcome import Outcome
-from ..core.progress import Report, silent
+from ..core.progress import Outcome, Report, silent
 from ..core.state import State
 from ..loading.packing import disk_array, with_push
 from ..loading.protocols import perturbed

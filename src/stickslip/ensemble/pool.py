@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 from ..core.arguments import checked
 from ..core.progress import Report
 from ..core.readable import readable
-from . import local
+from . import worker
 from .worker import SchedulerGoneError, describe_error
 
 
@@ -155,7 +155,7 @@ def run_members(
 @checked
 def trial(function: Callable, task: tuple, seconds: float) -> Member | None:
     """Call a function with the arguments `task` in a local process with a time limit [s]; None on timeout."""
-    answer = local.trial(pickle.dumps((function, task), protocol=5), seconds)
+    answer = worker.trial(pickle.dumps((function, task), protocol=5), seconds)
     return answer and _unpack_result(*answer)
 
 
@@ -199,7 +199,7 @@ def _run_tasks(function, tasks: dict[int, tuple], workers: Workers, keep, heard)
     workers = min(reach(workers).slots, len(tasks))
     if workers > 1:
         own = (getattr(function, "__module__", None) or "").startswith("stickslip.")
-        return local.run_tasks(_pack_tasks(function, tasks), workers, unpack, heard, own=own)
+        return worker.run_tasks(_pack_tasks(function, tasks), workers, unpack, heard, own=own)
     for k, task in tasks.items():
         keep(k, _attempt(function, k, task, heard))
     return None

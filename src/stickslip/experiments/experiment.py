@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -137,28 +136,3 @@ def named_measures(experiment: Experiment, result) -> dict[str, tuple[float, str
     """Return the measures of a result with their units, which are named as in its scenario."""
     units = result.scenario.named_units
     return {name: (float(value), in_units(unit, units)) for name, (value, unit) in experiment.measures(result).items()}
-
-
-def lazy_function(package: str, path: str) -> Callable:
-    """Return a function that imports `path` ("module.function") from a package when first called.
-
-    Its attribute `resolve` returns the function itself. Of another value, such as a table, it is the function that
-    returns it.
-    """
-    module, _, name = path.partition(".")
-
-    def resolve() -> Callable:
-        return getattr(import_module(f"{package}.{module}"), name)
-
-    def call(*args, **options):
-        found = resolve()
-        return found(*args, **options) if callable(found) else found
-
-    call.__name__, call.__qualname__ = name, f"{package}.{path}"
-    call.resolve = resolve  # type: ignore[attr-defined]
-    return call
-
-
-def lazy_functions(package: str, module: str, *names: str) -> dict[str, Callable]:
-    """Return several functions of one module by name, each as `lazy_function` does."""
-    return {name: lazy_function(package, f"{module}.{name}") for name in names}

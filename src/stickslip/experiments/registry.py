@@ -11,8 +11,7 @@ from pathlib import Path
 from ..core.arguments import checked, require_options
 from ..core.progress import Report, silent
 from ..core.text import read_text, shortened
-from ..data.law_file import check_law_files, trust_law_files, with_laws
-from ..data.law_schema import renamed_keys
+from ..data.law_schema import check_law_files, renamed_keys, trust_law_files, with_laws
 from ..data.run_files import FIGURES, NAMES
 from ..data.schema import ScenarioBase, ScenarioError, validate_scenario
 from ..ensemble.pool import Workers

@@ -6,8 +6,7 @@ from ..builtin_laws import BUILTIN_LAWS, BY_NAME
 from ..core.laws.builtin import KN, MOMENTS, ROLLING, TWISTING, Law, for_pair, with_values
 from ..core.laws.properties import with_lever, with_memory, with_rolling, with_twisting
 from ..core.state import State
-from ..data.law_file import load_law
-from ..data.law_schema import SUBSTRATE, LawTable, Packing
+from ..data.law_schema import SUBSTRATE, LawTable, Packing, load_law
 from ..data.sample import law_by_name
 from ..loading.packing import PackingInfo, jammed
 from ..solve.collision import eq8_damping, with_restitution

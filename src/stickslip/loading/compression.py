@@ -9,14 +9,12 @@ from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, check
 from ..core.contacts.forces import forces
 from ..core.contacts.neighbors import body_positions
 from ..core.control import force_controlled, spring_loaded, stress_controlled
-from ..core.dynamics.run import run
-from ..core.dynamics.timestep import stable_time_step
+from ..core.dynamics.run import run, stable_time_step
 from ..core.fields import LARGEST
 from ..core.laws.builtin import Law, hertz_mindlin, linear
 from ..core.measure import coordination, packing_fraction, volume
 from ..core.measure import pressure as pressure_of
-from ..core.outcome import NotInEquilibriumError
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Report, silent
 from ..core.scales import natural_scales
 from ..core.state import Control, State, as_rows, assembly, box, disks, flat_walls, loads, resting, spheres
 from ..solve.equilibrate import BALANCED, equilibrate, quench

@@ -11,8 +11,8 @@ from ..core.control import stress_controlled
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import Law
 from ..core.measure import Committed, mean_normal_force, overlaps, stress, touching
+from ..core.progress import Size, require_sizes
 from ..core.readable import readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, STICK, State
 from ..solve.balance import BALANCED_BELOW, imbalance, with_mode
 from ..solve.equilibrate import equilibrate

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
+from ..core.contacts.forces import FREE
 from ..core.contacts.jacobian import linearise
-from ..core.contacts.memory import FREE
 from ..core.contacts.neighbors import with_neighbor_list
-from ..core.dynamics.run import run
-from ..core.dynamics.timestep import stable_time_step
+from ..core.dynamics.run import run, stable_time_step
 from ..core.measure import touching
 from ..core.readable import pluralize, readable
 from ..core.state import OPEN, SLIDE, STICK, State
@@ -121,7 +120,15 @@ class Profile(NamedTuple):
 def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
     """Describe an event, except for where Newton's method alone leads."""
     judge, before, after = event.before.judge, event.before, event.after
-    profile = _profile(event, step)
+    # spectra at distances step · 8^(−k) down to a few widths of the finer bracket
+    width, rows = event.upper - event.last.strain, []
+    critical, away = event.upper - 0.5 * width, step
+    while away >= 4 * width:
+        point = _point_at(event, critical - away)
+        if point is not None and (point.stable or not event.last.stable):  # else Newton's method left the path
+            rows.append((away, *_softness(point)))
+        away /= EVENT_RATIO
+    profile = Profile(*np.array(rows).reshape(-1, 5).T)
     kind, (power, error) = _classify(event, profile)
     trigger, row, values = None, -1, None
     if kind is EventKind.UNRESOLVED and (trigger := find_trigger(event.last, event.upper)):
@@ -151,18 +158,6 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
         margin(values, judge.drag) if trigger else np.nan, growth, (shear - end) / pressure,
         jump / judge.diameter, participation, len(held - touches), len(holds - touched), np.nan,
     )  # fmt: skip
-
-
-def _profile(event: Break, step: float) -> Profile:
-    """Spectra at distances step · 8^(−k) down to a few widths of the finer bracket."""
-    width, rows = event.upper - event.last.strain, []
-    critical, away = event.upper - 0.5 * width, step
-    while away >= 4 * width:
-        point = _point_at(event, critical - away)
-        if point is not None and (point.stable or not event.last.stable):  # else Newton's method left the path
-            rows.append((away, *_softness(point)))
-        away /= EVENT_RATIO
-    return Profile(*np.array(rows).reshape(-1, 5).T)
 
 
 def _point_at(event: Break, strain: float) -> Point | None:

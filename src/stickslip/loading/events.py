@@ -7,12 +7,10 @@ import numpy as np
 from ..core.arguments import POSITIVE, Positive, checked
 from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
-from ..core.outcome import NotInEquilibriumError
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Report, silent
 from ..core.state import State
 from ..solve.equilibrate import equilibrate
 from ..solve.shear_response import PRUNE, softest
-from .deformation import Deformation, Mode, deformation
 from .event_class import Break, Event, Events, StrainStep, describe, jump_size, loss_ahead
 from .event_path import (
     BALANCED,
@@ -28,6 +26,7 @@ from .event_path import (
     settle,
 )
 from .packing import reduced_cell
+from .settling import Deformation, Mode, deformation
 
 SMALLEST = 0.02  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured

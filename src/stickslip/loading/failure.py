@@ -8,11 +8,10 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from ..core.arguments import POSITIVE, Positive, checked
-from ..core.dynamics.timestep import stable_time_step
+from ..core.dynamics.run import stable_time_step
 from ..core.laws.builtin import Law, damping_model, with_values
 from ..core.measure import touching
-from ..core.outcome import NotInEquilibriumError, Outcome, Status
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Outcome, Report, Status, silent
 from ..core.readable import pluralize, readable
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
@@ -22,13 +21,12 @@ from ..solve.sensitivity import contact_sensitivity
 from ..solve.shear_response import PRUNE, softest
 from ..solve.spectrum import REAL_BELOW, Spectrum, match_pairs, spectrum
 from ..solve.stability import stability
-from .deformation import Deformation, Mode, deformation
 from .event_class import Event, loss_ahead
-from .event_path import Judge, Point, mean_overlap
+from .event_path import COUPLED, Forecast, Judge, Point, Signs, forecast, mean_overlap
 from .events import SMALLEST, Search, check_packing, first_point
-from .forecast import COUPLED, Forecast, Signs, forecast
 from .protocols import SAME_PAIR, Change, Equilibrium, bisect_change
 from .quasistatic import aqs
+from .settling import Deformation, Mode, deformation
 
 STEP = 0.02  # default strain step, in mean overlaps over the mean diameter
 STEPS = 500  # default largest number of steps

@@ -22,10 +22,9 @@ from ..core.measure import (
     rattlers,
     touching,
 )
-from ..core.outcome import NotInEquilibriumError
+from ..core.progress import NotInEquilibriumError, Size, require_sizes
 from ..core.readable import pluralize, readable
 from ..core.scales import Scales, natural_scales
-from ..core.sizes import Size, require_sizes
 from ..core.state import PER_PAIR, SLIDE, Contacts, State, as_rows, assembly, box, disks, flat_walls, loads, spheres
 from ..core.units import units_of
 from ..data.law_schema import SUBSTRATE

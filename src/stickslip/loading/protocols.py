@@ -12,11 +12,9 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
 from ..core.measure import rattlers
-from ..core.outcome import NotInEquilibriumError, Outcome
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Outcome, Report, Size, require_sizes, silent
 from ..core.readable import readable
 from ..core.scales import natural_scales
-from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from ..data.checkpoint import Checkpoint
 from ..solve.equilibrate import relax

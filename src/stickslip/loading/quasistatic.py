@@ -12,10 +12,8 @@ from ..core.contacts.neighbors import TooFarApartError
 from ..core.control import body_numbers, stress_controlled
 from ..core.laws.builtin import Law, damping_model
 from ..core.measure import touching
-from ..core.outcome import NotInEquilibriumError, Outcome, Status
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Outcome, Report, Size, Status, require_sizes, silent
 from ..core.readable import pluralize
-from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..solve.balance import LinearisedState, balanced, linearised
 from ..solve.equilibrate import LeftPathError, UnstableEquilibriumWarning, equilibrate
@@ -24,9 +22,9 @@ from ..solve.inclusion import Inflation, as_inflation, inflated_grains
 from ..solve.newton import Factorisation
 from ..solve.shear_response import damped_exponents, root_mean_square
 from ..solve.spectrum import REAL_BELOW, Spectrum, spectrum
-from .deformation import Deformation, Mode, deformation
 from .event_path import Judge, Point, commit, continuous, displacement, distance, fall
 from .protocols import Equilibrium, Protocol
+from .settling import Deformation, Mode, deformation
 
 STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
 LOOSE = 0.2  # likewise, of the motion of a step from the linear prediction

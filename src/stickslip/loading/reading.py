@@ -5,13 +5,18 @@ from pathlib import Path
 from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.state import State
-from ..data.atomic import check_free
-from ..data.exchange.files import Reading, output_files, read_states, unknown_suffix, write_packing, written
-from ..data.exchange.force_network import is_measured, measured_frames
+from ..data.exchange.files import (
+    Reading,
+    is_measured,
+    output_files,
+    read_states,
+    unknown_suffix,
+    write_packing,
+    written,
+)
 from ..data.exchange.frame import frame_of, mode_frames, read_mode
-from ..data.run_files import NUMBERS
+from ..data.run_files import NUMBERS, check_free
 from ..data.sample import Assumption, PackingError
-from .measured import read_measured
 
 
 @checked
@@ -76,6 +81,9 @@ def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> 
     if path.is_dir() and (path / NUMBERS).is_file():
         path = path / NUMBERS
     if is_measured(path, contacts and Path(contacts)):
+        from ..data.exchange.force_network import measured_frames
+        from .measured import read_measured
+
         frames = measured_frames(path, contacts and Path(contacts)) if frame == "all" else [frame]
         return [(name or "", *read_measured(path, **options | {"frame": name})) for name in frames]
     return read_states(path, frame, options)

@@ -1,7 +1,10 @@
-"""Steps of a sample from equilibrium to equilibrium, and slow dynamics, in a cell that may follow the stress."""
+"""Deformation of a periodic cell, steps of a sample from equilibrium to equilibrium, and slow dynamics.
+
+The cell may follow the stress.
+"""
 
 from math import ceil
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -9,17 +12,17 @@ from ..core.arguments import NotNegative, Positive, checked
 from ..core.control import between, strained_at
 from ..core.dynamics.cell_motion import strained
 from ..core.dynamics.ledger import PathLedger
-from ..core.dynamics.run import run
-from ..core.dynamics.timestep import stable_time_step
+from ..core.dynamics.run import run, stable_time_step
 from ..core.laws.builtin import Law
 from ..core.measure import volume
-from ..core.outcome import NotInEquilibriumError, Outcome
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Outcome, Report, silent
 from ..core.readable import readable
 from ..core.state import Control, State
 from ..solve.equilibrate import patience_for
 from ..solve.newton import Factorisation, approach, at_rest, newton
+from ..solve.shear_response import XY
 from .compression import Scales, critical_mass, stopped
+from .packing import shear_strain
 
 # unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
@@ -199,3 +202,58 @@ def slow_dynamics(
         energy.append(float(record.kinetic_energy.max(initial=0.0)))
         report("slow dynamics", load / until, f"load {load:.4f}, kinetic energy {energy[-1]:.1e}")
     return SlowRun(time, np.array(loads), tuple(states), np.array(energy))
+
+
+Mode = Literal["simple", "pure", "isotropic", "uniaxial"]
+MODES = {
+    "simple": "simple shear γ along x, with the gradient along y",
+    "pure": "pure shear: longer along x and shorter along y, γ = ln(Lx/Ly)",
+    "isotropic": "compression on all sides, ε = −ln V",
+    "uniaxial": "compression along y between fixed sides, ε = −ln Ly",
+}
+
+
+class Deformation(NamedTuple):
+    """Homogeneous deformation of a cell by one strain: x → exp(G ε) x.
+
+    The stress that does work on it is −σ:G, with the stress σ positive in compression: −σ_xy in simple shear,
+    (σ_yy − σ_xx)/2 in pure shear, the pressure in isotropic and σ_yy in uniaxial compression.
+    """
+
+    mode: Mode
+    gradient: np.ndarray  # (3, 3) G, displacement gradient for a small unit strain
+    sign: int  # −1 if the strain falls along the path: it is then counted downwards
+
+    def finite(self, strain: float) -> np.ndarray:
+        """(3, 3) exp(G ε) − 1; G is nilpotent or diagonal."""
+        diagonal = np.diag(self.gradient)
+        return strain * (self.gradient - np.diag(diagonal)) + np.diag(np.expm1(strain * diagonal))
+
+    def apply(self, state: State, strain: float, *, slip: bool = True) -> State:
+        """State after an affine deformation by a strain, not in equilibrium; see `strained`."""
+        return strained(state, self.finite(strain), slip=slip)
+
+    def place(self, state: State) -> float:
+        """Strain of the cell, from an origin of its own."""
+        across, along = np.abs(state.cell.vectors[: state.cell.dim, :2]).sum(axis=0)
+        if self.mode == "simple":
+            return self.sign * shear_strain(state)
+        if self.mode == "isotropic":
+            return -self.sign * float(np.log(volume(state)))
+        return self.sign * float(np.log(across / along) if self.mode == "pure" else -np.log(along))
+
+
+@checked
+def deformation(mode: Mode = "simple", dim: Literal[2, 3] = 3, sign: Literal[1, -1] = 1) -> Deformation:
+    """Deformation by its name.
+
+    Examples
+    --------
+    >>> deformation("isotropic", dim=2).finite(0.02)[0, 0].round(6)
+    np.float64(-0.00995)
+    """
+    flat = {"pure": [0.5, -0.5, 0.0], "isotropic": [-1 / dim] * dim + [0.0] * (3 - dim), "uniaxial": [0.0, -1.0, 0.0]}
+    return Deformation(mode, sign * (XY if mode == "simple" else np.diag(flat[mode])), sign)
+
+
+SIMPLE = deformation()

@@ -18,14 +18,11 @@ from scipy.special import expit
 from ..core.arguments import NotNegative, Positive, checked
 from ..core.contacts.neighbors import TooFarApartError
 from ..core.dynamics.coefficients import driven_bodies
-from ..core.dynamics.run import run
-from ..core.dynamics.timestep import check_time_step
+from ..core.dynamics.run import check_time_step, run
 from ..core.laws.builtin import Law
-from ..core.outcome import NotInEquilibriumError
-from ..core.progress import Report, silent
+from ..core.progress import NotInEquilibriumError, Report, Size, require_sizes, silent
 from ..core.readable import readable
 from ..core.scales import natural_scales
-from ..core.sizes import Size, require_sizes
 from ..core.state import SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..ensemble import Workers, run_members

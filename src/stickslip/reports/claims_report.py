@@ -200,12 +200,8 @@ def show_claims(claims: list[Claim], shows: Shows) -> None:
     """Print three sentences and a line per figure of the paper; everything else is in claims.md."""
     for sentence in summarize(claims, shows):
         console.print(sentence)
-    console.print(_figure_table(figure_lines(claims, shows)))
-    console.print(f"All rows, with reasons, are in {NOTES}.")
-
-
-def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
-    """Build the table of figures; on a narrow terminal, the key number is folded."""
+    # on a narrow terminal, the key number is folded
+    lines = figure_lines(claims, shows)
     folded = console.width < UNBROKEN
     table = Table(box=None, pad_edge=False, header_style="bold", expand=folded)
     names = ("paper", "shows", "reproduced", "key number")
@@ -218,7 +214,8 @@ def _figure_table(lines: list[tuple[str, str, str, str]]) -> Table:
     for name, content, share, number in lines:
         cells = (name, content, share, number) if console.width >= WIDE else (name, share, number)
         table.add_row(*cells)
-    return table
+    console.print(table)
+    console.print(f"All rows, with reasons, are in {NOTES}.")
 
 
 def markdown(claims: list[Claim], shows: Shows, title: str, failures=()) -> str:

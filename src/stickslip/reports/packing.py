@@ -18,7 +18,7 @@ from ..core.progress import Report, silent
 from ..core.readable import pluralize
 from ..core.state import State
 from ..core.units import with_unit
-from ..data.atomic import replace_atomically
+from ..data.run_files import replace_atomically
 from ..data.sample import UNDECIDED, Absent, Assumption, NoMemory, Obstacle, account_of, assumes_law
 from ..known import with_keys
 from ..solve.balance import BALANCED_BELOW, imbalance
@@ -272,7 +272,15 @@ def show(
 
     Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if its file has little else.
     """
-    _show_notes(notes)
+    # what was read, then what was assumed; what is left out stands in the verdict
+    for note in notes:
+        if not isinstance(note, Assumption):
+            console.print(note, style="yellow")
+    assumed = [note for note in notes if isinstance(note, Assumption) and not isinstance(note, Obstacle)]
+    if assumed:
+        console.print("assumed:", style="yellow")
+    for note in assumed:
+        console.print(f"  - {note}", style="yellow")
     console.print(f"law: {describe_law(law, state)}")
     console.print(
         f"{result.n} grains, {result.contacts} contacts, {len(result.rattlers)} rattlers, residual "
@@ -302,18 +310,6 @@ def show(
         details.show(more, result)
     if form:
         _show_form(form)
-
-
-def _show_notes(notes) -> None:
-    """Print what was read, then what was assumed; what is left out stands in the verdict."""
-    for note in notes:
-        if not isinstance(note, Assumption):
-            console.print(note, style="yellow")
-    assumed = [note for note in notes if isinstance(note, Assumption) and not isinstance(note, Obstacle)]
-    if assumed:
-        console.print("assumed:", style="yellow")
-    for note in assumed:
-        console.print(f"  - {note}", style="yellow")
 
 
 def _show_form(form: "BirthForm | str") -> None:

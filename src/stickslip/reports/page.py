@@ -15,12 +15,11 @@ from ..core.progress import Report, silent
 from ..core.reading import read_arrays
 from ..core.units import unit_name, with_unit
 from ..data import archive
-from ..data.atomic import check_free, replace_atomically
-from ..data.exchange.files import capture_warnings
-from ..data.exchange.force_network import is_measured, read_forces
+from ..data.exchange.files import capture_warnings, is_measured
+from ..data.exchange.force_network import read_forces
 from ..data.exchange.frame import Frame, frame_of, mode_frames, read_mode
 from ..data.manifest import add_to_manifest, digest, find_foreign, read_manifest, write_manifest
-from ..data.run_files import FILM, PAGE
+from ..data.run_files import FILM, PAGE, check_free, replace_atomically
 from ..data.sample import Obstacle, with_one_account
 from ..figures import animation as film
 from ..figures import page

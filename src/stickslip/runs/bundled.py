@@ -12,7 +12,7 @@ from pathlib import Path
 from ..core.arguments import checked
 from ..core.laws.builtin import Law
 from ..core.state import State
-from ..data.atomic import check_free
+from ..data.run_files import check_free
 from ..data.schema import ScenarioBase
 from ..experiments.registry import experiment_of, read_scenario, read_tables
 from ..experiments.registry import scenario as make_scenario

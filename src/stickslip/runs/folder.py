@@ -16,16 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from .. import __version__
 from ..core.units import units_in_use
 from ..data import archive
-from ..data.atomic import name_file_in_errors, write_atomically
-from ..data.checkpoint import (
-    SCENARIO,
-    SWEEP,
-    UNFINISHED,
-    WRITING,
-    checkpoint_in,
-    remove_checkpoint,
-    unfinished_scenario,
-)
+from ..data.checkpoint import SWEEP, UNFINISHED, WRITING, checkpoint_in, remove_checkpoint, unfinished_scenario
 from ..data.manifest import (
     allow_overwriting,
     check_hidden,
@@ -35,7 +26,18 @@ from ..data.manifest import (
     write_file,
     write_manifest,
 )
-from ..data.run_files import LOOK, NUMBERS, OPTIONS, REPRODUCTION, foreign_files_message, join_names, resume_command
+from ..data.run_files import (
+    LOOK,
+    NUMBERS,
+    OPTIONS,
+    REPRODUCTION,
+    SCENARIO,
+    foreign_files_message,
+    join_names,
+    name_file_in_errors,
+    resume_command,
+    write_atomically,
+)
 from ..data.schema import ScenarioBase
 from ..experiments.experiment import Experiment, named_measures
 from ..experiments.registry import is_run_file, list_files, papers, read_tables

@@ -15,7 +15,7 @@ from ..data.checkpoint import UNFINISHED
 from ..data.exchange.arrays import read_archive
 from ..data.exchange.frame import frame_of
 from ..data.exchange.lammps_folder import is_run_folder
-from ..data.law_file import check_law_files, trust_law_files
+from ..data.law_schema import check_law_files, trust_law_files
 from ..data.run_files import CHART, CLAIMS, FILM, NUMBERS, resume_command
 from ..data.sample import PackingError
 from ..experiments.registry import list_files

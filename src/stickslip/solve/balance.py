@@ -7,9 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..core.arguments import checked
-from ..core.contacts.forces import forces, unbalanced_forces
+from ..core.contacts.forces import AT_LIMIT, ROUND_OFF, forces, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
-from ..core.contacts.memory import AT_LIMIT, ROUND_OFF
 from ..core.contacts.neighbors import body_radii
 from ..core.laws.builtin import LEVER, ROLLING, SHARP, TWISTING, Law
 from ..core.measure import Committed, contact_velocity, overlaps, touching, volume

@@ -35,8 +35,7 @@ from scipy.linalg import LinAlgError, eigvals, svd
 from scipy.sparse.linalg import eigs, splu
 
 from ..core.arguments import checked
-from ..core.contacts.forces import forces
-from ..core.contacts.memory import FREE
+from ..core.contacts.forces import FREE, forces
 from ..core.laws.builtin import Law, damping_model
 from ..core.measure import overlaps
 from ..core.readable import pluralize, readable

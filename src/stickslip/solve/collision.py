@@ -24,7 +24,7 @@ from ..core.laws.builtin import (
 )
 from ..core.laws.compiled import evaluate
 from ..core.laws.kinds import Kind
-from ..core.laws.restitution import dashpot_coefficients
+from ..core.laws.properties import dashpot_coefficients
 from ..core.readable import readable
 
 ROUND_OFF = 2e-12  # of γ_n, for a stiffness, a mass and a diameter of 1

@@ -22,7 +22,7 @@ from ..core.laws.compiled import law_struct
 from ..core.laws.kinds import check_kind
 from ..core.library import core
 from ..core.measure import mean_normal_force
-from ..core.outcome import Outcome, Status
+from ..core.progress import Outcome, Status
 from ..core.readable import pluralize
 from ..core.scales import natural_scales
 from ..core.state import OPEN, Grains, State, empty_contacts, reset_reached, resting

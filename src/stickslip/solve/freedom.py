@@ -6,9 +6,8 @@ import numpy as np
 from scipy import sparse
 
 from ..core.arguments import checked, require_shape
-from ..core.contacts.forces import ContactLoads, forces, moving_masses, unbalanced_forces
+from ..core.contacts.forces import HELD, ContactLoads, forces, moving_masses, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, inverse_radii, linearise, triplets
-from ..core.contacts.memory import HELD
 from ..core.dynamics.cell_motion import cell_mass, strained
 from ..core.fields import Field, check_entry
 from ..core.laws.builtin import Law

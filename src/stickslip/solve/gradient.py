@@ -14,9 +14,8 @@ from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import PARAMETERS, Law, damping_model, parameter_names, with_values
 from ..core.laws.properties import angular_columns
 from ..core.measure import branch_vectors, overlaps, volume
-from ..core.progress import Report, silent
+from ..core.progress import Report, Size, require_sizes, silent
 from ..core.readable import readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import OPEN, STICK, State
 from .balance import ROUND_OFF, LinearisedState, balanced, linearised, modes_under
 from .freedom import (

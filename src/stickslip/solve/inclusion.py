@@ -7,14 +7,13 @@ from scipy.optimize import least_squares
 from scipy.special import jv, spherical_jn, spherical_yn, stdtrit, yv
 
 from ..core.arguments import Bodies, NotNegative, checked, require_not_negative
-from ..core.contacts.forces import forces
+from ..core.contacts.forces import FREE, HELD, forces
 from ..core.contacts.jacobian import blocks_of, linearise
-from ..core.contacts.memory import FREE, HELD
 from ..core.control import body_numbers
 from ..core.laws.builtin import Law
 from ..core.measure import overlaps, pressure, volume
+from ..core.progress import Size, require_sizes
 from ..core.readable import pluralize, readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .balance import LinearisedState, balanced
 from .freedom import Freedom, displaced, residual_vector, resized, stiffness_of

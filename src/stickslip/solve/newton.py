@@ -7,12 +7,11 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 
 from ..core.arguments import NOT_NEGATIVE, Positive, checked, require_positive
-from ..core.contacts.forces import accept, forces
-from ..core.contacts.memory import FREE
+from ..core.contacts.forces import FREE, accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, least_supports, overlaps
-from ..core.outcome import Outcome, Status
+from ..core.progress import Outcome, Status
 from ..core.scales import natural_scales
 from ..core.state import OPEN, State, reset_reached, resting
 from .freedom import Freedom, displaced, freedom, jacobian, residual_vector

@@ -84,18 +84,14 @@ def symmetric_basis(matrix, precision, report: Report) -> Basis:
     image = matrix @ double
     diagonal = np.einsum("ij,ij->j", double, image) / np.einsum("ij,ij->j", double, double)
     single = vectors.astype(np.float32, copy=False)
-    skew = _skew_product(single, ((matrix - matrix.T) / 2).astype(np.float32) @ single)
+    # VᵀKV of a skew K, from its upper half
+    KV = ((matrix - matrix.T) / 2).astype(np.float32) @ single
+    n = single.shape[1]
+    skew = np.empty((n, n), single.dtype)
+    for k in range(0, n, 1024):
+        skew[k : k + 1024, k:] = single[:, k : k + 1024].T @ KV[:, k:]
+        skew[k + 1024 :, k : k + 1024] = -skew[k : k + 1024, k + 1024 :].T
     return Basis(vectors, image, diagonal, skew)
-
-
-def _skew_product(V: np.ndarray, KV: np.ndarray, block: int = 1024) -> np.ndarray:
-    """VᵀKV of a skew K, from its upper half."""
-    n = V.shape[1]
-    out = np.empty((n, n), V.dtype)
-    for k in range(0, n, block):
-        out[k : k + block, k:] = V[:, k : k + block].T @ KV[:, k:]
-        out[k + block :, k : k + block] = -out[k : k + block, k + block :].T
-    return out
 
 
 def build_window(basis: Basis, first: int) -> Window:

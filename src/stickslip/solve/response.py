@@ -16,9 +16,8 @@ from ..core.contacts.jacobian import blocks_of, cross_matrix, linearise
 from ..core.fields import LARGEST
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, volume
-from ..core.progress import Report, silent
+from ..core.progress import Report, Size, require_sizes, silent
 from ..core.readable import readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import State, as_rows, groups
 from .balance import LinearisedState, balanced, with_modes_under
 from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiffness_of

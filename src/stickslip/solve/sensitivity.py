@@ -7,8 +7,8 @@ from scipy import sparse
 from scipy.linalg import eig, eigvals
 
 from ..core.arguments import NOT_NEGATIVE, checked
+from ..core.contacts.forces import FREE
 from ..core.contacts.jacobian import Linearisation, blocks_of, contact_blocks, linearise
-from ..core.contacts.memory import FREE
 from ..core.laws.builtin import Law, damping_model
 from ..core.progress import Report, silent
 from ..core.readable import readable

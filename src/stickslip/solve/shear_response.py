@@ -14,9 +14,8 @@ from scipy import sparse
 from scipy.linalg import eigvals
 
 from ..core.arguments import checked
-from ..core.contacts.forces import forces
+from ..core.contacts.forces import HELD, forces
 from ..core.contacts.jacobian import blocks_of, contact_blocks, linearise
-from ..core.contacts.memory import HELD
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors, overlaps, touching, volume

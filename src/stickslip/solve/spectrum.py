@@ -10,9 +10,8 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
 from ..core.arguments import NotNegative, Seed, checked
 from ..core.laws.builtin import Law
-from ..core.progress import Report, silent
+from ..core.progress import Report, Size, require_sizes, silent
 from ..core.readable import pluralize, readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .balance import BALANCED_BELOW, force_imbalance, linearised
 from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, equations_of_motion, freedom, translations

@@ -20,9 +20,8 @@ from scipy.sparse.linalg import LinearOperator, svds
 from ..core.arguments import NotNegative, Numbers, Positive, checked
 from ..core.contacts.jacobian import contact_blocks
 from ..core.laws.builtin import Law, damping_model
-from ..core.progress import Report, silent
+from ..core.progress import Report, Size, require_sizes, silent
 from ..core.readable import readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, assembled, backbone, dynamical_matrix, translations
 from .linear import suitable_threads

@@ -6,11 +6,10 @@ import numpy as np
 from scipy import sparse
 
 from ..core.arguments import NotNegative, Numbers, Positive, Series, checked
-from ..core.dynamics.run import run
-from ..core.dynamics.timestep import stable_time_step
+from ..core.dynamics.run import run, stable_time_step
 from ..core.laws.builtin import SHARP, Law
+from ..core.progress import Size, require_sizes
 from ..core.readable import pluralize, readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .birth import PHASES, first_changes
 from .linear import FrontalFactor, dissect

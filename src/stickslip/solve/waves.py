@@ -14,9 +14,8 @@ from scipy.linalg import eig
 from ..core.arguments import POSITIVE, NotNegative, Numbers, checked, require_not_negative
 from ..core.laws.builtin import Law
 from ..core.measure import volume
-from ..core.progress import Report, silent
+from ..core.progress import Report, Size, require_sizes, silent
 from ..core.readable import readable
-from ..core.sizes import Size, require_sizes
 from ..core.state import State
 from .freedom import Freedom
 from .linear import factorised, suitable_threads

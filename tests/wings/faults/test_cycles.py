@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stickslip.runs.sweep.dataset import open_sweep
+from stickslip.wings.faults.friction.laboratory import event_starts, passing_velocity, recurrence, repeated_slip
 from stickslip.wings.faults.friction.loads import LoadStep
-from stickslip.wings.faults.friction.measure import event_starts, passing_velocity, recurrence, repeated_slip
 from stickslip.wings.faults.friction.ratestate import RateState, Spring, spring_slider
 from tests.conftest import stickslip_here
 

@@ -5,8 +5,7 @@ import pytest
 
 from stickslip import friction
 from stickslip.wings.faults.friction import fault_cycles
-from stickslip.wings.faults.friction.fault_events import crack_stress_drop, measure_source
-from stickslip.wings.faults.friction.fault_record import Moment, Recorder
+from stickslip.wings.faults.friction.fault_record import Moment, Recorder, crack_stress_drop, measure_source
 from stickslip.wings.faults.friction.fault_state import perturbed_state
 from stickslip.wings.faults.friction.stress_transfer import stress_matrix
 

@@ -11,7 +11,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.arguments import checked
 from stickslip.core.dynamics.ledger import Ledger
-from stickslip.core.outcome import NotInEquilibriumError
+from stickslip.core.progress import NotInEquilibriumError
 from stickslip.experiments.experiment import named_measures
 from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png

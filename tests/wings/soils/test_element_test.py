@@ -17,7 +17,6 @@ from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
 from stickslip.wings.soils.element_test import simulate as element
-from stickslip.wings.soils.element_test.envelope import compare, fit_envelope
 from stickslip.wings.soils.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
 from stickslip.wings.soils.element_test.laboratory import read_test
 from stickslip.wings.soils.element_test.measures import (
@@ -31,7 +30,7 @@ from stickslip.wings.soils.element_test.measures import (
     log_slope,
     work,
 )
-from stickslip.wings.soils.element_test.report import columns, figures, sentences
+from stickslip.wings.soils.element_test.report import columns, compare, figures, fit_envelope, sentences
 from stickslip.wings.soils.element_test.sample import check_pressures, drive_of, make_sample
 from tests.wings.soils import element_test_lammps
 

@@ -9,7 +9,7 @@ import pytest
 
 import stickslip as ss
 from stickslip.cli import main
-from stickslip.core.outcome import Outcome, Status
+from stickslip.core.progress import Outcome, Status
 from stickslip.experiments import ScenarioError
 from stickslip.loading import threshold as kinetic
 from stickslip.wings.studies.threshold import simulate as threshold

@@ -20,8 +20,7 @@ from ..laws.compiled import TANGENTS, law_struct
 from ..laws.properties import angular_columns, resists_rolling
 from ..library import core
 from ..state import State
-from .forces import bodies, check_materials, check_memory
-from .memory import HELD
+from .forces import HELD, bodies, check_materials, check_memory
 from .neighbors import check_list, largest_gap, shifts, with_own_memory
 from .rolling import with_moments
 from .tangent import column, make_turn, memory_tangent, outer, spring_tangent, with_shorter_arms

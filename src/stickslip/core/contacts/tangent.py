@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .memory import MIN_WEIGHT
+from .forces import MIN_WEIGHT
 
 
 class Turn(NamedTuple):

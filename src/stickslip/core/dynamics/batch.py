@@ -32,9 +32,8 @@ from .coefficients import (
     state_checksum,
 )
 from .driver import run_steps
-from .engine import Leg
-from .record import WIDTH, Record, allocate_buffers, make_record
-from .timestep import check_time_step
+from .record import Record, allocate_buffers, columns, make_record
+from .run import Leg, check_time_step
 
 SKIN = 0.02  # of the lists, in mean diameters
 WARP = 32  # rooms are multiples of it
@@ -44,11 +43,10 @@ STAY = "run without a device"
 _WIDTHS = {  # columns of the arrays of bodies
     "point": core.POINT_WIDTH, "motion": core.MOTION_WIDTH, "angle": 3, "origin": 3, "force": 6, "external": 6,
     "kick": 2, "heavy": 3, "normal": 3, "reference": 3, "free": 6, "material": 0, "unit": 0, "supports": 0, "loose": 0,
-    "touching": 0, "spring": 6, "leads": 3, "bin": 0, "binned": 0,
+    "touching": 0, "spring": 6, "leads": 3, "head": 0, "next": 0,
 }  # fmt: skip
 _TYPES = {"free": np.bool_, "leads": np.int64} | dict.fromkeys(
-    ("material", "unit", "supports", "loose", "touching", "entries", "bin", "bound", "binned", "arrived", "happened"),
-    np.int32,
+    ("material", "unit", "supports", "loose", "touching", "entries", "head", "next", "arrived", "happened"), np.int32
 )
 _INTEGERS = "number", "periodic", "members", "entry"
 
@@ -295,8 +293,8 @@ def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
         "number": (s, core.SLOT_NUMBERS), "value": (s, core.PACE_VALUES), "vectors": (s, 3, 3), "inverse": (s, 3, 3),
         "periodic": (s, 3), "table": (s, *sizes.table), "members": (s, g + 1), "knot": (s, sizes.knots),
         "course": (s, sizes.knots, sizes.courses), "entry": (2, s, r, sizes.most), "slip": (2, 3, s, r, sizes.most),
-        "entries": (2, s, r), "bound": (s, r + 1), "arrived": (s,),
-        "partial": (s, core.TEAM, core.SUMS), "series": (s, t, WIDTH),
+        "entries": (2, s, r), "arrived": (s,),
+        "partial": (s, core.TEAM, core.SUMS), "series": (s, t, columns()),
         "group": (s, t, g, 4, 3), "track": (s, t, sizes.tracks, 6), "event": (s, sizes.events, core.EVENT),
         "happened": (s,),
     }  # fmt: skip

@@ -14,9 +14,8 @@ from ..laws.builtin import Law
 from ..library import core
 from ..state import State
 from .batch import Device, Sizes, run_legs
-from .engine import Leg
 from .record import Record
-from .run import check_steps
+from .run import Leg, check_steps
 
 STEPS = 32  # between looks at what the systems wait for
 LONGEST = 1000  # launches between two looks from here

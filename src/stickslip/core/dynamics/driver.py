@@ -11,8 +11,7 @@ import weakref
 
 import numpy as np
 
-from ..contacts.forces import Bodies, forces
-from ..contacts.memory import FROZEN
+from ..contacts.forces import FROZEN, Bodies, forces
 from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_list, select_rows, with_own_memory
 from ..fields import pack_keys
 from ..laws.builtin import Law

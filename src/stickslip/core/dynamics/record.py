@@ -1,7 +1,7 @@
 """Records of a run: samples at intervals, and contact events."""
 
-import math
-from itertools import pairwise
+from ctypes import string_at
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,15 +14,23 @@ from ..state import OPEN, Cell, State, cell_volumes, groups
 from .ledger import Books, Ledger, make_ledger
 
 GROUPS = "position", "velocity", "force", "pull"  # sampled for each rigid group: see `write_groups`
-OBSERVABLES: dict[str, tuple[int, ...]] = {  # by field of `Record`: shape; computed in `observables.h`, in this order
-    "time": (), "msd": (), "kinetic_energy": (), "center": (3,), "touching": (), "sliding": (), "virial": (3, 3),
-    "fabric": (3, 3), "momentum_flux": (3, 3), "coordination": (), "held_coordination": (), "rattlers": (),
-    "cell": (3, 3),
-}  # fmt: skip
-WIDTH = sum(map(math.prod, OBSERVABLES.values()))  # columns
-PER_SAMPLE = (*OBSERVABLES, *(f"group_{name}" for name in GROUPS), "position", "angle")  # fields with T rows
-_ENDS = np.cumsum([math.prod(shape) for shape in OBSERVABLES.values()]).tolist()
-_COLUMNS = [slice(start, end) for start, end in pairwise([0, *_ENDS])]
+_SHAPES = {1: (), 3: (3,), 9: (3, 3)}  # of an observable, by the number of its columns
+
+
+@cache
+def observables() -> dict[str, tuple[slice, tuple[int, ...]]]:
+    """Columns and shape of each observable in the table of `observables.h`, by field of `Record`."""
+    found, start = {}, 0
+    while name := core.observable_name(len(found)):
+        end = start + core.observable_width(len(found))
+        found[string_at(name).decode()] = slice(start, end), _SHAPES[end - start]
+        start = end
+    return found
+
+
+def columns() -> int:
+    """Number of columns of all observables."""
+    return max(mine.stop for mine, _ in observables().values())
 
 
 @readable(head=lambda record: _describe(record), rows=lambda record: _rows(record))
@@ -175,7 +183,7 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
     known = reference, state.grains.mass, state.grains.inertia, *supports(state), probes
     return RecordBuffers(
-        every, *map(np.ascontiguousarray, known), np.zeros((samples, WIDTH)),
+        every, *map(np.ascontiguousarray, known), np.zeros((samples, columns())),
         np.zeros((samples, state.control.group.max(initial=-1) + 1, 4, 3)), np.zeros((samples, len(probes), 6)),
         np.zeros((room, core.EVENT)), np.zeros(1, np.int64),
     )  # fmt: skip
@@ -208,9 +216,8 @@ def make_record(writing: RecordBuffers, done: int, books: Books | None, cell: Ce
     events["kind"] = _EVENT_NAMES[rows[:, 0].astype(int)]
     events["time"], events["i"], events["j"] = rows[:, 1], rows[:, 2], rows[:, 3]
     events["image"], events["position"] = rows[:, 4:7], rows[:, 7:10]
-    columns = zip(OBSERVABLES.items(), _COLUMNS, strict=True)
     return Record(
-        **{name: series[:, mine].reshape(-1, *shape) for (name, shape), mine in columns},
+        **{name: series[:, mine].reshape(-1, *shape) for name, (mine, shape) in observables().items()},
         **{f"group_{name}": writing.groups[:kept, :, k] for k, name in enumerate(GROUPS)},
         position=tracks[..., :3],
         angle=tracks[..., 3:],

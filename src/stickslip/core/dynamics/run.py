@@ -1,24 +1,100 @@
-"""Velocity Verlet with optional drag."""
+"""Runs with velocity Verlet and optional drag: time step, engines, of which LAMMPS can be one, and `run` itself."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from ..arguments import Bodies, checked, require_not_negative
-from ..contacts.forces import check_materials
-from ..contacts.neighbors import with_neighbor_list
+from ..contacts.forces import Bodies as BodyArrays
+from ..contacts.forces import bodies, check_materials
+from ..contacts.neighbors import shifts, with_neighbor_list
+from ..contacts.rolling import rolling_bound
 from ..laws.builtin import SMOOTH, Law
+from ..laws.compiled import law_struct
 from ..library import core
-from ..outcome import Outcome, Status
-from ..sizes import Size, require_sizes
-from ..state import State
-from .coefficients import driven_bodies, make_plan, matching_instant, movable, with_mark
+from ..measure import volume
+from ..progress import Outcome, Size, Status, require_sizes
+from ..state import State, groups
+from .cell_motion import cell_mass
+from .coefficients import driven_bodies, inverse_inertia_of, make_plan, matching_instant, movable, with_mark
 from .driver import run_steps
-from .engine import Engine, Leg
 from .ledger import open_books
-from .record import PER_SAMPLE, WIDTH, Record, allocate_buffers, make_record
-from .timestep import check_time_step, stable_time_step
+from .record import GROUPS, Record, allocate_buffers, columns, make_record, observables
+
+
+class Wave(NamedTuple):
+    """A velocity A sin(2π f (t − t₀) + φ), which LAMMPS evaluates as a formula."""
+
+    amplitude: float  # A [length/time]
+    frequency: float  # f [1/time]
+    phase: float  # φ
+    start: float  # t₀ [time]
+
+    def __call__(self, time):
+        """Velocity at a time."""
+        return self.amplitude * np.sin(2 * np.pi * self.frequency * (time - self.start) + self.phase)
+
+
+class Leg(NamedTuple):
+    """Part of a run: everything that an engine is told.
+
+    With `every` = 0 a state comes back at each of `samples` times, without a record. Otherwise only the last state
+    does, with a record of the leg.
+    """
+
+    state: State
+    law: Law
+    dt: float  # [time]
+    steps: int  # from the state
+    samples: int = 1  # states that come back, evenly spaced, the last one at the end
+    drag: float = 0.0  # [1/time]
+    spin_drag: float | None = None  # [1/time], if it differs; LAMMPS has none
+    every: int = 0  # steps between samples of the record; 0: none
+    detailed: bool = False  # whether the record has contact events, and every grain at each sample; not from LAMMPS
+    before: tuple[int, int] = 0, 0  # samples and steps that preceded the state, if samples are spaced with them
+    walls: tuple[int, ...] | None = None  # number of each wall, if earlier legs had more walls
+    waves: Mapping[int, Wave] = MappingProxyType({})  # courses, by column, that are waves
+    number: int = 0  # in a sequence of legs
+    name: str = ""  # of the leg, and of the one from whose end it starts, for engines that keep legs in files
+    after: str = ""
+    skin_diameters: float = 0.1  # skin of neighbour lists in mean diameters, for engines that do not choose it
+    ranks: int = 1  # processes, for engines that have several
+
+    @property
+    def skin(self) -> float:
+        """Skin of neighbour lists [length]."""
+        return self.skin_diameters * 2 * float(self.state.grains.radius.mean())
+
+    @property
+    def wall_numbers(self) -> tuple[int, ...]:
+        """Number of each wall of the state among those of all legs."""
+        return tuple(range(len(self.state.walls.mass))) if self.walls is None else self.walls
+
+    @property
+    def sample_steps(self) -> list[int]:
+        """Steps from the state, after which a state comes back or a sample of the record is taken, and the last one."""
+        if self.every:
+            return [*range(self.every, self.steps, self.every), self.steps]
+        past, done = self.before
+        spacing = (done + self.steps) / (past + self.samples)
+        return [int(k * spacing + 0.5) - done for k in range(past + 1, past + self.samples + 1)]
+
+
+class Engine(NamedTuple):
+    """Program that runs legs: `run` is one, LAMMPS another.
+
+    `pieces` yields the states that a leg asks for, each with a record, which is empty if none is asked for. Such a
+    state may start another leg, even in another process. Closing the iterator ends the leg.
+    """
+
+    MADE_BY = "protocols.lammps_engine"
+    pieces: Callable[[Leg], Iterator[tuple[State, Record]]]
+    stops: bool = True  # whether a leg can be ended before its last step
+    samples: int = 100  # of a record, in legs into which a long one may be divided
+
 
 MOST_STEPS = 10**15  # of a run
 
@@ -118,7 +194,7 @@ def run(
         raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
     probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
-    memory = 8 * rows * (WIDTH + 12 * groups + 6 * len(probes))
+    memory = 8 * rows * (columns() + 12 * groups + 6 * len(probes))
     require_sizes([Size(f"{rows} samples take", memory, "bytes", "use a larger `every`, or fewer probes or steps")])
     writing = allocate_buffers(state, steps, every, probes, events, reference)
     rate = int(slip_update == "rate")
@@ -173,7 +249,8 @@ def take_sample(state: State, leg: Leg) -> Record:
 
 def join_samples(samples: list[Record], leg: Leg) -> Record:
     """Record with the samples of several records of a leg."""
-    each = {name: np.concatenate([getattr(record, name) for record in samples]) for name in PER_SAMPLE if samples}
+    names = (*observables(), *(f"group_{name}" for name in GROUPS), "position", "angle") if samples else ()
+    each = {name: np.concatenate([getattr(record, name) for record in samples]) for name in names}
     return run(leg.state, leg.law, 0, leg.dt)[1]._replace(**each)
 
 
@@ -206,3 +283,69 @@ def _check_arguments(
         )
     if threads is not None and threads < 1:
         raise ValueError(f"threads = {threads} was given: at least 1 is needed")
+
+
+ROUNDS = 300  # of the power iteration
+
+
+def _network(state: State, law: Law, here: BodyArrays) -> tuple:
+    """Contacts with their law and inertia, as the functions of the core take them."""
+    struct, shift = law_struct(law, members=("force", "slopes", "range")), shifts(state.contacts, state.cell.vectors)
+    free, inverse = state.control.cell_free, np.zeros((3, 3))  # 1/(M ℓ²) of the free components of the cell
+    if free.any():
+        inverse = free / (cell_mass(state) * volume(state) ** (2 / state.cell.dim))
+    return struct, state.cell.dim, here, state.contacts, shift, inverse_inertia_of(state), inverse
+
+
+def _spring_bound(state: State, law: Law, here: BodyArrays) -> float:
+    """Upper bound on ω² due to rolling springs, and to springs of a body or rigid group to load points [1/time²]."""
+    total = state.control.spring.copy()
+    for members in groups(state.control):
+        total[members] = total[members].sum(axis=0)
+    loads = float((total.max(axis=1) * here.inverse_mass).max()) if total.any() else 0.0
+    return loads + rolling_bound(state, law, here, inverse_inertia_of(state))
+
+
+@checked
+def stable_time_step(state: State, law: Law) -> float:
+    """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
+
+    Springs to load points and rolling springs are included through upper bounds on their ω². Dashpots are not: where
+    they act, steps must also be below 2/ν of the fastest decay rate ν, at most the sum of c/m over contacts.
+
+    Velocity Verlet is unstable beyond this time step. A tenth of this limit gives the force of a contact to four
+    digits. The stress that contacts bear is left out: the limit was up to 3 % shorter than that of the spectrum of
+    sheared disks, and 0.5 % shorter for spheres (`tests/unit/test_timestep.py`).
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> pair = ss.assembly(ss.spheres([[0, 0, 0], [0.99, 0, 0]], 0.5))
+    >>> round(stable_time_step(pair, ss.laws.linear(kn=1.0, kt=0.0)), 6)  # ω² = 2 k_n/m
+    1.414214
+    """
+    check_materials(state, law)
+    state = with_neighbor_list(state, law)
+    here = bodies(state)
+    # of the contact network by power iteration on M^(−1/2) K M^(−1/2)
+    start = np.sin(1.0 + 7.0 * np.arange(state.n_bodies)[:, None] + 3.1 * np.arange(6))
+    scratch = np.empty_like(start), np.empty((len(state.contacts.i), 6))
+    largest = core.largest_squared_frequency(*_network(state, law, here), ROUNDS, start, *scratch)
+    largest += _spring_bound(state, law, here)
+    return float(2 / np.sqrt(largest)) if largest > 0 else np.inf
+
+
+def check_time_step(state: State, law: Law, here: BodyArrays, dt: float) -> None:
+    """Raise ValueError with the largest stable time step if `dt` is above it; the list must be up to date."""
+    if not (state.contacts.count[0] or state.control.spring.any()):
+        return
+    bound = _spring_bound(state, law, here)
+    bound += core.frequency_bound(*_network(state, law, here), np.zeros((state.n_bodies, 2)))
+    if dt * dt * bound <= 4.0:
+        return
+    longest = stable_time_step(state, law)
+    if dt > longest:
+        raise ValueError(
+            f"dt = {dt:g} was given, but with contacts this stiff steps are stable only up to {longest:.4g}: "
+            f"use at most that, or a tenth of it for accuracy"
+        )

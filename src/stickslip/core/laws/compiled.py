@@ -36,8 +36,7 @@ from .builtin import (
     parameter_names,
 )
 from .kinds import HELP, USER_LAWS, Kind, UserLaw, bound, check_kind, evaluate_role, find_user_law, update_memory
-from .properties import angular_columns
-from .restitution import dashpot_coefficients
+from .properties import angular_columns, dashpot_coefficients
 from .validation import sample_points
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"

@@ -24,8 +24,7 @@ from ...core.laws.properties import resists_rolling
 from ...core.reading import NPY, read_arrays
 from ...core.state import State
 from ...core.units import Units, current_units, units_from
-from .. import archive
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import COLUMNS, Assumption, PackingError, law_by_name, repeated_note
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state
@@ -164,6 +163,8 @@ def write_archive(path: str | Path, frames: list[Frame]) -> list[str]:
         tree["state"] = frames[0].state
     else:
         tree["frames"] = {f"{k:06d}": frame.state for k, frame in enumerate(frames)}
+    from .. import archive  # imports h5py
+
     archive.write(path, tree, units=current_units())
     return []
 
@@ -181,6 +182,8 @@ def recognize_archive(head: bytes) -> bool:
 
 def read_archive(path: Path, wanted: str | None = None) -> list[Packing]:
     """Read the states of an archive, each with its path in the archive and the nearest law above it."""
+    from .. import archive  # imports h5py
+
     tree = archive.read(path, remedy=REMEDY)
     states = dict(_find_states(tree))
     if not states:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...known import HARMLESS, USED
 from ..sample import Assumption, Obstacle, PackingError, account_for
-from .content import Packing
+from .content import HEAD, Packing, read_content
 
 PLACES = (
     "", "pos", "position", "positions", "point", "points", "coord", "coordinate", "coordinates", "coords", "center",
@@ -37,6 +37,11 @@ NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
 def plain_name(name: str) -> str:
     """Name of a column in small letters, without units and punctuation: "Pos_X [mm]" becomes "posx"."""
     return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*?[\])]", "", name.lower()))
+
+
+def is_matlab(path: Path) -> bool:
+    """Return True for a file of MATLAB."""
+    return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
 
 
 def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:

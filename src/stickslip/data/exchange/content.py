@@ -18,7 +18,7 @@ from ...core.laws.builtin import Law
 from ...core.reading import Budget, read_bytes
 from ...core.state import State
 from ...core.text import decode_text, has_wide_letters
-from ..sample import Absent, PackingError
+from ..sample import Absent, PackingError, accepted, from_arrays
 
 HEAD = 2**14  # bytes at the beginning of a file that tell what it is
 FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
@@ -45,11 +45,14 @@ class Packing(NamedTuple):
     labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
 
 
-def _opener(path: Path):
-    """Function that opens a compressed file; None for others."""
-    start = _read(path, 6)
-    mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
-    return None if mark is None else COMPRESSED[mark] or _zstandard(path).open
+def placed_state(packing: Packing, law: Law) -> State:
+    """Accepted state of the grains with the materials of their types, amid the walls and loads of their run."""
+    state = from_arrays(law=law, **packing.arrays)
+    if packing.types is not None and len(law.table) > 1:
+        state = state._replace(grains=state.grains._replace(material=packing.types.copy()))
+    elif packing.setting is None:
+        return state
+    return accepted(state if packing.setting is None else packing.setting(state), law)
 
 
 def _zstandard(path: Path):
@@ -67,7 +70,10 @@ def _zstandard(path: Path):
 
 def read_content(path: Path, size: int = -1) -> bytes:
     """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
-    opener = _opener(path)
+    # how a compressed file is opened; None for others
+    start = _read(path, 6)
+    mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
+    opener = None if mark is None else COMPRESSED[mark] or _zstandard(path).open
     if opener is None:
         return _read(path, size)
     budget = Budget(path, path.stat().st_size, remedy="copy it again", error=PackingError)

@@ -6,23 +6,23 @@ import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...core.arguments import checked, require_filled
-from ...core.contacts.memory import FROZEN
+from ...core.contacts.forces import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_names, with_values
-from ...core.laws.user import from_file
 from ...core.state import State
 from ...core.units import Units
+from ...lazy import lazy_function
 from ...wing import FileFormat, Wing, wings
-from .. import archive
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import (
     COLUMNS,
     LAW,
+    NO_CONTACTS,
     Absent,
     Assumption,
     PackingError,
@@ -36,17 +36,13 @@ from ..sample import (
     notes_about,
     with_one_account,
 )
-from . import arrays, dialects, gsd_file, lammps_file, lammps_restart, table_file, vtk_file
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
-from .columns import at_rest, mass_note
-from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, read_content
+from .columns import at_rest, is_matlab, mass_note
+from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, placed_state, read_content
 from .frame import Frame, frame_of, write_graph
-from .gsd_file import write_gsd
-from .lammps_file import build_state, complete_law_options, read_boundary, read_pairs
-from .lammps_folder import read_folder
-from .lammps_text import contacts_path, write_lammps
-from .table_file import contact_table_path, write_csv, write_xyz
-from .vtk_file import vtk_paths, write_vtk
+
+if TYPE_CHECKING:
+    from .lammps_file import Pairs
 
 
 class Format(NamedTuple):
@@ -59,22 +55,33 @@ class Format(NamedTuple):
     packs: bool = True  # whether files compressed as a whole are read
 
 
+_here = partial(lazy_function, __package__)  # modules of formats are imported when a file is met
+
 FORMATS = (
-    Format(".npz and .npy of NumPy", arrays.recognize, arrays.read, packs=False),
-    Format("archives of stickslip (.h5)", arrays.recognize_archive, arrays.read_archive, packs=False),
-    Format("GSD", gsd_file.recognize, gsd_file.read, packs=False),
-    Format("LAMMPS restart", lammps_restart.recognize, lammps_restart.read),
-    Format("part of a LAMMPS restart", lammps_restart.recognize_part, lammps_restart.read),
-    Format("LAMMPS dump", lammps_file.recognize_dump, lammps_file.read_grain_dump, of_lammps=True),
-    Format("LAMMPS data", lammps_file.recognize_data, lammps_file.read_data_file, of_lammps=True),
-    Format("VTK", vtk_file.recognize, vtk_file.read),
-    Format("extended XYZ", table_file.recognize_xyz, table_file.read_xyz),
-    Format("MercuryDPM .data", table_file.recognize_mercury, table_file.read_mercury),
-    Format("EDEM's export", dialects.recognize_edem, dialects.read_edem),
-    Format("jamBashBulk", dialects.recognize_jambash, dialects.read_jambash),
-    Format("PackLSD", dialects.recognize_packlsd, dialects.read_packlsd),
-    Format("CSV, YADE and other tables", table_file.recognize, table_file.read),
+    Format(".npz and .npy of NumPy", _here("arrays.recognize"), _here("arrays.read"), packs=False),
+    Format("archives of stickslip (.h5)", _here("arrays.recognize_archive"), _here("arrays.read_archive"), packs=False),
+    Format("GSD", _here("gsd_file.recognize"), _here("gsd_file.read"), packs=False),
+    Format("LAMMPS restart", _here("lammps_restart.recognize"), _here("lammps_restart.read")),
+    Format("part of a LAMMPS restart", _here("lammps_restart.recognize_part"), _here("lammps_restart.read")),
+    Format("LAMMPS dump", _here("lammps_file.recognize_dump"), _here("lammps_file.read_grain_dump"), of_lammps=True),
+    Format("LAMMPS data", _here("lammps_file.recognize_data"), _here("lammps_file.read_data_file"), of_lammps=True),
+    Format("VTK", _here("vtk_file.recognize"), _here("vtk_file.read")),
+    Format("extended XYZ", _here("table_file.recognize_xyz"), _here("table_file.read_xyz")),
+    Format("MercuryDPM .data", _here("table_file.recognize_mercury"), _here("table_file.read_mercury")),
+    Format("EDEM's export", _here("dialects.recognize_edem"), _here("dialects.read_edem")),
+    Format("jamBashBulk", _here("dialects.recognize_jambash"), _here("dialects.read_jambash")),
+    Format("PackLSD", _here("dialects.recognize_packlsd"), _here("dialects.read_packlsd")),
+    Format("CSV, YADE and other tables", _here("table_file.recognize"), _here("table_file.read")),
 )
+
+
+def is_measured(path: Path, contacts: Path | None) -> bool:
+    """Return True for a file of MATLAB, or if there is a table of contact forces that is not from LAMMPS."""
+    if contacts is None or not contacts.is_file():
+        return is_matlab(path)
+    from .force_lists import is_table_of_forces
+
+    return is_table_of_forces(path, contacts)
 
 
 def find_format(path: Path) -> Format:
@@ -82,7 +89,9 @@ def find_format(path: Path) -> Format:
     head = read_content(path, HEAD)
     form = next((form for form in (*_formats_of_wings(), *FORMATS) if form.recognize(head)), None)
     if form is None:
-        raise table_file.refuse(path)
+        from .table_file import refuse
+
+        raise refuse(path)
     if is_compressed(path) and not form.packs:
         raise PackingError(
             f"{path} is compressed: decompress it first; text and LAMMPS's restart files are read as they are"
@@ -128,8 +137,10 @@ def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]
 
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
-SERIES = {".gsd": write_gsd, ".xyz": write_xyz, ".extxyz": write_xyz, ".vtu": write_vtk}
-SINGLE = {".npz": write_npz, ".csv": write_csv, ".graphml": write_graph} | dict.fromkeys(LAMMPS_DATA, write_lammps)
+SERIES = {".gsd": _here("gsd_file.write_gsd"), ".vtu": _here("vtk_file.write_vtk")}
+SERIES |= dict.fromkeys((".xyz", ".extxyz"), _here("table_file.write_xyz"))
+SINGLE = {".npz": write_npz, ".csv": _here("table_file.write_csv"), ".graphml": write_graph}
+SINGLE |= dict.fromkeys(LAMMPS_DATA, _here("lammps_text.write_lammps"))
 LAW_OPTIONS = ("--law", "--kn", "--kt", "--mu", "--damping-n", "--damping-t")
 LAMMPS_OPTIONS = ("contacts", "columns", "boundary", "atom_style")
 
@@ -175,6 +186,8 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     given, own = law_from_file({name: value for name, value in options.items() if value is not None})
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if path.is_dir():
+        from .lammps_folder import read_folder
+
         if of_lammps:
             raise PackingError(
                 f"{', '.join(of_lammps)} was given with {path}, a folder whose files say it: give the file instead"
@@ -192,6 +205,8 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
         )
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:
+        from .lammps_file import read_boundary
+
         of_lammps["boundary"] = read_boundary(local.path)
     return [_build(path, packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
 
@@ -228,7 +243,11 @@ def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float
     if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
         several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
         notes = [*notes, Absent(several)]
-    pairs = None if local.path is None or packing.state is not None else read_pairs(local.path, packing, local.columns)
+    pairs = None
+    if local.path is not None and packing.state is None:
+        from .lammps_file import read_pairs
+
+        pairs = read_pairs(local.path, packing, local.columns)
     with naming(path):
         if packing.state is not None:
             same = isinstance(its, Law) and not given and (own is None or laws_equal(own, its))
@@ -241,6 +260,20 @@ def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float
                 raise PackingError(f"{problem}; {told}") from None
             raise
         return packing.name, with_inertia(state, i0), law, with_one_account([*notes, *said])
+
+
+def build_state(packing: Packing, pairs: "Pairs | None", law: Law) -> tuple[State, list[str]]:
+    """Accepted state of a packing, with the memory of its contacts if it is known, and notes on these."""
+    if pairs is not None:
+        from .lammps_file import state_of_pairs
+
+        return state_of_pairs(packing, pairs, law)
+    state = placed_state(packing, law)
+    if packing.memory is not None:
+        from .lammps_restart import restore_memory
+
+        return restore_memory(state, law, packing.memory), []
+    return state, [] if "pair_i" in packing.arrays else [NO_CONTACTS]
 
 
 def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
@@ -280,7 +313,11 @@ def packing_units(path: str | Path) -> Units | None:
     if recognize(head):
         arrays = load_arrays(path)
         return check_arrays(path, arrays)[0]["units"] if "units" in arrays else None
-    return archive.named_units(path) if recognize_archive(head) else None
+    if not recognize_archive(head):
+        return None
+    from ..archive import named_units
+
+    return named_units(path)
 
 
 def law_from_file(given: dict) -> tuple[dict, Law | None]:
@@ -289,6 +326,8 @@ def law_from_file(given: dict) -> tuple[dict, Law | None]:
     given = {name: value for name, value in given.items() if name != "parameters"}
     if not str(given.get("law", "")).endswith(".py"):
         return given | more, None
+    from ...core.laws.user import from_file
+
     values = {name: given[name] for name in PARAMETERS if name in given}
     try:
         law = with_values(from_file(given["law"]), **values, **more)
@@ -303,7 +342,11 @@ def law_from_file(given: dict) -> tuple[dict, Law | None]:
 
 def lammps_law(given: dict, *, memory: bool) -> Law:
     """Law for LAMMPS files; all of its parameters are required if contacts provide their `memory`."""
-    return law_by_name(**complete_law_options(given)) if memory else law_from_options(given)
+    if not memory:
+        return law_from_options(given)
+    from .lammps_file import complete_law_options
+
+    return law_by_name(**complete_law_options(given))
 
 
 def with_inertia(state: State, i0: float | None) -> State:
@@ -368,10 +411,16 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
 def output_files(to: Path, frames: list[Frame]) -> list[Path]:
     """Output files for the frames of a packing, those of the first frame first."""
     if to.suffix.lower() == ".vtu":
+        from .vtk_file import vtk_paths
+
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
         return [path for (grains, lines), f in pairs for path in (grains, *([lines] if len(f.contacts["i"]) else []))]
     if to.suffix.lower() == ".csv":
+        from .table_file import contact_table_path
+
         return [to, contact_table_path(to)]
+    from .lammps_text import contacts_path
+
     holds = to.suffix.lower() in LAMMPS_DATA and frames[0].law.coulomb == SHARP
     return [to, *([contacts_path(to)] if holds else [])]
 

@@ -7,12 +7,12 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from ...core.arguments import Array, Numbers, Several, check_computed, checked
-from ...core.matlab import check_matlab
 from ...core.readable import readable
-from ...core.reading import Budget, read_bytes
+from ...core.reading import Budget, check_matlab, read_bytes
 from ..sample import PackingError, naming
-from .content import HEAD, only_state, read_content
-from .force_lists import NEEDED, WIDEST, frames_of_lists, is_table_of_forces, read_lists
+from .columns import is_matlab
+from .content import only_state
+from .force_lists import NEEDED, WIDEST, frames_of_lists, read_lists
 
 SAID = 0.05  # such gaps above which a note says how large they are
 PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
@@ -211,7 +211,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
     for file in filter(None, (path, contacts)):
         if not Path(file).is_file():
             raise PackingError(f"{file} is not a file: give measured grains, and a table of their contacts")
-    if _is_matlab(path):
+    if is_matlab(path):
         if contacts is not None:
             raise PackingError(f"{contacts} was given with {path.name}, which holds the contacts: leave it out")
         only_state(path, frame)
@@ -235,20 +235,9 @@ def _gaps(m: MeasuredForces) -> np.ndarray:
     return (size - m.radius[m.ends].sum(axis=0)) / m.radius[m.ends].min(axis=0)
 
 
-def is_measured(path: Path, contacts: Path | None) -> bool:
-    """Return True for a file of MATLAB, or if there is a table of contact forces that is not from LAMMPS."""
-    if contacts is None or not contacts.is_file():
-        return _is_matlab(path)
-    return is_table_of_forces(path, contacts)
-
-
 def measured_frames(path: Path, contacts: Path | None) -> list[str | None]:
     """Names of the frames of measured forces; None for that of files without names of frames."""
-    return [None] if contacts is None or _is_matlab(path) else [*frames_of_lists(path, contacts)] or [None]
-
-
-def _is_matlab(path: Path) -> bool:
-    return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
+    return [None] if contacts is None or is_matlab(path) else [*frames_of_lists(path, contacts)] or [None]
 
 
 def _read_pegs(path: Path) -> MeasuredForces:

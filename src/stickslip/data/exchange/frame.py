@@ -14,12 +14,12 @@ from ...core.contacts.forces import forces
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.kinds import Kind, describe_law, restore_kind
 from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
+from ...core.progress import STATE, Size, require_sizes
 from ...core.readable import pluralize, readable
 from ...core.reading import read_arrays
-from ...core.sizes import STATE, Size, require_sizes
 from ...core.state import SLIDE, State
 from ...extras import require
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import HUGE, PackingError
 
 if TYPE_CHECKING:

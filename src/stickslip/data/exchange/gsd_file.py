@@ -16,8 +16,8 @@ from ...core.readable import pluralize
 from ...core.reading import Budget, Reader
 from ...core.state import State, check
 from ...extras import require
-from ..atomic import replace_atomically
 from ..nodes import restore_contacts
+from ..run_files import replace_atomically
 from ..sample import PackingError, account_for, repeated_note
 from .content import Packing, chosen_frames
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into

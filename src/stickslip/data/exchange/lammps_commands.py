@@ -446,7 +446,12 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.groups.get(rest[-1], []).append(["count", rest[0]])
         return run
     run.met[group_of("command", key)].add(key)
-    _change_groups(run, key, rest)
+    # groups whose members have other ids, or other types, after the command
+    retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))
+    renumbered = key in (*RENUMBERING, *RELABELING) and " ".join(rest[-2:]) != "compress no"
+    for lines in run.groups.values() if retyped or renumbered else ():
+        if any(words[0] == "type" or (renumbered and words[0] == "id") for words in lines):
+            lines.append(["changed"])
     if key == "clear":
         return _empty(run.source, run.year)._replace(met=run.met)
     if key == "pair_style" and rest:
@@ -541,15 +546,6 @@ def _define_group(run: Run, name: str, style: str, *arguments: str) -> None:
         run.groups.update({new: list(run.groups.get(word, [["unknown"]])) for word, new in kept.items()})
         arguments = tuple(kept.get(word, word) for word in arguments)
     run.groups.setdefault(name, []).append([style, *arguments])
-
-
-def _change_groups(run: Run, key: str, rest: list[str]) -> None:
-    """Note groups whose members have other ids, or other types, after a command."""
-    retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))
-    renumbered = key in (*RENUMBERING, *RELABELING) and " ".join(rest[-2:]) != "compress no"
-    for lines in run.groups.values() if retyped or renumbered else ():
-        if any(words[0] == "type" or (renumbered and words[0] == "id") for words in lines):
-            lines.append(["changed"])
 
 
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:

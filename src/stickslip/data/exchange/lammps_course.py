@@ -10,8 +10,8 @@ from ...builtin_laws import BY_NAME
 from ...core.laws.builtin import PARAMETERS, Law, linear
 from ...core.laws.properties import resists_rolling
 from ...core.measure import touching
+from ...core.progress import Size, require_sizes
 from ...core.readable import pluralize
-from ...core.sizes import Size, require_sizes
 from ...core.state import State, empty_contacts, flat_walls, loads
 from ...core.text import parse_number
 from ...known import HARMLESS, UNKNOWN, USED, find_row, plain_style

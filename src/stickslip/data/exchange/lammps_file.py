@@ -20,28 +20,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.contacts.forces import forces
+from ...core.contacts.forces import FROZEN, forces
 from ...core.contacts.jacobian import linearise
-from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import SHARP, Law, damping_model
 from ...core.measure import branch_vectors, contact_velocity, touching
 from ...core.readable import pluralize
 from ...core.state import OPEN, SLIDE, STICK, State
 from ...known import UNKNOWN, USED, group_of
-from ..sample import (
-    HUGE,
-    NO_CONTACTS,
-    Assumption,
-    MemoryNote,
-    PackingError,
-    PackingWarning,
-    accepted,
-    account_for,
-    from_arrays,
-)
+from ..sample import HUGE, Assumption, MemoryNote, PackingError, PackingWarning, accepted, account_for
 from .columns import TOTAL, group_hint, name_contact_columns, pair_branches
-from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, read_content
-from .lammps_restart import restore_memory
+from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, placed_state, read_content
 from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -226,7 +214,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
             f"the slip of contacts with dashpots needs every grain's {' and '.join(sorted(missing))}: add vx vy vz "
             f"omegax omegay omegaz to the dump of grains, or Velocities to the data file"
         )
-    state = _placed_state(packing, law)
+    state = placed_state(packing, law)
     rows, entries, sign = _match_pairs(state, pairs)
     _check_columns(pairs, branch_vectors(state)[rows], entries, sign)
     c = linearise(state, law)
@@ -355,31 +343,14 @@ def read_boundary(contacts: Path) -> str | None:
     return None if head is None else "".join("p" if mark == "pp" else "f" for mark in head.groups())
 
 
-def build_state(packing: Packing, pairs: Pairs | None, law: Law) -> tuple[State, list[str]]:
-    """Accepted state of a packing, with the memory of its contacts if it is known, and notes on these."""
-    if pairs is not None:
-        state = reconstruct_memory(packing, pairs, law)
-        mode = state.contacts.mode[: state.contacts.count[0]]
-        count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
-        notes = [
-            *pairs.notes,
-            MemoryNote(f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit"),
-        ]
-        return with_wall_memory(state, law, packing.force, notes) if len(state.walls.mass) else (state, notes)
-    state = _placed_state(packing, law)
-    if packing.memory is not None:
-        return restore_memory(state, law, packing.memory), []
-    return state, [] if "pair_i" in packing.arrays else [NO_CONTACTS]
-
-
-def _placed_state(packing: Packing, law: Law) -> State:
-    """Accepted state of the grains with the materials of their types, amid the walls and loads of their run."""
-    state = from_arrays(law=law, **packing.arrays)
-    if packing.types is not None and len(law.table) > 1:
-        state = state._replace(grains=state.grains._replace(material=packing.types.copy()))
-    elif packing.setting is None:
-        return state
-    return accepted(state if packing.setting is None else packing.setting(state), law)
+def state_of_pairs(packing: Packing, pairs: Pairs, law: Law) -> tuple[State, list[str]]:
+    """Accepted state of a packing with the memory of its contacts, and notes on these."""
+    state = reconstruct_memory(packing, pairs, law)
+    mode = state.contacts.mode[: state.contacts.count[0]]
+    count, sliding = int((mode != OPEN).sum()), int((mode == SLIDE).sum())
+    said = MemoryNote(f"slip of {count} contacts reconstructed, {sliding} of them at the Coulomb limit")
+    notes = [*pairs.notes, said]
+    return with_wall_memory(state, law, packing.force, notes) if len(state.walls.mass) else (state, notes)
 
 
 def with_wall_memory(state: State, law: Law, net: np.ndarray | None, notes: list[str]) -> tuple[State, list[str]]:

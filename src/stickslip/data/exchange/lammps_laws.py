@@ -26,7 +26,7 @@ from ...core.laws.builtin import (
     marshall_values,
     parameter_names,
 )
-from ...core.laws.restitution import critical_coefficient, dashpot_coefficients, restitution_of
+from ...core.laws.properties import critical_coefficient, dashpot_coefficients, restitution_of
 from ...core.text import parse_number
 
 MODELS = {  # normal and tangential model of `pair_style granular`

@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...builtin_laws import BUILTIN_LAWS
-from ...core.contacts.forces import accept, forces
+from ...core.contacts.forces import FROZEN, accept, forces
 from ...core.contacts.jacobian import linearise
-from ...core.contacts.memory import FROZEN
 from ...core.laws.builtin import KEEPS_FORCE, ROLLING, SCALED, TWISTING, Law, parameter_names, rescales
 from ...core.laws.compiled import evaluate
 from ...core.laws.kinds import Kind, bridges_gaps

@@ -21,8 +21,8 @@ from ...core.state import State
 from ...core.text import parse_integer
 from ..sample import WALLS, Obstacle, PackingError, notes_about, with_one_account
 from .content import Packing
-from .files import capture_warnings, chosen_law, lammps_law, law_from_file, with_inertia
-from .lammps_file import build_state, packing_from_table, pairs_from_table
+from .files import build_state, capture_warnings, chosen_law, lammps_law, law_from_file, with_inertia
+from .lammps_file import packing_from_table, pairs_from_table
 from .lammps_folder import read_folder
 from .lammps_text import Table, parse_step
 

@@ -17,7 +17,7 @@ from ...core.readable import pluralize
 from ...core.state import SLIDE
 from ...core.text import parse_integer, parse_numbers
 from ...known import HARMLESS, USED, group_of
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
 from .columns import arrange_grains, identify_columns
 from .content import digits_note, first_lines, read_lines

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.io import mmwrite
 
 from ...core.arguments import checked
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 
 PARTS = ("data", "indices", "indptr", "shape")  # of a sparse matrix in compressed rows
 

@@ -14,7 +14,7 @@ import numpy as np
 from ...core.state import SLIDE
 from ...core.tables import split_rows, write_table
 from ...core.text import parse_numbers
-from ..atomic import replace_atomically
+from ..run_files import replace_atomically
 from ..sample import COLUMNS, NO_CONTACTS, Assumption, PackingError
 from .columns import LENGTHS, NEEDED, TIMES, identify_columns, packing_of_columns, plain_name
 from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines, split_frames

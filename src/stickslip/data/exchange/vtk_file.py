@@ -21,7 +21,7 @@ from ...core.readable import pluralize
 from ...core.reading import Budget, Reader
 from ...core.text import parse_numbers
 from ...extras import require
-from ..atomic import name_file_in_errors
+from ..run_files import name_file_in_errors
 from ..sample import Assumption, PackingError
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state, read_content

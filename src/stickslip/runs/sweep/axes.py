@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from ...core.sizes import MOST
+from ...core.progress import MOST
 from ...core.tables import read_table, split_label
 from ...core.text import parse_number
 from ...data.schema import (

@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.arguments import checked
+from ...core.progress import Size, require_sizes
 from ...core.readable import format_value, pluralize, readable
-from ...core.sizes import Size, require_sizes
 from ...core.text import shortened
-from ...data.law_file import trust_law_files, with_checksums
+from ...data.law_schema import trust_law_files, with_checksums
 from ...data.schema import LARGEST, ScenarioBase, ScenarioError, field_at, split_unit, validate_table, with_value
 from ...experiments.registry import read_tables, scenario, scenario_class
 from .axes import (
@@ -165,7 +165,13 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
     text = json.dumps(tables | {"sweep": table | ({"draws": draws} if draws else {})}, indent=1, default=str)
     axes = tuple(make_axis(key, entry, base.get("seed", 0), options, draws) for key, entry in entries.items())
     if options.mode == "zip":
-        _check_same_length(axes)
+        side = [axis for axis in axes if axis.kind != "count"]
+        for axis in side[1:]:
+            if len(axis.values) != len(side[0].values):
+                raise ScenarioError(
+                    f"sweep.{side[0].key} has {len(side[0].values)} values and sweep.{axis.key} {len(axis.values)}: in "
+                    "zip mode, all keys need the same number of values"
+                )
     chosen = _select_points(Sweep(base, axes, options.mode, text), options)
     require_sizes([Size("[sweep] defines", chosen.count, "members", FEWER)], ScenarioError)
     return chosen
@@ -271,16 +277,6 @@ def _sample(axis: Axis, share: np.ndarray) -> tuple:
     if axis.values:
         return tuple(axis.values[int(s * len(axis.values))] for s in share)
     return quantiles(axis.kind, axis.parameters, share)
-
-
-def _check_same_length(axes: tuple[Axis, ...]) -> None:
-    side = [axis for axis in axes if axis.kind != "count"]
-    for axis in side[1:]:
-        if len(axis.values) != len(side[0].values):
-            raise ScenarioError(
-                f"sweep.{side[0].key} has {len(side[0].values)} values and sweep.{axis.key} {len(axis.values)}: in "
-                "zip mode, all keys need the same number of values"
-            )
 
 
 LONGEST, DEEPEST = 1000, 50  # characters of a condition, and levels of parentheses and operators

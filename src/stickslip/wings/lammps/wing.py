@@ -6,6 +6,6 @@ WING = Wing(
     package=__package__,
     words="LAMMPS as an engine, and watching its runs",
     commands="commands",
-    fault="process.load_error",
+    fault="run.load_error",
     pages=("lammps",),
 )

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, Paper, attach, lazy_function
+from ....kit import Experiment, Paper, attach, lazy_function, lazy_functions
 from ..friction.laws import REFERENCES
 from .scenario import FaultScenario
 
@@ -35,11 +35,8 @@ EXPERIMENT = Experiment(
     scenario=FaultScenario,
     words="earthquake cycles on a straight fault",
     simulate=_here("simulate.simulate_cycles"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
-    files=_here("report.files"),
     writes=(
         r"events\.csv",
         r"(fltst_dp|srfst_fn[+-])\d+(\.\d+)?\.txt",

@@ -27,9 +27,8 @@ from ....kit import (
 )
 from ..friction.fault import Fault
 from ..friction.fault_cycles import FaultHistory
-from ..friction.fault_events import FaultEvents
-from ..friction.fault_record import YEAR, origin_of_value
-from ..friction.measure import repeated_slip
+from ..friction.fault_record import YEAR, FaultEvents, origin_of_value
+from ..friction.laboratory import repeated_slip
 from ..rate_state.report import compare_cycles
 from . import figures as figures_of
 from .simulate import FaultResult
@@ -236,7 +235,11 @@ def show(result: FaultResult) -> None:
     if len(events.start):
         show_table(_table_of_events(events))
         show_table(_table_of_sources(result))
-        show_table(_table_of_energies(events))
+        names = ("released", "frictional", "fracture", "radiated")
+        table = new_table("year", *(f"{name} [GJ]" for name in names), title="Energies for each metre along strike")
+        for k in range(min(SHOWN, len(events.start))):
+            table.add_row(_year_of(events, k), *(f"{getattr(events, name)[k] / 1e9:.4g}" for name in names))
+        show_table(table)
     if len(events.start) > SHOWN:
         console.print(f"  and {len(events.start) - SHOWN} more")
     for sentence in remarks(result):
@@ -290,14 +293,6 @@ def _table_of_sources(result: FaultResult):
     for k in range(min(SHOWN, len(events.start))):
         cells = f"{moments[0, k]:.3e}", *(f"{m:.2f}" for m in moments[1:, k]), *map(_known, drops[:, k])
         table.add_row(_year_of(events, k), *cells)
-    return table
-
-
-def _table_of_energies(events: FaultEvents):
-    names = ("released", "frictional", "fracture", "radiated")
-    table = new_table("year", *(f"{name} [GJ]" for name in names), title="Energies for each metre along strike")
-    for k in range(min(SHOWN, len(events.start))):
-        table.add_row(_year_of(events, k), *(f"{getattr(events, name)[k] / 1e9:.4g}" for name in names))
     return table
 
 

@@ -8,8 +8,7 @@ import numpy as np
 from ....kit import Report, ScenarioError, checked, checkpoint_in, result_of, silent, within
 from ..friction.fault import Fault, profile
 from ..friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
-from ..friction.fault_events import FaultEvents, moment_magnitude
-from ..friction.fault_record import YEAR, Recording
+from ..friction.fault_record import YEAR, FaultEvents, Recording, moment_magnitude
 from ..friction.fault_state import FaultState, initial_state
 from ..friction.stability import Nucleation, nucleation
 from ..friction.stress_transfer import Injection, Oscillation, StressTable

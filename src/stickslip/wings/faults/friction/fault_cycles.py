@@ -11,8 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ....kit import Report, check_types, checked, readable, require_positive, require_shape, silent, units_of
 from .fault import Fault, check_fault, check_normal
-from .fault_events import FaultEvents
-from .fault_record import YEAR, Moment, Recorder, Recording
+from .fault_record import YEAR, FaultEvents, Moment, Recorder, Recording
 from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_state, initial_state
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Series, check_types, checked, readable, require_positive
+from ....kit import Selfcheck, Series, check_types, checked, readable, require_positive
 from . import laws
 from .laws import EVOLUTIONS, FORMS
-from .loads import LoadStep, check_times, leg_arrays
+from .loads import LoadStep, check_times, leg_arrays, slide_hold_slide
 
 EARLY, POINTS = 1e-5, 60  # default times of a leg: first fraction of it, and number on a logarithmic and a linear grid
 
@@ -320,3 +320,14 @@ def _above(rs: RateState, old: float, new: float, slip, dc: float):
     """ln(θ V2/D_c) after slip x."""
     fading = np.exp(-np.asarray(slip, float) / dc)
     return np.log(new / old) * fading if rs.law == "slip" else np.log1p((new / old - 1) * fading)
+
+
+def selfchecks() -> dict[str, Selfcheck]:
+    """Friction right after a hold, from the slip law with the parameters of Ferdowsi & Rubin 2021."""
+    surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
+    legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
+    history = spring_slider(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))
+    measured = float(history.friction.min())
+    return {
+        "rate and state, after a hold": Selfcheck(measured, 0.27764026555526716, 1e-6, "tolerance of the integrator")
+    }

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, attach, lazy_function
+from ....kit import Experiment, attach, lazy_function, lazy_functions
 from ..friction.laws import REFERENCES
 from .scenario import RateStateScenario
 
@@ -23,12 +23,9 @@ EXPERIMENT = Experiment(
     scenario=RateStateScenario,
     words="a spring-slider with rate-and-state friction",
     simulate=_here("simulate.simulate_slider"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"series\.csv",),
     compare=_here("report.compare"),
     compares=("cycles.png",),

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ....kit import Comparison, Measures, Quantity, SweepMember, archive, archive_fields, console, new_table, show_table
-from ..friction.laboratory import LabRecord, write_csv
-from ..friction.measure import passing_velocity, recurrence, repeated_slip
+from ..friction.laboratory import LabRecord, passing_velocity, recurrence, repeated_slip, write_csv
 from ..friction.ratestate import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult

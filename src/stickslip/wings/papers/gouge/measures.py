@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ....kit import checked
+from ...faults.friction.laboratory import Mean, steady_mean
 from ...faults.friction.loads import LoadStep
-from ...faults.friction.measure import Mean, steady_mean
 from ...faults.friction.model import Data
 from .protocol import Realization, Test
 from .simulate import GougeResult
@@ -27,7 +27,7 @@ def steady_friction(found: Realization, velocity: float, window: float) -> Mean 
 
     The mean is over the last two windows [m] of the preparation, slides that continued at this velocity, and the second
     halves of slides and steps that changed to it. The error accounts for the correlation of friction along the
-    slip; see `friction.measure.steady_mean`.
+    slip; see `friction.steady_mean`.
     """
     pieces = _steady_pieces(found, velocity, window, "friction")
     return steady_mean(np.concatenate(pieces)) if pieces else None

@@ -14,7 +14,7 @@ from .... import State, run
 from ....kit import Checkpoint, Engine, Leg, Report, factors_at, load_or_compute, within
 from ....measure import elastic_energy, overlaps, stable_time_step, touching
 from ....results import Record
-from ...faults.friction.measure import steady_mean
+from ...faults.friction.laboratory import steady_mean
 from .sample import BOTTOM, TOP, Gouge, Range, attach_spring, gouge_law, make_range, prepare_sample, stiffness
 from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 

@@ -248,7 +248,13 @@ def show(result: GougeResult) -> None:
     STEADY.show_rows(_friction(result))
     if slides := _reslides(result):
         RESLIDE.show_rows(slides, title="Slides after holds")
-    _show_slips(result)
+    slips = _slips(result)
+    if len(slips.time):
+        console.print(
+            f"Stick–slip: {pluralize(len(slips.time), 'slip')} faster than {result.scenario.slip_threshold:g} times "
+            f"the load point. Friction drops by {np.median(slips.drop):.3g} (median), at most {slips.drop.max():.3g}; "
+            f"the plate reaches {(slips.velocity / slips.load_velocity).max():.3g} times the load point's velocity."
+        )
     k = normalised_stiffness(scenario)
     console.print(
         f"Stiffness: k = {k['per_area']:.3g} Pa/m, k/σ = {k['per_stress']:.4g} 1/m, k D/σ = {k['grain']:.3g}, "
@@ -303,13 +309,3 @@ MEASURES = Measures([
     Quantity("largest_friction_drop", "1", "largest decrease of friction in a slip",
              lambda result: _slips(result).drop.max(initial=0.0)),
 ])  # fmt: skip
-
-
-def _show_slips(result: GougeResult) -> None:
-    slips = _slips(result)
-    if len(slips.time):
-        console.print(
-            f"Stick–slip: {pluralize(len(slips.time), 'slip')} faster than {result.scenario.slip_threshold:g} times "
-            f"the load point. Friction drops by {np.median(slips.drop):.3g} (median), at most {slips.drop.max():.3g}; "
-            f"the plate reaches {(slips.velocity / slips.load_velocity).max():.3g} times the load point's velocity."
-        )

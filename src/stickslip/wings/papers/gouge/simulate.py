@@ -50,12 +50,12 @@ from ....kit import (
     within,
 )
 from ....results import Record
-from ...lammps.process import require_lammps
 from ...lammps.run import (
     clear_legs,
     lammps_engine,
     leg_folder,
     read_leg,
+    require_lammps,
     restart_path,
     with_records,
     write_scripts,

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function, lazy_functions
 from .scenario import CyclicShearScenario
 
 _here = partial(lazy_function, __name__)
@@ -20,12 +20,9 @@ EXPERIMENT = Experiment(
     scenario=CyclicShearScenario,
     words="cyclic shear of soils: modulus reduction, damping ratio, hysteresis loops",
     simulate=_here("simulate.simulate_cyclic_shear"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("measures.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"(cycles|series)\.csv",),
     smallest=SMALLEST,
 )

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function, lazy_functions
 from .scenario import ElementTestScenario
 
 _here = partial(lazy_function, __name__)
@@ -27,15 +27,12 @@ EXPERIMENT = Experiment(
     scenario=ElementTestScenario,
     words="element tests of soils: triaxial, oedometric, undrained, simple shear",
     simulate=_here("simulate.simulate_element_test"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("measures.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"(series|probes|envelopes)\.csv",),
     overlay=_here("laboratory.overlay"),
-    compare=_here("envelope.compare"),
+    compare=_here("report.compare"),
     compares=("mohr.png", "mohr.csv"),
     smallest=SMALLEST,
 )

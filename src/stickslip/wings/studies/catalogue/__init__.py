@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function, lazy_functions
 from .scenario import CatalogueScenario
 
 _here = partial(lazy_function, __name__)
@@ -28,12 +28,9 @@ EXPERIMENT = Experiment(
     scenario=CatalogueScenario,
     words="events of sheared packings, and what announces them",
     simulate=_here("simulate.simulate_catalogue"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"(events|steps)\.csv",),
     smallest=(SMALLEST,),
 )

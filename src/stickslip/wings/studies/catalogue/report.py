@@ -7,9 +7,8 @@ import numpy as np
 from ....kit import Measures, Quantity, archive_fields, console, median, new_table, pluralize, show_table
 from ....results import EventKind
 from . import figures as figures_of
-from .predictors import PREDICTORS, Skill, skills
 from .simulate import CatalogueResult
-from .tables import Table, event_table, step_table, write_table
+from .tables import PREDICTORS, Skill, Table, event_table, skills, step_table, write_table
 
 KINDS = tuple(kind.name.lower() for kind in EventKind)
 
@@ -115,12 +114,6 @@ def show(result: CatalogueResult) -> None:
     for kind, number in class_counts(event_table(result.samples)).items():
         table.add_row(EventKind[kind.upper()].value, str(number))
     show_table(table)
-    _show_skills(result)
-    for failure in result.failures:
-        console.print(failure, style="yellow")
-
-
-def _show_skills(result: CatalogueResult) -> None:
     title = f"Announcements of an event within a strain of {result.scenario.shear.window:g}"
     table = new_table("predictor", "area under ROC", "95 % interval", "steps", title=title, left=("predictor",))
     for skill in predictor_skills(result):
@@ -128,3 +121,5 @@ def _show_skills(result: CatalogueResult) -> None:
         area = f"{skill.roc.area:.3f}" if np.isfinite(skill.roc.area) else "–"
         table.add_row(PREDICTORS[skill.predictor][1], area, interval, str(skill.steps))
     show_table(table)
+    for failure in result.failures:
+        console.print(failure, style="yellow")

@@ -1,17 +1,21 @@
-"""Tables of events and of strain steps: dictionaries of columns, and CSV files with units in the header.
+"""Tables of events and of strain steps, and the skill of quantities that may announce an event.
+
+Tables are dictionaries of columns, and CSV files with units in the header. Skill is measured by receiver operating
+characteristics with intervals.
 
 Every table has the column `sample`, the seed of the packing. Columns with several values for each event, such as the
 eigenvalue at several distances, are arrays with two dimensions; in a file they are spread over numbered columns.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from .... import kit
-from ....kit import EVENT_RATIO, Fields, checked, current_units, heading_of, in_units, split_label, units_of
+from ....kit import EVENT_RATIO, Fields, checked, current_units, heading_of, in_units, readable, split_label, units_of
 from ....results import Event, StrainStep
 
 Table = dict[str, np.ndarray]
@@ -124,3 +128,152 @@ def stack_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
 def rows_of(table: Table, rows) -> Table:
     """Select rows of all columns."""
     return {name: values[rows] for name, values in table.items()}
+
+
+# columns of the steps: whether an event is expected for large values (1) or for small ones (−1), and words
+PREDICTORS = {
+    "softest": (-1, "smallest real eigenvalue"),
+    "nonaffine_rate": (1, "|dq/dγ| of the non-affine motion"),
+    "growth": (1, "growth rate of the fastest pair"),
+    "tangent_modulus": (-1, "tangent shear modulus"),
+    "switch": (-1, "switch test: smallest eigenvalue with one mobilised contact set to slide"),
+    "loss_ahead": (-1, "strain to the first loss of a contact that leaves an unstable state"),
+}
+LARGEST = 1e300  # in place of infinite values, so that they are equal to each other
+RESAMPLES = 1000
+LEVEL = 0.95  # of intervals and bands
+GRID = np.linspace(0, 1, 101)  # shares of false alarms at which bands are computed
+
+
+@readable(head=lambda r: f"area {r.area:.3f}")
+class Roc(NamedTuple):
+    """Receiver operating characteristic: what is announced as the threshold falls.
+
+    Each point is the share of announced steps among those that an event follows (`hits`) and among all others
+    (`false_alarms`). The area is the probability that of two random steps, one of each kind, the first has the larger
+    score; ties count one half.
+    """
+
+    false_alarms: np.ndarray  # (T,) from 0 to 1
+    hits: np.ndarray  # (T,) from 0 to 1
+    area: float  # 1/2 without skill; NaN if all steps, or none, are followed by an event
+
+
+@checked
+def roc(score: np.ndarray, followed: np.ndarray, weight: np.ndarray | None = None) -> Roc:
+    """Receiver operating characteristic of a score.
+
+    Parameters
+    ----------
+    score : (S,) larger where an event is expected
+    followed : (S,) bool, whether an event follows
+    weight : (S,) number of times that each step counts; default 1
+
+    Source
+    ------
+    Hanley & McNeil 1982, doi:10.1148/radiology.143.1.7063747: the area is the statistic of Mann and Whitney.
+
+    Examples
+    --------
+    >>> roc([3.0, 2.0, 1.0, 0.0], [True, False, True, False]).area
+    0.75
+    """
+    score = np.asarray(score, float)
+    if not len(score) == len(followed) or not np.isfinite(score).all():
+        raise ValueError(f"score has {len(score)} entries and followed {len(followed)}: give finite numbers, one each")
+    return _curve(*_ranking(score), np.asarray(followed, bool), np.ones(len(score)) if weight is None else weight)
+
+
+def _ranking(score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the order of falling scores, and the last place of each group of equal scores in that order."""
+    order = np.argsort(-score, kind="stable")
+    return order, np.flatnonzero(np.diff(score[order], append=np.nan) != 0)
+
+
+def _curve(order: np.ndarray, last: np.ndarray, followed: np.ndarray, weight: np.ndarray) -> Roc:
+    hits, false_alarms = (
+        np.concatenate([[0.0], np.cumsum(np.where(kind, weight, 0.0)[order])[last]]) for kind in (followed, ~followed)
+    )
+    if not hits[-1] or not false_alarms[-1]:
+        return Roc(np.array([0.0, 1.0]), np.full(2, np.nan), np.nan)
+    hits, false_alarms = hits / hits[-1], false_alarms / false_alarms[-1]
+    return Roc(false_alarms, hits, float(np.trapezoid(hits, false_alarms)))
+
+
+@readable(head=lambda s: f"{s.predictor}, area {s.roc.area:.3f} ({s.low:.3f} to {s.high:.3f})")
+class Skill(NamedTuple):
+    """Skill of one predictor, with 95 % intervals from resampled packings."""
+
+    predictor: str
+    roc: Roc
+    low: float  # interval of the area; NaN with fewer than two packings
+    high: float
+    band: np.ndarray  # (2, 101) interval of the hits at the shares of false alarms 0, 0.01, …, 1
+    steps: int  # steps with a value
+    followed: int  # steps that an event follows within the window
+    packings: int
+
+
+@checked
+def resampled_skill(
+    predictor: str, score: np.ndarray, followed: np.ndarray, sample: np.ndarray, *, resamples: int = RESAMPLES, seed=0
+) -> Skill:
+    """Skill of a score, with intervals from a bootstrap over whole packings.
+
+    Neighbouring steps of a packing are similar, so they are not independent observations. Each resample therefore
+    draws packings with replacement, and every step of a packing counts as often as its packing was drawn.
+
+    Parameters
+    ----------
+    score, followed : as in `roc`
+    sample : (S,) number of the packing of each step
+    """
+    order, last = _ranking(score)
+    whole = _curve(order, last, followed, np.ones(len(score)))
+    blocks, block = np.unique(sample, return_inverse=True)
+    areas, hits = np.full(resamples, np.nan), np.full((resamples, len(GRID)), np.nan)
+    rng = np.random.default_rng(seed)
+    for k in range(resamples if len(blocks) > 1 else 0):
+        drawn = rng.multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)))
+        curve = _curve(order, last, followed, drawn[block].astype(float))
+        areas[k], hits[k] = curve.area, np.interp(GRID, curve.false_alarms, curve.hits)
+    good = np.isfinite(areas)
+    ends = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+    low, high = np.quantile(areas[good], ends) if good.any() else (np.nan, np.nan)
+    band = np.quantile(hits[good], ends, axis=0) if good.any() else np.full((2, len(GRID)), np.nan)
+    return Skill(predictor, whole, float(low), float(high), band, len(score), int(followed.sum()), len(blocks))
+
+
+def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAMPLES) -> list[Skill]:
+    """Skill of every predictor for an event within the next `window` of strain.
+
+    A step counts if an event follows within the window, or if the path of its packing continues beyond the window.
+    Steps at which a predictor has no value (NaN) do not count for this predictor.
+    """
+    followed, known = label_steps(steps, events, window)
+    out = []
+    for name, (sign, _) in PREDICTORS.items():
+        rows = known & ~np.isnan(steps[name])
+        if rows.any():
+            score = sign * np.clip(steps[name][rows], -LARGEST, LARGEST)
+            out.append(resampled_skill(name, score, followed[rows], steps["sample"][rows], resamples=resamples))
+    return out
+
+
+def label_steps(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether an event follows each step within a window of strain, and whether that is known."""
+    followed, known = np.zeros(len(steps["strain"]), bool), np.zeros(len(steps["strain"]), bool)
+    reach = window * (1 + 1e-9)
+    for rows, at in _by_sample(steps, events):
+        strain = steps["strain"][rows]
+        following = np.append(at, np.inf)[np.searchsorted(at, strain, side="right")]
+        followed[rows] = following - strain <= reach
+        end = max(strain[-1], at[-1] if len(at) else -np.inf)
+        known[rows] = followed[rows] | (strain + window <= end + 1e-9 * window)
+    return followed, known
+
+
+def _by_sample(steps: Table, events: Table) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the rows of the steps of each packing, and the sorted strains of its events."""
+    for packing in np.unique(steps["sample"]):
+        yield np.flatnonzero(steps["sample"] == packing), np.sort(events["strain"][events["sample"] == packing])

@@ -3,7 +3,7 @@
 from functools import partial
 
 from .... import examples
-from ....kit import Experiment, attach, lazy_function
+from ....kit import Experiment, attach, lazy_function, lazy_functions
 from .scenario import FailureScenario
 
 _here = partial(lazy_function, __name__)
@@ -24,12 +24,9 @@ EXPERIMENT = Experiment(
     scenario=FailureScenario,
     words="when a packing from a file fails: first pair, first event, forecasts",
     simulate=_here("simulate.simulate_failure"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"(curve|pairs|events|contacts|forecasts)\.csv",),
     smallest=(SMALLEST,),
     parallel=False,

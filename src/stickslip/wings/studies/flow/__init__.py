@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function, lazy_functions
 from .scenario import FlowScenario
 
 _here = partial(lazy_function, __name__)
@@ -46,12 +46,9 @@ EXPERIMENT = Experiment(
     scenario=FlowScenario,
     words="granular flows: pouring, walls, plates and gates, in stages",
     simulate=_here("simulate.simulate_on_workers"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"series\.csv",),
     smallest=(SETTLING, SHEARED),
     export=_here("stages.export"),

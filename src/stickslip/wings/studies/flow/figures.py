@@ -70,7 +70,10 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
         corners = np.array([low, [high[0], tops[k // columns]]])
         away = int(outside(place[:, :2], *corners).sum())
         drawn = draw_grains_by_speed(axes, state, place, loose, top)
-        _draw_walls(axes, state)
+        # lines where walls intersect the plane of the drawing; walls parallel to it are omitted
+        for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
+            if np.hypot(normal[0], normal[1]) > 1e-9:
+                axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
         axes.set(xlim=corners[:, 0], ylim=corners[:, 1], aspect="equal")
         time = with_unit(f"{state.time:.4g}", "time", unnamed="time units")
         words = f"{'; ' if columns == 1 else chr(10)}{outside_words(away)}" if away else ""
@@ -112,13 +115,6 @@ def _view_limits(result, shown, places, zoom):
     for k in np.flatnonzero(periodic[:2]):
         low[k], high[k] = 0.0, result.frames[0].cell.vectors[k, k]
     return zoomed(np.array([low, high]), np.concatenate(places)[:, :2], zoom)
-
-
-def _draw_walls(axes, state) -> None:
-    """Draw lines where walls intersect the plane of the drawing; walls parallel to it are omitted."""
-    for point, normal in zip(state.walls.point, state.walls.normal, strict=True):
-        if np.hypot(normal[0], normal[1]) > 1e-9:
-            axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
 
 
 @styled

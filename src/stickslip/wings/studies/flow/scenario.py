@@ -292,7 +292,7 @@ class FlowScenario(ScenarioBase):
             if plate.force is not None and plate.pressure is not None:
                 raise ValueError(f"plate {plate.name!r} has both a force and a pressure: give only one of them")
         for body in bodies:
-            if _has_force(body):
+            if body.force is not None or getattr(body, "pressure", None) is not None:
                 _check_control(body, body.velocity, "")
         return self
 
@@ -325,10 +325,6 @@ class FlowScenario(ScenarioBase):
 def _check_components(name: str, vector: tuple, dim: int) -> None:
     if len(vector) != dim:
         raise ValueError(f"{name} has {len(vector)} components, but grains.dim = {dim}: give {dim}")
-
-
-def _has_force(body: FlatWall | Plate) -> bool:
-    return body.force is not None or getattr(body, "pressure", None) is not None
 
 
 def force_axis(body: FlatWall | Plate) -> str | None:

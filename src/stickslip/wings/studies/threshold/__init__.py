@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ....kit import Experiment, attach, law_references, lazy_function
+from ....kit import Experiment, attach, law_references, lazy_function, lazy_functions
 from .scenario import ThresholdScenario
 
 _here = partial(lazy_function, __name__)
@@ -37,12 +37,9 @@ EXPERIMENT = Experiment(
     scenario=ThresholdScenario,
     words="static and kinetic friction of an array, a packing or gouge",
     simulate=_here("simulate.simulate_threshold"),
-    numbers=_here("report.numbers"),
+    **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
-    show=_here("report.show"),
-    figures=_here("report.figures"),
     references=references,
-    files=_here("report.files"),
     writes=(r"threshold\.csv",),
     smallest=SMALLEST,
 )
