@@ -206,7 +206,7 @@ def refused(tmp_path):
         ("open", [], "periodic cell"),
         ("fine", ["--until", "soon"], "first-pair, first-event or a strain"),
         ("fine", ["--until", "0"], "other than zero"),
-        ("fine", ["--until", "nan"], "first-pair"),
+        ("fine", ["--until", "nan"], "'first-event', or a finite number"),
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
         ("fine", ["--until", "1e-3", "--step", "1e-2"], "use one between"),
         ("fine", ["--step", "-1"], "step"),
