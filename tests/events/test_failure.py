@@ -3,6 +3,8 @@
 import csv
 import json
 import warnings
+from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import stickslip as ss
 from stickslip.data.checkpoint import Checkpoint
 from stickslip.figures import failure_path
 from stickslip.loading.event_path import CONTACT, PAIR, SADDLE, Signs, extrapolations, forecast
-from stickslip.loading.failure import PathStep
+from stickslip.loading.failure import PathStep, signs_of
 from stickslip.loading.protocols import bisect_change
 from stickslip.loading.settling import deformation
 from stickslip.modes import UnstableEquilibriumWarning
@@ -82,6 +84,27 @@ def test_a_packing_that_is_unloaded_falls_apart():
     state = packing(SHARP, 3, 0.845)
     path = ss.protocols.shear_to_failure(state, SHARP, until=-1.0, step=0.02, mode="isotropic")
     assert "fell apart" in path.end and path.steps[-1].pressure < 1e-9 * path.steps[0].pressure
+
+
+def test_changes_of_contacts_are_those_of_the_states():
+    """The twin compares pairs of grains that touch, rattlers left out, and the modes of their contacts."""
+    path = ss.protocols.shear_to_failure(packing(SHARP, 8, 0.88), SHARP, until=4e-2, step=2e-3)
+    seen = set()
+    for a, b in pairwise(path.steps):
+        old, new = bearing(a.state), bearing(b.state)
+        twin = {(0, *key) for key in old.keys() - new.keys()} | {(1, *key) for key in new.keys() - old.keys()}
+        both = [key for key in old.keys() & new.keys() if old[key] != new[key]]
+        twin |= {(2 if new[key] == ss.SLIDE else 3, *key) for key in both}
+        assert set(map(tuple, b.changes.tolist())) == twin
+        seen |= {change for change, *_ in twin}
+    assert seen == {0, 1, 2, 3}
+
+
+def bearing(state):
+    """Modes of the contacts that touch, by their grains, without those of rattlers."""
+    loose, contacts = ss.measure.rattlers(state), state.contacts
+    rows = [row for row in ss.measure.touching(state) if not (loose[contacts.i[row]] or loose[contacts.j[row]])]
+    return {(int(contacts.i[row]), int(contacts.j[row])): int(contacts.mode[row]) for row in rows}
 
 
 def test_the_first_pair_is_that_of_a_bisection_by_hand():
@@ -206,7 +229,7 @@ def refused(tmp_path):
         ("open", [], "periodic cell"),
         ("fine", ["--until", "soon"], "first-pair, first-event or a strain"),
         ("fine", ["--until", "0"], "other than zero"),
-        ("fine", ["--until", "nan"], "first-pair"),
+        ("fine", ["--until", "nan"], "'first-event', or a finite number"),
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
         ("fine", ["--until", "1e-3", "--step", "1e-2"], "use one between"),
         ("fine", ["--step", "-1"], "step"),
@@ -253,3 +276,13 @@ def test_nothing_is_forecast_from_a_flat_or_short_path():
     assert (
         forecast(signs(strain)) == forecast(rising) == forecast(signs(strain[:1])) == forecast(signs(strain[:0])) == []
     )
+
+
+def test_forecasts_begin_anew_after_an_event():
+    """What was measured before a jump says nothing about the next one; events before it still count."""
+    parts = {"softest": 1.0, "loss_ahead": np.inf, "couples": np.zeros((0, 3)), "pairs": 0}
+    steps = [SimpleNamespace(strain=-k, events=(), **parts) for k in range(6)]
+    steps[1].events = (SimpleNamespace(strain=0.5),)
+    steps[3].events = (SimpleNamespace(strain=2.5),)
+    found = signs_of(steps)
+    assert found.strain.tolist() == [3, 4, 5] and found.events.tolist() == [0.5, 2.5]

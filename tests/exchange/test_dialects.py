@@ -55,6 +55,9 @@ def test_queries_of_edem_are_columns(below, tmp_path):
         (f"3\n3 2\n1 1\n1 2\n{LATTICE}\nT T T\n{ROWS}\n", "has 3 spheres, and 2 of all kinds"),
         ("N = 3 ,L = 4 ,L1= { 4 , 0 } ,L2= { 1 , 4 } ,P = 1 ,\n{\n0 , 0 , 1 ,\n}\n", "has 3 numbers for 3 disks"),
         ("N = 3 ,L = 4 ,L1= { 4 , 0 } ,L2= { 1 , 4 } ,P = 1 ,\n{\n0 , 0 , 1 ,\n", "is truncated: N, L1, L2"),
+        (f"Version 2.0\nDimension: 3\nParticles: 4\nCoordinates: T\nDiameter: F 1\n{ROWS}\n", "has 3 rows for 4"),
+        (f"Version 2.0\nDimension: 3\nParticles: 3\nCoordinates: T\nDiameter: T\n{ROWS}\n", "fewer numbers than its 4"),
+        (f"Version 4.0\nCoordinates: T\n{ROWS}\n", "has version 4.0 of MFIX"),
     ],
 )
 def test_damaged_text_of_other_programs(text, message, tmp_path):
@@ -94,3 +97,49 @@ def test_packings_of_jambashbulk(tmp_path):
         np.testing.assert_array_equal(state.grains.radius, DIAMETER / 2)
         np.testing.assert_array_equal(state.cell.vectors[:2, :2], [[4, 0], [0.5, 4]])
         assert state.cell.dim == 2 and state.cell.periodic[:2].all()
+
+
+MFIX = "Version 2.0\n# Dimension: 2D or 3D\n# Particles: how many\nDimension: 3\nParticles: 3\n" + (
+    "Coordinates: T\nPhase_ID: F 1\nDiameter: T\nDensity: F 2500.0\nVelocity: F 0.0 0.0 2.5\nTemperature: F 300\n"
+    "# x y z d\n"
+)
+
+
+def test_packings_of_mfix(tmp_path):
+    """With a header, properties are columns or one value for all; without, as a table of x y z r rho vx vy vz."""
+    bare = "\n".join(f"{x} {y} {z} {d / 2} 2500 0 0 2.5" for (x, y, z), d in zip(PLACE, DIAMETER, strict=True))
+    for text in (MFIX + SIZED.replace("1.25", "1.25D0") + "\n", bare + "\n"):
+        state = read(tmp_path, text).state
+        np.testing.assert_array_equal(state.grains.position, PLACE)
+        np.testing.assert_array_equal(state.grains.radius, DIAMETER / 2)
+        np.testing.assert_allclose(state.grains.mass, 2500 * np.pi / 6 * DIAMETER**3)
+        assert (state.grains.velocity == [0, 0, 2.5]).all()
+    plane = "0 0 .5 2 1 0\n.9 0 .5 2 1 0\n"
+    assert read(tmp_path, plane).state.grains.mass == pytest.approx([np.pi / 2] * 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "place"),
+    [
+        ("1 0 0 .5\n2 1 0.1 .5\n", "id x y radius is assumed", [1, 0.1, 0]),
+        ("0 0 0 .5\n1 0 0 .5\n", "x y z radius is assumed", [1, 0, 0]),  # grains in a line
+        ("0 0 0 .5\n1 0 0.1 .5\n", "x y z radius is assumed", [1, 0, 0.1]),
+        ("1 1 0 0 .5 0\n1 2 1 0.1 .5 1\n", "frame id x y radius edge is assumed", [1, 0.1, 0]),
+        ("id,x,y,z,r\n4,0,0,0,.5\n4,1,0,0,.5\n", "has grain 4 2 times: its ids are not used", [1, 0, 0]),
+        ("id,x,y,z,r\n1,0,0,0,.5\n.5,1,0,0,.5\n", "has ids that are not whole numbers", [1, 0, 0]),
+        ("x [mm],y [mm],r [m]\n0,0,.5e-3\n1,0,.5e-3\n", "in several units: r [m] converted to mm", [1, 0, 0]),
+        ("x,y,r\n0,0,.5\n1,0,.5\nSum,,1\n", "its last row, 'Sum,,1', is taken as a total", [1, 0, 0]),
+        ("x,y,r\n0,0,.5\n1,0,.5\n,,nan\n", "has 1 of 3 rows without a number", [1, 0, 0]),
+        ("2\n\nA 0 0 0 .5\nA 1 0 0 .5\n", "species x y z radius is assumed", [1, 0, 0]),
+    ],
+)
+def test_what_is_assumed_of_tables_is_said(text, said, place, tmp_path):
+    found = read(tmp_path, text)
+    assert any(said in note for note in found.assumed) and len(found.state.grains.radius) == 2
+    assert found.state.grains.position[1].tolist() == place and found.state.grains.radius == pytest.approx([0.5, 0.5])
+
+
+def test_steps_without_a_time_are_named(tmp_path):
+    """Grains that are listed once more lie on themselves."""
+    with pytest.raises(ss.packings.PackingError, match="has grain 1 2 times"):
+        read(tmp_path, "id,x,y,z,r\n" + "1,0,0,0,.5\n2,1,0,0,.5\n" * 2)

@@ -556,6 +556,13 @@ def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path
         "x\ty\tz\tr\n0\t0\t0\t0,5\n0,9\t0\t1\t0,5\n",
         "# x y z r\n0 0 0 0,5\n0,9 0 1 0,5\n",
         "0 0 0 0,5\n0,9 0,0 1 0,5\n",
+        "x_um,y_um,z_um,diameter_um\n0,0,0,1\n0.9,0,1,1\n",
+        "x [m],y [m],z [m],radius (mm)\n0,0,0,500\n0.9,0,1,500\n",
+        "Nr;x [µm];y [µm];z [µm];Durchmesser [µm]\n1;0;0;0;1\n2;0,9;0;1;1\n",
+        "1 0 0 0 0.5\n2 0.9 0 1 0.5\n",
+        "0,0,0,0,0.5\n1,0.9,0,1,0.5\n",
+        "2\nAtoms. Timestep: 100\n1 0 0 0 0.5\n1 0.9 0 1 0.5\n",
+        "x,y,z,r\n0,0,0,.5\nnan,,nan,\n0.9,0,1,.5\nTotal:,,,1\n",
     ],
 )
 def test_tables_under_their_usual_names(text, tmp_path):
@@ -571,14 +578,17 @@ def test_tables_under_their_usual_names(text, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x,y,z\n0,0,0\n", "it begins with 'x,y,z | 0,0,0'"),
+        ("x,y,z,size\n0,0,0,1\n", "has columns x y z size: no radii among them"),
+        ("2\n\nA 0 0 0\nA 1 0 0\n", "no radii after species x y z: add them as a fifth column"),
+        ("2 0 0 0 1\n4 5 6 0 1\n", "it begins with '2 0 0 0 1 | 4 5 6 0 1'"),
         ("1 2 3\n4 5 6\n", "it begins with '1 2 3 | 4 5 6'"),
         ("x y z r\n0 0 0\n", "has 3 entries in row 1, where its columns are 4"),
         ("x y z r\n0 0 0 one\n", "is not a number"),
         ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
         ("x y z r\n0 0 0 1", "ends in the middle of a line"),
         ("x;y;z;r\n0;1,900;0;1.500\n", "of which one may separate thousands: write all with points"),
-        ("x [mm],y [mm],z [mm],r [m]\n0,0,0,1\n", "has lengths in mm and m"),
+        ("x [mm],y [mm],z [mm],r [px]\n0,0,0,1\n", "has lengths in mm and px"),
+        ("x [mm],y [mm],z,r [m]\n0,0,0,1\n", "has lengths in mm and m"),
         ("\n\n", "it is empty"),
         ("x y z r\n", "at least one grain|empty|0 grains"),
     ],

@@ -219,6 +219,9 @@ def error_message(problem: ValidationError, kind: type[BaseModel], place: str = 
         message = f"it should have at least {least} {'entry' if least == 1 else 'entries'}"
     elif first["type"] == "tuple_type":
         message = "it should be a list"
+    elif first["type"] == "literal_error":  # of a key that may be a word or a number
+        others = [error["msg"] for error in errors[1:] if error["loc"][:-1] == first["loc"][:-1]]
+        message = ", or ".join([message, *(other.removeprefix("Input should be ") for other in others)])
     got = got if len(got) <= 100 else f"{got[:97]}…"
     return f"{name or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
 

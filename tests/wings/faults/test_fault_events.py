@@ -50,6 +50,15 @@ def test_cracks_have_their_uniform_stress_drop_by_all_definitions(more):
     assert (np.abs(errors[1]) < 0.6 * np.abs(errors[0])).all()
 
 
+def test_a_buried_crack_in_a_half_space_is_a_whole_one():
+    """Its constant is 4/π: its upper end does not move freely, as that of one at the surface does."""
+    fault = friction.line_fault(4e3, 50.0, a=0.01, b=0.0, dc=1.0, normal=50e6, plate_rate=0.0)
+    inside = (fault.depth > 2000.0) & (fault.depth < 3000.0)
+    slip = np.where(inside, 0.1, 0.0)
+    found = measure_source(fault, slip, at(0.0, 0 * slip), at(9.0, slip), np.where(inside, fault.depth, np.inf))
+    assert found["seismological_stress_drop"] == pytest.approx(4 / np.pi * fault.shear_modulus * 0.1 / 1000.0)
+
+
 def test_uniform_slip_between_plates():
     """D lowers the stress by G D/(2W) everywhere; without ends there is no crack of the same moment."""
     given = {"a": 0.01, "b": 0.0, "dc": 1.0, "normal": 50e6, "plate_rate": 1e-9}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ...known import HARMLESS, USED
-from ..sample import Assumption, Obstacle, PackingError, account_for
+from ..sample import COLUMNS, Assumption, Obstacle, PackingError, account_for
 from .content import HEAD, Packing, read_content
 
 PLACES = (
@@ -17,7 +17,7 @@ MOTIONS = ("v", "vel", "velo", "velocity", "velocities", "linvel", "linvelvec")
 TURNS = ("w", "omega", "spin", "angvel", "angvelvec", "angularvelocity")
 SINGLE = {
     "radius": ("r", "rad", "radius", "radii", "ballradius", "particleradius", "cradius"),
-    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter", "cdiameter"),
+    "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter", "cdiameter", "durchmesser"),
     "mass": ("m", "mass", "masses", "particlemass"),
     "density": ("rho", "density", "densities"),
     "id": ("id", "ids", "particleid", "ballid", "atomid"),
@@ -32,11 +32,36 @@ LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a 
 LENGTHS |= {*SINGLE["radius"], *SINGLE["diameter"]}
 CLOSE = 1e-3  # relative deviation of numbers with few digits
 NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
+UNIT = re.compile(r"[\[(](.*?)[\])]|[_ ](m|cm|mm|um|µm|μm|micron|nm)$", re.IGNORECASE)  # after the name of a column
+PHASES = 10  # kinds of grains in MFIX, each of one radius and density
 
 
 def plain_name(name: str) -> str:
-    """Name of a column in small letters, without units and punctuation: "Pos_X [mm]" becomes "posx"."""
-    return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*?[\])]", "", name.lower()))
+    """Name of a column in small letters, without units and punctuation: "Pos_X [mm]" and "pos_x_mm" become "posx"."""
+    return re.sub(r"[^a-z0-9]", "", UNIT.sub("", name.lower().strip()))
+
+
+def names_by_content(rows: np.ndarray) -> list[str] | None:
+    """Names of the columns of grains without names, by their content; None if they fit no known layout.
+
+    A column that counts the rows, from 0 or 1, has ids, unless the grains may stand in a line. Eight columns, or six in
+    a plane, are those of MFIX's particle_input.dat, version 1; other six are those of PeGS2 and RigidLibrary.
+    """
+    count, width = rows.shape
+    counts = count > 0 and rows[0, 0] in (0, 1) and bool((rows[:, 0] == rows[0, 0] + np.arange(count)).all())
+    if width == 5:
+        return ["id", "x", "y", "z", "radius"] if counts else None
+    if width == 4:
+        return (
+            ["id", "x", "y", "radius"] if counts and np.ptp(rows[:, 1:3], axis=0).all() else ["x", "y", "z", "radius"]
+        )
+    if width == 6 and (rows[:, :2] == np.round(rows[:, :2])).all() and np.isin(rows[:, 5], (-1, 0, 1)).all():
+        return ["frame", "id", "x", "y", "radius", "edge"]
+    size = width // 2 - 1  # the first of radius and density
+    if width in (6, 8) and (sizes := rows[:, size : size + 2]).min(initial=1.0) > 0:
+        names = [*"xyz"[:size], "radius", "density", *("vx", "vy", "vz")[:size]]
+        return names if len(np.unique(sizes, axis=0)) <= PHASES else None
+    return None
 
 
 def is_matlab(path: Path) -> bool:
@@ -103,6 +128,9 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     ids = known.get("id")
     if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):
         del known["id"]
+        value, times = max(zip(*np.unique(ids, return_counts=True), strict=True), key=lambda one: one[1])
+        why = f"has grain {value:g} {times} times" if times > 1 else "has ids that are not whole numbers"
+        notes.append(Assumption(f"{what} {why}: its ids are not used, and each row is taken as a grain", COLUMNS))
     ids, arrays, said = arrange_grains(what, known, more.get("dim", 3))
     types = arrays.pop("types", None)
     notes += [*said, *_notes_on_columns(what, columns, rest)]

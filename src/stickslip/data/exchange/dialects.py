@@ -1,6 +1,7 @@
-"""Packings of other programs in text with a layout of its own: EDEM's export, jamBashBulk, PackLSD.
+"""Packings of other programs in text with a layout of its own: EDEM's export, jamBashBulk, PackLSD, MFIX.
 
-Sources: the reader of EDEM's text in MUSEN; `Pack_Nomenclature.md` of jamBashBulk; A. Donev's instructions for PackLSD.
+Sources: the reader of EDEM's text in MUSEN; `Pack_Nomenclature.md` of jamBashBulk; A. Donev's instructions for PackLSD;
+the routine READ_PART_INPUT_V2P0 of MFIX.
 """
 
 import re
@@ -19,6 +20,13 @@ JAMBASH = re.compile(
     r"(?m)^N *= *(\d+) *, *L *=[^{}\n]*L1 *= *\{([^{}]*)\} *, *L2 *= *\{([^{}]*)\}[^{}\n]*\n?\s*\{([^{}]*)\}"
 )
 PACKLSD = re.compile(r"\A\s*[23][^\n\S]*(![^\n]*)?\n\s*\d+[^\n\S]+\d+[^\n\S]*(![^\n]*)?\n")
+
+MFIX = re.compile(r"\A\s*Version[ \t]+(\d+\.\d+)", re.IGNORECASE)
+MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)[^\s,]*[\s,]+(\d+)[^\n]*$")
+MFIX_OPTION = re.compile(
+    r"(?im)^[ \t\"]*(Coordinates|Phase_ID|Diameter|Density|Velocity)[^\s,]*[\s,]+\.?([TF])\w*\.?([^\n]*)$"
+)
+MFIX_NAMES = {"phase_id": ["type"], "diameter": ["diameter"], "density": ["density"]}  # vectors follow the dimension
 
 
 def recognize_edem(head: bytes) -> bool:
@@ -124,3 +132,37 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     notes = [Assumption(f"{path.name}: positions are assumed to be lengths, not lattice fractions", COLUMNS)]
     notes += [] if all(periodic[:dim]) else [Obstacle(f"hard walls of {path.name} (F) were not taken over")]
     return [packing._replace(notes=[*packing.notes, *notes])]
+
+
+def recognize_mfix(head: bytes) -> bool:
+    """Return True for MFIX's particle_input.dat with a header; version 1 has none and is a table."""
+    return bool(MFIX.match(head_text(head))) and bool(MFIX_OPTION.search(head_text(head)))
+
+
+def read_mfix(path: Path, frame: str | None = None) -> list[Packing]:
+    """Read a particle_input.dat of version 2.0: each property is a column (T) or one value for all grains (F)."""
+    only_state(path, frame)
+    text = read_lines(path)
+    if (version := MFIX.match(text)[1]) != "2.0":
+        raise PackingError(f"{path} has version {version} of MFIX's particle_input.dat: 2.0 is read, or a table")
+    numbers = {name.lower(): int(value) for name, value in MFIX_HEAD.findall(text)}
+    options = list(MFIX_OPTION.finditer(text))
+    dim, count = numbers.get("dimension"), numbers.get("particles")
+    rows = [line.split() for line in text[options[-1].end() :].split("\n")]
+    rows = [row for row in rows if row and re.fullmatch(r"[-+.\deEdD]+", row[0])]
+    if dim not in (2, 3) or len(rows) != count:
+        raise PackingError(f"{path} has {len(rows)} rows for {count} particles in {dim} dimensions: it is damaged")
+    names, columns = [], {}
+    for option in options:
+        name, given, rest = option[1].lower(), option[2].upper(), option[3].replace(",", " ").split()
+        each = MFIX_NAMES.get(name, [("v" if name == "velocity" else "") + axis for axis in "xyz"[:dim]])
+        if given == "T":
+            names += each
+        else:
+            columns |= dict(zip(each, np.outer(_parse(path, rest[: len(each)]), np.ones(count)), strict=False))
+    if any(len(row) < len(names) for row in rows):
+        raise PackingError(f"{path} has rows with fewer numbers than its {len(names)} columns: it is damaged")
+    values = _parse(path, [re.sub("[dD]", "e", word) for row in rows for word in row[: len(names)]])
+    columns |= dict(zip(names, values.reshape(count, -1).T, strict=True))
+    packing = packing_of_columns(columns, path.name, path.stem)
+    return [packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])]

@@ -71,6 +71,7 @@ FORMATS = (
     Format("EDEM's export", _here("dialects.recognize_edem"), _here("dialects.read_edem")),
     Format("jamBashBulk", _here("dialects.recognize_jambash"), _here("dialects.read_jambash")),
     Format("PackLSD", _here("dialects.recognize_packlsd"), _here("dialects.read_packlsd")),
+    Format("MFIX", _here("dialects.recognize_mfix"), _here("dialects.read_mfix")),
     Format("CSV, YADE and other tables", _here("table_file.recognize"), _here("table_file.read")),
 )
 

@@ -16,26 +16,49 @@ from ...core.tables import split_rows, write_table
 from ...core.text import parse_numbers
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, NO_CONTACTS, Assumption, PackingError
-from .columns import LENGTHS, NEEDED, TIMES, identify_columns, packing_of_columns, plain_name
-from .content import Packing, chosen_frames, extent_note, first_lines, head_text, only_state, read_lines, split_frames
+from .columns import LENGTHS, NEEDED, TIMES, UNIT, identify_columns, names_by_content, packing_of_columns, plain_name
+from .content import (
+    HEAD,
+    Packing,
+    chosen_frames,
+    extent_note,
+    first_lines,
+    head_text,
+    only_state,
+    read_content,
+    read_lines,
+    split_frames,
+)
 from .frame import Frame, exported, law_from_dict, law_to_dict, list_losses
 
 MERCURY = {  # numbers in the header, and columns of a row
     8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
     6: ["x", "y", "vx", "vy", "r", "a", "w", "info"],
 }  # fmt: skip
-NAMELESS = ["x", "y", "z", "radius"]
 COMMENT = ("#", "%")
+TOTALS = re.compile(r"(grand )?totals?|sums?|means?|averages?|mittelwert|summe|count|min|max|std|end", re.IGNORECASE)
+LAYOUTS = "x y z radius, id x y z radius or id x y radius with ids that count the rows, and those of MFIX and PeGS2"
 NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?|nan|[-+]?inf")
 
 
 def recognize(head: bytes) -> bool:
-    """Return True for a table whose first line names positions and radii, or has the four numbers of a sphere."""
-    lines = _content_lines(head_text(head)[:4000])
+    """Return True for a table whose first line names positions and radii, or with columns of grains without names."""
+    text = head_text(head)[:4000]
+    lines = _content_lines(text)
     if not lines:
         return False
     names = names_of(lines[0])
-    return len(_split(lines[0])) == 4 if names is None else has_grains(names) or lines[0].startswith("#format")
+    if names is not None:
+        return has_grains(names) or lines[0].startswith("#format")
+    width = len(_split(lines[0]))
+    if width == 4:
+        return True
+    whole = lines[: max(1, len(lines) - (not text.endswith("\n")))]  # the last line may be cut off
+    rows = [_split(line) for line in whole if names_of(line) is None]
+    if any(len(row) != width for row in rows):
+        return False
+    numbers = np.array([[float(word.replace(",", ".")) for word in row] for row in rows])
+    return names_by_content(numbers) is not None
 
 
 def has_grains(names: list[str] | None) -> bool:
@@ -71,32 +94,40 @@ def _are_times(name: str, values: np.ndarray) -> bool:
 def read_columns(
     path: Path, nameless: dict[int, list[str]] | None = None, heads: Callable = has_grains
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns of a table by their names, which are x y z radius if it has none, and a note if so.
+    """Columns of a table by their names, or by their content if it has none, and notes on what was assumed.
+
+    Rows without a number, and totals below the grains, are left out. Lengths in several units are converted to that of
+    the first.
 
     Parameters
     ----------
-    nameless : names of columns without names, by their number
+    nameless : names of columns without names, by their number; by default by their content
     heads : function that returns True for names in a comment that are those of the columns
     """
     lines = _content_lines(read_lines(path, fallback="cp1252"), heads)
-    names, notes = names_of(lines[0]) if lines else None, []
+    names = names_of(lines[0]) if lines else None
     if nameless is not None and not lines:
         raise PackingError(f"{path} has no rows: it is empty, or has comments only")
-    if names is None:
-        names = NAMELESS
-        if nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
-            allowed = " or ".join(f"{n} ({' '.join(known)})" for n, known in nameless.items())
-            raise PackingError(
-                f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are read, name others"
-            )
-        notes = [Assumption(f"{path.name} does not name its columns: {' '.join(names)} is assumed", COLUMNS)]
-    else:
-        lines = lines[1:]
-    _check_names(path, names)
-    rows = _numbers(path, [line for line in lines if not line.startswith(COMMENT)], len(names))
-    return {
-        name: values for name, values in zip(names, rows.T, strict=True) if name or np.isfinite(values).any()
-    }, notes
+    named, notes = names is not None, []
+    if not named and nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
+        allowed = " or ".join(f"{n} ({' '.join(known)})" for n, known in nameless.items())
+        raise PackingError(f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are read, name others")
+    below = [line for line in lines[named:] if not line.startswith(COMMENT)]
+    while len(below) > 1 and TOTALS.fullmatch(next(filter(None, _split(below[-1])), "").strip(" :.")):
+        notes.append(Assumption(f"{path.name}: its last row, {below[-1][:40]!r}, is taken as a total and left out"))
+        below.pop()
+    rows = _numbers(path, below, len(names or (_split(lines[0]) if lines else ())))
+    if len(rows) and (empty := np.isnan(rows).all(axis=1)).any() and not empty.all():
+        notes.append(
+            Assumption(f"{path.name} has {empty.sum()} of {len(rows)} rows without a number: left out", COLUMNS)
+        )
+        rows = rows[~empty]
+    if names is None and (names := names_by_content(rows)) is None:
+        raise PackingError(f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are read, name others")
+    if not named:
+        notes.append(Assumption(f"{path.name} does not name its columns: {' '.join(names)} is assumed", COLUMNS))
+    columns = {name: values for name, values in zip(names, rows.T, strict=True) if name or np.isfinite(values).any()}
+    return columns, [*notes, *_convert_lengths(path, columns)]
 
 
 def _content_lines(text: str, heads: Callable = has_grains) -> list[str]:
@@ -127,12 +158,22 @@ def names_of(line: str) -> list[str] | None:
     return None if not fields or all(NUMBER.fullmatch(word.lower().replace(",", ".")) for word in fields) else fields
 
 
-def _check_names(path: Path, names: list[str]) -> None:
-    """Raise PackingError if lengths have different units: numbers are not converted."""
-    lengths = [name for name in names if plain_name(name) in LENGTHS]
-    units = dict.fromkeys(match[1].strip() for name in lengths if (match := re.search(r"[\[(](.*?)[\])]", name)))
-    if len(units) > 1:
-        raise PackingError(f"{path} has lengths in {' and '.join(units)} ({' '.join(lengths)}): give them in one unit")
+def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
+    """Convert lengths to the unit of the first of them, in place, and note it; PackingError if a unit is not known."""
+    found = {name: UNIT.search(name) for name in columns if plain_name(name) in LENGTHS}
+    units = {name: (match[1] or match[2]).strip().lower() for name, match in found.items() if match}
+    if len(set(units.values())) < 2:
+        return []
+    from ..laboratory_table import LENGTH
+
+    if not set(units.values()) <= set(LENGTH) or len(units) < len(found):
+        several = " and ".join(dict.fromkeys(units.values()))
+        raise PackingError(f"{path} has lengths in {several} ({' '.join(found)}): give them in one unit")
+    first, *_ = units.values()
+    changed = [name for name, unit in units.items() if unit != first]
+    for name in changed:
+        columns[name] = columns[name] * (LENGTH[units[name]] / LENGTH[first])
+    return [Assumption(f"{path.name} has lengths in several units: {', '.join(changed)} converted to {first}", COLUMNS)]
 
 
 def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
@@ -184,6 +225,14 @@ def _mercury_step(path: Path, name: str, lines: list[str]) -> Packing:
 def refuse(path: Path) -> PackingError:
     """Sentence for a file in no known format: what it begins with, and what helps."""
     text = first_lines(path)
+    lines = _content_lines(head_text(read_content(path, HEAD))[:4000])
+    known = identify_columns(dict.fromkeys(names_of(lines[0]) or [] if lines else [], np.zeros(0)))[0]
+    if known.keys() & {"position", "radius", "diameter"}:
+        lacks = "no radii" if "position" in known else "no positions"
+        return PackingError(
+            f"{path} has columns {' '.join(names_of(lines[0]))}: {lacks} among them; {NEEDED} are needed, under such "
+            f"names"
+        )
     return PackingError(
         f"{path} is in no format that is read here: {text}; give {NEEDED} as a table with these names, or another "
         f"format of `stickslip docs exchange`"
@@ -251,19 +300,35 @@ def _format_frame(frame: Frame) -> str:
 
 
 def recognize_xyz(head: bytes) -> bool:
-    """Return True for extended XYZ: a count of grains, and a line that names the columns."""
-    lines = head_text(head).split("\n", 2)
-    return len(lines) > 1 and lines[0].strip().isdecimal() and "Properties=" in lines[1]
+    """Return True for XYZ: a count of grains, and a comment, which names the columns of extended XYZ."""
+    lines = head_text(head).split("\n", 3)
+    if len(lines) < 3 or not lines[0].strip().isdecimal():
+        return False
+    words, names = lines[2].split(), names_of(lines[1])
+    plain = len(words) in (4, 5) and all(NUMBER.fullmatch(word.lower()) for word in words[1:])
+    said = bool(names) or not lines[1].strip()
+    return "Properties=" in lines[1] or (plain and said and not has_grains(names))
 
 
 def read_xyz(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read frames of extended XYZ, named by their number; the law is read if stickslip wrote it."""
+    """Read frames of XYZ, named by their number; the law is read if stickslip wrote it.
+
+    Without names, columns are the species, x, y, z, and the radius.
+    """
     frames = split_frames(path, frame, (1,), 2, "frame", "it is truncated or damaged")
     return [_read_frame(path, *part) for part in frames]
 
 
 def _read_frame(path: Path, name: str, lines: list[str]) -> Packing:
-    about = dict(PAIR.findall(lines[1]))
+    about, notes = dict(PAIR.findall(lines[1])), []
+    if "Properties" not in about:
+        if any(len(line.split()) != 5 for line in lines[2:]):
+            raise PackingError(
+                f"{path} has no radii after species x y z: add them as a fifth column, or name the columns in the "
+                f"second line, as in Properties=species:S:1:pos:R:3:radius:R:1"
+            )
+        about["Properties"] = "species:S:1:pos:R:3:radius:R:1"
+        notes = [Assumption(f"{path.name} does not name its columns: species x y z radius is assumed", COLUMNS)]
     try:
         kinds = about["Properties"].strip('"').split(":")
         columns = _columns(kinds, [line.split() for line in lines[2:]])
@@ -273,7 +338,7 @@ def _read_frame(path: Path, name: str, lines: list[str]) -> Packing:
             f"{path} has a damaged frame {name} ({problem}): its second line must name its columns"
         ) from None
     packing = packing_of_columns(columns, path.name, name, **more)
-    notes = [*packing.notes, NO_CONTACTS] if law else packing.notes
+    notes += [*packing.notes, NO_CONTACTS] if law else packing.notes
     return packing._replace(law=law, notes=notes if "cell" in more else [*notes, extent_note(path.name)])
 
 
