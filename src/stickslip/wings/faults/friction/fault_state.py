@@ -30,23 +30,21 @@ class Machine:
         cut, cut2 = fault.cuts
         rows = fault.a, fault.b, fault.dc, fault.normal, prestress, fault.b2, fault.dc2, 0.0
         self._cells = np.array(np.broadcast_arrays(*rows), float)
+        self._varies = bool(fault.changes or fault.dips)  # the normal stress
         values = {
-            "form": fault.form_code, "evolution": EVOLUTIONS[fault.law], "mu0": fault.mu0, "cut": cut, "cut2": cut2,
+            "transfer": self.transfer.struct(), "form": fault.form_code, "evolution": EVOLUTIONS[fault.law], "mu0": fault.mu0, "cut": cut, "cut2": cut2,
             "v0": fault.v0, "damping": fault.damping, "plate_rate": fault.plate_rate, "cell": fault.cell,
             "cells": self._cells, "number": len(fault.depth), "states": fault.states,
             "weights": STAGES, "five": DOP853.E5, "three": DOP853.E3,
         }  # fmt: skip
         self._fault = core.fill("Fault", values)
 
-    def _shear(self, slip, time: float) -> np.ndarray | None:
-        """Shear stress due to excess slip, after an update of the normal stress; None where it is not compressive."""
-        shear, clamped = self.transfer.tractions(slip)
-        if self.fault.changes or self.fault.dips:
-            normal = self.fault.normal_at(time) + clamped
-            if not normal.min() > 0:
-                return None
-            self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)
-        return shear
+    def _image(self, slip, time: float) -> tuple[np.ndarray | None, bool]:
+        """Shear stress that the surface adds, after an update of the normal stress; False where it opens the fault."""
+        shear, clamped = self.transfer.of_image(slip)
+        normal = self.fault.normal_at(time) + clamped
+        self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)
+        return shear, bool(normal.min() > 0)
 
     def rates(self, y, w, out, power, time: float = 0.0) -> bool:
         """Rates of the unknowns, and powers per unit length; return False if a velocity cannot be found.
@@ -59,8 +57,8 @@ class Machine:
         power : (3,) of loading τ V_p, friction σ μ V and radiation η V², overwritten
         time : [s], for changes of the normal stress
         """
-        shear = self._shear(y[0], time)
-        return shear is not None and core.fault_rates(self._fault, shear, y, w, out, power)
+        image, closed = self._image(y[0], time) if self._varies else (None, True)
+        return closed and core.fault_rates(self._fault, image, y, w, out, power)
 
     def step(self, y, w, stages, powers, length: float, trial, time: float = 0.0) -> float:
         """Take a step from y at a time to `trial`; return its estimated error, infinite if a stage fails.
@@ -70,12 +68,16 @@ class Machine:
         stages, powers : (NUMBER + 1, 1 + S, N) and (NUMBER + 1, 3), rates and powers at the start and in each stage;
             the last ones are those at the end
         """
-        values = {"y": y, "trial": trial, "w": w, "stages": stages, "powers": powers, "length": length}
+        values = {"y": y, "trial": trial, "w": w, "stages": stages, "powers": powers, "length": length, "image": None}
         step = core.fill("FaultStep", values)
         core.fault_trial(self._fault, step, 1)
+        if not self._varies:
+            found = core.fault_stages(self._fault, step, 1, NUMBER)
+            return core.fault_error(self._fault, step) if found else np.inf
         for stage in range(1, NUMBER + 1):
-            shear = self._shear(trial[0], time + TIMES[stage] * length)
-            if shear is None or not core.fault_stage(self._fault, step, stage, shear):
+            image, closed = self._image(trial[0], time + TIMES[stage] * length)
+            step = core.fill("FaultStep", values | {"image": image})
+            if not closed or not core.fault_stages(self._fault, step, stage, stage):
                 return np.inf
         return core.fault_error(self._fault, step)
 
