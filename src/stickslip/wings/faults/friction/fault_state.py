@@ -149,25 +149,21 @@ class FaultState(NamedTuple):
 def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
     """Shear stress of steady sliding at one velocity, with radiation damping (N,) [Pa]."""
     w = np.full(len(fault.depth), np.log(velocity / fault.v0))
-    return frictional_stress(fault, w, np.array([-w, -w])) + fault.damping * velocity
+    return fault.normal * friction_of(fault, w, np.array([-w, -w])) + fault.damping * velocity
 
 
-def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.ndarray:
-    """Frictional stress σ f, from ln(V/V0) (N,) and the logarithms of the states (S, N).
+def friction_of(fault: Fault, log_velocity: np.ndarray, log_states: np.ndarray, cells=None) -> np.ndarray:
+    """Friction coefficient (..., K) from ln(V/V0) (..., K) and the logarithms of the states (S, ..., K).
 
     Parameters
     ----------
-    cells : those in which it is computed, it is zero elsewhere; default: all
-
-    Returns
-    -------
-    (N,) [Pa]
+    cells : numbers of the K cells; default: all
     """
-    out, cells = np.zeros(len(fault.depth)), slice(None) if cells is None else cells
-    logs = np.array([log_velocity, log_states[0], log_states[-1]]).T[cells]
-    surface = np.array(np.broadcast_arrays(fault.a, fault.b, fault.b2, fault.mu0, *fault.cuts)).T[cells]
-    out[cells] = friction(fault.form_code, logs, surface)
-    return fault.normal * out
+    logs = np.stack([log_velocity, log_states[0], log_states[-1]], axis=-1)
+    surface = np.stack(np.broadcast_arrays(fault.a, fault.b, fault.b2, fault.mu0, *fault.cuts), axis=-1)
+    surface = np.broadcast_to(surface if cells is None else surface[cells], (*logs.shape[:-1], 6))
+    rows = friction(fault.form_code, logs.reshape(-1, 3), np.ascontiguousarray(surface.reshape(-1, 6)))
+    return rows.reshape(log_velocity.shape)
 
 
 @checked
