@@ -50,11 +50,13 @@ bool velocities(const Fault &f, const Cells &c, int64_t start, int64_t count, co
     rest[i] = stress[i] - c.normal[k] * (f.mu0 + c.b[k] * s[i] + c.b2[k] * s2[i]);
   }
   bool found = balance(count, slope, rest, f.damping * f.v0, w);
-  for (int64_t i = 0; i < count; ++i) {
+  auto surface = [&](int64_t k) { return Surface{c.a[k], c.b[k], c.b2[k], f.mu0, f.cut, f.cut2}; };
+  int64_t others = !found;
+  for (int64_t i = 0; i < count; ++i) others += !Form::linear(surface(start + i), {w[i], s[i], s2[i]});
+  for (int64_t i = 0; i < (others ? count : 0); ++i) {
     int64_t k = start + i;
-    Surface q = {c.a[k], c.b[k], c.b2[k], f.mu0, f.cut, f.cut2};
-    if (!found || !Form::linear(q, {w[i], s[i], s2[i]}))
-      w[i] = log_velocity<Form>(q, {guess[i], s[i], s2[i]}, stress[i], c.normal[k], f.damping * f.v0);
+    if (found && Form::linear(surface(k), {w[i], s[i], s2[i]})) continue;
+    w[i] = log_velocity<Form>(surface(k), {guess[i], s[i], s2[i]}, stress[i], c.normal[k], f.damping * f.v0);
     if (!isfinite(w[i])) return false;
   }
   return true;

@@ -8,9 +8,14 @@
 
 namespace {
 
-// Adds and subtracts two rows, and multiplies the difference by a root.
-inline void split(double *__restrict re, double *__restrict im, double *__restrict far_re, double *__restrict far_im,
-                  int64_t columns, double cosine, double sine) {
+struct Table {
+  double *re, *im;
+  Table at(int64_t k) const { return {re + k, im + k}; }
+};
+
+// Sum and difference of two rows; the difference is multiplied by a root.
+inline void split(Table a, Table b, int64_t columns, double cosine, double sine) {
+  double *__restrict re = a.re, *__restrict im = a.im, *__restrict far_re = b.re, *__restrict far_im = b.im;
   for (int64_t c = 0; c < columns; ++c) {
     double x = re[c] - far_re[c], y = im[c] - far_im[c];
     re[c] += far_re[c];
@@ -21,8 +26,8 @@ inline void split(double *__restrict re, double *__restrict im, double *__restri
 }
 
 // Undoes `split`, but for a factor of 2.
-inline void merge(double *__restrict re, double *__restrict im, double *__restrict far_re, double *__restrict far_im,
-                  int64_t columns, double cosine, double sine) {
+inline void merge(Table a, Table b, int64_t columns, double cosine, double sine) {
+  double *__restrict re = a.re, *__restrict im = a.im, *__restrict far_re = b.re, *__restrict far_im = b.im;
   for (int64_t c = 0; c < columns; ++c) {
     double x = far_re[c] * cosine + far_im[c] * sine, y = far_im[c] * cosine - far_re[c] * sine;
     far_re[c] = re[c] - x;
@@ -31,10 +36,6 @@ inline void merge(double *__restrict re, double *__restrict im, double *__restri
     im[c] += y;
   }
 }
-
-struct Table {
-  double *re, *im;
-};
 
 // Transform of each column, or its inverse times the number of rows.
 template <bool INVERSE>
@@ -45,9 +46,8 @@ void transform(const Transfer &t, Table a, int64_t rows, int64_t columns) {
     int64_t half = INVERSE ? done : rows / (2 * done), stride = most / (2 * half);
     for (int64_t start = 0; start < rows; start += 2 * half)
       for (int64_t j = 0; j < half; ++j) {
-        int64_t near = (start + j) * columns, far = near + half * columns;
-        auto turn = INVERSE ? merge : split;
-        turn(a.re + near, a.im + near, a.re + far, a.im + far, columns, cosine[j * stride], sine[j * stride]);
+        Table near = a.at((start + j) * columns), far = near.at(half * columns);
+        (INVERSE ? merge : split)(near, far, columns, cosine[j * stride], sine[j * stride]);
       }
   }
 }
