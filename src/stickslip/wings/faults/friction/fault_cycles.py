@@ -197,6 +197,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     end = FaultState(
         time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
         recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None, recorder.past + len(recorder.events),
+        state.kernel,
     )  # fmt: skip
     return end, steps, rejected
 
@@ -295,4 +296,8 @@ def fault_dataset(history: FaultHistory) -> "xarray.Dataset":
     coordinates["event"] = ("event", np.arange(len(history.events.start)), {})
     import xarray as xr
 
-    return xr.Dataset(variables, coordinates, attrs={"law": history.fault.law, "cell": history.fault.cell})
+    return xr.Dataset(
+        variables,
+        coordinates,
+        attrs={"law": history.fault.law, "cell": history.fault.cell, "kernel": history.state.kernel},
+    )

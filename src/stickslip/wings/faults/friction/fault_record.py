@@ -288,7 +288,18 @@ class Recorder:
         """
         fault, at, near = self.fault, self._between, self._near
         many, width, beside = len(self.samples), len(near), len(self.wanted.surface)
-        shapes = [(), (), (), (width,), (width,), (fault.states, width), (width,), (len(at.depth),), (beside,), (beside,)]
+        shapes = [
+            (),
+            (),
+            (),
+            (width,),
+            (width,),
+            (fault.states, width),
+            (width,),
+            (len(at.depth),),
+            (beside,),
+            (beside,),
+        ]
         columns = list(zip(*self.samples, strict=True)) or [()] * len(shapes)
         arrays = [np.array(column).reshape(many, *shape) for column, shape in zip(columns, shapes, strict=True)]
         time, fastest, rate, excess, w, states, every, normal, *moved = arrays

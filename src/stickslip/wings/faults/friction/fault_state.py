@@ -12,6 +12,7 @@ from scipy.integrate import DOP853
 from ....kit import Values, checked, core, in_readable_units, readable, require_positive, require_shape
 from .fault import Fault, check_fault
 from .laws import EVOLUTIONS, friction
+from .stress_transfer import KERNEL
 
 NUMBER = DOP853.n_stages
 STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of the earlier stages in each later one, and in the step
@@ -107,6 +108,9 @@ class FaultState(NamedTuple):
     sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
     log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
     events: int = 0  # number of events since an artificial start: 0 in a state that was not simulated
+    kernel: str = (
+        "uniform"  # slip between centres of cells: "band-limited"; saved by earlier versions: uniform in cells
+    )
 
     @property
     def unknowns(self) -> np.ndarray:
@@ -214,7 +218,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     state = FaultState(
         0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
         1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
-        s.copy() if fault.states > 1 else None,
+        s.copy() if fault.states > 1 else None, kernel=KERNEL,
     )  # fmt: skip
     return with_rates(fault, state)
 
@@ -299,6 +303,11 @@ def check_state(fault: Fault, state: FaultState) -> None:
         raise ValueError(
             f"the state has {states} state variable{'s' * (states > 1)}, and the fault {fault.states}: use one of this "
             f"fault"
+        )
+    if state.kernel != KERNEL:
+        raise ValueError(
+            f"the state has slip that is {state.kernel} in each cell, and faults now have {KERNEL} slip, which changes "
+            f"their stress: start from one of initial_state, or use the version of stickslip that saved it"
         )
     for name in ("excess_slip", "log_state", "log_state2", "log_velocity", "prestress"):
         values = getattr(state, name)

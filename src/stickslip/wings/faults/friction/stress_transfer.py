@@ -95,6 +95,7 @@ def surface_displacement(x, ends, dip: float) -> np.ndarray:
     return (-t * turn - t.conj() * np.diff(s.imag / (x - s.conj()), axis=1)) / np.pi
 
 
+KERNEL = "band-limited"  # how slip continues between the centres of cells
 BOUNDARIES = ("surface", "infinite", "periodic")
 
 
