@@ -34,7 +34,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy import fft, sparse
 from scipy.special import erfc
 
-from ....kit import Array, Series, core, check_types, checked, read_text, readable, require_positive
+from ....kit import Array, Series, check_types, checked, core, read_text, readable, require_positive
 
 
 def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.ndarray, np.ndarray]:
