@@ -231,9 +231,9 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
     work = end.energy - start.energy
     energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
     return FaultHistory(
-        fault, *series[:3], stations, *series[3:], *thetas, surface, *moved, np.array(times, float), np.array(seismic, bool),
-        np.array(fastest, float), points, profiles[0], *(profiles[1:] if fault.dips else (None, None)), events,
-        energy, end, steps, rejected,
+        fault, *series[:3], stations, *series[3:], *thetas, surface, *moved, np.array(times, float),
+        np.array(seismic, bool), np.array(fastest, float), points, profiles[0],
+        *(profiles[1:] if fault.dips else (None, None)), events, energy, end, steps, rejected,
     )  # fmt: skip
 
 

@@ -33,7 +33,8 @@ class Machine:
         self._cells = np.array(np.broadcast_arrays(*rows), float)
         self._varies = bool(fault.changes or fault.dips)  # the normal stress
         values = {
-            "transfer": self.transfer.struct(), "form": fault.form_code, "evolution": EVOLUTIONS[fault.law], "mu0": fault.mu0, "cut": cut, "cut2": cut2,
+            "transfer": self.transfer.struct(),
+            "form": fault.form_code, "evolution": EVOLUTIONS[fault.law], "mu0": fault.mu0, "cut": cut, "cut2": cut2,
             "v0": fault.v0, "damping": fault.damping, "plate_rate": fault.plate_rate, "cell": fault.cell,
             "cells": self._cells, "number": len(fault.depth), "states": fault.states,
             "weights": STAGES, "five": DOP853.E5, "three": DOP853.E3,
