@@ -16,6 +16,7 @@ Modify
     reduced_cell        the same packing in its least skewed cell
     with_push           a different force on one disk of an array
     perturbed           random velocities
+    bonded              bonds between grains that are near, or between chosen ones
     without_walls       some walls removed
 
 Check

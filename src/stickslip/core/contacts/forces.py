@@ -15,6 +15,7 @@ from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import pluralize, readable
 from ..state import Contacts, State, groups
+from .bonds import add_bond_loads, committed
 from .neighbors import body_positions, body_radii, join_bodies, shifts, with_neighbor_list
 
 # treatments of the memory of contacts, as in `mechanics.h`. FREE: transport it, but keep it bit for bit where nothing
@@ -146,6 +147,8 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     if state.control.cell_free.any():
         shift = shifts(trial, state.cell.vectors)
         core.add_virial(struct, state.cell.dim, here, trial, shift, loads.virial)
+    if state.bonds:
+        add_bond_loads(state.bonds, state.cell.dim, here, state.cell.vectors, *loads)
     return loads, trial
 
 
@@ -169,7 +172,8 @@ def accept(state: State, trial: Contacts) -> State:
             f"the trial memory is that of {len(trial.origin)} bodies, but the state has {state.n_bodies}: "
             "give what `forces` returned for this state"
         )
-    return state._replace(contacts=trial)
+    bonds = state.bonds and committed(state.bonds, state.cell.dim, bodies(state), state.cell.vectors)
+    return state._replace(contacts=trial, bonds=bonds)
 
 
 def check_materials(state: State, law: Law) -> None:
