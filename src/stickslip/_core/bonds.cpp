@@ -228,11 +228,13 @@ void sweep_bonds(int64_t dim, const BondSweep &sweep, const Bonds &bonds) {
     const Ends ends = ends_at(bonds, int(dim), sweep.position, sweep.angle, sweep.vectors, k);
     const Deformed<double> at = deformed(bond, ends.r, ends.a, ends.b);
     BondLoad<double> load = load_of(bond, at);
+    const Vec<double> elastic = load.force;
     if (sweep.share) sweep.share[k] = load.share;
     if (sweep.commits) commit(bonds, sweep.angle, at, ends.i, ends.j, k);
     if (sweep.breaks && load.share >= 1.0) {
       bonds.intact[k] = false;
-      if (sweep.broken) sweep.broken(sweep.context, bonds, k);
+      if (sweep.broken)
+        sweep.broken(sweep.context, bonds, k, sweep.position.data + sweep.position.stride * ends.i);
       continue;
     }
     if (sweep.velocity.data) {
@@ -250,8 +252,9 @@ void sweep_bonds(int64_t dim, const BondSweep &sweep, const Bonds &bonds) {
     add_to(sweep.torque + sweep.stride * ends.i, 1.0, load.moment_i);
     add_to(sweep.torque + sweep.stride * ends.j, 1.0, load.moment_j);
     if (!sweep.virial) continue;
+    const Vec<double> f = sweep.by_body ? load.force : elastic;
     double *virial = sweep.virial + (sweep.by_body ? 9 * ends.i : 0);
-    add_to(virial, load.force.x, ends.r), add_to(virial + 3, load.force.y, ends.r), add_to(virial + 6, load.force.z, ends.r);
+    add_to(virial, f.x, ends.r), add_to(virial + 3, f.y, ends.r), add_to(virial + 6, f.z, ends.r);
   }
 }
 

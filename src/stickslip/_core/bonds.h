@@ -13,11 +13,11 @@ struct BondSweep {
   const double *gradient;                    // of the cell's velocity, or null
   double *force, *torque;                    // rows of `stride` numbers, to which loads are added
   int64_t stride;
-  double *virial;  // to which f ⊗ r is added, in row i if it is `by_body`; or null
+  double *virial;  // to which f ⊗ r is added: of all forces in row i if it is `by_body`, else of elastic ones; or null
   bool by_body;
   double *share;         // (K,) of the strength, or null
   bool commits, breaks;  // the memory follows the rotations; what reaches its strength breaks
-  void (*broken)(const void *context, const Bonds &bonds, int64_t k);  // or null
+  void (*broken)(const void *context, const Bonds &bonds, int64_t k, const double *place);  // or null
   const void *context;
 };
 

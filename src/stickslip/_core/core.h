@@ -283,7 +283,7 @@ API double begin_cell_step(Frame *frame, Flow *flow, double dt, double keep, dou
 
 // ---- samples and events
 
-constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2;  // kinds of events
+constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2, FAILED = 3;  // kinds of events; the last one of bonds
 constexpr int64_t EVENT = 10;  // columns: kind, time, i, j, image, position of i
 
 struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
@@ -422,8 +422,8 @@ API void run_batch(const Law *law, const Batch *batch, int64_t steps);
 // (2,): largest unbalanced force at the last check, and its body.
 API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
                       const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
-                      Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance,
-                      double *residual, int64_t *progress, int64_t threads);
+                      Pull *pull, const Bonds *bonds, const Writing *writing, double start, int64_t stop,
+                      double tolerance, double *residual, int64_t *progress, int64_t threads);
 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
