@@ -18,6 +18,7 @@ Modify
     perturbed           random velocities
     bonded              bonds between grains that are near, or between chosen ones
     without_walls       some walls removed
+    without_bonds       all bonds removed
 
 Check
     check           raise an error if a state is not valid

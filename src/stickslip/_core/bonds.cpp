@@ -230,7 +230,8 @@ void sweep_bonds(int64_t dim, const BondSweep &sweep, const Bonds &bonds) {
     BondLoad<double> load = load_of(bond, at);
     const Vec<double> elastic = load.force;
     if (sweep.share) sweep.share[k] = load.share;
-    if (sweep.commits) commit(bonds, sweep.angle, at, ends.i, ends.j, k);
+    const bool turned = !is_zero(ends.a) || !is_zero(ends.b);  // else the memory keeps its bits
+    if (sweep.commits && turned) commit(bonds, sweep.angle, at, ends.i, ends.j, k);
     if (sweep.breaks && load.share >= 1.0) {
       bonds.intact[k] = false;
       if (sweep.broken)

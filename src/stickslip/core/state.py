@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import Numbers, Series, checked, require_shape
+from .arguments import Numbers, Series, checked, knows_bonds, require_shape
 from .fields import COURSE_DTYPE, FIELDS, LARGEST, check_parts
 from .progress import Size, require_sizes
 from .readable import pluralize, readable
@@ -139,7 +139,7 @@ class Control(NamedTuple):
 
 @readable(head=lambda value: _describe_bonds(value))
 class Bonds(NamedTuple):
-    """Bonds between grains, one row each; made by `packings.bonded`. Columns of four: tension, shear, bending, twisting.
+    """Bonds between grains, one row each, from `packings.bonded`. Columns of four: tension, shear, bending, twisting.
 
     A bond acts beside the contact law, and also across a gap. Its forces follow from the present positions and
     orientations of its two grains and from those of rest, which its memory holds. See `core/contacts/bonds.py`.
@@ -473,6 +473,7 @@ def _are_disks(grains: Grains) -> bool:
 
 
 @checked
+@knows_bonds
 def check(state: State) -> None:
     """Raise ValueError with a one-sentence message if a state is not valid."""
     state.check_entries()

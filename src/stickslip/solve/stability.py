@@ -7,7 +7,8 @@ from scipy import sparse
 from scipy.linalg import eig
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
-from ..core.arguments import checked
+from ..core.arguments import checked, knows_bonds
+from ..core.contacts.bonds import has_damped_bonds
 from ..core.contacts.jacobian import blocks_of
 from ..core.laws.builtin import Law, damping_model, rescales
 from ..core.measure import overlaps
@@ -172,6 +173,7 @@ def combine_motions(count: int, sliding, stuck) -> str:
 
 
 @checked
+@knows_bonds
 def stability(
     state: State,
     law: Law,
@@ -222,7 +224,7 @@ def stability(
     >>> ss.stability(state, law).verdict
     'stable'
     """
-    here, has_dashpots = linearised(state, law), bool(damping_model(law))
+    here, has_dashpots = linearised(state, law), bool(damping_model(law)) or has_damped_bonds(state)
     here = here.with_modes(modes_under(state, law, here.line))
     slid = _analyse(here, method, has_dashpots and dashpots, report)
     if has_dashpots and not dashpots:

@@ -4,20 +4,25 @@ from typing import Annotated
 
 import numpy as np
 
-from ..arguments import Array, NotNegative, checked
+from ..arguments import Array, NotNegative, checked, knows_bonds
 from ..fields import pack_keys
 from ..laws.bonds import Bond, coefficients
 from ..state import Bonds, State, empty_contacts
-from .bonds import add_bond_loads, bond_vectors
+from .bonds import add_bond_loads, bond_gap, bond_vectors
 from .forces import bodies
-from .neighbors import body_positions, body_radii, grid_of, rebuild_list
+from .neighbors import body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
 AMBIGUOUS = 1e-9  # distance from half a box, in boxes
 
 
 @checked
+@knows_bonds
 def bonded(
-    state: State, bond: Bond, *, within: NotNegative = 0.0, pairs: Annotated[np.ndarray, Array((2,), "iu")] | None = None
+    state: State,
+    bond: Bond,
+    *,
+    within: NotNegative = 0.0,
+    pairs: Annotated[np.ndarray, Array((2,), "iu")] | None = None,
 ) -> State:
     """State whose grains are bonded; at rest each bond is as long as now, and its grains are not turned.
 
@@ -32,8 +37,8 @@ def bonded(
     Raises
     ------
     ValueError
-        if a pair names one grain twice, a wall, a grain that does not exist, a pair that is bonded already, or if two of
-        its images are equally near.
+        if a pair names one grain twice, a wall, a grain that does not exist or a pair that is bonded already, or if
+        two of its images are equally near.
 
     Examples
     --------
@@ -47,7 +52,24 @@ def bonded(
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
         raise ValueError("a pair of grains was given that is bonded already: bond each pair once")
-    return state._replace(bonds=bonds, instant=None)
+    return _listed(state._replace(bonds=bonds, instant=None))
+
+
+@checked
+@knows_bonds
+def without_bonds(state: State) -> State:
+    """State without its bonds, intact and broken ones."""
+    return state._replace(bonds=None, instant=None)
+
+
+def _listed(state: State) -> State:
+    """State whose list of contacts, if it is valid, has a row for each bond."""
+    contacts, x, radius = state.contacts, body_positions(state), body_radii(state)
+    gap = bond_gap(state.bonds, state.grains.position, radius, state.cell.vectors, contacts.skin)
+    if gap <= contacts.gap or needs_rebuild(x, contacts):
+        return state
+    wider = rebuild_list(x, radius, state.walls.normal, grid_of(state.cell), contacts._replace(gap=gap))
+    return state._replace(contacts=wider)
 
 
 def _make(state: State, bond: Bond, i, j, image) -> Bonds:
@@ -98,10 +120,10 @@ def _given_pairs(state: State, pairs: np.ndarray):
     for a, b in pairs:
         if a == b:
             raise ValueError(f"a bond of grain {a} with itself was given: name two grains")
-        if not (0 <= min(a, b) and max(a, b) < n):
+        if not (min(a, b) >= 0 and max(a, b) < n):
             raise ValueError(
-                f"a bond of {a} with {b} was given, but grains are numbered 0 to {n - 1}: bonds hold grains, not walls; "
-                f"fix a grain in place of a wall"
+                f"a bond of {a} with {b} was given, but grains are numbered 0 to {n - 1}: bonds hold grains, not "
+                f"walls; fix a grain in place of a wall"
             )
     i, j = np.sort(pairs, axis=1).T
     apart = (state.grains.position[i] - state.grains.position[j]) @ grid_of(cell).inverse
@@ -115,19 +137,20 @@ def _given_pairs(state: State, pairs: np.ndarray):
 
 
 @checked
+@knows_bonds
 def bond_shares(state: State) -> np.ndarray:
     """Share of its strength that each bond bears, (K,): it breaks at 1. Zero for broken bonds and without strength."""
     if state.bonds is None:
         return np.zeros(0)
     nothing = np.zeros((state.n_bodies, 3))
-    return add_bond_loads(
-        state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy()
-    )
+    return add_bond_loads(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy())
 
 
-def broken(state: State) -> State:
-    """State in which all bonds at their strength are broken."""
-    over = bond_shares(state) >= 1.0
-    if not over.any():
+def with_weakest_broken(state: State) -> State:
+    """State whose bond with the largest share of its strength is broken if that is 1 or more; else the same state."""
+    share = bond_shares(state) if state.bonds else np.zeros(0)
+    if not share.max(initial=0.0) >= 1.0:
         return state
-    return state._replace(bonds=state.bonds._replace(intact=state.bonds.intact & ~over), instant=None)
+    intact = state.bonds.intact.copy()
+    intact[share.argmax()] = False
+    return state._replace(bonds=state.bonds._replace(intact=intact), instant=None)

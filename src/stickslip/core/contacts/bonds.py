@@ -20,12 +20,7 @@ import numpy as np
 
 from ..fields import pack_keys
 from ..library import core
-from ..state import Bonds, Contacts
-
-TENSION, SHEAR, BENDING, TWISTING = range(4)  # columns of stiffness, damping and strength
-# forms of strength: |tension|; the sum of all shares; tension and bending, or shear and twisting
-BY_STRETCH, BY_SUM, BY_BEAM = 0, 1, 2
-UNBREAKABLE = 1e300
+from ..state import Bonds, Contacts, State
 
 
 def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=None) -> np.ndarray:
@@ -101,6 +96,11 @@ def _linearise(bonds: Bonds, dim: int, here, vectors):
     out = np.zeros((k, 3)), np.zeros((k, 9, 9)), np.zeros((k, 9, 9))
     core.linearise_bonds(dim, here, bonds, vectors, *out)
     return out
+
+
+def has_damped_bonds(state: State) -> bool:
+    """Return True if an intact bond has a dashpot."""
+    return state.bonds is not None and bool(state.bonds.damping[state.bonds.intact].any())
 
 
 def frequency_bound_of_bonds(bonds: Bonds, inverse_mass: np.ndarray, inverse_inertia: np.ndarray) -> float:

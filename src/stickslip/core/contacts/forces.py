@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import checked
+from ..arguments import checked, knows_bonds
 from ..control import spring_forces
 from ..fields import Field, check_entry
 from ..laws.builtin import Law
@@ -94,6 +94,7 @@ def bodies(state: State) -> Bodies:
 
 
 @checked
+@knows_bonds
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
 
@@ -159,6 +160,7 @@ def check_memory(memory: int) -> None:
 
 
 @checked
+@knows_bonds
 def accept(state: State, trial: Contacts) -> State:
     """State with the trial memory committed.
 
@@ -188,6 +190,7 @@ def check_materials(state: State, law: Law) -> None:
 
 
 @checked
+@knows_bonds
 def unbalanced_forces(state: State, loads: ContactLoads):
     """Force and torque/R on every body, (N + W, 6), external loads included; zero where not free.
 

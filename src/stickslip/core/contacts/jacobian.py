@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import checked
+from ..arguments import checked, knows_bonds
 from ..laws.builtin import Law
 from ..laws.compiled import TANGENTS, law_struct
 from ..laws.properties import angular_columns, resists_rolling
@@ -98,6 +98,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
 

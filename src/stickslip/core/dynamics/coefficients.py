@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..contacts.bonds import has_damped_bonds
 from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
 from ..laws.builtin import Law, damping_model
@@ -119,7 +120,7 @@ def with_mark(state: State, law: Law, memory: str) -> State:
 
     Without dashpots, forces are reproduced, but the mean velocity of a rigid group is not.
     """
-    damped = damping_model(law) or (state.bonds is not None and state.bonds.damping.any())
+    damped = damping_model(law) or has_damped_bonds(state)
     if not (damped or (state.control.group >= 0).any()):
         return state._replace(instant=None)
     return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))

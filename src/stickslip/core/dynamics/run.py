@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import Bodies, checked, require_not_negative
+from ..arguments import Bodies, checked, knows_bonds, require_not_negative
 from ..contacts.bonds import frequency_bound_of_bonds
 from ..contacts.forces import Bodies as BodyArrays
 from ..contacts.forces import bodies, check_materials
@@ -101,6 +101,7 @@ MOST_STEPS = 10**15  # of a run
 
 
 @checked
+@knows_bonds
 def run(
     state: State,
     law: Law,
@@ -181,10 +182,12 @@ def run(
     if engine is not None:
         asked = {
             "spin_drag": spin_drag is not None, "probes": np.size(probes), "events": events, "ledger": bool(ledger),
-            "tolerance": tolerance, "reference": reference is not None,
+            "tolerance": tolerance, "reference": reference is not None, "bonds": bool(state.bonds),
         }  # fmt: skip
         leg = Leg(state, law, dt, steps, drag=drag, every=every)
         return _run_elsewhere(engine, leg, [name for name, is_asked in asked.items() if is_asked])
+    if state.bonds and ledger:
+        raise ValueError("a ledger was asked for with bonds, whose energy it does not hold yet: omit `ledger`")
     every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
@@ -299,7 +302,7 @@ def _network(state: State, law: Law, here: BodyArrays) -> tuple:
 
 
 def _spring_bound(state: State, law: Law, here: BodyArrays) -> float:
-    """Upper bound on ω² due to bonds, rolling springs, and springs of a body or rigid group to load points [1/time²]."""
+    """Upper bound on ω² due to bonds, rolling springs, and springs from bodies or groups to load points [1/time²]."""
     total = state.control.spring.copy()
     for members in groups(state.control):
         total[members] = total[members].sum(axis=0)
@@ -310,6 +313,7 @@ def _spring_bound(state: State, law: Law, here: BodyArrays) -> float:
 
 
 @checked
+@knows_bonds
 def stable_time_step(state: State, law: Law) -> float:
     """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 
