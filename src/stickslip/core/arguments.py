@@ -160,7 +160,9 @@ def knows_bonds(function: Callable[P, R]) -> Callable[P, R]:
 def _refuse_bonds(function, values) -> None:
     """Raise ValueError if a state has bonds, and a function would ignore them."""
     if function not in _KNOW_BONDS and any(getattr(value, "bonds", None) is not None for value in values):
-        raise ValueError(f"{function.__name__} cannot treat bonds yet: packings.without_bonds removes them")
+        raise ValueError(
+            f"the packing has bonds, which {function.__name__} cannot treat yet: packings.without_bonds removes them"
+        )
 
 
 def check_value(name: str, value, annotation, *, given: bool = False) -> None:
