@@ -216,7 +216,9 @@ def test_chains_break_at_their_closed_limits(law, strength, dim):
 def test_smoothed_bonds_carry_the_closed_share_of_their_strength():
     stretch = np.linspace(0, 0.0999, 20001)
     pair, still = np.column_stack([1 + stretch, 0 * stretch, 0 * stretch]), np.zeros((2, len(stretch), 3))
-    pulled = -bonds.spring(pair, still[0], np.ones(len(stretch)), k=400.0, ecrit=0.1).force_i[:, 0]
+    loads = bonds.spring(pair, still[0], np.ones(len(stretch)), k=400.0, ecrit=0.1)
+    pulled = -loads.force_i[:, 0]
+    assert loads.energy[-1] == pytest.approx(np.trapezoid(pulled, stretch), rel=1e-6)
     assert pulled.max() == pytest.approx(bonds.SMOOTHED_PEAK["spring"] * 400 * 0.1, rel=1e-6)
     none = Rotation.identity(len(stretch))
     reference = np.tile([1.0, 0, 0], (len(stretch), 1))
