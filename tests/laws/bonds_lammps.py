@@ -7,7 +7,8 @@ steps of velocity Verlet. The archive holds `version` and, for each case, under 
 the spheres move; `bonds` (B, 2), ids from 0, the smaller first; `reference` (B, 3), pair vectors at bonding; `radius`
 and `mass` (N,); `start` (N, 13); then `force`, `torque` (N, 3) and `kept` (B,), or for motion `steps` (T,), `states`
 (T, N, 13), `loads` (T, N, 6) and `broken` (B,), the step at which a bond broke or −1. A state is position (not
-wrapped), velocity, spin, and quaternion with the scalar first.
+wrapped), velocity, spin, and quaternion with the scalar first. Loads in motion are those that LAMMPS finds with the
+velocities and spins of the half step. The stored archive is by LAMMPS 22 Jul 2025, update 4.
 """
 
 from pathlib import Path
