@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 import stickslip as ss
 from stickslip.core.contacts.bonds import add_bond_loads
 from stickslip.core.contacts.forces import FREE, HELD, bodies
+from tests.laws import bonds, bonds_lammps
 
 LAW = ss.laws.hertz_mindlin(mu=0.3)
 BONDS = {
@@ -114,6 +115,13 @@ def test_a_stretched_pair_pulls_with_its_stiffness_and_breaks_at_its_strength():
         np.testing.assert_allclose(ss.measure.bond_shares(here), [share], atol=1e-12)
 
 
+def test_a_twist_beyond_half_a_turn_is_the_shorter_one():
+    pair = ss.packings.bonded(PAIR, ss.laws.beam_bond(3.0, 1.0, 1.0, 2.0))
+    twisted = pair._replace(grains=pair.grains._replace(angle=np.array([[3.5, 0, 0], [0, 0, 0]])))
+    found, _ = ss.forces(twisted, LAW)
+    np.testing.assert_allclose(found.torque[:, 0], [2 * (2 * np.pi - 3.5), -2 * (2 * np.pi - 3.5)])
+
+
 def test_disks_bend_and_shear_like_a_short_beam():
     bond = ss.laws.parallel_bond(2.0, 1.0, radius=0.8)
     pair = ss.packings.bonded(ss.assembly(ss.disks([[0, 0], [1, 0]], 0.5)), bond)
@@ -158,6 +166,8 @@ def test_a_time_step_beyond_the_bound_of_bonds_is_refused():
     )
     limit, mass = ss.measure.stable_time_step(pair, LAW), float(pair.grains.mass[0])
     assert limit <= 2 / np.sqrt(2 * 4.0 / mass)  # the spring alone
+    spring = ss.packings.bonded(ss.packings.without_bonds(pair), ss.laws.spring_bond(4.0), within=0.2)
+    assert ss.measure.stable_time_step(spring, LAW) == pytest.approx(2 / np.sqrt(2 * 4.0 / mass))
     with pytest.raises(ValueError, match="steps are stable only up to"):
         ss.run(pair, LAW, steps=1, dt=3 * limit)
 
@@ -207,6 +217,122 @@ def test_functions_that_would_ignore_bonds_refuse_them(cemented):
         ss.measure.elastic_energy(cemented, LAW)
     with pytest.raises(ValueError, match="ledger"):
         ss.run(cemented, LAW, steps=2, dt=1e-3, every=1, ledger=1)
+
+
+THEIRS = np.load(bonds_lammps.STORE)
+NOTHING = ss.laws.linear(kn=1e-30, kt=0.0, mu=0.0)
+
+
+def law_of_case(case):
+    """The bond of a case of LAMMPS; columns of LAMMPS are tension, shear, twisting, bending."""
+    options = dict(case.options)
+    smooth = {"smooth": options["smooth"], "normalized": options["normalize"]}
+    if case.law == "spring":
+        return ss.laws.spring_bond(options["k"], options["ecrit"], damping=options["gamma"], **smooth)
+    (kr, ks, kt, kb), (fr, fs, ft, fb) = options["stiffness"], options["strength"]
+    return ss.laws.beam_bond(kr, ks, kb, kt, strength=(fr, fs, fb, ft), damping=options["damping"], **smooth)
+
+
+def sample_of(name):
+    """The spheres of a case when they were bonded, and moved and turned since."""
+    case = bonds_lammps.CASES[name]
+    pairs, reference, start = (THEIRS[f"{name}/{key}"] for key in ("bonds", "reference", "start"))
+    radius, mass = THEIRS[f"{name}/radius"], THEIRS[f"{name}/mass"]
+    grains = (ss.disks if case.dim == 2 else ss.spheres)(start[:, : case.dim], radius)
+    grains = grains._replace(
+        mass=mass,
+        inertia=(0.5 if case.dim == 2 else 0.4) * mass * radius**2,
+        velocity=start[:, 3:6],
+        spin=start[:, 6:9],
+    )
+    cell = ss.box([*case.cells[:2], 1.0], (True, True, False)) if case.periodic else None
+    state = ss.packings.bonded(ss.assembly(grains, cell=cell), law_of_case(case), pairs=pairs)
+    length = np.linalg.norm(reference, axis=1)
+    turned = [Rotation.from_quat(start[ends, 9:], scalar_first=True) for ends in pairs.T]
+    made = ss.packings.bonded(  # stiffness of a bond of the length at rest
+        ss.assembly(ss.spheres(np.vstack([reference, 0 * reference]), 0.1)), law_of_case(case),
+        pairs=np.arange(2 * len(pairs)).reshape(2, -1).T,
+    ).bonds  # fmt: skip
+    bonds = state.bonds._replace(
+        length=length, direction=turned[1].apply(reference / length[:, None]), stiffness=made.stiffness,
+        strength=made.strength, turn=(turned[0] * turned[1].inv()).as_quat(scalar_first=True),
+    )  # fmt: skip
+    return state._replace(bonds=bonds)
+
+
+@pytest.mark.parametrize("name", [name for name, case in bonds_lammps.CASES.items() if not case.motion])
+def test_loads_are_those_of_lammps(name):
+    state, case = sample_of(name), bonds_lammps.CASES[name]
+    kept = ss.measure.bond_shares(state) < 1
+    assert np.array_equal(kept, THEIRS[f"{name}/kept"])
+    state = state._replace(bonds=state.bonds._replace(intact=kept))
+    force, torque = np.zeros((2, state.n_bodies, 3))
+    add_bond_loads(state.bonds, case.dim, bodies(state), state.cell.vectors, force, torque)
+    scale = np.abs(THEIRS[f"{name}/force"]).max()
+    np.testing.assert_allclose(force, THEIRS[f"{name}/force"], atol=1e-12 * scale)
+    np.testing.assert_allclose(torque, THEIRS[f"{name}/torque"], atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize(
+    ("name", "tolerance"),  # LAMMPS finds angles by acos, whose rounding is 1e-8 at angles near zero
+    [
+        ("spring, moves", 1e-11), ("rotational, moves", 1e-8), ("rotational, moves, periodic", 3e-6),
+        ("rotational, moves in a plane", 1e-8), ("rotational, breaks", 3e-6),
+    ],
+)  # fmt: skip
+def test_motion_is_that_of_lammps(name, tolerance):
+    """A thousand steps; "rate" evaluates dashpots at the half step, as LAMMPS does."""
+    end, record, _ = ss.run(sample_of(name), NOTHING, 1000, bonds_lammps.STEP, slip_update="rate", events=True)
+    states, broken = THEIRS[f"{name}/states"], THEIRS[f"{name}/broken"]
+    assert list(THEIRS[f"{name}/steps"])[-1] == 1000
+    assert np.array_equal(end.bonds.intact, broken < 0)
+    got = np.hstack([end.grains.position, end.grains.velocity, end.grains.spin])
+    np.testing.assert_allclose(got, states[-1][:, :9], atol=tolerance)
+    times = np.sort(record.events["time"][record.events["kind"] == "broke"])
+    np.testing.assert_allclose(times / bonds_lammps.STEP, np.sort(broken[broken >= 0]), atol=1e-6)
+
+
+def test_increments_of_parallel_bonds_are_those_of_potyondy_and_cundall():
+    """Their incremental form, written plainly, along a path of small rotations of two unequal spheres."""
+    radii, kn, ks, steps = np.array([[0.5], [0.35]]), 800.0, 500.0, 40
+    place = np.array([[0.5, 0.6, 0.3], [0, 0, 0]])
+    bond = ss.laws.parallel_bond(kn, ks, 1e3, 1e3, radius=0.8)
+    state = ss.packings.bonded(ss.assembly(ss.spheres(place, radii[:, 0])), bond, pairs=[[0, 1]])
+    way = 2e-3 * np.random.default_rng(4).normal(size=(2, 2, 3))
+    cement, pair = bonds.no_cement(1), place[:1] - place[1:]
+    for _ in range(steps):
+        after = pair + (way[0, :1] - way[0, 1:]) / steps
+        motion = way[:, :, None] / steps
+        cement, pair = bonds.cemented(cement, pair, after, *motion, 1.0, kn=kn, ks=ks, radii=radii, ratio=0.8), after
+    known = bonds.parallel(cement, pair, kn=kn, ks=ks, radii=radii, tensile=1e3, shear=1e3, ratio=0.8)
+    moved = state._replace(grains=state.grains._replace(position=place + way[0], angle=way[1]))
+    force, torque = np.zeros((2, 2, 3))
+    share = add_bond_loads(moved.bonds, 3, bodies(moved), moved.cell.vectors, force, torque)
+    scale = np.abs(known.torque_i).max()
+    np.testing.assert_allclose(force, [known.force_i[0], known.force_j[0]], atol=0.01 * np.abs(known.force_i).max())
+    np.testing.assert_allclose(torque, [known.torque_i[0], known.torque_j[0]], atol=0.01 * scale)
+    np.testing.assert_allclose(share, known.share, rtol=0.01)
+
+
+def test_a_chain_bends_and_vibrates_as_its_closed_form():
+    n, spacing, stiff = 6, 0.9, (400.0, 300.0, 30.0, 40.0)  # Kr, Ks, Kt, Kb
+    beam = ss.laws.beam_bond(stiff[0], stiff[1], stiff[3], stiff[2])
+    chain = ss.assembly(ss.spheres(spacing * np.arange(n + 1)[:, None] * [1.0, 0, 0], 0.4))
+    free = np.ones((n + 1, 6), bool)
+    free[0] = False
+    chain = ss.packings.bonded(chain, beam, within=0.2)
+    chain = chain._replace(control=chain.control._replace(free=free))
+    chain = ss.accept(chain, ss.forces(chain, LAW)[1])
+    motion, known = ss.modes.equations_of_motion(chain, LAW), bonds.rotational_chain(n, spacing, stiff)
+    mass, inertia = float(chain.grains.mass[0]), float(chain.grains.inertia[0])
+    squares = np.sort(np.linalg.eigvals(-motion.jacobian.toarray() / motion.mass[:, None]).real)
+    bending = bonds.bending_frequencies(known, mass, inertia)
+    expected = [bonds.line_frequencies(known, known.stretch, mass), bonds.line_frequencies(known, known.twist, inertia)]
+    np.testing.assert_allclose(squares, np.sort(np.concatenate([*expected, bending, bending])) ** 2, rtol=1e-9)
+    stretch, deflection, slope, bend, twist = bonds.compliance(known)
+    yields = np.linalg.inv(-motion.jacobian.toarray())[-6:, -6:]
+    got = yields[0, 0], yields[1, 1], yields[5, 1] / 0.4, yields[5, 5] / 0.4**2, yields[3, 3] / 0.4**2
+    np.testing.assert_allclose(got, [stretch, deflection, slope, bend, twist], rtol=1e-9)
 
 
 PAIR = ss.assembly(ss.spheres([[0, 0, 0], [1, 0, 0]], 0.5))
