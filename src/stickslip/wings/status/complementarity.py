@@ -72,8 +72,8 @@ def complementarity(
             return complementarity_of_system(StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric))
         except np.linalg.LinAlgError as problem:
             raise np.linalg.LinAlgError(
-                "the stiffness matrix is singular although all contacts stick: a motion is resisted by nothing, as in a "
-                "packing without friction or with loose grains; quasirigid.mechanisms lists such motions"
+                "the stiffness matrix is singular although all contacts stick: a motion is resisted by nothing, as in "
+                "a packing without friction or with loose grains; quasirigid.mechanisms lists such motions"
             ) from problem
 
 
