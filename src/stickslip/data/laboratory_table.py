@@ -100,8 +100,8 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
 }  # fmt: skip
 OTHER_LANGUAGES = {  # names in German and French
-    "time": "zeit temps", "load_point": "scherweg déplacement",
-    "friction": "reibungskoeffizient coefficient_de_frottement",
+    "time": "zeit temps", "load_point": "scherweg verschiebung scherverschiebung weg déplacement deplacement",
+    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement",
     "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement",
     "normal_stress": "normalspannung contrainte_normale",
     "axial_strain": "axialdehnung axiale_dehnung stauchung axiale_stauchung déformation_axiale",

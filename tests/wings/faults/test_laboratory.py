@@ -193,6 +193,10 @@ def test_times_in_days_and_years(tmp_path):
     assert record.time[1] == 365.25 * 86400
     assert record.velocity[0] == pytest.approx(35e-3 / (365.25 * 86400))
     assert read_record(written(tmp_path / "b.csv", HEAD.replace("[s]", "[d]"))).time[1] == 86400
+    rows = [f"{k};{k},5;0,6" for k in range(12)]
+    for head in ("Zeit [min];Verschiebung [mm];Reibung", "temps [min];deplacement [mm];coefficient de frottement"):
+        record = read_record(written(tmp_path / "c.csv", head, rows))
+        assert (record.time[1], record.load_point[1], record.friction[1]) == (60, pytest.approx(1.5e-3), 0.6)
 
 
 LAB = {"time_s": np.arange(20.0), "vdcdt_um": 10.0 * np.arange(20), "mu": 0.6 + 0.001 * np.arange(20),
