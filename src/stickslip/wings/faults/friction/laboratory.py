@@ -54,7 +54,7 @@ class LabRecord(NamedTuple):
 
 @checked
 def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None, motion: bool = True) -> LabRecord:
-    """Read a record from a table as text, an HDF5 or a MATLAB file, whichever its content is.
+    """Read a record from a table as text, an HDF5, MATLAB or binary XLOOK file, whichever its content is.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
     columns are slip, theta and pore_pressure, by which the normal stress is made the effective one unless it is named
