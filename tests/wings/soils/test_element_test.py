@@ -322,6 +322,8 @@ def test_skempton_s_b_is_that_of_a_closed_sample_with_a_compressible_fluid(spher
     run = made(np.zeros((5, 3)), np.full((5, 3), 1e5), void_ratio=np.full(5, e))
     run = run._replace(elastic=element._small_strain(state, law))
     assert numbers(run, chosen)["skempton_B"] == pytest.approx(water / (water + skeleton), rel=1e-3)
+    told = " ".join(sentences(element.ElementTestResult(chosen, law, (run,), None, ())))
+    assert f"those of B = 1; with the stated fluid_modulus B is {water / (water + skeleton):.3g}." in told
 
 
 def test_rowe_s_relation_is_recovered_with_its_angle():

@@ -121,7 +121,8 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
 
 def sentences(result: ElementTestResult) -> list[str]:
     """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
-    return [*_first_failure(result), *_scatter(result), *_missing(result), *_quasi_static(result), *_finer(result)]
+    parts = (_first_failure, _scatter, _missing, _fluid, _quasi_static, _finer)
+    return [sentence for part in parts for sentence in part(result)]
 
 
 def _first_failure(result: ElementTestResult) -> list[str]:
@@ -190,6 +191,17 @@ def _missing(result: ElementTestResult) -> list[str]:
             f"grains."
         )
     return out
+
+
+def _fluid(result: ElementTestResult) -> list[str]:
+    """B of a compressible pore fluid, which the path does not have."""
+    b = MEASURES.known(result).get("skempton_B")
+    if result.scenario.path.fluid_modulus is None or b is None:
+        return []
+    return [
+        f"The volume is constant along the path, so that A and the excess pore pressure are those of B = 1; with the "
+        f"stated fluid_modulus B is {b.mean:.3g}."
+    ]
 
 
 def _quasi_static(result: ElementTestResult) -> list[str]:
