@@ -487,6 +487,9 @@ def test_a_sweep_over_the_pressure_gives_mohr_circles_and_an_envelope():
     assert heading[:4] == ["sample.pressure [Pa]", "law.young", "sigma3_peak [Pa]", "sigma3_peak_error [Pa]"]
     assert [float(row[0]) for row in rows] == [5e4, 1e5, 2e5]
     assert [float(row[heading.index("critical_reached [-]")]) for row in rows] == [1, 1, 0]
+    for name in [name for name in members[0].measures if "_end" in name or "end_" in name]:
+        del members[0].measures[name]  # as in sweeps of earlier versions
+    assert compare(members).remarks[:2] == found.remarks[:2]
 
 
 def test_critical_states_of_a_sweep_lie_on_a_line_and_others_on_none():
@@ -615,11 +618,11 @@ def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
     ("heads", "factors", "words"),
     [
         (["axial strain", "q [kPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'axial strain' reaches 10 times .* per cent"),
-        (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"column 'q' has no unit"),
-        (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"has the unit 'furlong': use pa"),
+        (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'furlong': use Pa, kPa, MPa, GPa"),
+        (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"has no unit: write it as 'q \[Pa\]'"),
         (["axial strain [%]", "q [MPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"more than three times .* correct the unit"),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (-100, -2e-3, 1e-3), r"q is -500 kPa .* more than 1\.5 times"),
-        (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is zero in all rows"),
+        (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is constant in all rows"),
         (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a test of soil"),
     ],
 )

@@ -18,6 +18,7 @@ from ....kit import (
     heading_of,
     known,
     laboratory_table,
+    pluralize,
     readable,
     require_filled,
     require_not_negative,
@@ -87,7 +88,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
         )
     values = table.numbers()
     if len(values["time"]) < LEAST:
-        raise ValueError(f"{path} has {len(values['time'])} rows of numbers: give at least {LEAST}")
+        raise ValueError(f"{path} has {pluralize(len(values['time']), 'row')} of numbers: give at least {LEAST}")
     _make_effective(path, values)
     if "friction" not in values:
         if not (values["normal_stress"] > 0).all():

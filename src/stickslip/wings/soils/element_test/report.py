@@ -519,10 +519,12 @@ def _table(members: list[SweepMember], remarks: list[str]) -> str:
     names = [f"sigma{k}_{state}" for state in STATES for k in (3, 1)]
     names += ["phi_peak", "phi_residual", "critical_reached", "p_end", "end_ratio", "e_end"]
     names = [part for name in names for part in (name, f"{name}_error")]
-    units = {name: unit for name, (_, unit) in members[0].measures.items()}
+    units = {name: unit for member in members for name, (_, unit) in member.measures.items()}
+    names = [name for name in names if name in units]  # members of earlier versions lack some
     keys = list(members[0].values)
     stress = units["sigma1_peak"]
     headings = [heading_of(key, stress) if key == PRESSURE else key for key in keys]
     headings += [heading_of(name, units[name]) for name in names]
-    rows = ([*member.values.values(), *(member.measures[name][0] for name in names)] for member in members)
+    columns = [_column(members, name) for name in names]
+    rows = ([*member.values.values(), *row] for member, row in zip(members, np.transpose(columns), strict=True))
     return format_table(headings, rows, comments=remarks)
