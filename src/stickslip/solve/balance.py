@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..core.arguments import checked
+from ..core.arguments import checked, knows_bonds
 from ..core.contacts.forces import AT_LIMIT, ROUND_OFF, forces, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.contacts.neighbors import body_radii
@@ -81,6 +81,7 @@ def linearised(state: State, law: Law) -> LinearisedState:
 
 
 @checked
+@knows_bonds
 def imbalance(state: State, law: Law) -> float:
     """Largest component of an unbalanced force or torque/R over the mean normal contact force.
 
@@ -119,6 +120,7 @@ def force_imbalance(here: LinearisedState) -> float:
 
 
 @checked
+@knows_bonds
 def residual(state: State, law: Law):
     """Largest component of an unbalanced force or torque/R of a state [force], and the body on which it acts."""
     size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
-from ..core.arguments import Positive, checked
+from ..core.arguments import Positive, checked, knows_bonds
+from ..core.contacts.bonding import with_weakest_broken
 from ..core.contacts.forces import accept, bodies, forces
 from ..core.contacts.neighbors import shifts, with_neighbor_list
 from ..core.dynamics.run import run
@@ -59,6 +60,7 @@ class LeftPathError(RuntimeError):
 
 
 @checked
+@knows_bonds
 def equilibrate(
     state: State,
     law: Law,
@@ -74,7 +76,8 @@ def equilibrate(
     until the residual is 30 % of what it was, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
     If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
     3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended; at last, this is
-    repeated with weaker and weaker drag.
+    repeated with weaker and weaker drag. Bonds at their strength then break one by one, the one with the largest share
+    first, with a new equilibrium after each.
 
     Parameters
     ----------
@@ -109,6 +112,14 @@ def equilibrate(
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     keep = keep or Factorisation()
     end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
+    lost = 0
+    while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
+        end, outcome = _newton_or_dynamics(weaker, law, tolerance, Factorisation(), steps)
+        lost += 1
+    if lost:
+        keep.solve, keep.found_stable = None, -1
+        outcome = outcome._replace(how=f"{outcome.how}; {pluralize(lost, 'bond')} broke")
+        end = end if outcome.ok else state
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.renewals):
         return end, outcome
     if check == "nothing":
@@ -209,6 +220,7 @@ def _is_definite(twice: np.ndarray, scale: float) -> bool:
 
 
 @checked
+@knows_bonds
 def relax(
     state: State,
     law: Law,

@@ -12,6 +12,7 @@ from ..laws.kinds import bridges_gaps, own_memory
 from ..laws.properties import angular_columns
 from ..library import core
 from ..state import PER_PAIR, Cell, Contacts, State, empty_contacts
+from .bonds import bond_gap
 
 _IMAGE_OFFSET = 1 << (IMAGE_BITS - 1)
 MAX_BODIES = 1 << BODY_BITS
@@ -152,12 +153,16 @@ def without_walls(state: State, walls: Bodies) -> State:
 
 
 def largest_gap(state: State, law: Law) -> float:
-    """Largest gap across which a law acts between bodies of a state [length]."""
+    """Largest gap across which a law or a bond acts between bodies of a state [length]."""
+    across = 0.0
+    if state.bonds:
+        position, radius, skin = state.grains.position, state.grains.radius, state.contacts.skin
+        across = bond_gap(state.bonds, position, radius, state.cell.vectors, skin)
     if not bridges_gaps(law.kind):
-        return 0.0
+        return across
     r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
     a, b = np.indices(law.table.shape[:2])
-    return float(evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff).max())
+    return max(across, float(evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff).max()))
 
 
 def with_range(state: State, law: Law) -> Contacts:

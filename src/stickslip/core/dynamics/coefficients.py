@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..contacts.bonds import has_damped_bonds
 from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
 from ..laws.builtin import Law, damping_model
@@ -105,7 +106,7 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
     models = law[3:] if law.properties else law.damping
     out = zlib.crc32(f"{law.kind} {law.coulomb} {models} {memory} {float(state.time)!r}".encode())
     count = int(state.contacts.count[0])
-    for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
+    for noun in filter(None, (state.grains, state.walls, state.cell, state.contacts, state.control, state.bonds)):
         for name, array in zip(noun._fields, noun, strict=True):
             if noun is state.contacts and (name in _IGNORED or array is None):
                 continue
@@ -119,7 +120,8 @@ def with_mark(state: State, law: Law, memory: str) -> State:
 
     Without dashpots, forces are reproduced, but the mean velocity of a rigid group is not.
     """
-    if not (damping_model(law) or (state.control.group >= 0).any()):
+    damped = damping_model(law) or has_damped_bonds(state)
+    if not (damped or (state.control.group >= 0).any()):
         return state._replace(instant=None)
     return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))
 

@@ -11,6 +11,7 @@ import weakref
 
 import numpy as np
 
+from ..contacts.bonds import committed
 from ..contacts.forces import FROZEN, Bodies, forces
 from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_list, select_rows, with_own_memory
 from ..fields import pack_keys
@@ -53,7 +54,8 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Few grains, and contacts with rolling resistance or a memory of their own, are evaluated by rows, others by blocks.
+    Few grains, bonds, and contacts with rolling resistance or a memory of their own, are evaluated by rows, others by
+    blocks.
     """
 
     def __init__(
@@ -64,13 +66,16 @@ class _Run:
         self.imposed, self.deforming = needs_frame(state), deforms(state)
         self.struct = core.fill("Law", law_struct(law, rate=rate > 0, members=FORCES))
         remembers, watched = bool(self.struct.angular or self.struct.len_memory), len(writing.events) > 0
-        self.by_rows = state.n_bodies < MIN_BODIES or needs_rows(law)
+        self.by_rows = state.n_bodies < MIN_BODIES or needs_rows(law) or state.bonds is not None
         self.threads = 1 if self.by_rows else _thread_count(len(state.grains.radius), threads, watched)
         here = bodies_at_start(state, instant)
         self.set_contacts(_working_contacts(state, law, here, bool(books or watched or remembers)))
         self.blocks = core.new_blocks()
         weakref.finalize(self, core.free_blocks, self.blocks)
-        predict = bool(self.struct.damping) and not rate
+        self.bonds = state.bonds and _working_bonds(state, here)
+        self.bonded = self.bonds and core.fill("Bonds", self.bonds)
+        damped = self.struct.damping or (self.bonds and self.bonds.damping.any())
+        predict = bool(damped) and not rate
         self.moving = make_moving_bodies(state, plan, here, predict, self.imposed, self.by_rows, self.threads)
         self.moved = core.fill("Moving", self.moving)
         self.known = here._replace(**dict.fromkeys(_MOVING_FIELDS, _EMPTY))
@@ -145,7 +150,7 @@ class _Run:
         while True:
             code = core.run_steps(
                 self.struct, self.state.cell.dim, self.moved, None if self.by_rows else self.blocks, self.bodies,
-                self.listed, self.state.cell.vectors, *self.constants, self.buffers, self.state.time, stop,
+                self.listed, self.state.cell.vectors, *self.constants, self.bonded, self.buffers, self.state.time, stop,
                 self.plan.tolerance, self.residual, self.progress, self.threads,
             )  # fmt: skip
             if code == core.NO_MEMORY:
@@ -204,7 +209,7 @@ class _Run:
         core.store_reference(
             contacts, here.position, here.angle, here.radius, vectors, self.struct.angular, contacts.pair, contacts.roll
         )
-        return state_after(self.state, here, contacts, time)._replace(instant=instant)
+        return state_after(self.state, here, contacts, time)._replace(instant=instant, bonds=self.bonds)
 
     def _time(self) -> float:
         return self.state.time + self.step * self.plan.dt
@@ -301,6 +306,12 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
     else:
         _, contacts = forces(state, law, memory=FROZEN)
     return contacts._replace(pair=_EMPTY, roll=_EMPTY, key=contacts.key[: None if keyed else 0])
+
+
+def _working_bonds(state: State, here: Bodies):
+    """Copy of the bonds, to which a run can write, with their memory committed."""
+    bonds = committed(state.bonds, state.cell.dim, here, state.cell.vectors)
+    return bonds._replace(intact=bonds.intact.copy())
 
 
 def _forces_in_state_order(moving) -> np.ndarray:

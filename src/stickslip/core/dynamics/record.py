@@ -56,7 +56,7 @@ class Record(NamedTuple):
     group_pull: np.ndarray  # (T, G, 3) of springs on the group [force]
     position: np.ndarray  # (T, P, 3) of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
-    events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
+    events: np.ndarray  # structured: kind ("closed", "opened", "limit", "broke"), time, i, j, image, position of i
     ledger: Ledger | None  # with `ledger=True`
     periodic: np.ndarray  # (3,) bool: whether the cell repeats along each of its vectors
     dim: int  # 2 for disks in a plane, or 3
@@ -205,7 +205,7 @@ def with_lost_contacts(writing: RecordBuffers, before, after, position, time) ->
 _EVENT_TYPE = np.dtype(
     [("kind", "U6"), ("time", float), ("i", int), ("j", int), ("image", int, 3), ("position", float, 3)]
 )
-_EVENT_NAMES = np.array(["closed", "opened", "limit"])
+_EVENT_NAMES = np.array(["closed", "opened", "limit", "broke"])
 
 
 def make_record(writing: RecordBuffers, done: int, books: Books | None, cell: Cell) -> Record:

@@ -38,6 +38,7 @@ NOUNS = {
     "contacts": core.Contacts,
     "control": core.Control,
     "instant": core.Instant,
+    "bonds": core.Bonds,
 }
 
 
