@@ -67,7 +67,7 @@ TABLE = (
     Row("column of a dump", UNKNOWN, "q", "charges repel or attract each other"),
     Row("column of contacts", USED, "i j dist dx dy dz fx fy fz Fx Fy Fz tx ty tz"),
     Row("column of contacts", HARMLESS, "periodic ?1 ?2 id1 id2 p* cutoff radius force eng "
-        "energy overlap* delta* index area* fn ft c? x y z step c_* f_*"),
+        "energy overlap* delta* index area* fn ft slides c? x y z step c_* f_*"),
     Row("column of a table", HARMLESS, "frame no nr number index time step timestep t absv u speed vmag colou?r c "
         "coordination* coord*number z cn neighbo?rs numneighbo?rs numcontacts contacts ncontacts mask name angle* phi "
         "psi theta orientation* quat* q? rot* info volume voronoi* area stress stress? stress?? sigma sigma? sigma?? "
