@@ -190,6 +190,26 @@ def test_a_cemented_packing_is_stable_until_bonds_break_one_after_the_other(ceme
     assert ss.measure.bond_shares(end).max() < 1
 
 
+@pytest.mark.filterwarnings("ignore:at strain")
+def test_a_ramp_of_shear_breaks_bonds_and_says_so(cemented):
+    path = ss.protocols.ramp(cemented, [0.0, 2e-4, 2e-3], ss.protocols.aqs(LAW))
+    lost = [int((~point.state.bonds.intact).sum()) for point in path]
+    assert lost[:2] == [0, 0] and lost[2] > 0
+    assert "broke" in path[2].outcome.how and "broke" not in path[1].outcome.how
+
+
+def test_moduli_are_derivatives_of_the_stress(cemented):
+    moduli, strain = ss.modes.elastic_moduli(cemented, LAW).tensor, 1e-6
+    for a, b in ((0, 0), (0, 1)):
+        gradient = np.zeros((3, 3))
+        gradient[a, b] = strain
+        ends = [
+            ss.equilibrate(ss.packings.strained(cemented, sign * gradient), LAW, check="nothing")[0] for sign in (1, -1)
+        ]
+        change = (ss.measure.stress(ends[1], LAW) - ss.measure.stress(ends[0], LAW)) / (2 * strain)
+        np.testing.assert_allclose(change, moduli[:, :, a, b], atol=2e-4 * np.abs(moduli).max())
+
+
 def test_stress_is_the_virial_of_contacts_and_bonds(cemented):
     pulled, _ = ss.equilibrate(ss.packings.sheared(cemented, 1e-4), LAW)
     force, torque, virial = np.zeros((30, 3)), np.zeros((30, 3)), np.zeros((3, 3))
