@@ -238,6 +238,7 @@ def refused(tmp_path):
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
         ("fine", ["--until", "1e-3", "--step", "1e-2"], "use one between"),
         ("fine", ["--step", "-1"], "step"),
+        ("fine", ["--step", "10"], "use at most 0.1"),
         ("fine", ["--mode", "torsion"], "simple"),
         ("fine", ["--law", "linear", "--kn", "1", "--kt", "1"], "not in equilibrium"),
         ("missing", [], "missing.npz"),
