@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import stickslip as ss
+from stickslip import kit
 from stickslip.core.contacts.bonds import add_bond_loads
 from stickslip.core.contacts.forces import FREE, HELD, bodies
 from tests.laws import bonds, bonds_lammps
@@ -196,6 +197,16 @@ def test_a_ramp_of_shear_breaks_bonds_and_says_so(cemented):
     lost = [int((~point.state.bonds.intact).sum()) for point in path]
     assert lost[:2] == [0, 0] and lost[2] > 0
     assert "broke" in path[2].outcome.how and "broke" not in path[1].outcome.how
+
+
+def test_a_cell_that_follows_the_stress_breaks_bonds_as_it_settles(cemented):
+    scales = kit.compression_scales(cemented, LAW, 1e-3, 1e-12)
+    control = ss.control.stress_controlled(cemented.control, {"xx": 1e-3, "yy": 1e-3, "zz": 1e-3})
+    pushed = ss.packings.sheared(cemented, 1e-3)._replace(control=control)
+    end, outcome = kit.settle(pushed, LAW, scales, tolerance=1e-12, keep=ss.results.Factorisation())
+    lost = int((~end.bonds.intact).sum())
+    assert lost > 0 and f"{lost} bond" in outcome.how and ss.measure.bond_shares(end).max() < 1
+    np.testing.assert_allclose(np.diag(ss.measure.stress(end, LAW)), 1e-3, atol=1e-8)
 
 
 def test_moduli_are_derivatives_of_the_stress(cemented):
