@@ -11,6 +11,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
 from stickslip.friction import fault_dataset
+from stickslip.kit import ArchiveError
 from stickslip.reports.page import write_page
 from stickslip.runs.folder import write_result
 from stickslip.runs.page import folder_content
@@ -53,6 +54,22 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def result(folder):
     return ss.simulate(read_scenario(folder / "scenario.json"))
+
+
+def test_parts_and_states_of_the_earlier_kernel_are_refused(tmp_path, monkeypatch):
+    short, true = scenario(experiment="fault", line={"cell": 100.0}, run={"years": 1.0}), room.simulate_fault
+
+    def earlier(*given, **more):
+        history = true(*given, **more)
+        return history._replace(state=history.state._replace(kernel="uniform"))
+
+    with monkeypatch.context() as now:
+        now.setattr(room, "simulate_fault", earlier)
+        history = room.simulate_cycles(short, folder=tmp_path).history
+    with pytest.raises(ArchiveError, match="slip that is uniform in each cell, and faults now have band-limited slip"):
+        room.simulate_cycles(short, folder=tmp_path)
+    with pytest.raises(ValueError, match="uniform in each cell, and faults now have band-limited slip"):
+        true(history.fault, 2.0, start=history.state)
 
 
 def test_files(folder):

@@ -150,9 +150,9 @@ class Fault(NamedTuple):
     def transfer(self) -> StressTransfer:
         """Map from slip to shear and normal stress."""
         size = len(self.depth), self.cell, self.modulus
-        if self.dips:
-            return stress_transfer(*size, "infinite", dip=self.dip, sense=self.sense)
-        return stress_transfer(*size, self.boundary, self.thickness)
+        return stress_transfer(
+            *size, self.boundary, self.thickness, dip=self.dip if self.dips else None, sense=self.sense
+        )
 
 
 @checked
