@@ -160,6 +160,27 @@ def test_a_bond_that_breaks_in_a_run_is_an_event_and_does_not_return():
     np.testing.assert_allclose(later.grains.velocity, end.grains.velocity)
 
 
+def test_a_sample_of_a_run_counts_bonds_as_measures_do():
+    place, bond = [[0, 0, 0], [1.0, 0.9, 0], [2.0, 0, 0], [3.5, 3.5, 0]], ss.laws.beam_bond(2.0, 1.0, 0.3, 0.2)
+    state = ss.packings.bonded(ss.assembly(ss.spheres(place, 0.5), cell=ss.box([8, 8, 8], (True,) * 3)), bond, within=0.5)
+    state = state._replace(grains=state.grains._replace(velocity=np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 0]])))
+    end, record, _ = ss.run(state, LAW, steps=100, dt=0.01, every=50)  # gaps grow beyond the list
+    assert record.touching[-1] == len(ss.measure.touching(end)) == 2
+    assert record.rattlers[-1] == ss.measure.rattlers(end).sum() == 1
+    assert record.coordination[-1] == 1 and record.held_coordination[-1] == pytest.approx(ss.measure.coordination(end))
+    np.testing.assert_allclose(record.fabric[-1], ss.measure.fabric(end), atol=1e-15)
+    np.testing.assert_allclose(record.stress[-1], ss.measure.stress(end, LAW), atol=1e-15)
+    assert np.abs(record.stress[-1]).max() > 1e-3 and ss.jacobian(end, LAW).shape == (24, 24)
+
+
+def test_a_bond_beyond_its_strength_that_fades_bears_nothing():
+    pair = ss.packings.bonded(PAIR, ss.laws.spring_bond(1.0, 0.1))
+    far = pair._replace(grains=pair.grains._replace(position=np.array([[0, 0, 0], [1.3, 0, 0]])))
+    found, trial = ss.forces(far, LAW)
+    assert not found.force.any() and not ss.jacobian(ss.accept(far, trial), LAW).toarray().any()
+    assert ss.measure.bond_shares(far) == pytest.approx([3.0])
+
+
 def test_a_time_step_beyond_the_bound_of_bonds_is_refused():
     pair = ss.packings.bonded(
         ss.assembly(ss.spheres([[0, 0, 0], [1.1, 0, 0]], 0.5)), ss.laws.beam_bond(4.0, 1.0, 0.1, 0.1), within=0.2
