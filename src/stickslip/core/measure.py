@@ -157,9 +157,9 @@ def pressure(state: State, law: Law) -> float:
 
 
 def mean_normal_force(state: State, law: Law) -> float:
-    """Mean of |F_n| over touching contacts [force]; F_n may be attractive. Zero without contacts."""
-    force = linearise(state, law).force_n[touching(state)]
-    return float(np.abs(force).mean()) if len(force) else 0.0
+    """Mean of |F_n| over touching contacts, with forces of bonds [force]; F_n may be attractive. Zero without contacts."""
+    force = linearise(state, law).bearing[touching(state)]
+    return float(force.mean()) if len(force) else 0.0
 
 
 @checked
