@@ -137,12 +137,12 @@ def test_disks_bend_and_shear_like_a_short_beam():
     np.testing.assert_allclose(found.force[:, 1], [-0.01 * area, 0.01 * area], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["beam", "fading beam", "spring"])
+@pytest.mark.parametrize("name", BONDS)
 def test_runs_conserve_momentum_and_restart_with_the_same_bits(name):
     state = cluster(3, BONDS[name], moved=False)
     whole, _, _ = ss.run(state, LAW, steps=90, dt=0.01, every=30)
-    half, _, _ = ss.run(state, LAW, steps=40, dt=0.01)
-    rest, _, _ = ss.run(half, LAW, steps=50, dt=0.01)
+    half, _, _ = ss.run(state, LAW, steps=1, dt=0.01)
+    rest, _, _ = ss.run(half, LAW, steps=89, dt=0.01)
     for part in ("position", "velocity", "angle", "spin"):
         assert np.array_equal(getattr(rest.grains, part), getattr(whole.grains, part)), part
     assert all(np.array_equal(a, b) for a, b in zip(rest.bonds, whole.bonds, strict=True))
@@ -159,6 +159,27 @@ def test_a_bond_that_breaks_in_a_run_is_an_event_and_does_not_return():
     assert not end.bonds.intact.any() and 0.04 < broke["time"][0] < 0.08
     later, _, _ = ss.run(end, LAW, steps=10, dt=0.002)
     np.testing.assert_allclose(later.grains.velocity, end.grains.velocity)
+
+
+def test_a_sample_of_a_run_counts_bonds_as_measures_do():
+    place, bond = [[0, 0, 0], [1.0, 0.9, 0], [2.0, 0, 0], [3.5, 3.5, 0]], ss.laws.beam_bond(2.0, 1.0, 0.3, 0.2)
+    grains = ss.spheres(place, 0.5)._replace(velocity=np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 0]]))
+    state = ss.packings.bonded(ss.assembly(grains, cell=ss.box([8, 8, 8], (True,) * 3)), bond, within=0.5)
+    end, record, _ = ss.run(state, LAW, steps=100, dt=0.01, every=50)  # gaps grow beyond the list
+    assert record.touching[-1] == len(ss.measure.touching(end)) == 2
+    assert record.rattlers[-1] == ss.measure.rattlers(end).sum() == 1
+    assert record.coordination[-1] == 1 and record.held_coordination[-1] == pytest.approx(ss.measure.coordination(end))
+    np.testing.assert_allclose(record.fabric[-1], ss.measure.fabric(end), atol=1e-15)
+    np.testing.assert_allclose(record.stress[-1], ss.measure.stress(end, LAW), atol=1e-15)
+    assert np.abs(record.stress[-1]).max() > 1e-3 and ss.jacobian(end, LAW).shape == (24, 24)
+
+
+def test_a_bond_beyond_its_strength_that_fades_bears_nothing():
+    pair = ss.packings.bonded(PAIR, ss.laws.spring_bond(1.0, 0.1))
+    far = pair._replace(grains=pair.grains._replace(position=np.array([[0, 0, 0], [1.3, 0, 0]])))
+    found, trial = ss.forces(far, LAW)
+    assert not found.force.any() and not ss.jacobian(ss.accept(far, trial), LAW).toarray().any()
+    assert ss.measure.bond_shares(far) == pytest.approx([3.0])
 
 
 def test_a_time_step_beyond_the_bound_of_bonds_is_refused():
@@ -345,6 +366,17 @@ def test_increments_of_parallel_bonds_are_those_of_potyondy_and_cundall():
     np.testing.assert_allclose(share, known.share, rtol=0.01)
 
 
+@pytest.mark.parametrize("name", ["stiff spring", "parallel"])
+def test_bonds_across_gaps_bear_a_hanging_chain(name):
+    """Forces that bonds alone bear are the scale of what is unbalanced."""
+    chain = ss.assembly(ss.spheres(np.arange(4)[:, None] * [0, -1.1, 0], 0.5))
+    chain = ss.packings.bonded(chain, BONDS[name], within=0.2)
+    control = ss.control.fixed(chain.control, [0])._replace(gravity=np.array([0, -1e-3, 0]))
+    chain, outcome = ss.equilibrate(chain._replace(control=control), LAW)
+    assert outcome.ok and ss.measure.imbalance(chain, LAW) < 1e-10
+    assert ss.stability(chain, LAW).verdict.startswith("stable")
+
+
 def test_a_chain_bends_and_vibrates_as_its_closed_form():
     n, spacing, stiff = 6, 0.9, (400.0, 300.0, 30.0, 40.0)  # Kr, Ks, Kt, Kb
     beam = ss.laws.beam_bond(stiff[0], stiff[1], stiff[3], stiff[2])
@@ -367,12 +399,15 @@ def test_a_chain_bends_and_vibrates_as_its_closed_form():
 
 
 PAIR = ss.assembly(ss.spheres([[0, 0, 0], [1, 0, 0]], 0.5))
+FAR = ss.assembly(ss.spheres([[0, 0, 0], [4e4 + 1, 0, 0]], 0.5), cell=ss.box([4, 4, 4], (True,) * 3))
 BOX = ss.assembly(ss.spheres([[0, 0, 0], [2, 0, 0]], 0.5), ss.flat_walls(), ss.box([4, 4, 4], (True,) * 3))
 
 
 @pytest.mark.parametrize(
     ("state", "pairs", "words"),
     [
+        (FAR, [[0, 1]], "periodic boxes apart"),
+        (FAR, None, "periodic boxes apart"),
         (PAIR, [[1, 1]], "of grain 1 with itself"),
         (PAIR, [[0, 2]], "grains are numbered 0 to 1"),
         (PAIR, [[0, 1], [1, 0]], "bonded already"),
@@ -383,7 +418,7 @@ BOX = ss.assembly(ss.spheres([[0, 0, 0], [2, 0, 0]], 0.5), ss.flat_walls(), ss.b
 )
 def test_bonds_that_cannot_be_are_refused(state, pairs, words):
     with pytest.raises(ValueError, match=words):
-        ss.packings.bonded(state, ss.laws.spring_bond(1.0), pairs=np.array(pairs))
+        ss.packings.bonded(state, ss.laws.spring_bond(1.0), pairs=pairs and np.array(pairs))
 
 
 @pytest.mark.parametrize("strength", [(1, 1, 1), (1, 1, 1, -1), (1, 1, 1, 0), (1, 1, 1, np.nan)])

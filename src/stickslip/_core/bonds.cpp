@@ -153,6 +153,7 @@ T share_of(const Bond &bond, T pull, Vec<T> shear, Vec<T> bend, Vec<T> twist) {
 template <class T>
 T faded(const Bond &bond, T share) {
   if (!bond.fading) return T{} + 1.0;
+  if (value_of(share) >= 1.0) return T{};
   const T square = share * share, fourth = square * square;
   return T{} + 1.0 - (bond.fading == 4 ? fourth : fourth * fourth);
 }

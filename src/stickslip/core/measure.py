@@ -12,7 +12,7 @@ from .arguments import Positive, Requirement, checked, knows_bonds, require_shap
 from .contacts.bonds import bond_rows
 from .contacts.forces import HELD, bodies, check_materials
 from .contacts.jacobian import linearise
-from .contacts.neighbors import body_radii, check_list, shifts
+from .contacts.neighbors import body_radii, check_list, gap_of_bonds, shifts
 from .laws.builtin import MU, Law
 from .laws.compiled import law_struct
 from .library import core
@@ -55,6 +55,7 @@ def touching(state: Committed) -> np.ndarray:
     """
     joined = state.contacts.mode[: state.contacts.count[0]] != OPEN
     if state.bonds:
+        check_list(state, gap_of_bonds(state))
         joined[bond_rows(state.bonds, state.contacts)[state.bonds.intact]] = True
     return np.flatnonzero(joined)
 
@@ -156,9 +157,9 @@ def pressure(state: State, law: Law) -> float:
 
 
 def mean_normal_force(state: State, law: Law) -> float:
-    """Mean of |F_n| over touching contacts [force]; F_n may be attractive. Zero without contacts."""
-    force = linearise(state, law).force_n[touching(state)]
-    return float(np.abs(force).mean()) if len(force) else 0.0
+    """Mean of |F_n| over touching contacts, with forces of bonds [force]; F_n may be attractive. Zero without contacts."""
+    force = linearise(state, law).bearing[touching(state)]
+    return float(force.mean()) if len(force) else 0.0
 
 
 @checked

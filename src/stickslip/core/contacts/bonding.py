@@ -5,12 +5,12 @@ from typing import Annotated
 import numpy as np
 
 from ..arguments import Array, NotNegative, checked, knows_bonds
-from ..fields import pack_keys
+from ..fields import IMAGE_BITS, pack_keys
 from ..laws.bonds import Bond, coefficients
 from ..state import Bonds, State, empty_contacts
 from .bonds import add_bond_loads, bond_gap, bond_vectors
 from .forces import bodies
-from .neighbors import body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
+from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
 AMBIGUOUS = 1e-9  # distance from half a box, in boxes
 
@@ -102,7 +102,9 @@ def _pairs_within(state: State, within: float):
     contacts = empty_contacts(state.n_bodies, 0, state.contacts.skin)._replace(gap=within)
     x = body_positions(state)
     near = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), contacts)
-    count = max(int(near.count[0]), 0)
+    count = int(near.count[0])
+    if count < 0:
+        raise TooFarApartError(TOO_FAR)
     i, j, image = near.i[:count], near.j[:count], near.image[:count]
     radius = state.grains.radius
     free = np.flatnonzero(j < len(radius))
@@ -128,6 +130,8 @@ def _given_pairs(state: State, pairs: np.ndarray):
     i, j = np.sort(pairs, axis=1).T
     apart = (state.grains.position[i] - state.grains.position[j]) @ grid_of(cell).inverse
     image = np.where(cell.periodic, -np.round(apart), 0.0)
+    if abs(image).max(initial=0.0) >= 1 << IMAGE_BITS - 1:
+        raise TooFarApartError(TOO_FAR)
     tie = np.where(cell.periodic, abs(abs(apart + image) - 0.5) < AMBIGUOUS, False).any(axis=1)
     if tie.any():
         a = tie.argmax()

@@ -65,6 +65,13 @@ class Linearisation(NamedTuple):
         return self.force_n[:, None] * self.normal - self.secant[:, None] * self.slip + self.bond
 
     @property
+    def bearing(self) -> np.ndarray:
+        """(C,) |F_n|, or |F_n n + F| where bonds bear F [force]."""
+        if not self.bond.any():
+            return np.abs(self.force_n)
+        return np.linalg.norm(self.force_n[:, None] * self.normal + self.bond, axis=1)
+
+    @property
     def mobilisation(self) -> np.ndarray:
         """(C,) |F_t|/(μ F_n) of touching contacts; NaN for all other pairs and without friction."""
         bears, pull = (self.closed > 0) & (self.limit > 0), self.secant * np.linalg.norm(self.slip, axis=1)

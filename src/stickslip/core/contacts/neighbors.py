@@ -16,7 +16,7 @@ from .bonds import bond_gap
 
 _IMAGE_OFFSET = 1 << (IMAGE_BITS - 1)
 MAX_BODIES = 1 << BODY_BITS
-TOO_FAR = f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
+TOO_FAR = f"two grains that touch or are bonded are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
 
 
 class TooFarApartError(ValueError):
@@ -152,12 +152,16 @@ def without_walls(state: State, walls: Bodies) -> State:
 # ---- what some laws require of the neighbour list: pairs across gaps, and rows for memory
 
 
+def gap_of_bonds(state: State) -> float:
+    """Largest gap across which a bond acts in a state, rounded up; see `bond_gap` [length]."""
+    if not state.bonds:
+        return 0.0
+    return bond_gap(state.bonds, state.grains.position, state.grains.radius, state.cell.vectors, state.contacts.skin)
+
+
 def largest_gap(state: State, law: Law) -> float:
     """Largest gap across which a law or a bond acts between bodies of a state [length]."""
-    across = 0.0
-    if state.bonds:
-        position, radius, skin = state.grains.position, state.grains.radius, state.contacts.skin
-        across = bond_gap(state.bonds, position, radius, state.cell.vectors, skin)
+    across = gap_of_bonds(state)
     if not bridges_gaps(law.kind):
         return across
     r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..contacts.bonds import has_damped_bonds
 from ..contacts.forces import Bodies, bodies
 from ..control import factors_at
 from ..laws.builtin import Law, damping_model
@@ -118,10 +117,10 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
 def with_mark(state: State, law: Law, memory: str) -> State:
     """State at the end of a run, with its instant marked, or with none if a new run would reproduce it bit for bit.
 
-    Without dashpots, forces are reproduced, but the mean velocity of a rigid group is not.
+    Without dashpots, forces of contacts are reproduced, those of bonds only to round-off, whose memory has since been
+    committed. The mean velocity of a rigid group is not.
     """
-    damped = damping_model(law) or has_damped_bonds(state)
-    if not (damped or (state.control.group >= 0).any()):
+    if not (damping_model(law) or state.bonds or (state.control.group >= 0).any()):
         return state._replace(instant=None)
     return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))
 

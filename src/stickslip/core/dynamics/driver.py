@@ -11,9 +11,17 @@ import weakref
 
 import numpy as np
 
-from ..contacts.bonds import committed
+from ..contacts.bonds import bond_gap, committed
 from ..contacts.forces import FROZEN, Bodies, forces
-from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_list, select_rows, with_own_memory
+from ..contacts.neighbors import (
+    TOO_FAR,
+    TooFarApartError,
+    grid_of,
+    rebuild_list,
+    select_rows,
+    with_neighbor_list,
+    with_own_memory,
+)
 from ..fields import pack_keys
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
@@ -24,7 +32,7 @@ from .cell_motion import make_frame, needs_frame, remaining_skin
 from .coefficients import Plan, bodies_at_start, state_after
 from .ledger import post_step
 from .moving import balance_threads, gather_springs, make_moving_bodies
-from .record import RecordBuffers, with_lost_contacts, write_groups
+from .record import RecordBuffers, add_bonds, with_lost_contacts, write_groups
 
 MIN_BODIES = 16  # number of bodies above which blocks are faster than rows
 GRAINS_PER_THREAD = 2000  # minimum for good efficiency
@@ -191,6 +199,13 @@ class _Run:
         external, force = self.plan.external, _forces_in_state_order(self.moving)
         write_groups(self.writing.groups[row], self.state, external, here, force, self._time())
 
+    def record_bonds(self, here: Bodies, row: int) -> None:
+        """Add bonds to one sample, of which the loop itself writes what is due to contacts."""
+        contacts = self.contacts
+        listed = contacts._replace(key=pack_keys(contacts.i, contacts.j, contacts.image), stale=True)
+        state = state_after(self.state, here, listed, self._time())._replace(bonds=self.bonds)
+        add_bonds(self.writing.series[row], with_neighbor_list(state, self.law), self.law)
+
     def finish(self, skin: float) -> State:
         """State at the last step, whose list has the given skin."""
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
@@ -199,9 +214,11 @@ class _Run:
         core.clear_blocks(self.blocks)  # free memory for the result
         vectors = self.state.cell.vectors
         del self.moving, self.moved
-        if self.deforming or self.contacts.skin != skin:
+        gap = bond_gap(self.bonds, here.position, here.radius, vectors, skin) if self.bonds else 0.0
+        if self.deforming or self.contacts.skin != skin or gap > self.contacts.gap:
             # the validity of a list is checked by displacements of grains, not by the deformation of the cell
-            self.set_contacts(_without_open_pairs(self.contacts))
+            former = _without_open_pairs(self.contacts)
+            self.set_contacts(former._replace(gap=max(gap, former.gap)))
             self.set_contacts(_rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law))
         contacts, before = self.contacts, self.state.contacts
         key = before.key if contacts.i is before.i else pack_keys(contacts.i, contacts.j, contacts.image)
@@ -261,7 +278,7 @@ def run_steps(
     """
     current = _Run(state, law, plan, steps, writing, books, instant, rate=rate, threads=threads)
     every, stop, code, worst = writing.every, 0, core.MOVED, -1
-    sampling = every if writing.groups.shape[1] else 0  # the loop itself writes all other samples
+    sampling = every if writing.groups.shape[1] or state.bonds else 0  # the loop itself writes all other samples
     while True:
         if code == core.MOVED:
             current.choose_pairs()
@@ -279,6 +296,8 @@ def run_steps(
             books = post_step(books, current.state, plan, here, current.contacts, step, every)
         if sampled:
             current.record_groups(here, step // every)
+            if current.bonds:
+                current.record_bonds(here, step // every)
         if not np.isfinite(current.residual[0]) and plan.tolerance > 0 and step % core.CHECK_EVERY == 0:
             code = core.NOT_FINITE
         if step == steps or code != core.DONE:
