@@ -157,7 +157,7 @@ def pressure(state: State, law: Law) -> float:
 
 
 def mean_normal_force(state: State, law: Law) -> float:
-    """Mean of |F_n| over touching contacts, with forces of bonds [force]; F_n may be attractive. Zero without contacts."""
+    """Mean of |F_n| over touching contacts, forces of bonds included [force]; zero without contacts."""
     force = linearise(state, law).bearing[touching(state)]
     return float(force.mean()) if len(force) else 0.0
 

@@ -16,7 +16,7 @@ from .bonds import bond_gap
 
 _IMAGE_OFFSET = 1 << (IMAGE_BITS - 1)
 MAX_BODIES = 1 << BODY_BITS
-TOO_FAR = f"two grains that touch or are bonded are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
+TOO_FAR = f"touching or bonded grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
 
 
 class TooFarApartError(ValueError):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...core.arguments import checked, knows_bonds, require_filled
+from ...core.contacts.bonding import without_bonds
 from ...core.contacts.forces import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_names, with_values
@@ -396,8 +397,15 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
         states = [frame_of(states, law)]
     require_filled("states", states)
     frames: list[Frame] = list(states)
-    lost = any(frame.state.bonds for frame in frames) and suffix not in (*ARCHIVE, ".gsd")
-    return _write(path, suffix, frames) + ([f"{suffix} does not store bonds"] if lost else [])
+    if suffix in (*ARCHIVE, ".gsd") or not any(frame.state.bonds for frame in frames):
+        return _write(path, suffix, frames)
+    return [*_write(path, suffix, [_without_bonds(frame) for frame in frames]), f"{suffix} does not store bonds"]
+
+
+def _without_bonds(frame: Frame) -> Frame:
+    """Frame with the contacts and forces that are left without bonds."""
+    bare = frame_of(without_bonds(frame.state), frame.law)
+    return frame._replace(state=bare.state, grains=bare.grains, contacts=bare.contacts)
 
 
 def _write(path: Path, suffix: str, frames: list[Frame]) -> list[str]:
