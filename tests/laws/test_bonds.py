@@ -123,6 +123,14 @@ def test_a_twist_beyond_half_a_turn_is_the_shorter_one():
     np.testing.assert_allclose(found.torque[:, 0], [2 * (2 * np.pi - 3.5), -2 * (2 * np.pi - 3.5)])
 
 
+def test_an_imbalance_is_measured_by_what_bonds_bear():
+    """Also where no grains touch: the one force of a stretched pair is unbalanced."""
+    pair = ss.packings.bonded(ss.assembly(ss.spheres([[0, 0, 0], [1.2, 0, 0]], 0.5)), BONDS["spring"], within=0.3)
+    pulled = pair._replace(bonds=pair.bonds._replace(length=np.array([1.19])))
+    pulled = ss.accept(pulled, ss.forces(pulled, LAW)[1])
+    assert ss.measure.imbalance(pulled, LAW) == pytest.approx(1.0)
+
+
 def test_disks_bend_and_shear_like_a_short_beam():
     bond = ss.laws.parallel_bond(2.0, 1.0, radius=0.8)
     pair = ss.packings.bonded(ss.assembly(ss.disks([[0, 0], [1, 0]], 0.5)), bond)
