@@ -159,16 +159,23 @@ def _environment(root: Path) -> dict[str, str]:
 def is_noticed(mutant: Mutant, root: Path, tests: list[str], right: Path) -> str:
     """Return the first test that fails with the fault and passes without it, or what else stops them; "" if none."""
     broken: list[str] = []
-    with mutant.applied(root):
-        if mutant.is_compiled:
-            call = [sys.executable, root / "src/stickslip/_core/build.py"]
-            if subprocess.run(call, cwd=root, env=_environment(root), capture_output=True).returncode:
+    try:
+        with mutant.applied(root):
+            if mutant.is_compiled and not _compiles(root):
                 return "the compiler"
-        while "::" in (failed := _first_failure(root, [*tests, *broken])):
-            if _first_failure(right, [failed]) != failed:
-                break
-            broken.append(f"--deselect={failed}")  # without the fault as well
-        return failed
+            while "::" in (failed := _first_failure(root, [*tests, *broken])):
+                if _first_failure(right, [failed]) != failed:
+                    break
+                broken.append(f"--deselect={failed}")  # without the fault as well
+            return failed
+    finally:
+        if mutant.is_compiled:
+            _compiles(root)  # the core of the right sources, for the next fault
+
+
+def _compiles(root: Path) -> bool:
+    call = [sys.executable, root / "src/stickslip/_core/build.py"]
+    return not subprocess.run(call, cwd=root, env=_environment(root), capture_output=True).returncode
 
 
 def _first_failure(root: Path, tests: list[str]) -> str:

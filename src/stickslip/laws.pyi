@@ -1,3 +1,6 @@
+from .core.laws.bonds import beam_bond as beam_bond
+from .core.laws.bonds import parallel_bond as parallel_bond
+from .core.laws.bonds import spring_bond as spring_bond
 from .core.laws.builtin import dmt as dmt
 from .core.laws.builtin import elastic_constants as elastic_constants
 from .core.laws.builtin import for_pair as for_pair

@@ -9,6 +9,7 @@ Contacts
     coordination        mean number of contacts without rattlers
     rattlers            grains that nothing holds
     touching            rows of the contact list whose bodies touch, or act on each other across a gap
+    bond_shares         share of its strength that each bond bears
     overlaps            overlaps of all pairs, negative for gaps
     branch_vectors      vectors from body j to body i of all pairs
 

@@ -1,3 +1,4 @@
+from .core.contacts.bonding import bond_shares as bond_shares
 from .core.contacts.forces import unbalanced_forces as unbalanced_forces
 from .core.dynamics.ledger import dissipation as dissipation
 from .core.dynamics.run import stable_time_step as stable_time_step

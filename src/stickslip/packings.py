@@ -16,7 +16,9 @@ Modify
     reduced_cell        the same packing in its least skewed cell
     with_push           a different force on one disk of an array
     perturbed           random velocities
+    bonded              bonds between grains that are near, or between chosen ones
     without_walls       some walls removed
+    without_bonds       all bonds removed
 
 Check
     check           raise an error if a state is not valid

@@ -1,3 +1,5 @@
+from .core.contacts.bonding import bonded as bonded
+from .core.contacts.bonding import without_bonds as without_bonds
 from .core.contacts.neighbors import without_walls as without_walls
 from .core.dynamics.cell_motion import strained as strained
 from .core.state import check as check

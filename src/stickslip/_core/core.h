@@ -62,6 +62,28 @@ struct Contacts {
   int64_t len_pair;
 };
 
+// forms of strength, see `core/contacts/bonds.py`
+constexpr int64_t BY_STRETCH = 0, BY_SUM = 1, BY_BEAM = 2;
+
+struct Bonds {  // columns of four: tension, shear, bending, twisting
+  int32_t *i;
+  int32_t *j;
+  int16_t *image;  // (K, 3)
+  uint8_t *intact;
+  double *length;
+  double *arm;
+  double *direction;  // (K, 3)
+  double *turn;       // (K, 4)
+  double *angle_i;    // (K, 3)
+  double *angle_j;    // (K, 3)
+  double *stiffness;  // (K, 4)
+  double *damping;    // (K, 4)
+  double *strength;   // (K, 4)
+  int8_t *form;
+  int8_t *fading;
+  int64_t len_i;
+};
+
 // ---- a run
 
 constexpr int64_t LANES = 64;  // pairs in a block
@@ -261,7 +283,7 @@ API double begin_cell_step(Frame *frame, Flow *flow, double dt, double keep, dou
 
 // ---- samples and events
 
-constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2;  // kinds of events
+constexpr int64_t CLOSED = 0, OPENED = 1, REACHED_LIMIT = 2, FAILED = 3;  // kinds of events; the last one of bonds
 constexpr int64_t EVENT = 10;  // columns: kind, time, i, j, image, position of i
 
 struct Writing {  // see `RecordBuffers` in `core/dynamics/record.py`
@@ -400,8 +422,8 @@ API void run_batch(const Law *law, const Batch *batch, int64_t steps);
 // (2,): largest unbalanced force at the last check, and its body.
 API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
                       const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
-                      Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance,
-                      double *residual, int64_t *progress, int64_t threads);
+                      Pull *pull, const Bonds *bonds, const Writing *writing, double start, int64_t stop,
+                      double tolerance, double *residual, int64_t *progress, int64_t threads);
 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
@@ -518,6 +540,15 @@ API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Con
 API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
                   const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
                   float *record);
+
+// Loads of intact bonds are added to `force` and `torque` (B, 3) and, unless it is null, to `virial` (3, 3). Their
+// shares of the strength (K,) are written unless that is null. `commits`: the memory is updated to the present rotations
+API void evaluate_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, uint8_t commits,
+                        double *share, double *force, double *torque, double *virial);
+// Elastic forces on i (K, 3), and derivatives (K, 9, 9) of force on i, moment on i and moment on j with respect to pair
+// vector and angles of i and j, and to their rates
+API void linearise_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, double *force,
+                         double *stiff, double *damp);
 
 // ---- rate-and-state friction
 

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "bonds.h"
 #include "loop.h"
 #include "threads.h"
 
@@ -35,12 +36,19 @@ struct Run {
   Frame *frame;
   Flow *flow;
   Pull *pull;
+  const Bonds *bonds;
   const Writing &writing;
   bool predict;
   int64_t tiles, workers;
   double *far, *sums, *scratch;
   Pool &pool;
 };
+
+void record_break(const void *context, const Bonds &bonds, int64_t k, const double *place) {
+  const Events *events = static_cast<const Events *>(context);
+  const int64_t row = events->count[0]++;
+  write_event(events->row + EVENT * row, FAILED, events->time, bonds.i[k], bonds.j[k], bonds.image + 3 * k, place);
+}
 
 void evaluate_by_rows(const Run &run, bool hold, double time) {
   const Moving &moving = run.moving;
@@ -61,6 +69,15 @@ void evaluate_by_rows(const Run &run, bool hold, double time) {
                  moving.force, moving.force + 3, 6, matrix ? moving.virial : nullptr,
                  run.writing.len_events ? &events : nullptr};
   sweep_contacts(run.law, run.dim, sweep, run.contacts);
+  if (!run.bonds) return;
+  BondSweep held = {};
+  held.position = {body, BODY}, held.angle = {moving.angle, 3};
+  held.velocity = {velocity.data, velocity.stride}, held.spin = {spin.data, spin.stride};
+  held.vectors = sweep.vectors, held.gradient = sweep.gradient;
+  held.force = sweep.force, held.torque = sweep.torque, held.stride = sweep.stride;
+  held.virial = sweep.virial, held.by_body = true, held.commits = held.breaks = true;
+  if (sweep.events) held.broken = record_break, held.context = &events;
+  sweep_bonds(run.dim, held, *run.bonds);
 }
 
 // Contacts between bodies of different threads, then tile by tile the others, and the motion of each tile's grains.
@@ -128,7 +145,7 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
   while (true) {
     const double time = start + double(at.step) * run.pace.dt;
     if (!at.ended) {
-      const int64_t most = by_rows ? run.contacts.count[0] : 2 * slots;
+      const int64_t most = by_rows ? run.contacts.count[0] + (run.bonds ? run.bonds->len_i : 0) : 2 * slots;
       if (watch && writing.event_count[0] + most > writing.len_events) return FULL;
       const bool go_on = at.step < stop && !run.flow && !sampling() && !checking() && (by_rows || !watch);
       const Step step = {run.dim, run.predict, bool(run.law.lever), run.moving, run.pace, run.flow, at.fresh, go_on};
@@ -178,8 +195,8 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
 
 int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
                   const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
-                  Pull *pull, const Writing *writing, double start, int64_t stop, double tolerance, double *residual,
-                  int64_t *progress, int64_t threads) {
+                  Pull *pull, const Bonds *bonds, const Writing *writing, double start, int64_t stop, double tolerance,
+                  double *residual, int64_t *progress, int64_t threads) {
   Pool pool(threads);
   const int64_t tiles = moving->len_tile - 1, workers = moving->len_share - 1;
   const int64_t slots = blocks ? LANES * blocks->count : 0, watched = writing->len_events ? slots : 0;
@@ -189,8 +206,8 @@ int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blo
   if (!memory.take_zeros(far, tiles + 1) || !memory.take(sums, (workers + 1) * CHUNK * WIDTH) ||
       !memory.take(scratch, workers * SCRATCH) || !memory.take(before, watched))
     return NO_MEMORY;
-  const Run run = {*law, dim, *moving, blocks, *bodies, *contacts, vectors, *pace, frame, flow, pull, *writing,
-                   law->damping && !law->rate, tiles, workers, far, sums, scratch, pool};
+  const Run run = {*law, dim, *moving, blocks, *bodies, *contacts, vectors, *pace, frame, flow, pull, bonds, *writing,
+                   moving->len_ahead > 0, tiles, workers, far, sums, scratch, pool};
   Progress at = {progress[0], progress[1] != 0, progress[2] != 0};
   const int32_t code = advance(run, at, stop, start, tolerance, residual, before, slots);
   progress[0] = at.step, progress[1] = at.ended, progress[2] = at.fresh;

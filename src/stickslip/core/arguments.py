@@ -28,6 +28,7 @@ P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
 _LARGEST_INTEGER = 2**64 - 1
 _LONGEST_NAME = 255  # of a file [bytes]
+_KNOW_BONDS: set[Callable] = set()
 
 
 class Array(NamedTuple):
@@ -129,6 +130,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
                 elif name in kwargs:
                     kwargs[name] = check(name, kwargs[name])
             everything = [*given, *kwargs.values()]
+            _refuse_bonds(function, everything)
             for value in everything:
                 if hasattr(value, "check_belongs"):
                     value.check_belongs(everything)
@@ -147,6 +149,20 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             _door.passed = False
 
     return call
+
+
+def knows_bonds(function: Callable[P, R]) -> Callable[P, R]:
+    """Mark a function, below `checked`, as right for states with bonds; `checked` refuses them elsewhere."""
+    _KNOW_BONDS.add(function)
+    return function
+
+
+def _refuse_bonds(function, values) -> None:
+    """Raise ValueError if a state has bonds, and a function would ignore them."""
+    if function not in _KNOW_BONDS and any(getattr(value, "bonds", None) is not None for value in values):
+        raise ValueError(
+            f"the packing has bonds, which {function.__name__} cannot treat yet: packings.without_bonds removes them"
+        )
 
 
 def check_value(name: str, value, annotation, *, given: bool = False) -> None:

@@ -117,6 +117,15 @@ FIELDS = {
         "cell_follows": Field(np.int64, (3, 3), -1, "last course"), "spring": _real("bodies", 3, low=0),
         "anchor": _real("bodies", 3), "leads": Field(COURSE_DTYPE, ("bodies", 3), -1, "last course"),
     },
+    "bonds": {
+        "i": Field(np.int32, ("bonds",), 0, "last grain"), "j": Field(np.int32, ("bonds",), 0, "last grain"),
+        "image": Field(np.int16, ("bonds", 3), -(1 << IMAGE_BITS - 1), (1 << IMAGE_BITS - 1) - 1),
+        "intact": Field(np.bool_, ("bonds",)), "length": _positive("bonds"), "arm": Field(np.float64, ("bonds",), 0, 1),
+        "direction": _real("bonds", 3), "turn": _real("bonds", 4), "angle_i": _real("bonds", 3),
+        "angle_j": _real("bonds", 3), "stiffness": _real("bonds", 4, low=0), "damping": _real("bonds", 4, low=0),
+        "strength": Field(np.float64, ("bonds", 4), 1 / LARGEST, 1e300), "form": Field(np.int8, ("bonds",), 0, 2),
+        "fading": Field(np.int8, ("bonds",), 0, 8),
+    },
     "instant": {"force": _real("bodies", 6), "pull": _real(3, 3), "mark": Field(np.int64, None, -np.inf, np.inf)},
     "": {"time": Field(np.float64)},
 }  # fmt: skip
@@ -190,6 +199,8 @@ def _sizes(parts: Mapping[str, Any]) -> dict[str, int]:
         contacts = parts["contacts"]
         known |= {"bodies": len(contacts.origin), "rows": len(contacts.i)}
         known["pairs"] = min(max(int(contacts.count[:1].sum()), 0), known["rows"])
+    if "bonds" in parts:
+        known["bonds"] = len(parts["bonds"].i)
     if "control" in parts:
         control = parts["control"]
         known |= {"bodies": len(control.force), "knots": len(control.knots), "courses": control.course.shape[1]}

@@ -8,10 +8,11 @@ from typing import Annotated
 
 import numpy as np
 
-from .arguments import Positive, Requirement, checked, require_shape
+from .arguments import Positive, Requirement, checked, knows_bonds, require_shape
+from .contacts.bonds import bond_rows
 from .contacts.forces import HELD, bodies, check_materials
 from .contacts.jacobian import linearise
-from .contacts.neighbors import body_radii, check_list, shifts
+from .contacts.neighbors import body_radii, check_list, gap_of_bonds, shifts
 from .laws.builtin import MU, Law
 from .laws.compiled import law_struct
 from .library import core
@@ -45,15 +46,22 @@ Committed = Annotated[State, Requirement(require_committed)]
 
 
 @checked
+@knows_bonds
 def touching(state: Committed) -> np.ndarray:
     """Rows of contacts in the contact list: of pairs that touch, and of pairs that a law joins across a gap.
 
-    `jkr`, `liquid_bridge` and user-defined laws with `contact_range` act across gaps; `overlaps` is negative there.
+    Bonds, `jkr`, `liquid_bridge` and user-defined laws with `contact_range` act across gaps; `overlaps` is negative
+    there.
     """
-    return np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN)
+    joined = state.contacts.mode[: state.contacts.count[0]] != OPEN
+    if state.bonds:
+        check_list(state, gap_of_bonds(state))
+        joined[bond_rows(state.bonds, state.contacts)[state.bonds.intact]] = True
+    return np.flatnonzero(joined)
 
 
 @checked
+@knows_bonds
 def branch_vectors(state: State) -> np.ndarray:
     """Vectors r_i − r_j + cellᵀ·image of all pairs in the list, (C, 3); for a wall, from its surface to i [length]."""
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
@@ -67,6 +75,7 @@ def branch_vectors(state: State) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def overlaps(state: State) -> np.ndarray:
     """Overlap of every pair in the list, (C,), negative for a gap [length]."""
     count, radius = int(state.contacts.count[0]), np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
@@ -90,6 +99,7 @@ def contact_velocity(state: State, rows: np.ndarray, normal: np.ndarray) -> tupl
 
 
 @checked
+@knows_bonds
 def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
     """Elastic force on body i of every pair in the list, (C, 3), zero where open [force].
 
@@ -108,6 +118,7 @@ def contact_forces(state: State, law: Law, *, memory: int = HELD) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def stress(state: State, law: Law) -> np.ndarray:
     """Stress σ = (1/V) Σ f ⊗ r, each contact counted once, compression positive [force/length^(dim−1)].
 
@@ -139,18 +150,20 @@ def stress(state: State, law: Law) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def pressure(state: State, law: Law) -> float:
     """Trace of the stress divided by the number of dimensions."""
     return float(np.trace(stress(state, law))) / state.cell.dim
 
 
 def mean_normal_force(state: State, law: Law) -> float:
-    """Mean of |F_n| over touching contacts [force]; F_n may be attractive. Zero without contacts."""
-    force = linearise(state, law).force_n[touching(state)]
-    return float(np.abs(force).mean()) if len(force) else 0.0
+    """Mean of |F_n| over touching contacts, forces of bonds included [force]; zero without contacts."""
+    force = linearise(state, law).bearing[touching(state)]
+    return float(force.mean()) if len(force) else 0.0
 
 
 @checked
+@knows_bonds
 def wrapped(state: State) -> np.ndarray:
     """Positions wrapped into an axis-aligned cell, (N, 3): between 0 and the cell's length along periodic axes.
 
@@ -161,6 +174,7 @@ def wrapped(state: State) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def fabric(state: Committed) -> np.ndarray:
     """Fabric tensor, (3, 3), the mean of n ⊗ n over touching contacts: trace 1, and 1/dim on the diagonal if isotropic.
 
@@ -192,12 +206,14 @@ def inertial_number(shear_rate: float, pressure: Positive, *, diameter: Positive
 
 
 @checked
+@knows_bonds
 def packing_fraction(state: State) -> float:
     """Volume of the grains (area of disks), overlaps counted twice, divided by that of the cell, det of its vectors."""
     return float(grain_volumes(state).sum()) / volume(state)
 
 
 @checked
+@knows_bonds
 def contact_numbers(state: Committed) -> np.ndarray:
     """Number of touching contacts of each grain, (N,), walls included."""
     n, rows = len(state.grains.radius), touching(state)
@@ -225,6 +241,7 @@ def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
 
 
 @checked
+@knows_bonds
 def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
     """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
 
@@ -239,6 +256,11 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
     n, rows = len(state.grains.radius), touching(state)
     unit, number = supports(state)
     i, j = unit[state.contacts.i[rows]], unit[state.contacts.j[rows]]
+    if state.bonds:  # a beam alone holds a grain
+        bonds = state.bonds
+        beams = bonds.intact & (bonds.stiffness[:, 1 : state.cell.dim + 1] > 0).all(axis=1)
+        i = np.append(i, np.repeat(unit[bonds.i[beams]], least))
+        j = np.append(j, np.repeat(unit[bonds.j[beams]], least))
     loose = np.zeros(state.n_bodies, bool)
     if known is not None:
         require_shape((n,), known=known)
@@ -253,6 +275,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
 
 
 @checked
+@knows_bonds
 def coordination(state: Committed, least: int = 2) -> float:
     """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none.
 

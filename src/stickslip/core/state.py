@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import Numbers, Series, checked, require_shape
+from .arguments import Numbers, Series, checked, knows_bonds, require_shape
 from .fields import COURSE_DTYPE, FIELDS, LARGEST, check_parts
 from .progress import Size, require_sizes
 from .readable import pluralize, readable
@@ -137,6 +137,35 @@ class Control(NamedTuple):
         check_parts({"control": self})
 
 
+@readable(head=lambda value: _describe_bonds(value))
+class Bonds(NamedTuple):
+    """Bonds between grains, one row each, from `packings.bonded`. Columns of four: tension, shear, bending, twisting.
+
+    A bond acts beside the contact law, and also across a gap. Its forces follow from the present positions and
+    orientations of its two grains and from those of rest, which its memory holds. See `core/contacts/bonds.py`.
+    """
+
+    i: np.ndarray  # (K,) int32, less than j
+    j: np.ndarray  # (K,) int32
+    image: np.ndarray  # (K, 3) int16
+    intact: np.ndarray  # (K,) bool: not broken
+    length: np.ndarray  # (K,) at rest [length]
+    arm: np.ndarray  # (K,) share of the distance between j and the point at which the shear force acts
+    direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
+    turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since rest
+    angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
+    angle_j: np.ndarray  # (K, 3) angle of j, likewise [rad]
+    stiffness: np.ndarray  # (K, 4) [force/length] twice, [force length] twice
+    damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
+    strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
+    form: np.ndarray  # (K,) int8: how strengths are combined, see `bond_shares`
+    fading: np.ndarray  # (K,) int8: power of the share of the strength by which loads fade before failure, or 0
+
+    def check_entries(self) -> None:
+        """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
+        check_parts({"bonds": self})
+
+
 @readable(head=lambda value: "forces of the last step of a run")
 class Instant(NamedTuple):
     """Forces of the last step of a run, from which a continued run starts; see `dynamics.coefficients`."""
@@ -159,6 +188,7 @@ class State(NamedTuple):
     control: Control
     time: float  # [time]
     instant: Instant | None = None  # forces stored by a run with dashpots
+    bonds: Bonds | None = None
 
     @property
     def n_bodies(self) -> int:
@@ -168,8 +198,7 @@ class State(NamedTuple):
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if an entry is not allowed or if parts contradict each other."""
         parts = {name: part for name, part in zip(self._fields, self, strict=True) if name != "time"}
-        if self.instant is None:
-            del parts["instant"]
+        parts = {name: part for name, part in parts.items() if part is not None}
         check_parts(parts | {"": self})
         _check_space(self)
         _check_control(self)
@@ -444,6 +473,7 @@ def _are_disks(grains: Grains) -> bool:
 
 
 @checked
+@knows_bonds
 def check(state: State) -> None:
     """Raise ValueError with a one-sentence message if a state is not valid."""
     state.check_entries()
@@ -563,6 +593,11 @@ def _describe_contacts(contacts: Contacts) -> str:
     return f"{_describe_modes(contacts)} in a list of {pluralize(int(contacts.count[0]), 'pair')}"
 
 
+def _describe_bonds(bonds: Bonds) -> str:
+    broken = len(bonds.i) - int(bonds.intact.sum())
+    return pluralize(len(bonds.i), "bond") + (f" ({broken} broken)" if broken else "")
+
+
 def _describe_modes(contacts: Contacts) -> str:
     if contacts.stale and not contacts.count[0]:
         return "contacts not looked for yet"
@@ -610,7 +645,8 @@ def _describe_state(state: State) -> str:
     cell = "a periodic cell" if around.all() else "a partly periodic cell" if around.any() else "open space"
     walls = f", {pluralize(len(state.walls.mass), 'wall')}" if len(state.walls.mass) else ""
     grains, contacts = pluralize(len(state.grains.radius), kind), _describe_modes(state.contacts)
-    return f"{grains} in {cell}{walls}, {contacts}, t = {state.time:.6g}"
+    bonds = f", {_describe_bonds(state.bonds)}" if state.bonds else ""
+    return f"{grains} in {cell}{walls}, {contacts}{bonds}, t = {state.time:.6g}"
 
 
 def _rows(state: State):
@@ -621,6 +657,8 @@ def _rows(state: State):
     yield "walls", pluralize(len(state.walls.mass), "flat wall") if len(state.walls.mass) else None
     yield "cell", _describe_cell(cell), "length"
     yield from _contact_rows(state.contacts)
+    if state.bonds:
+        yield "bonds", _describe_bonds(state.bonds)
     if cell.periodic[: cell.dim].all():
         yield "packing fraction", float(grain_volumes(state).sum()) / volume(state)
     yield "loads and motions", _describe_control(state.control)

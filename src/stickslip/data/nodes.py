@@ -20,11 +20,11 @@ from ..core.arguments import check_value
 from ..core.laws.builtin import Law
 from ..core.laws.kinds import Kind, describe_law, restore_kind
 from ..core.reading import Reader
-from ..core.state import PER_PAIR, Cell, Contacts, Control, Grains, Instant, State, Walls
+from ..core.state import PER_PAIR, Bonds, Cell, Contacts, Control, Grains, Instant, State, Walls
 from ..core.text import SentenceError
 from ..core.units import Fields, Units, in_units, units_of
 
-_NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Law)
+_NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Bonds, Law)
 _LENGTH = struct.Struct("<Q")  # of the outline of a tree in bytes
 
 

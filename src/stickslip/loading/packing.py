@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
-from ..core.arguments import Positive, Seed, Values, checked, require_index
+from ..core.arguments import Positive, Seed, Values, checked, knows_bonds, require_index
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.control import body_numbers
@@ -338,6 +338,7 @@ def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
 
 
 @checked
+@knows_bonds
 def sheared(state: State, strain: float, *, slip: bool = True) -> State:
     """Simple shear by `strain` along x, with the gradient along y; see `strained`.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
-from ..core.arguments import NotNegative, Positive, Seed, Series, Several, checked
+from ..core.arguments import NotNegative, Positive, Seed, Series, Several, checked, knows_bonds
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
@@ -135,6 +135,7 @@ class Protocol(NamedTuple):
 
 
 @checked
+@knows_bonds
 def ramp(
     state: State, loads: Series, protocol: Protocol, report: Report = silent, *, kept: Checkpoint | None = None
 ) -> list[Equilibrium]:
@@ -278,6 +279,7 @@ def stable_window(path: list[Equilibrium], near: float, protocol: Protocol) -> l
 
 
 @checked
+@knows_bonds
 def perturbed(state: State, seed: Seed, velocity: NotNegative) -> State:
     """State with normally distributed velocities of standard deviation `velocity` [length/time] in free coordinates."""
     rng = np.random.default_rng(seed)

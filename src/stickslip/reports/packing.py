@@ -220,6 +220,7 @@ def to_dict(
     out = {
         "n": result.n,
         "contacts": result.contacts,
+        "bonded": result.bonded,
         "rattlers": len(result.rattlers),
         "residual": result.residual if np.isfinite(result.residual) else None,
         "tolerance": BALANCED_BELOW,
@@ -282,8 +283,9 @@ def show(
     for note in assumed:
         console.print(f"  - {note}", style="yellow")
     console.print(f"law: {describe_law(law, state)}")
+    bonded = f", {result.bonded} of them bonded" if result.bonded else ""
     console.print(
-        f"{result.n} grains, {result.contacts} contacts, {len(result.rattlers)} rattlers, residual "
+        f"{result.n} grains, {result.contacts} contacts{bonded}, {len(result.rattlers)} rattlers, residual "
         f"{result.residual:.2g} of the mean contact force"
     )
     if calm:

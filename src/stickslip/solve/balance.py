@@ -6,7 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..core.arguments import checked
+from ..core.arguments import checked, knows_bonds
+from ..core.contacts.bonds import bond_rows
 from ..core.contacts.forces import AT_LIMIT, ROUND_OFF, forces, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, linearise
 from ..core.contacts.neighbors import body_radii
@@ -45,13 +46,17 @@ class LinearisedState(NamedTuple):
 
     @property
     def mean_force(self) -> float:
-        """Mean |F_n| of touching contacts [force]; zero without contacts."""
-        return float(np.abs(self.line.force_n[self.rows]).mean()) if len(self.rows) else 0.0
+        """Mean force that touching contacts and their bonds bear [force]; zero without contacts."""
+        return float(self.line.bearing[self.rows].mean()) if len(self.rows) else 0.0
 
     @property
     def mean_stiffness(self) -> float:
-        """Mean dF_n/dδ of touching contacts [force/length]; zero without contacts."""
-        return self.line.slope_n[self.rows].mean() if len(self.rows) else 0.0
+        """Mean dF_n/dδ of touching contacts, with k_n of bonds [force/length]; zero without contacts."""
+        slope, bonds = self.line.slope_n, self.state.bonds
+        if bonds:
+            slope = slope.copy()
+            np.add.at(slope, bond_rows(bonds, self.state.contacts)[bonds.intact], bonds.stiffness[bonds.intact, 0])
+        return slope[self.rows].mean() if len(self.rows) else 0.0
 
     @property
     def at_limit(self) -> np.ndarray:
@@ -81,6 +86,7 @@ def linearised(state: State, law: Law) -> LinearisedState:
 
 
 @checked
+@knows_bonds
 def imbalance(state: State, law: Law) -> float:
     """Largest component of an unbalanced force or torque/R over the mean normal contact force.
 
@@ -119,6 +125,7 @@ def force_imbalance(here: LinearisedState) -> float:
 
 
 @checked
+@knows_bonds
 def residual(state: State, law: Law):
     """Largest component of an unbalanced force or torque/R of a state [force], and the body on which it acts."""
     size = np.abs(unbalanced_forces(state, forces(state, law)[0])).max(axis=1)
@@ -139,7 +146,7 @@ def _local_force_scales(here: LinearisedState) -> np.ndarray:
     state, rows = here.state, here.rows
     if not len(rows):
         return np.zeros(state.n_bodies)
-    force = np.abs(here.line.force_n[rows])
+    force = here.line.bearing[rows]
     held = state.control.free[:, : state.cell.dim].any(axis=1)
     held[: len(here.loose)] &= ~here.loose
     i, j = state.contacts.i[rows], state.contacts.j[rows]

@@ -8,12 +8,14 @@ al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The long
 """
 
 import warnings
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
-from ..core.arguments import Positive, checked
+from ..core.arguments import Positive, checked, knows_bonds
+from ..core.contacts.bonding import with_weakest_broken
 from ..core.contacts.forces import accept, bodies, forces
 from ..core.contacts.neighbors import shifts, with_neighbor_list
 from ..core.dynamics.run import run
@@ -59,6 +61,7 @@ class LeftPathError(RuntimeError):
 
 
 @checked
+@knows_bonds
 def equilibrate(
     state: State,
     law: Law,
@@ -74,7 +77,8 @@ def equilibrate(
     until the residual is 30 % of what it was, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
     If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
     3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended; at last, this is
-    repeated with weaker and weaker drag.
+    repeated with weaker and weaker drag. Bonds at their strength then break one by one, the one with the largest share
+    first, with a new equilibrium after each.
 
     Parameters
     ----------
@@ -108,7 +112,8 @@ def equilibrate(
     """
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     keep = keep or Factorisation()
-    end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
+    end, outcome = breaking(lambda here, keep: _newton_or_dynamics(here, law, tolerance, keep, steps), state, keep)
+    end = end if outcome.ok else state
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.renewals):
         return end, outcome
     if check == "nothing":
@@ -124,6 +129,19 @@ def equilibrate(
     if instability:
         outcome = outcome._replace(warning=instability, unstable=True)
         warnings.warn(instability, UnstableEquilibriumWarning, stacklevel=2)
+    return end, outcome
+
+
+def breaking(find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation):
+    """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each."""
+    end, outcome = find(state, keep)
+    lost = 0
+    while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
+        end, outcome = find(weaker, Factorisation())
+        lost += 1
+    if lost:
+        keep.solve, keep.found_stable = None, -1
+        outcome = outcome._replace(how=f"{outcome.how}; {pluralize(lost, 'bond')} broke")
     return end, outcome
 
 
@@ -209,6 +227,7 @@ def _is_definite(twice: np.ndarray, scale: float) -> bool:
 
 
 @checked
+@knows_bonds
 def relax(
     state: State,
     law: Law,

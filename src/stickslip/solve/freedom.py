@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ..core.arguments import checked, require_shape
+from ..core.arguments import checked, knows_bonds, require_shape
 from ..core.contacts.forces import HELD, ContactLoads, forces, moving_masses, unbalanced_forces
 from ..core.contacts.jacobian import Linearisation, blocks_of, inverse_radii, linearise, triplets
 from ..core.dynamics.cell_motion import cell_mass, strained
@@ -96,6 +96,7 @@ class Freedom(NamedTuple):
 
 
 @checked
+@knows_bonds
 def freedom(state: State) -> Freedom:
     """Free coordinates of a state; walls only translate."""
     grains, free = state.grains, state.control.free.copy()
@@ -128,6 +129,7 @@ def unsupported_grains(state: State, law: Law) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def backbone(state: Committed, law: Law) -> Freedom:
     """Free coordinates of a state without its rattlers."""
     loose = unsupported_grains(state, law)
@@ -144,6 +146,7 @@ def translations(matrix, free: Freedom) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndarray:
     """(n,) generalised unbalanced force Pᵀf [force].
 
@@ -160,6 +163,7 @@ def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndar
 
 
 @checked
+@knows_bonds
 def jacobian(state: State, law: Law, free: Freedom | None = None, *, memory: int = HELD):
     """(n, n) sparse J = ∂(Pᵀf)/∂q, with each contact held in its mode or, with FREE, in that of its trial memory.
 
@@ -215,6 +219,7 @@ def cell_geometric_terms(state: State, force: np.ndarray, free: Freedom):
 
 
 @checked
+@knows_bonds
 def assembled(state: State, blocks: np.ndarray, free: Freedom):
     """(n, n) sparse PᵀKP of the matrix K assembled from contact blocks."""
     width = 9 if np.shape(blocks)[-1:] == (9,) else 6
@@ -272,6 +277,7 @@ class EquationsOfMotion(NamedTuple):
 
 
 @checked
+@knows_bonds
 def equations_of_motion(state: Committed, law: Law, free: Freedom | None = None) -> EquationsOfMotion:
     """Linearise the motion of an accepted state, each contact held in its mode.
 
@@ -299,6 +305,7 @@ def equations_of_motion(state: Committed, law: Law, free: Freedom | None = None)
 
 
 @checked
+@knows_bonds
 def dynamical_matrix(state: State, law: Law, free: Freedom | None = None):
     """(n, n) sparse A = −M^(−1/2) J M^(−1/2) of an accepted state, each contact held in its mode [1/time²].
 
@@ -355,6 +362,7 @@ def resized(state: State, radius: np.ndarray) -> State:
 
 
 @checked
+@knows_bonds
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
     """State with its free coordinates moved by `step` (n,) [length]; contact memory is left unchanged."""
     full = free.spread(step)

@@ -7,7 +7,8 @@ from scipy import sparse
 from scipy.linalg import eig
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
-from ..core.arguments import checked
+from ..core.arguments import checked, knows_bonds
+from ..core.contacts.bonds import has_damped_bonds
 from ..core.contacts.jacobian import blocks_of
 from ..core.laws.builtin import Law, damping_model, rescales
 from ..core.measure import overlaps
@@ -81,6 +82,7 @@ class Stability(NamedTuple):
     if_stuck: "Stability | None" = None  # stability if these contacts stick; None without such contacts
     undamped: "Stability | None" = None  # stability without the dashpots of the law; None if it has none
     slowest: complex | None = None  # exponent of the slowest decay with dashpots, if all were computed [1/time]
+    bonded: int = 0  # contacts, also across gaps, that an intact bond holds
 
     @property
     def way(self) -> str:
@@ -172,6 +174,7 @@ def combine_motions(count: int, sliding, stuck) -> str:
 
 
 @checked
+@knows_bonds
 def stability(
     state: State,
     law: Law,
@@ -222,7 +225,7 @@ def stability(
     >>> ss.stability(state, law).verdict
     'stable'
     """
-    here, has_dashpots = linearised(state, law), bool(damping_model(law))
+    here, has_dashpots = linearised(state, law), bool(damping_model(law)) or has_damped_bonds(state)
     here = here.with_modes(modes_under(state, law, here.line))
     slid = _analyse(here, method, has_dashpots and dashpots, report)
     if has_dashpots and not dashpots:
@@ -254,9 +257,11 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
     residual, moves = force_imbalance(here), motion_imbalance(here)
     causes = () if max(residual, moves) <= BALANCED_BELOW else causes_of_imbalance(here)
     about = len(loose), len(rows), np.flatnonzero(loose), residual, moves
+    bonded = int(state.bonds.intact.sum()) if state.bonds else 0
     if causes and method == "auto":
         nothing = np.zeros(0)
-        return Stability(*about, nothing + 0j, nothing, 0, 0, np.zeros((size, 0)), free, "none", "", causes)
+        modes = np.zeros((size, 0))
+        return Stability(*about, nothing + 0j, nothing, 0, 0, modes, free, "none", "", causes, bonded=bonded)
     asked, method = method, _cheapest_way(method, size)
     if dashpots:
         check_damped_method(asked, size)
@@ -273,7 +278,7 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
     unloaded = UNLOADED if rescales(law) else ""
     scope = join_scopes(scope, unloaded)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
-    result = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes)
+    result = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes, bonded=bonded)
     if not dashpots:
         return result
     drag = assembled(state, dampers, free)
@@ -358,6 +363,7 @@ def _rows(result: Stability):
         yield "possible reason", cause
     yield "grains", result.n
     yield "contacts that touch", result.contacts
+    yield "bonded contacts", result.bonded or None
     yield "contacts at the Coulomb limit", result.at_limit or None
     yield "rattlers", len(result.rattlers), "", "grains that nothing holds, left out"
     yield "residual", result.residual, "", "largest unbalanced force over the mean contact force"

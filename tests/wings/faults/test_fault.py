@@ -524,7 +524,7 @@ def test_bad_faults_are_refused_with_one_sentence(change, message):
 
 
 def test_bad_lengths_and_recordings():
-    with pytest.raises(ValueError, match="three whole cells"):
+    with pytest.raises(ValueError, match="a whole number of cells, at least three"):
         friction.line_fault(1e3, 300.0, **SHORT)
     with pytest.raises(ValueError, match="use at most 1,000,000 cells"):
         friction.line_fault(1e3, 1e-100, **SHORT)

@@ -244,7 +244,7 @@ def test_measures_are_averages_over_settled_events(result):
         ({"run": {"stations": (50e3,)}}, "run.stations contains 50000 m"),
         ({"run": {"threshold": 1e-10}}, "it must exceed loading.plate_rate"),
         ({"line": {"boundary": "periodic"}}, "thickness = inf"),
-        ({"line": {"width": 1.01e3, "cell": 300.0}}, "three whole cells"),
+        ({"line": {"width": 1.01e3, "cell": 300.0}}, "a whole number of cells, at least three"),
         ({"injection": {"flux": 1e-5, "stop": 8.64e6}}, "the effective normal stress falls to -"),
         ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "an injection from 5 to 3 s"),
         ({"normal_stress": {"amplitude": 51e6}}, "use smaller changes, or a larger normal stress"),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import checked
+from ..arguments import checked, knows_bonds
 from ..control import spring_forces
 from ..fields import Field, check_entry
 from ..laws.builtin import Law
@@ -15,6 +15,7 @@ from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import pluralize, readable
 from ..state import Contacts, State, groups
+from .bonds import add_bond_loads, committed
 from .neighbors import body_positions, body_radii, join_bodies, shifts, with_neighbor_list
 
 # treatments of the memory of contacts, as in `mechanics.h`. FREE: transport it, but keep it bit for bit where nothing
@@ -93,6 +94,7 @@ def bodies(state: State) -> Bodies:
 
 
 @checked
+@knows_bonds
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
 
@@ -146,6 +148,8 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     if state.control.cell_free.any():
         shift = shifts(trial, state.cell.vectors)
         core.add_virial(struct, state.cell.dim, here, trial, shift, loads.virial)
+    if state.bonds:
+        add_bond_loads(state.bonds, state.cell.dim, here, state.cell.vectors, *loads)
     return loads, trial
 
 
@@ -156,6 +160,7 @@ def check_memory(memory: int) -> None:
 
 
 @checked
+@knows_bonds
 def accept(state: State, trial: Contacts) -> State:
     """State with the trial memory committed.
 
@@ -169,7 +174,8 @@ def accept(state: State, trial: Contacts) -> State:
             f"the trial memory is that of {len(trial.origin)} bodies, but the state has {state.n_bodies}: "
             "give what `forces` returned for this state"
         )
-    return state._replace(contacts=trial)
+    bonds = state.bonds and committed(state.bonds, state.cell.dim, bodies(state), state.cell.vectors)
+    return state._replace(contacts=trial, bonds=bonds)
 
 
 def check_materials(state: State, law: Law) -> None:
@@ -184,6 +190,7 @@ def check_materials(state: State, law: Law) -> None:
 
 
 @checked
+@knows_bonds
 def unbalanced_forces(state: State, loads: ContactLoads):
     """Force and torque/R on every body, (N + W, 6), external loads included; zero where not free.
 

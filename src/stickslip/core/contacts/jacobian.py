@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import checked
+from ..arguments import checked, knows_bonds
 from ..laws.builtin import Law
 from ..laws.compiled import TANGENTS, law_struct
 from ..laws.properties import angular_columns, resists_rolling
 from ..library import core
 from ..state import State
+from .bonds import bond_forces, with_bonds
 from .forces import HELD, bodies, check_materials, check_memory
 from .neighbors import check_list, largest_gap, shifts, with_own_memory
 from .rolling import with_moments
@@ -56,11 +57,19 @@ class Linearisation(NamedTuple):
     half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
     half_mid: np.ndarray  # (C,) the same halfway since the memory was committed
     together: np.ndarray  # (C, 3) change of angle_i + angle_j since then, if lever arms are shorter
+    bond: np.ndarray = np.zeros((1, 3))  # (C, 3) force of bonds on body i
 
     @property
     def force(self) -> np.ndarray:
         """(C, 3) elastic force on body i [force]."""
-        return self.force_n[:, None] * self.normal - self.secant[:, None] * self.slip
+        return self.force_n[:, None] * self.normal - self.secant[:, None] * self.slip + self.bond
+
+    @property
+    def bearing(self) -> np.ndarray:
+        """(C,) |F_n|, or |F_n n + F| where bonds bear F [force]."""
+        if not self.bond.any():
+            return np.abs(self.force_n)
+        return np.linalg.norm(self.force_n[:, None] * self.normal + self.bond, axis=1)
 
     @property
     def mobilisation(self) -> np.ndarray:
@@ -76,12 +85,15 @@ def linearise(state: State, law: Law, *, memory: int = HELD) -> Linearisation:
     check_list(state, largest_gap(state, law))
     count = int(state.contacts.count[0])
     vectors = ("normal", "before", "way", "turn", "slip", "together")
-    out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields))
+    out = Linearisation(*(np.zeros((count, 3) if name in vectors else count) for name in Linearisation._fields[:-1]))
     state = state._replace(contacts=with_own_memory(state.contacts, law))
     struct, shift = law_struct(law, members=TANGENTS), shifts(state.contacts, state.cell.vectors)
     core.linearise(struct, state.cell.dim, bodies(state), state.contacts, shift, memory, out)
     if memory == HELD and (out.closed > out.remembers).any():
         raise ValueError("a touching contact was never committed: equilibrate, or accept(state, trial) first")
+    if state.bonds:
+        vectors = state.cell.vectors
+        out = out._replace(bond=bond_forces(state.bonds, state.cell.dim, bodies(state), vectors, state.contacts))
     return out
 
 
@@ -93,6 +105,7 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 @checked
+@knows_bonds
 def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     """Derivatives of (F, T/R) on body i with respect to (r, ρ) and to their rates, at rest.
 
@@ -108,7 +121,7 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
     Returns
     -------
     (C, 6, 6) [force/length], (C, 6, 6) [force time/length]
-        with rolling resistance or lever arms R − δ/2 (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i −
+        with bonds, rolling resistance or lever arms R − δ/2 (C, 9, 9): of (F, T/R, M) with respect to (r, ρ, angle_i −
         angle_j), see `rolling` and `tangent`
 
     Raises
@@ -125,6 +138,14 @@ def contact_blocks(state: State, law: Law, *, memory: int = HELD):
 
 def blocks_of(state: State, law: Law, c: Linearisation, memory: int = HELD):
     """Contact blocks of a linearisation; see `contact_blocks`."""
+    stiff, damp = _blocks_of_law(state, law, c, memory)
+    if state.bonds:
+        about = state.cell.dim, bodies(state), state.cell.vectors, state.contacts
+        stiff, damp = with_bonds(state.bonds, *about, stiff, damp)
+    return stiff, damp
+
+
+def _blocks_of_law(state: State, law: Law, c: Linearisation, memory: int):
     count, cross_n = len(c.normal), cross_matrix(c.normal)
     turn = make_turn(c.normal, c.inverse, c.way)
     by_way = np.zeros((count, 3, 6))

@@ -12,10 +12,11 @@ from ..laws.kinds import bridges_gaps, own_memory
 from ..laws.properties import angular_columns
 from ..library import core
 from ..state import PER_PAIR, Cell, Contacts, State, empty_contacts
+from .bonds import bond_gap
 
 _IMAGE_OFFSET = 1 << (IMAGE_BITS - 1)
 MAX_BODIES = 1 << BODY_BITS
-TOO_FAR = f"two touching grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
+TOO_FAR = f"touching or bonded grains are {_IMAGE_OFFSET} or more periodic boxes apart: shift positions by whole boxes"
 
 
 class TooFarApartError(ValueError):
@@ -151,13 +152,21 @@ def without_walls(state: State, walls: Bodies) -> State:
 # ---- what some laws require of the neighbour list: pairs across gaps, and rows for memory
 
 
-def largest_gap(state: State, law: Law) -> float:
-    """Largest gap across which a law acts between bodies of a state [length]."""
-    if not bridges_gaps(law.kind):
+def gap_of_bonds(state: State) -> float:
+    """Largest gap across which a bond acts in a state, rounded up; see `bond_gap` [length]."""
+    if not state.bonds:
         return 0.0
+    return bond_gap(state.bonds, state.grains.position, state.grains.radius, state.cell.vectors, state.contacts.skin)
+
+
+def largest_gap(state: State, law: Law) -> float:
+    """Largest gap across which a law or a bond acts between bodies of a state [length]."""
+    across = gap_of_bonds(state)
+    if not bridges_gaps(law.kind):
+        return across
     r_eff = float(state.grains.radius.max()) * (1.0 if len(state.walls.mass) else 0.5)
     a, b = np.indices(law.table.shape[:2])
-    return float(evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff).max())
+    return max(across, float(evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff).max()))
 
 
 def with_range(state: State, law: Law) -> Contacts:

@@ -186,6 +186,8 @@ def check_leg(leg: Leg) -> None:
     state = leg.state
     check_materials(state, leg.law)
     check_law(leg.law)
+    if state.bonds:
+        raise ValueError(f"a device was given a packing with bonds: {STAY}")
     if (state.control.group[len(state.grains.radius) :] >= 0).any():
         raise ValueError(f"a device was given a wall in a rigid group: {STAY}")
     if (groups := int(state.control.group.max(initial=-1)) + 1) > core.SUMS // 3:

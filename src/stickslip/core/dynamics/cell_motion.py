@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import Numbers, checked
+from ..arguments import Numbers, checked, knows_bonds
 from ..control import factors_at
 from ..state import State, as_numbers, deforms
 
@@ -63,6 +63,7 @@ class Frame(NamedTuple):
 
 
 @checked
+@knows_bonds
 def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
     """State after an affine displacement x → x + G x of grains and cell; not in equilibrium.
 

@@ -105,7 +105,7 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
     models = law[3:] if law.properties else law.damping
     out = zlib.crc32(f"{law.kind} {law.coulomb} {models} {memory} {float(state.time)!r}".encode())
     count = int(state.contacts.count[0])
-    for noun in (state.grains, state.walls, state.cell, state.contacts, state.control):
+    for noun in filter(None, (state.grains, state.walls, state.cell, state.contacts, state.control, state.bonds)):
         for name, array in zip(noun._fields, noun, strict=True):
             if noun is state.contacts and (name in _IGNORED or array is None):
                 continue
@@ -117,9 +117,10 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
 def with_mark(state: State, law: Law, memory: str) -> State:
     """State at the end of a run, with its instant marked, or with none if a new run would reproduce it bit for bit.
 
-    Without dashpots, forces are reproduced, but the mean velocity of a rigid group is not.
+    Without dashpots, forces of contacts are reproduced, those of bonds only to round-off, whose memory has since been
+    committed. The mean velocity of a rigid group is not.
     """
-    if not (damping_model(law) or (state.control.group >= 0).any()):
+    if not (damping_model(law) or state.bonds or (state.control.group >= 0).any()):
         return state._replace(instant=None)
     return state._replace(instant=state.instant._replace(mark=state_checksum(state, law, memory)))
 

@@ -11,8 +11,17 @@ import weakref
 
 import numpy as np
 
+from ..contacts.bonds import bond_gap, committed
 from ..contacts.forces import FROZEN, Bodies, forces
-from ..contacts.neighbors import TOO_FAR, TooFarApartError, grid_of, rebuild_list, select_rows, with_own_memory
+from ..contacts.neighbors import (
+    TOO_FAR,
+    TooFarApartError,
+    grid_of,
+    rebuild_list,
+    select_rows,
+    with_neighbor_list,
+    with_own_memory,
+)
 from ..fields import pack_keys
 from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
@@ -23,7 +32,7 @@ from .cell_motion import make_frame, needs_frame, remaining_skin
 from .coefficients import Plan, bodies_at_start, state_after
 from .ledger import post_step
 from .moving import balance_threads, gather_springs, make_moving_bodies
-from .record import RecordBuffers, with_lost_contacts, write_groups
+from .record import RecordBuffers, add_bonds, with_lost_contacts, write_groups
 
 MIN_BODIES = 16  # number of bodies above which blocks are faster than rows
 GRAINS_PER_THREAD = 2000  # minimum for good efficiency
@@ -53,7 +62,8 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Few grains, and contacts with rolling resistance or a memory of their own, are evaluated by rows, others by blocks.
+    Few grains, bonds, and contacts with rolling resistance or a memory of their own, are evaluated by rows, others by
+    blocks.
     """
 
     def __init__(
@@ -64,13 +74,16 @@ class _Run:
         self.imposed, self.deforming = needs_frame(state), deforms(state)
         self.struct = core.fill("Law", law_struct(law, rate=rate > 0, members=FORCES))
         remembers, watched = bool(self.struct.angular or self.struct.len_memory), len(writing.events) > 0
-        self.by_rows = state.n_bodies < MIN_BODIES or needs_rows(law)
+        self.by_rows = state.n_bodies < MIN_BODIES or needs_rows(law) or state.bonds is not None
         self.threads = 1 if self.by_rows else _thread_count(len(state.grains.radius), threads, watched)
         here = bodies_at_start(state, instant)
         self.set_contacts(_working_contacts(state, law, here, bool(books or watched or remembers)))
         self.blocks = core.new_blocks()
         weakref.finalize(self, core.free_blocks, self.blocks)
-        predict = bool(self.struct.damping) and not rate
+        self.bonds = state.bonds and _working_bonds(state, here)
+        self.bonded = self.bonds and core.fill("Bonds", self.bonds)
+        damped = self.struct.damping or (self.bonds and self.bonds.damping.any())
+        predict = bool(damped) and not rate
         self.moving = make_moving_bodies(state, plan, here, predict, self.imposed, self.by_rows, self.threads)
         self.moved = core.fill("Moving", self.moving)
         self.known = here._replace(**dict.fromkeys(_MOVING_FIELDS, _EMPTY))
@@ -145,7 +158,7 @@ class _Run:
         while True:
             code = core.run_steps(
                 self.struct, self.state.cell.dim, self.moved, None if self.by_rows else self.blocks, self.bodies,
-                self.listed, self.state.cell.vectors, *self.constants, self.buffers, self.state.time, stop,
+                self.listed, self.state.cell.vectors, *self.constants, self.bonded, self.buffers, self.state.time, stop,
                 self.plan.tolerance, self.residual, self.progress, self.threads,
             )  # fmt: skip
             if code == core.NO_MEMORY:
@@ -186,6 +199,13 @@ class _Run:
         external, force = self.plan.external, _forces_in_state_order(self.moving)
         write_groups(self.writing.groups[row], self.state, external, here, force, self._time())
 
+    def record_bonds(self, here: Bodies, row: int) -> None:
+        """Add bonds to one sample, of which the loop itself writes what is due to contacts."""
+        contacts = self.contacts
+        listed = contacts._replace(key=pack_keys(contacts.i, contacts.j, contacts.image), stale=True)
+        state = state_after(self.state, here, listed, self._time())._replace(bonds=self.bonds)
+        add_bonds(self.writing.series[row], with_neighbor_list(state, self.law), self.law)
+
     def finish(self, skin: float) -> State:
         """State at the last step, whose list has the given skin."""
         clock = self.frame.clock if self.imposed else self.pull.clock if self.pull else [self._time()]
@@ -194,9 +214,11 @@ class _Run:
         core.clear_blocks(self.blocks)  # free memory for the result
         vectors = self.state.cell.vectors
         del self.moving, self.moved
-        if self.deforming or self.contacts.skin != skin:
+        gap = bond_gap(self.bonds, here.position, here.radius, vectors, skin) if self.bonds else 0.0
+        if self.deforming or self.contacts.skin != skin or gap > self.contacts.gap:
             # the validity of a list is checked by displacements of grains, not by the deformation of the cell
-            self.set_contacts(_without_open_pairs(self.contacts))
+            former = _without_open_pairs(self.contacts)
+            self.set_contacts(former._replace(gap=max(gap, former.gap)))
             self.set_contacts(_rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law))
         contacts, before = self.contacts, self.state.contacts
         key = before.key if contacts.i is before.i else pack_keys(contacts.i, contacts.j, contacts.image)
@@ -204,7 +226,7 @@ class _Run:
         core.store_reference(
             contacts, here.position, here.angle, here.radius, vectors, self.struct.angular, contacts.pair, contacts.roll
         )
-        return state_after(self.state, here, contacts, time)._replace(instant=instant)
+        return state_after(self.state, here, contacts, time)._replace(instant=instant, bonds=self.bonds)
 
     def _time(self) -> float:
         return self.state.time + self.step * self.plan.dt
@@ -256,7 +278,7 @@ def run_steps(
     """
     current = _Run(state, law, plan, steps, writing, books, instant, rate=rate, threads=threads)
     every, stop, code, worst = writing.every, 0, core.MOVED, -1
-    sampling = every if writing.groups.shape[1] else 0  # the loop itself writes all other samples
+    sampling = every if writing.groups.shape[1] or state.bonds else 0  # the loop itself writes all other samples
     while True:
         if code == core.MOVED:
             current.choose_pairs()
@@ -274,6 +296,8 @@ def run_steps(
             books = post_step(books, current.state, plan, here, current.contacts, step, every)
         if sampled:
             current.record_groups(here, step // every)
+            if current.bonds:
+                current.record_bonds(here, step // every)
         if not np.isfinite(current.residual[0]) and plan.tolerance > 0 and step % core.CHECK_EVERY == 0:
             code = core.NOT_FINITE
         if step == steps or code != core.DONE:
@@ -301,6 +325,12 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
     else:
         _, contacts = forces(state, law, memory=FROZEN)
     return contacts._replace(pair=_EMPTY, roll=_EMPTY, key=contacts.key[: None if keyed else 0])
+
+
+def _working_bonds(state: State, here: Bodies):
+    """Copy of the bonds, to which a run can write, with their memory committed."""
+    bonds = committed(state.bonds, state.cell.dim, here, state.cell.vectors)
+    return bonds._replace(intact=bonds.intact.copy())
 
 
 def _forces_in_state_order(moving) -> np.ndarray:

@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..contacts.bonds import add_bond_loads
+from ..contacts.forces import bodies as bodies_of
 from ..control import spring_forces
 from ..library import core
-from ..measure import supports
+from ..measure import contact_numbers, coordination, fabric, least_supports, rattlers, supports, touching
 from ..readable import pluralize, readable
 from ..state import OPEN, Cell, State, cell_volumes, groups
 from .ledger import Books, Ledger, make_ledger
@@ -56,7 +58,7 @@ class Record(NamedTuple):
     group_pull: np.ndarray  # (T, G, 3) of springs on the group [force]
     position: np.ndarray  # (T, P, 3) of the probed grains [length]
     angle: np.ndarray  # (T, P, 3) [rad]
-    events: np.ndarray  # structured: kind ("closed", "opened", "limit"), time, i, j, image, position of i
+    events: np.ndarray  # structured: kind ("closed", "opened", "limit", "broke"), time, i, j, image, position of i
     ledger: Ledger | None  # with `ledger=True`
     periodic: np.ndarray  # (3,) bool: whether the cell repeats along each of its vectors
     dim: int  # 2 for disks in a plane, or 3
@@ -171,6 +173,19 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
         row[g, 2], row[g, 3] = force[members[0], :3] - external[0, members].sum(axis=0) - sprung, sprung
 
 
+def add_bonds(row: np.ndarray, state: State, law) -> None:
+    """Add the bonds of a state to one sample, which holds what is due to contacts; see `measure.touching`."""
+    virial, nothing, least = np.zeros((3, 3)), np.zeros((state.n_bodies, 3)), least_supports(law, state.cell.dim)
+    add_bond_loads(state.bonds, state.cell.dim, bodies_of(state), state.cell.vectors, nothing, nothing.copy(), virial)
+    values = {
+        "touching": len(touching(state)), "fabric": fabric(state), "coordination": contact_numbers(state).mean(),
+        "held_coordination": coordination(state, least), "rattlers": rattlers(state, least).sum(),
+        "virial": row[observables()["virial"][0]] + virial.ravel(),
+    }  # fmt: skip
+    for name, value in values.items():
+        row[observables()[name][0]] = np.ravel(value)
+
+
 def allocate_buffers(state: State, steps: int, every: int, probes, events: bool, reference) -> RecordBuffers:
     """Allocate buffers for the samples and events of a run."""
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
@@ -205,7 +220,7 @@ def with_lost_contacts(writing: RecordBuffers, before, after, position, time) ->
 _EVENT_TYPE = np.dtype(
     [("kind", "U6"), ("time", float), ("i", int), ("j", int), ("image", int, 3), ("position", float, 3)]
 )
-_EVENT_NAMES = np.array(["closed", "opened", "limit"])
+_EVENT_NAMES = np.array(["closed", "opened", "limit", "broke"])
 
 
 def make_record(writing: RecordBuffers, done: int, books: Books | None, cell: Cell) -> Record:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import Bodies, checked, require_not_negative
+from ..arguments import Bodies, checked, knows_bonds, require_not_negative
+from ..contacts.bonds import frequency_bound_of_bonds
 from ..contacts.forces import Bodies as BodyArrays
 from ..contacts.forces import bodies, check_materials
 from ..contacts.neighbors import shifts, with_neighbor_list
@@ -100,6 +101,7 @@ MOST_STEPS = 10**15  # of a run
 
 
 @checked
+@knows_bonds
 def run(
     state: State,
     law: Law,
@@ -180,10 +182,12 @@ def run(
     if engine is not None:
         asked = {
             "spin_drag": spin_drag is not None, "probes": np.size(probes), "events": events, "ledger": bool(ledger),
-            "tolerance": tolerance, "reference": reference is not None,
+            "tolerance": tolerance, "reference": reference is not None, "bonds": bool(state.bonds),
         }  # fmt: skip
         leg = Leg(state, law, dt, steps, drag=drag, every=every)
         return _run_elsewhere(engine, leg, [name for name, is_asked in asked.items() if is_asked])
+    if state.bonds and ledger:
+        raise ValueError("a ledger was asked for with bonds, whose energy it does not hold yet: omit `ledger`")
     every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
@@ -298,15 +302,18 @@ def _network(state: State, law: Law, here: BodyArrays) -> tuple:
 
 
 def _spring_bound(state: State, law: Law, here: BodyArrays) -> float:
-    """Upper bound on ω² due to rolling springs, and to springs of a body or rigid group to load points [1/time²]."""
+    """Upper bound on ω² due to bonds, rolling springs, and springs from bodies or groups to load points [1/time²]."""
     total = state.control.spring.copy()
     for members in groups(state.control):
         total[members] = total[members].sum(axis=0)
     loads = float((total.max(axis=1) * here.inverse_mass).max()) if total.any() else 0.0
+    if state.bonds:
+        loads += frequency_bound_of_bonds(state.bonds, here.inverse_mass, inverse_inertia_of(state))
     return loads + rolling_bound(state, law, here, inverse_inertia_of(state))
 
 
 @checked
+@knows_bonds
 def stable_time_step(state: State, law: Law) -> float:
     """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 
@@ -337,7 +344,7 @@ def stable_time_step(state: State, law: Law) -> float:
 
 def check_time_step(state: State, law: Law, here: BodyArrays, dt: float) -> None:
     """Raise ValueError with the largest stable time step if `dt` is above it; the list must be up to date."""
-    if not (state.contacts.count[0] or state.control.spring.any()):
+    if not (state.contacts.count[0] or state.control.spring.any() or state.bonds):
         return
     bound = _spring_bound(state, law, here)
     bound += core.frequency_bound(*_network(state, law, here), np.zeros((state.n_bodies, 2)))

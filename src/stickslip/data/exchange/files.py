@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...core.arguments import checked, require_filled
+from ...core.arguments import checked, knows_bonds, require_filled
+from ...core.contacts.bonding import without_bonds
 from ...core.contacts.forces import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_names, with_values
@@ -361,6 +362,7 @@ def with_inertia(state: State, i0: float | None) -> State:
 
 
 @checked
+@knows_bonds
 def write_packing(path: str | Path, states: State | list[Frame], law: Law | None = None) -> list[str]:
     """Write an accepted state, or several as a trajectory, in the format selected by the file extension.
 
@@ -395,6 +397,19 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
         states = [frame_of(states, law)]
     require_filled("states", states)
     frames: list[Frame] = list(states)
+    if suffix in (*ARCHIVE, ".gsd") or not any(frame.state.bonds for frame in frames):
+        return _write(path, suffix, frames)
+    return [*_write(path, suffix, [_without_bonds(frame) for frame in frames]), f"{suffix} does not store bonds"]
+
+
+def _without_bonds(frame: Frame) -> Frame:
+    """Frame with the contacts and forces that are left without bonds."""
+    bare = frame_of(without_bonds(frame.state), frame.law)
+    return frame._replace(state=bare.state, grains=bare.grains, contacts=bare.contacts)
+
+
+def _write(path: Path, suffix: str, frames: list[Frame]) -> list[str]:
+    """Write frames in a known format; return notes on what it does not store."""
     if suffix not in (*SINGLE, *ARCHIVE):
         return (writers_of_wings() | SERIES)[suffix](path, frames)
     if any(frame.moving for frame in frames):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...builtin_laws import NAMES
-from ...core.arguments import checked, require_shape
+from ...core.arguments import checked, knows_bonds, require_shape
 from ...core.contacts.forces import forces
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.kinds import Kind, describe_law, restore_kind
@@ -45,6 +45,7 @@ def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 @checked
+@knows_bonds
 def frame_of(state: State, law: Law) -> Frame:
     """Columns of an accepted state: resultants for each grain, and the elastic force on i for each contact [force].
 

@@ -202,7 +202,9 @@ def _count_cells(width: float, cell: float) -> int:
         raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use at most {MOST_CELLS:,} cells")
     number = round(width / cell)
     if number < 3 or abs(number * cell - width) > 1e-6 * width:
-        raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use a width of at least three whole cells")
+        raise ValueError(
+            f"width = {width:g} and cell = {cell:g} were given: use a width of a whole number of cells, at least three"
+        )
     return number
 
 

@@ -69,6 +69,8 @@ def read_input(scenario: FailureScenario) -> Packed:
     notes = [*notes, *said]
     if acts := [note.reason for note in notes if isinstance(note, Obstacle)]:
         raise ScenarioError(f"{given.file} cannot be sheared: {'; '.join(acts)}")
+    if state.bonds:
+        raise ScenarioError(f"{given.file} cannot be sheared: its bonds would not break along the path")
     if given.settle:
         state, calm = let_settle(state, its_law)
         notes.append(f"settled: {calm.how}; {calm}")

@@ -1,0 +1,24 @@
+// Loads of all bonds, for `forces` and for runs.
+#pragma once
+#include "core.h"
+
+struct BondRows {  // one per body; rows of arrays that hold more
+  const double *data;
+  int64_t stride;
+};
+
+struct BondSweep {
+  BondRows position, angle, velocity, spin;  // the last two as dashpots use them, or null
+  const double *vectors;                     // of the cell
+  const double *gradient;                    // of the cell's velocity, or null
+  double *force, *torque;                    // rows of `stride` numbers, to which loads are added
+  int64_t stride;
+  double *virial;  // to which f ⊗ r is added: of all forces in row i if it is `by_body`, else of elastic ones; or null
+  bool by_body;
+  double *share;         // (K,) of the strength, or null
+  bool commits, breaks;  // the memory follows the rotations; what reaches its strength breaks
+  void (*broken)(const void *context, const Bonds &bonds, int64_t k, const double *place);  // or null
+  const void *context;
+};
+
+void sweep_bonds(int64_t dim, const BondSweep &sweep, const Bonds &bonds);

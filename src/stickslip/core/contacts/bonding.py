@@ -1,0 +1,182 @@
+"""Bonds of a state: made between chosen grains, compared with their strength, broken."""
+
+from typing import Annotated
+
+import numpy as np
+
+from ..arguments import Array, NotNegative, checked, knows_bonds
+from ..fields import IMAGE_BITS, pack_keys
+from ..laws.bonds import Bond, coefficients
+from ..state import Bonds, State, empty_contacts
+from .bonds import add_bond_loads, bond_gap, bond_vectors
+from .forces import bodies
+from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
+
+AMBIGUOUS = 1e-9  # distance from half a box, in boxes
+
+
+@checked
+@knows_bonds
+def bonded(
+    state: State,
+    bond: Bond,
+    *,
+    within: NotNegative = 0.0,
+    pairs: Annotated[np.ndarray, Array((2,), "iu")] | None = None,
+) -> State:
+    """State whose grains are bonded; at rest each bond is as long as now, and its grains are not turned.
+
+    Bonds act beside the contact law, also across a gap. Where one breaks, the contact law alone is left.
+
+    Parameters
+    ----------
+    bond : from `laws.spring_bond`, `laws.beam_bond` or `laws.parallel_bond`
+    within : pairs of grains whose surfaces are at most this far apart are bonded [length]
+    pairs : (K, 2) numbers of the grains to bond instead, in their nearest periodic images
+
+    Raises
+    ------
+    ValueError
+        if a pair names one grain twice, a wall, a grain that does not exist or a pair that is bonded already, or if
+        two of its images are equally near.
+
+    Examples
+    --------
+    >>> import stickslip as ss
+    >>> state = ss.assembly(ss.spheres([[0, 0, 0], [1, 0, 0]], 0.5))
+    >>> ss.packings.bonded(state, ss.laws.spring_bond(10.0)).bonds
+    Bonds: 1 bond
+    """
+    ends = _pairs_within(state, within) if pairs is None else _given_pairs(state, np.asarray(pairs))
+    return _with(state, _make(state, bond, *ends))
+
+
+def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None, turn=None) -> State:
+    """State whose grains are bonded as by `bonded`, with another reference.
+
+    Parameters
+    ----------
+    pairs : (K, 2) numbers of the grains, the smaller one first
+    length : (K,) at rest [length]; as now by default, and where it is zero
+    direction, turn : (K, 3) and (K, 4) as in `Bonds`; not turned by default, and where they are zero
+    """
+    new = _make(state, bond, *_given_pairs(state, pairs), length)
+    if turn is not None:
+        known = turn.any(axis=1)[:, None]
+        new = new._replace(direction=np.where(known, direction, new.direction), turn=np.where(known, turn, new.turn))
+    return _with(state, new)
+
+
+def _with(state: State, new: Bonds) -> State:
+    """State with more bonds, each pair once; its list of contacts reaches them."""
+    bonds = _joined(state.bonds, new)
+    keys = pack_keys(bonds.i, bonds.j, bonds.image)
+    if len(np.unique(keys)) < len(keys):
+        raise ValueError("a pair of grains was given that is bonded already: bond each pair once")
+    return _listed(state._replace(bonds=bonds, instant=None))
+
+
+@checked
+@knows_bonds
+def without_bonds(state: State) -> State:
+    """State without its bonds, intact and broken ones."""
+    return state._replace(bonds=None, instant=None)
+
+
+def _listed(state: State) -> State:
+    """State whose list of contacts, if it is valid, has a row for each bond."""
+    contacts, x, radius = state.contacts, body_positions(state), body_radii(state)
+    gap = bond_gap(state.bonds, state.grains.position, radius, state.cell.vectors, contacts.skin)
+    if gap <= contacts.gap or needs_rebuild(x, contacts):
+        return state
+    wider = rebuild_list(x, radius, state.walls.normal, grid_of(state.cell), contacts._replace(gap=gap))
+    return state._replace(contacts=wider)
+
+
+def _make(state: State, bond: Bond, i, j, image, rest=None) -> Bonds:
+    radius, angle, k = state.grains.radius, state.grains.angle, len(i)
+    nothing = np.zeros((k, 3))
+    bonds = Bonds(
+        i.astype(np.int32), j.astype(np.int32), image.astype(np.int16), np.ones(k, bool), np.ones(k), np.full(k, 0.5),
+        nothing, np.tile([1.0, 0, 0, 0], (k, 1)), angle[i].copy(), angle[j].copy(), np.zeros((k, 4)), np.zeros((k, 4)),
+        np.ones((k, 4)), np.full(k, bond.form, np.int8), np.full(k, bond.fading, np.int8),
+    )  # fmt: skip
+    way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
+    length = np.linalg.norm(way, axis=1)
+    if k and not length.min() > 0:
+        a = length.argmin()
+        raise ValueError(f"grains {i[a]} and {j[a]} are in one place: a bond needs a length")
+    rest = length if rest is None else np.where(rest > 0, rest, length)
+    stiffness, damping, strength, arm = coefficients(bond, state.cell.dim, radius[i], radius[j], rest)
+    return bonds._replace(
+        length=rest, direction=way / length[:, None], arm=arm, stiffness=stiffness, damping=damping, strength=strength
+    )
+
+
+def _joined(old: Bonds | None, new: Bonds) -> Bonds:
+    if old is None:
+        return new
+    return Bonds(*(np.concatenate([a, b]) for a, b in zip(old, new, strict=True)))
+
+
+def _pairs_within(state: State, within: float):
+    """Pairs of grains within a gap."""
+    contacts = empty_contacts(state.n_bodies, 0, state.contacts.skin)._replace(gap=within)
+    x = body_positions(state)
+    near = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), contacts)
+    count = int(near.count[0])
+    if count < 0:
+        raise TooFarApartError(TOO_FAR)
+    i, j, image = near.i[:count], near.j[:count], near.image[:count]
+    radius = state.grains.radius
+    free = np.flatnonzero(j < len(radius))
+    i, j, image = i[free], j[free], image[free]
+    gap = np.linalg.norm(x[i] - x[j] + image @ state.cell.vectors, axis=1) - radius[i] - radius[j]
+    kept = (gap <= within + 1e-12 * (radius[i] + radius[j])) & (i != j)
+    return i[kept], j[kept], image[kept]
+
+
+def _given_pairs(state: State, pairs: np.ndarray):
+    """Pairs with i < j, and their nearest images."""
+    n, cell = len(state.grains.radius), state.cell
+    if pairs.shape[1:] != (2,):
+        raise ValueError(f"pairs of shape {pairs.shape} were given: (K, 2) numbers of grains are needed")
+    for a, b in pairs:
+        if a == b:
+            raise ValueError(f"a bond of grain {a} with itself was given: name two grains")
+        if not (min(a, b) >= 0 and max(a, b) < n):
+            raise ValueError(
+                f"a bond of {a} with {b} was given, but grains are numbered 0 to {n - 1}: bonds hold grains, not "
+                f"walls; fix a grain in place of a wall"
+            )
+    i, j = np.sort(pairs, axis=1).T
+    apart = (state.grains.position[i] - state.grains.position[j]) @ grid_of(cell).inverse
+    image = np.where(cell.periodic, -np.round(apart), 0.0)
+    if abs(image).max(initial=0.0) >= 1 << IMAGE_BITS - 1:
+        raise TooFarApartError(TOO_FAR)
+    tie = np.where(cell.periodic, abs(abs(apart + image) - 0.5) < AMBIGUOUS, False).any(axis=1)
+    if tie.any():
+        a = tie.argmax()
+        raise ValueError(f"grains {i[a]} and {j[a]} are half a periodic box apart, so that two images of the bond are "
+                         "equally long: use a larger box")  # fmt: skip
+    return i, j, image.astype(np.int16)
+
+
+@checked
+@knows_bonds
+def bond_shares(state: State) -> np.ndarray:
+    """Share of its strength that each bond bears, (K,): it breaks at 1. Zero for broken bonds and without strength."""
+    if state.bonds is None:
+        return np.zeros(0)
+    nothing = np.zeros((state.n_bodies, 3))
+    return add_bond_loads(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy())
+
+
+def with_weakest_broken(state: State) -> State:
+    """State whose bond with the largest share of its strength is broken if that is 1 or more; else the same state."""
+    share = bond_shares(state) if state.bonds else np.zeros(0)
+    if not share.max(initial=0.0) >= 1.0:
+        return state
+    intact = state.bonds.intact.copy()
+    intact[share.argmax()] = False
+    return state._replace(bonds=state.bonds._replace(intact=intact), instant=None)

@@ -1,0 +1,115 @@
+"""Loads of bonds, their linearisation, and their failure.
+
+A bond holds two grains i and j like a beam. n is the unit vector from j to i; γ is the rotation vector that takes the
+direction of rest, which turns with j, to n. The rotation of i relative to j is exp(β) exp(ψ n): it bends after it
+twists. The shear force acts at a share α of r from j (`arm`), where i is displaced by u × n relative to j, u = |r| (γ −
+(1 − α) β). The loads on j are
+
+    F = k_n (|r| − r₀) n + k_s u × n,    M = k_b β + k_ψ ψ n + α r × (k_s u × n);
+
+those on i are −F and −k_b β − k_ψ ψ n + (1 − α) r × (k_s u × n). With α = 1/2 they are the loads of `bpm/rotational` in
+LAMMPS. Dashpots oppose the rates of the same deformations. The loads follow from the present configuration, so that
+bonds need no trial memory; committing them only brings their reference up to the present rotations.
+
+Source
+------
+doi:10.1007/s11440-008-0072-1 (Wang 2009).
+"""
+
+import numpy as np
+
+from ..fields import pack_keys
+from ..library import core
+from ..state import Bonds, Contacts, State
+
+
+def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=None) -> np.ndarray:
+    """Add the loads of all bonds in place; return their shares of the strength, (K,).
+
+    Parameters
+    ----------
+    here : `Bodies`
+    vectors : (3, 3) of the cell [length]
+    force, torque : (B, 3)
+    virial : (3, 3) Σ f ⊗ r of the elastic forces, or None
+    """
+    share = np.zeros(len(bonds.i))
+    core.evaluate_bonds(dim, here, bonds, vectors, False, share, force, torque, virial)
+    return share
+
+
+def committed(bonds: Bonds, dim: int, here, vectors) -> Bonds:
+    """Bonds whose reference has followed the rotations of the grains."""
+    moved = {name: getattr(bonds, name).copy() for name in ("direction", "turn", "angle_i", "angle_j")}
+    out, nothing = bonds._replace(**moved), np.zeros_like(here.position)
+    core.evaluate_bonds(dim, here, out, vectors, True, None, nothing, nothing.copy(), None)
+    return out
+
+
+def bond_vectors(bonds: Bonds, position: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors from j to i, (K, 3) [length]."""
+    return position[bonds.i] - position[bonds.j] + bonds.image @ vectors
+
+
+def bond_gap(bonds: Bonds, position: np.ndarray, radius: np.ndarray, vectors: np.ndarray, skin: float) -> float:
+    """Gap that a list of contacts must cover to have a row for each intact bond, a multiple of its skin [length]."""
+    held = bonds._replace(i=bonds.i[bonds.intact], j=bonds.j[bonds.intact], image=bonds.image[bonds.intact])
+    gap = np.linalg.norm(bond_vectors(held, position, vectors), axis=1) - radius[held.i] - radius[held.j]
+    return float(np.ceil(max(gap.max(initial=0.0), 0.0) / skin) * skin)
+
+
+def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
+    """Row of the list of contacts for each bond, (K,); −1 for broken ones."""
+    count = int(contacts.count[0])
+    rows = np.searchsorted(contacts.key[:count], pack_keys(bonds.i, bonds.j, bonds.image))
+    return np.where(bonds.intact, rows, -1)
+
+
+def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np.ndarray:
+    """Elastic force of the bond of each contact on body i, (C, 3) [force]."""
+    force, _, _ = _linearise(bonds, dim, here, vectors)
+    out, rows = np.zeros((int(contacts.count[0]), 3)), bond_rows(bonds, contacts)
+    np.add.at(out, rows[bonds.intact], force[bonds.intact])
+    return out
+
+
+def with_bonds(bonds: Bonds, dim: int, here, vectors, contacts: Contacts, *blocks: np.ndarray):
+    """Contact blocks of springs and of dashpots with those of bonds added, (C, 9, 9) as in `contact_blocks`."""
+    k = len(bonds.i)
+    a, b = here.radius[bonds.i], here.radius[bonds.j]
+    turn = np.array([[np.ones(k), b], [np.ones(k), -a]]) / (a + b)  # of i and j from R_i a_i + R_j a_j and a_i − a_j
+    maps = np.zeros((k, 9, 9))
+    maps[:, :3, :3] = np.eye(3)
+    maps[:, 3:, 3:] = np.einsum("rck,xy->krxcy", turn, np.eye(3)).reshape(k, 6, 6)
+    rows, held = bond_rows(bonds, contacts), bonds.intact
+    _, *own = _linearise(bonds, dim, here, vectors)
+    for whole, more in zip(blocks, own, strict=True):
+        wide = np.zeros((len(whole), 9, 9))
+        wide[:, : whole.shape[1], : whole.shape[2]] = whole
+        np.add.at(wide, rows[held], (maps.transpose(0, 2, 1) @ more @ maps)[held])
+        yield wide
+
+
+def _linearise(bonds: Bonds, dim: int, here, vectors):
+    """Forces (K, 3), and derivatives (K, 9, 9) with respect to pair vector and angles, and to their rates."""
+    k = len(bonds.i)
+    out = np.zeros((k, 3)), np.zeros((k, 9, 9)), np.zeros((k, 9, 9))
+    core.linearise_bonds(dim, here, bonds, vectors, *out)
+    return out
+
+
+def has_damped_bonds(state: State) -> bool:
+    """Return True if an intact bond has a dashpot."""
+    return state.bonds is not None and bool(state.bonds.damping[state.bonds.intact].any())
+
+
+def frequency_bound_of_bonds(bonds: Bonds, inverse_mass: np.ndarray, inverse_inertia: np.ndarray) -> float:
+    """Upper bound on the ω² that bonds cause, from the sums of stiffnesses at each body."""
+    held = np.flatnonzero(bonds.intact)
+    tension, shear, bending, twisting = bonds.stiffness[held].T
+    total = np.zeros((2, len(inverse_mass)))
+    lengths = bonds.length[held]
+    for ends, arm in ((bonds.i[held], 1 - bonds.arm[held]), (bonds.j[held], bonds.arm[held])):
+        np.add.at(total[0], ends, 2 * np.maximum(tension, 2 * shear))
+        np.add.at(total[1], ends, 4 * shear * (arm * lengths) ** 2 + 2 * np.maximum(bending, twisting))
+    return float(max((total[0] * inverse_mass).max(initial=0.0), (total[1] * inverse_inertia).max(initial=0.0)))
