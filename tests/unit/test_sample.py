@@ -153,7 +153,7 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     documented = {
-        "n", "contacts", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable",
+        "n", "contacts", "bonded", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable",
             "at_limit", "if_stuck", "pairs", "assumed", "geometry", "met",
         "negative", "zero_modes", "spectrum", "method", "scope",
     }  # fmt: skip

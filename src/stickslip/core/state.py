@@ -198,7 +198,7 @@ class State(NamedTuple):
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if an entry is not allowed or if parts contradict each other."""
         parts = {name: part for name, part in zip(self._fields, self, strict=True) if name != "time"}
-        parts = {name: part for name, part in parts.items() if part is not None}
+        parts = {name: part for name, part in parts.items() if part is not None or name not in ("instant", "bonds")}
         check_parts(parts | {"": self})
         _check_space(self)
         _check_control(self)

@@ -57,7 +57,7 @@ class Linearisation(NamedTuple):
     half: np.ndarray  # (C,) half the overlap, by which lever arms are shorter than R
     half_mid: np.ndarray  # (C,) the same halfway since the memory was committed
     together: np.ndarray  # (C, 3) change of angle_i + angle_j since then, if lever arms are shorter
-    bond: np.ndarray = np.zeros((1, 3))  # (C, 3) force of bonds on body i
+    bond: np.ndarray = np.zeros((1, 3))  # force of bonds on body i, (C, 3), or zeros (1, 3) without bonds
 
     @property
     def force(self) -> np.ndarray:
