@@ -211,6 +211,22 @@ def test_a_cemented_packing_is_stable_until_bonds_break_one_after_the_other(ceme
     assert ss.measure.bond_shares(end).max() < 1
 
 
+@pytest.mark.filterwarnings("ignore:the equilibrium is unstable")
+def test_damped_dynamics_on_the_way_to_an_equilibrium_breaks_no_bond():
+    """Bonds as strong as the equilibrium needs survive a large strain, where Newton's method stalls at first."""
+    state, _ = ss.packings.jammed(8, packing_fraction=0.66, seed=3)
+    state = ss.packings.sheared(ss.packings.bonded(state, ss.laws.parallel_bond(3.0, 1.0, 1.0, 1.0), within=0.05), 0.2)
+    lasting = state._replace(bonds=state.bonds._replace(strength=1e3 * state.bonds.strength))
+    end, outcome = ss.equilibrate(lasting, LAW)
+    assert outcome.fallback and end.bonds.intact.all()
+    enough = 1.02 * ss.measure.bond_shares(end).max() * lasting.bonds.strength
+    for share, breaks in ((1.0, False), (0.9, True)):
+        weak = state._replace(bonds=state.bonds._replace(strength=share * enough))
+        end, outcome = ss.equilibrate(weak, LAW)
+        lost = int((~end.bonds.intact).sum())
+        assert outcome.ok and (lost > 0) == breaks and (f"{lost} bond" in outcome.how) == breaks
+
+
 def test_stress_is_the_virial_of_contacts_and_bonds(cemented):
     pulled, _ = ss.equilibrate(ss.packings.sheared(cemented, 1e-4), LAW)
     force, torque, virial = np.zeros((30, 3)), np.zeros((30, 3)), np.zeros((3, 3))
