@@ -408,6 +408,14 @@ def test_bonds_that_cannot_be_are_refused(state, pairs, words):
         ss.packings.bonded(state, ss.laws.spring_bond(1.0), pairs=pairs and np.array(pairs))
 
 
+@pytest.mark.parametrize("wrong", [{"i": 1, "j": 0}, {"turn": 0.0}, {"direction": 2.0}])
+def test_bonds_that_were_changed_by_hand_are_refused(wrong):
+    pair = ss.packings.bonded(PAIR, ss.laws.spring_bond(1.0))
+    parts = {name: np.full_like(getattr(pair.bonds, name), value) for name, value in wrong.items()}
+    with pytest.raises(ValueError, match="i < j"):
+        ss.forces(pair._replace(bonds=pair.bonds._replace(**parts)), LAW)
+
+
 @pytest.mark.parametrize("strength", [(1, 1, 1), (1, 1, 1, -1), (1, 1, 1, 0), (1, 1, 1, np.nan)])
 def test_strengths_are_positive(strength):
     with pytest.raises(ValueError, match="strength"):
