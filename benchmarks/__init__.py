@@ -16,7 +16,9 @@ class Benchmark(NamedTuple):
 STEPS = ("_core", "builtin_laws", "core")  # time steps
 STATICS = (*STEPS, "loading", "solve")
 PATHS = (*STATICS, "wings/status")
-FRICTION = ("_core/fault.cpp", "_core/rate_state.h", "_core/slider.cpp", "wings/faults/friction")
+FRICTION = (
+    "_core/fault.cpp", "_core/rate_state.h", "_core/slider.cpp", "_core/stress_transfer.cpp", "wings/faults/friction",
+)  # fmt: skip
 DISKS = (*STATICS, "wings/papers/disk_array", "wings/papers/sphere_shear")
 GOUGE = (*STEPS, "loading", "wings/papers/gouge")
 

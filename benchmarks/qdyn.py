@@ -5,9 +5,8 @@
 QDYN (Luo et al. 2017, doi:10.5281/zenodo.322459) is built from its source by `make` with gfortran and MPI, and found
 as `qdyn` on the path; the package of this name on PyPI is another program. The benchmark problem BP1-QD and a fault
 with in-plane shear in an infinite body are run for 420 years by both codes, each in its own process on one core,
-alternating; the least processor time of some rounds counts. QDYN takes slip to be a Fourier series, and ours takes it
-to be uniform in each cell, so that errors differ at equal cells. Errors are differences from the limit of small cells,
-extrapolated from two runs of ours with order 2.
+alternating; the least processor time of some rounds counts. Slip has no waves shorter than two cells in both codes.
+Errors are differences from the limit of small cells, extrapolated from two runs of ours with order 2.
 
 QDYN knows antiplane shear only. In-plane shear has the stiffness of G/(1 − ν) instead of G, and the radiation damping
 G/(2 c_s) stays if c_s is divided by 1 − ν as well. Both codes start from the steady stress where `a` is largest.

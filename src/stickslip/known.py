@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 USED, HARMLESS, UNKNOWN = "used", "without influence on forces", "not understood"
 ACCELERATED = ("omp", "kk", "kk/host", "kk/device", "gpu", "intel", "opt")  # ends of the names of LAMMPS's styles
-FORCE_STYLES = tuple(f"{name}_style" for name in ("bond", "angle", "dihedral", "improper", "kspace"))
+FORCE_STYLES = tuple(f"{name}_style" for name in ("angle", "dihedral", "improper", "kspace"))
 BETWEEN = "it makes forces between bonded grains, or on charges"
 BONDED = "LAMMPS changes or leaves out the contact of grains that are bonded"
 
@@ -28,36 +28,41 @@ class Row(NamedTuple):
 TABLE = (
     Row("command", USED, "atom_style boundary change_box clear dump dump_modify fix group labelmap lattice log "
         "neigh_modify pair_coeff pair_style read_data read_restart region reset_timestep restart run unfix units "
-        "variable write_data write_dump write_restart echo"),
+        "variable write_data write_dump write_restart echo bond_style bond_coeff special_bonds create_bonds"),
     Row("command", HARMLESS, "atom_modify balance *_coeff bond_write box comm_modify comm_style compute compute_modify "
         "create_atoms create_box delete_atoms delete_bonds dimension displace_atoms fix_modify group2ndx "
         "if include info jump kspace_modify label mass min_modify min_style minimize molecule ndx2group neighbor "
         "newton next package pair_modify pair_write partition plugin print processors python quit read_dump replicate "
-        "rerun reset_* run_style set shell special_bonds suffix thermo thermo_modify thermo_style timer timestep "
+        "rerun reset_* run_style set shell suffix thermo thermo_modify thermo_style timer timestep "
         "uncompute undump velocity write_coeff dynamical_matrix third_order"),
-    Row("command", UNKNOWN, "create_bonds", BONDED),
     Row("line of a log", HARMLESS, "using prefer dynamic"),
     Row("style beside the pair style", HARMLESS, "none zero"),
     Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
+    Row("bond style", USED, "bpm/spring bpm/rotational harmonic hybrid"),
+    Row("bond style", HARMLESS, "none zero"),
+    Row("bond style", UNKNOWN, "*", "no bond here is equal to it"),
     Row("pair style whose force is proportional to its first coefficient", HARMLESS, "lj/cut lj/cut/soft lj/cut/sphere "
         "lj/expand lj/expand/sphere lj/smooth lj/smooth/linear lj/gromacs lj/mdf lj96/cut mie/cut nm/cut soft gauss "
         "harmonic/cut morse ufm wf/cut yukawa"),
     Row("fix", USED, "wall/gran wall/gran/region gravity freeze setforce addforce deform nve nve/sphere nve/limit "
-        "momentum recenter NEIGH_HISTORY* neigh_history*"),
+        "nve/bpm/sphere momentum recenter NEIGH_HISTORY* neigh_history* BOND_HISTORY"),
     Row("fix", HARMLESS, "enforce2d print ave/* vector balance property/atom store/* STORE/* halt pour "
-        "deposit evaporate dt/reset heat/flow controller numdiff* nonaffine/displacement DUMMY GROUP"),
+        "deposit evaporate dt/reset heat/flow controller numdiff* nonaffine/displacement DUMMY GROUP "
+        "UPDATE_SPECIAL_BONDS"),
     Row("fix", UNKNOWN, "adapt*", "it changes sizes or laws"),
     Row("fix", UNKNOWN, "accelerate/* momentum/* addtorque* aveforce bond/* box/relax brownian* damping/* drag efield* "
         "external indent langevin* lineforce move npt* nph* nvt* nve/* planeforce poems press/* propel/* python/* "
         "restrain rigid* shake rattle spring* temp/* viscous* wall/* bpm/* mesh/* rheo* lb/* cfd/* couple/*",
         "it acts on the grains"),
-    Row("section", USED, "Atoms Velocities Atom?Type?Labels"),
+    Row("section", USED, "Atoms Velocities Bonds Atom?Type?Labels Bond?Type?Labels"),
     Row("section", HARMLESS, "Masses *?Type?Labels Bond?Coeffs Angle?Coeffs Dihedral?Coeffs Improper?Coeffs"),
-    Row("section", UNKNOWN, "Bonds Angles Dihedrals Impropers", BONDED),
+    Row("section", UNKNOWN, "Angles Dihedrals Impropers", BONDED),
     Row("section", UNKNOWN, "Pair?Coeffs PairIJ?Coeffs", "it has a contact law, which is not read from here"),
-    Row("heading of a data file", USED, "atoms xlo?xhi ylo?yhi zlo?zhi xy?xz?yz avec bvec cvec abc?origin atom?types"),
+    Row("heading of a data file", USED, "atoms bonds xlo?xhi ylo?yhi zlo?zhi xy?xz?yz avec bvec cvec "
+        "abc?origin atom?types"),
     Row("heading of a data file", HARMLESS, "*?types extra?*"),
-    Row("heading of a data file", UNKNOWN, "bonds angles dihedrals impropers", BONDED),
+    Row("heading of a data file", UNKNOWN, "angles dihedrals impropers", BONDED),
+    Row("part of a GSD file", UNKNOWN, "bonds angles dihedrals impropers", BONDED),
     Row("item of a dump", USED, "TIMESTEP NUMBER BOX ATOMS ENTRIES"),
     Row("item of a dump", HARMLESS, "UNITS TIME LABEL"),
     Row("column of a dump", USED, "id type x y z xu yu zu xs ys zs xsu ysu zsu ix iy iz radius diameter c_radius "
@@ -67,7 +72,7 @@ TABLE = (
     Row("column of a dump", UNKNOWN, "q", "charges repel or attract each other"),
     Row("column of contacts", USED, "i j dist dx dy dz fx fy fz Fx Fy Fz tx ty tz"),
     Row("column of contacts", HARMLESS, "periodic ?1 ?2 id1 id2 p* cutoff radius force eng "
-        "energy overlap* delta* index area* fn ft c? x y z step c_* f_*"),
+        "energy overlap* delta* index area* fn ft slides c? x y z step c_* f_*"),
     Row("column of a table", HARMLESS, "frame no nr number index time step timestep t absv u speed vmag colou?r c "
         "coordination* coord*number z cn neighbo?rs numneighbo?rs numcontacts contacts ncontacts mask name angle* phi "
         "psi theta orientation* quat* q? rot* info volume voronoi* area stress stress? stress?? sigma sigma? sigma?? "

@@ -132,6 +132,11 @@ def test_the_first_event_is_that_of_the_search():
     assert path.reason == "the path jumped to another state"
     top, bottom = failure_path(path).axes  # there is no pair, so no growth rate
     assert bottom.get_xlabel().startswith("strain") and "[" in top.get_ylabel()
+    back = path._replace(sign=-1)
+    assert [(e.strain, e.below) for e in back.events] == [(-e.strain, -e.below) for e in path.events]
+    whole = path._replace(steps=path.steps[:-1])
+    ahead = whole.forecasts
+    assert ahead and whole._replace(sign=-1).forecasts == tuple(one.signed(-1) for one in ahead)
 
 
 def test_a_killed_path_continues_with_the_same_bits(tmp_path):
@@ -233,6 +238,7 @@ def refused(tmp_path):
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
         ("fine", ["--until", "1e-3", "--step", "1e-2"], "use one between"),
         ("fine", ["--step", "-1"], "step"),
+        ("fine", ["--step", "10"], "use at most 0.1"),
         ("fine", ["--mode", "torsion"], "simple"),
         ("fine", ["--law", "linear", "--kn", "1", "--kt", "1"], "not in equilibrium"),
         ("missing", [], "missing.npz"),

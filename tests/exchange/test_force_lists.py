@@ -95,6 +95,52 @@ def test_every_dialect_has_the_same_network(known, tmp_path, dialect):
     assert ("on the second grain" in text) == (dialect == "opposite")
 
 
+def test_bonds_and_matrices_of_rigidlibrary_have_the_same_network(known, tmp_path):
+    """Bonds i, j, slides, ft, fn count rows from 0; matrices stand beside id, x, y, r and a column without meaning."""
+    free, (grains, contacts) = known._replace(free=np.ones(len(known.radius), bool)), rows_of(known)
+    slides = np.arange(len(contacts)) % 2
+    bonds = np.column_stack([contacts[:, 1:3] - 1, slides, contacts[:, 3:]])
+    found = written(tmp_path, np.column_stack([known.position, known.radius]), bonds, mark=" ")
+    assert_same(found, free, rtol=1e-9)
+    assert any("i j slides ft fn is assumed, as in lists of RigidLibrary" in note for note in found.notes)
+    n = len(known.radius)
+    particles = np.column_stack([grains[:, 1:5], 7.5 + np.arange(n)])
+    shuffled = np.random.default_rng(3).permutation(n)  # rows of matrices are those of the table
+    for name, values in (("Norm", known.force_n), ("Tan", known.force_t)):
+        matrix = np.zeros((n, n))
+        matrix[known.pair_i, known.pair_j] = matrix[known.pair_j, known.pair_i] = values
+        write(tmp_path / f"a_{name}WeightedAdjacencyMatrix.dlm", matrix[np.ix_(shuffled, shuffled)])
+    files = write(tmp_path / "a_ParticleData.dlm", particles[shuffled]), tmp_path / "a_NormWeightedAdjacencyMatrix.dlm"
+    assert is_measured(*files)
+    found = ss.io.read_forces(*files)
+    assert_same(found, free, rtol=1e-9)
+    assert any("fifth column, which has no name, is left out" in note for note in found.notes)
+    edges = write(tmp_path / "edges.txt", np.column_stack([grains[:, 1:5], ~known.free]))
+    assert_same(ss.io.read_forces(edges, write(tmp_path / "b.txt", contacts)), known, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "sentence"),
+    [
+        ("TanWeightedAdjacencyMatrix.dlm", lambda m: m, "give that of normal forces"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: None, "TanWeightedAdjacencyMatrix.dlm is missing"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:-1], r"of shape \(8, 9\): there are 9 grains"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:, :-1], r"of shape \(9, 8\)"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m * np.nan, "no contacts|without a number|missing"),
+    ],
+)
+def test_matrices_that_do_not_belong_to_the_grains_are_refused(tmp_path, name, change, sentence):
+    place = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1).reshape(-1, 2)
+    grains = write(tmp_path / "grains.txt", np.column_stack([1.0 + np.arange(9), place, np.full(9, 0.5), np.ones(9)]))
+    matrix = np.isclose(np.linalg.norm(place[:, None] - place, axis=2), 1).astype(float)
+    write(tmp_path / "NormWeightedAdjacencyMatrix.dlm", matrix)
+    if (other := change(matrix)) is not None:
+        write(tmp_path / "TanWeightedAdjacencyMatrix.dlm", other)
+    with pytest.raises(ss.packings.PackingError, match=sentence) as caught:
+        ss.io.read_forces(grains, tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
 def test_differences_of_both_readings_are_the_error(known, tmp_path):
     grains, contacts = rows_of(known)
     noise = 0.02 * known.force_n.mean()
@@ -208,7 +254,7 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
         ("contacts of .* pull, the most that of grains", grains, pulls, ("", "")),
         ("check the order of the columns", grains, swapped, ("", "")),
         ("frames 1 and contacts.txt has 7", grains, other, ("", "")),
-        ("5 columns without names: 3", grains[:, 1:], contacts, ("", "")),
+        ("7 columns without names: 3", grains[:, [0, *range(6)]], contacts, ("", "")),
         ("no column ft", grains, contacts[:, [1, 2, 4]], ("", "i,j,fn")),
         ("more than once", np.vstack([grains, grains[:1]]), contacts, ("", "")),
         ("3 times", grains, np.vstack([contacts[:1], twice(contacts)]), ("", "")),

@@ -123,7 +123,7 @@ def test_spins_of_turned_grains_are_read(tmp_path):
     np.testing.assert_allclose(back.grains.spin, spin, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("part", "text"), [("bonds", "heading bonds of the file"), ("charge", "charges repel")])
+@pytest.mark.parametrize(("part", "text"), [("bonds", "part bonds of the file"), ("charge", "charges repel")])
 def test_forces_that_a_foreign_file_tells_of_are_not_left_out_silently(part, text, tmp_path):
     frame = gsd.hoomd.Frame()
     frame.particles.N, frame.particles.position = 2, [[0, 0, 0], [0.99, 0, 0]]

@@ -219,7 +219,7 @@ def write_restart(path, state, law):
     walls, records = len(state.walls.mass), []
     for k, place in enumerate(state.grains.position):
         record = np.zeros(memory.EXTRA)
-        record[memory.POSITION : memory.POSITION + 3], record[memory.RADIUS] = place, state.grains.radius[k]
+        record[memory.POSITION : memory.POSITION + 3], record[memory.OWN] = place, state.grains.radius[k]
         record.view("<i8")[[memory.TAG, memory.IMAGE]] = k + 1, 512 << 20 | 512 << 10 | 512
         record = np.concatenate([record, [2.0, 0.0], [2.0, 0.0] * walls])
         record[0] = len(record)

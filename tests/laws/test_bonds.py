@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import stickslip as ss
+from stickslip import kit
 from stickslip.core.contacts.bonds import add_bond_loads
 from stickslip.core.contacts.forces import FREE, HELD, bodies
 from tests.laws import bonds, bonds_lammps
@@ -122,6 +123,14 @@ def test_a_twist_beyond_half_a_turn_is_the_shorter_one():
     np.testing.assert_allclose(found.torque[:, 0], [2 * (2 * np.pi - 3.5), -2 * (2 * np.pi - 3.5)])
 
 
+def test_an_imbalance_is_measured_by_what_bonds_bear():
+    """Also where no grains touch: the one force of a stretched pair is unbalanced."""
+    pair = ss.packings.bonded(ss.assembly(ss.spheres([[0, 0, 0], [1.2, 0, 0]], 0.5)), BONDS["spring"], within=0.3)
+    pulled = pair._replace(bonds=pair.bonds._replace(length=np.array([1.19])))
+    pulled = ss.accept(pulled, ss.forces(pulled, LAW)[1])
+    assert ss.measure.imbalance(pulled, LAW) == pytest.approx(1.0)
+
+
 def test_disks_bend_and_shear_like_a_short_beam():
     bond = ss.laws.parallel_bond(2.0, 1.0, radius=0.8)
     pair = ss.packings.bonded(ss.assembly(ss.disks([[0, 0], [1, 0]], 0.5)), bond)
@@ -225,6 +234,36 @@ def test_damped_dynamics_on_the_way_to_an_equilibrium_breaks_no_bond():
         end, outcome = ss.equilibrate(weak, LAW)
         lost = int((~end.bonds.intact).sum())
         assert outcome.ok and (lost > 0) == breaks and (f"{lost} bond" in outcome.how) == breaks
+
+
+@pytest.mark.filterwarnings("ignore:at strain")
+def test_a_ramp_of_shear_breaks_bonds_and_says_so(cemented):
+    path = ss.protocols.ramp(cemented, [0.0, 2e-4, 2e-3], ss.protocols.aqs(LAW))
+    lost = [int((~point.state.bonds.intact).sum()) for point in path]
+    assert lost[:2] == [0, 0] and lost[2] > 0
+    assert "broke" in path[2].outcome.how and "broke" not in path[1].outcome.how
+
+
+def test_a_cell_that_follows_the_stress_breaks_bonds_as_it_settles(cemented):
+    scales = kit.compression_scales(cemented, LAW, 1e-3, 1e-12)
+    control = ss.control.stress_controlled(cemented.control, {"xx": 1e-3, "yy": 1e-3, "zz": 1e-3})
+    pushed = ss.packings.sheared(cemented, 1e-3)._replace(control=control)
+    end, outcome = kit.settle(pushed, LAW, scales, tolerance=1e-12, keep=ss.results.Factorisation())
+    lost = int((~end.bonds.intact).sum())
+    assert lost > 0 and f"{lost} bond" in outcome.how and ss.measure.bond_shares(end).max() < 1
+    np.testing.assert_allclose(np.diag(ss.measure.stress(end, LAW)), 1e-3, atol=1e-8)
+
+
+def test_moduli_are_derivatives_of_the_stress(cemented):
+    moduli, strain = ss.modes.elastic_moduli(cemented, LAW).tensor, 1e-6
+    for a, b in ((0, 0), (0, 1)):
+        gradient = np.zeros((3, 3))
+        gradient[a, b] = strain
+        ends = [
+            ss.equilibrate(ss.packings.strained(cemented, sign * gradient), LAW, check="nothing")[0] for sign in (1, -1)
+        ]
+        change = (ss.measure.stress(ends[1], LAW) - ss.measure.stress(ends[0], LAW)) / (2 * strain)
+        np.testing.assert_allclose(change, moduli[:, :, a, b], atol=2e-4 * np.abs(moduli).max())
 
 
 def test_stress_is_the_virial_of_contacts_and_bonds(cemented):

@@ -399,6 +399,8 @@ def test_grains_that_have_left_the_heap_do_not_shrink_it():
     assert 60 < body_limits(np.r_[heap, spray], 3.0)[1, 0] < 80 < spray[-1, 0]
     few = np.r_[heap[:9], [[90.0, 0.0]]]
     assert body_limits(few, 3.0)[1, 0] == heap[:9, 0].max() and body_limits(few[1:], 3.0)[1, 0] == 90.0
+    column = np.append(np.zeros(40), 2.0)[:, None]  # the last grain is within the gap of a column without width
+    assert body_limits(column, 3.0)[1, 0] == 2.0 and body_limits(column, 1.0)[1, 0] == 0.0
     halves = np.r_[heap[:600], heap[600:] + np.array([100.0, 0.0])]  # two heaps
     np.testing.assert_array_equal(body_limits(halves, 3.0), [halves.min(axis=0), halves.max(axis=0)])
 

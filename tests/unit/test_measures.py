@@ -81,8 +81,10 @@ MEANT = {
     "element-test": {
         NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation skempton "
         "largest_unbalanced rearranged_share strain_at_cone stiffness_number critical_reached critical_from "
-        "critical_ratio compression_misfit swelling_index swelling_misfit reloading_index reloading_misfit skempton_B"),
-        STRESS: both("G0 E0 E50 p_critical u_at_peak sigma1_peak sigma3_peak sigma1_critical sigma3_critical"),
+        "critical_ratio compression_misfit swelling_index swelling_misfit reloading_index reloading_misfit skempton_B "
+        "end_ratio e_end"),
+        STRESS: both("G0 E0 E50 p_critical u_at_peak sigma1_peak sigma3_peak sigma1_critical sigma3_critical p_end "
+                     "sigma1_end sigma3_end"),
         "angle": both("phi_peak psi phi_residual phi_rowe cone_direction"),
     },
     "cyclic-shear": {

@@ -570,7 +570,22 @@ struct Slider {
   int64_t evolution;  // see `friction.laws`
 };
 
+// Stress due to slip of N cells: Σ_j (K_|i−j| + H_{i+j}) slip_j, by Fourier transforms of length L = rows × columns ≥ N,
+// powers of two, of z_j = slip_j e^{iπj/(2L)}, in which what is carried past the ends becomes imaginary
+struct Transfer {
+  int64_t number;     // N
+  int64_t rows;
+  int64_t columns;
+  double *phases;     // (2, N) cosine and sine of πj/(2L)
+  double *roots;      // (2, M) of −2πj/M, with M the greater of rows and columns
+  double *turns;      // (2, rows, columns) between the transforms along columns and rows
+  double *symbol;     // (L,) transform of K, in the order in which the transforms leave it
+  double *reflected;  // (2, L) transform of H, real and imaginary part, or null
+  double *work;       // (4, L)
+};
+
 struct Fault {
+  Transfer *transfer;
   int64_t form;
   int64_t evolution;
   double mu0;
@@ -594,6 +609,7 @@ struct FaultStep {
   double *y;       // (1 + S, N) unknowns at its start
   double *trial;   // (1 + S, N) unknowns of the present stage
   double *w;       // (N,) ln(V/V0) of the stage before, replaced by that of the present one
+  double *image;   // (N,) stress that a surface adds, or null
   double *stages;  // (K + 1, 1 + S, N) rates of the unknowns
   double *powers;  // (K + 1, 3) of loading, friction and radiation
   double length;
@@ -612,13 +628,14 @@ API void slider_rates(const Slider *slider, const double *logs, double velocity,
 // legs (3, L); returns a code, see `friction.laws`
 API int64_t slider_history(const Slider *slider, double w, double s, double s2, const double *legs, int64_t many,
                            const double *times, int64_t count, double tolerance, double *out, double *reached);
+// Shear stress due to slip (N,)
+API void fault_stress(const Transfer *transfer, const double *slip, double *stress);
 // Rates of the unknowns and powers; false if a velocity cannot be found
-API uint8_t fault_rates(const Fault *fault, const double *transferred, const double *y, double *w, double *out,
-                        double *power);
+API uint8_t fault_rates(const Fault *fault, const double *image, const double *y, double *w, double *out, double *power);
+// Stages from the first to the last one; false if a velocity cannot be found
+API uint8_t fault_stages(const Fault *fault, const FaultStep *step, int64_t first, int64_t last);
 // Unknowns of a stage from the rates of the stages before
 API void fault_trial(const Fault *fault, const FaultStep *step, int64_t stage);
-// Rates of a stage, and unknowns of the next one; false if a velocity cannot be found
-API uint8_t fault_stage(const Fault *fault, const FaultStep *step, int64_t stage, const double *transferred);
 // Root mean square of the estimated errors of u/D_c and of each s in a step
 API double fault_error(const Fault *fault, const FaultStep *step);
 

@@ -38,10 +38,39 @@ inline void put(double *to, const T &value) {
 template <class... Laws>
 struct List {};
 
-// ---- forms: friction coefficient, and its derivatives
+// e^x to 1 unit in the last place; without branches, so that compilers evaluate it for several numbers at once. It is
+// e^−708 below −708 and e^709 above 709.
+inline double exponential(double x) {
+  x = x < -708.0 ? -708.0 : x > 709.0 ? 709.0 : x;
+  double shifted = x * 0x1.71547652b82fep+0 + 0x1.8p52;  // its last bits are those of k = x/ln 2, rounded
+  double k = shifted - 0x1.8p52;
+  double r = (x - k * 0x1.62e42fefa0000p-1) - k * 0x1.cf79abc9e3b39p-40;
+  double sum = 1.0 / 6227020800.0;  // Taylor series, |r| ≤ ln(2)/2
+  sum = sum * r + 1.0 / 479001600.0;
+  sum = sum * r + 1.0 / 39916800.0;
+  sum = sum * r + 1.0 / 3628800.0;
+  sum = sum * r + 1.0 / 362880.0;
+  sum = sum * r + 1.0 / 40320.0;
+  sum = sum * r + 1.0 / 5040.0;
+  sum = sum * r + 1.0 / 720.0;
+  sum = sum * r + 1.0 / 120.0;
+  sum = sum * r + 1.0 / 24.0;
+  sum = sum * r + 1.0 / 6.0;
+  sum = sum * r + 0.5;
+  sum = sum * r * r + r + 1.0;
+  int64_t bits;
+  __builtin_memcpy(&bits, &shifted, 8);
+  bits = (bits + 1023) << 52;  // 2^k
+  double power;
+  __builtin_memcpy(&power, &bits, 8);
+  return sum * power;
+}
+
+// ---- forms: friction coefficient, its derivatives, and whether it equals μ0 + a w + b s + b2 s2 in double precision
 
 // μ0 + a w + b s + b2 s2
 struct Logarithmic {
+  static bool linear(const Surface &, const Logs &) { return true; }
   static Friction friction(const Surface &q, const Logs &x) {
     return {q.mu0 + q.a * x.w + q.b * x.s + q.b2 * x.s2, q.a};
   }
@@ -53,6 +82,7 @@ struct Logarithmic {
 // doi:10.1016/S0022-5096(01)00042-4.
 struct Regularized {
   static constexpr double LARGE = 20.0;  // exponent above which arcsinh(e^x/2) equals x in double precision
+  static bool linear(const Surface &q, const Logs &x) { return exponent(q, x) > LARGE; }
   static double exponent(const Surface &q, const Logs &x) { return x.w + (q.mu0 + q.b * x.s + q.b2 * x.s2) / q.a; }
   static Friction friction(const Surface &q, const Logs &logs) {
     double x = exponent(q, logs);
@@ -79,6 +109,7 @@ struct Regularized {
 // μ0 − a ln(V0/V + cut) + b ln(e^s + cut2) + b2 ln(e^s2 + cut2). Okubo 1989, doi:10.1029/JB094iB09p12321; Shibazaki and
 // Iio 2003, doi:10.1029/2003GL017047.
 struct CutOff {
+  static bool linear(const Surface &, const Logs &) { return false; }
   static Friction friction(const Surface &q, const Logs &x) {
     double state = q.b * log(exp(x.s) + q.cut2) + q.b2 * log(exp(x.s2) + q.cut2);
     return {q.mu0 - q.a * log(exp(-x.w) + q.cut) + state, q.a / (1.0 + q.cut * exp(x.w))};
@@ -106,7 +137,10 @@ struct StateSlopes {
 
 // θ' = 1 − Vθ/D_c
 struct Aging {
-  static double rate(double e, double, double s, double speed) { return speed * (exp(-s) - e); }
+  template <double (*power)(double) = exp>
+  static double rate(double e, double, double s, double speed) {
+    return speed * (power(-s) - e);
+  }
   static StateSlopes slopes(double w, double s, double speed) { return {-speed * exp(w), -speed * exp(-s)}; }
   static double later(double s, double v, double duration, double v0, double dc) {
     double x = v * duration / dc;
@@ -117,6 +151,7 @@ struct Aging {
 
 // θ' = −(Vθ/D_c) ln(Vθ/D_c)
 struct Slip {
+  template <double (*)(double) = exp>
   static double rate(double e, double w, double s, double speed) { return -speed * e * (w + s); }
   static StateSlopes slopes(double w, double s, double speed) {
     double e = speed * exp(w);

@@ -1,7 +1,8 @@
-"""Sheets of laboratory tables as they are stored: text with any header, HDF5, MATLAB."""
+"""Sheets of laboratory tables as they are stored: text with any header, HDF5, MATLAB, binary XLOOK."""
 
 import csv
 import re
+import struct
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +15,11 @@ from ..core.tables import split_rows
 from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
-REMEDY = "give a table as text, an HDF5 or a MATLAB file"
+REMEDY = "give a table as text, an HDF5, a MATLAB or a binary XLOOK file"
+TITLE = struct.Struct(">20s4i")  # of XLOOK: name, samples, columns, two unused
+CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
+CHANNELS = (32, 16)  # numbers of them in the header of present and of old files
+USUAL = 1e-20, 1e20  # magnitudes by which the order of bytes is found
 MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
@@ -54,6 +59,8 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
         return _array_sheet(path, _hdf5_arrays(path, content), known)
     if content.startswith(MATLAB):
         return _array_sheet(path, _matlab_arrays(path, content), known)
+    if (sheet := _look_sheet(path, content)) is not None:
+        return sheet
     return _text_sheet(
         path, decode_text(content, path, remedy=REMEDY, fallback="cp1252"), known, named, example, remedy
     )
@@ -187,6 +194,51 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
         fields = {f"{name}/{part}": value[part].item() for part in parts} if single else {name: value}
         arrays.update({key: (np.asarray(array), None) for key, array in fields.items()})
     return {name: (array, unit) for name, (array, unit) in arrays.items() if array.dtype.kind in "iuf"}
+
+
+def _look_sheet(path: Path, content: bytes) -> Sheet | None:
+    """Sheet of a binary XLOOK file; None if the content is another.
+
+    A header of 16 or 32 channels, whose integers are big-endian, is followed by the columns, one after the other, as
+    floating-point numbers of 4 or 8 bytes in the order of the machine that wrote them. Neither is stated in the file:
+    the length decides the one, and the magnitude of the numbers the other.
+
+    Source
+    ------
+    Layout of the header as read by pylook (Leeman Geophysical), checked with the examples of XLOOK.
+    """
+    if len(content) < TITLE.size + CHANNELS[-1] * CHANNEL.size:
+        return None
+    _, samples, count, _, _ = TITLE.unpack_from(content)
+    if not (0 < count <= CHANNELS[0] and 0 < samples < len(content)):
+        return None
+    for channels in CHANNELS:
+        start = TITLE.size + channels * CHANNEL.size
+        if len(content) < start:
+            continue
+        every = [CHANNEL.unpack_from(content, TITLE.size + k * CHANNEL.size) for k in range(channels)]
+        words = [[part.partition(b"\0")[0].decode("cp1252", "replace").strip() for part in each[:2]] for each in every]
+        used = [(name, unit, each[-1]) for (name, unit), each in zip(words, every, strict=True) if name[:6] != "no_val"]
+        total = sum(length for *_, length in used)
+        kind = {start + 4 * total: "f4", start + 8 * total: "f8"}.get(len(content))
+        if len(used) == count and kind and total > 0:
+            break
+    else:
+        raise ValueError(
+            f"{path} is a damaged XLOOK file: its length is not that of its {count} columns; copy it again"
+        )
+    if len({length for *_, length in used}) > 1:
+        told = ", ".join(f"{name} {length}" for name, _, length in used[:5])
+        raise ValueError(f"{path} has columns of different lengths ({told}): give one value of each for each sample")
+
+    def usual(values: np.ndarray) -> float:
+        size = np.abs(values)
+        return float(((size == 0) | (size > USUAL[0]) & (size < USUAL[1])).mean())
+
+    with np.errstate(invalid="ignore", over="ignore"):  # of NaN in the other order of bytes
+        values = max((np.frombuffer(content, order + kind, total, start) for order in "<>"), key=usual).astype(float)
+    names, units, _ = zip(*used, strict=True)
+    return Sheet(list(names), [unit.strip("[]() ") or None for unit in units], values=np.split(values, count))
 
 
 def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], known: Callable[[str], bool]) -> Sheet:

@@ -100,8 +100,8 @@ COLUMNS = {  # where several columns of a file have names of one quantity, the f
     "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
 }  # fmt: skip
 OTHER_LANGUAGES = {  # names in German and French
-    "time": "zeit temps", "load_point": "scherweg déplacement",
-    "friction": "reibungskoeffizient coefficient_de_frottement",
+    "time": "zeit temps", "load_point": "scherweg verschiebung scherverschiebung weg déplacement deplacement",
+    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement",
     "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement",
     "normal_stress": "normalspannung contrainte_normale",
     "axial_strain": "axialdehnung axiale_dehnung stauchung axiale_stauchung déformation_axiale",
@@ -367,15 +367,20 @@ def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si
     if unit is None and "" not in units:
         if si:
             return 1.0
-        raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{next(iter(units))}]'")
+        raise ValueError(f"{path}: column {word!r} has no unit: write it as '{word} [{_spelled(next(iter(units)))}]'")
     given = "" if unit is None or ("" in units and unit == ".") else unit
     known = _known_unit(given, units)
     if known is None:
         raise ValueError(
             f"{path}: {word} has the unit {shortened(_plain_unit(given))!r}: use "
-            f"{', '.join(list(filter(None, units))[:SHOWN])}"
+            f"{', '.join(list(map(_spelled, filter(None, units)))[:SHOWN])}"
         )
     return units[known]
+
+
+def _spelled(unit: str) -> str:
+    """Unit as it is written: keys of pascals are in lower case."""
+    return re.sub(r"^([hkmg]?)pa$", lambda part: part[1].translate({109: "M", 103: "G"}) + "Pa", unit)
 
 
 def _plain_unit(unit: str) -> str:

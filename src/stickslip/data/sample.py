@@ -26,6 +26,7 @@ HUGE = 1e30  # larger numbers make products overflow
 NO_LAW = "no contact law was given"
 UNDECIDED = "undecided: "  # how sentences on what acts on the grains, but was not taken over, begin
 LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
+BONDS = "bonds"
 
 
 class PackingError(SentenceError):

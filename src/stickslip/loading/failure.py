@@ -30,6 +30,7 @@ from .settling import Deformation, Mode, deformation
 
 STEP = 0.02  # default strain step, in mean overlaps over the mean diameter
 STEPS = 500  # default largest number of steps
+LONGEST = 0.1  # strain step: beyond it nothing of the packing is left
 RESOLUTION = 2.5e-3  # width of the bracket of an event, in strain steps
 DRAG = 0.1  # default drag, in units of the highest frequency
 AT_MOST = 2500  # coordinates: each step needs several dense spectra
@@ -261,6 +262,8 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
     if step is None:
         share = STEP * mean_overlap(state) / float(2 * state.grains.radius.mean())
         step = float(f"{share:.0e}") if limit is None else min(float(f"{share:.0e}"), limit)
+    if step > LONGEST:
+        raise ValueError(f"a step of {step:g} was given: use at most {LONGEST:g}, a hundredth of it for a smooth path")
     limit = STEPS * step if limit is None else limit
     if not step <= limit <= MOST_STEPS * step:
         raise ValueError(

@@ -135,6 +135,7 @@ class Protocol(NamedTuple):
 
 
 @checked
+@knows_bonds
 def ramp(
     state: State, loads: Series, protocol: Protocol, report: Report = silent, *, kept: Checkpoint | None = None
 ) -> list[Equilibrium]:

@@ -18,7 +18,7 @@ from ..core.measure import volume
 from ..core.progress import NotInEquilibriumError, Outcome, Report, silent
 from ..core.readable import readable
 from ..core.state import Control, State
-from ..solve.equilibrate import patience_for
+from ..solve.equilibrate import breaking, patience_for
 from ..solve.newton import Factorisation, approach, at_rest, newton
 from ..solve.shear_response import XY
 from .compression import Scales, critical_mass, stopped
@@ -40,7 +40,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
     """Equilibrium after a step of the load: by Newton's method or, where grains rearrange, by damped dynamics first.
 
     The drag is that of `compressed`, on the time scale on which the pressure moves a grain. Where Newton's method
-    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`.
+    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`. Bonds break as there.
 
     Parameters
     ----------
@@ -57,11 +57,15 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
     NotInEquilibriumError
         if the sample does not come to rest.
     """
-    point, first = approach(state, law, tolerance=tolerance, patience=patience_for(state), keep=keep)
-    if first.ok:
-        return at_rest(point), first
-    keep.solve = None
-    return _come_to_rest(state, law, scales, tolerance)
+
+    def find(here: State, keep: Factorisation) -> tuple[State, Outcome]:
+        point, first = approach(here, law, tolerance=tolerance, patience=patience_for(here), keep=keep)
+        if first.ok:
+            return at_rest(point), first
+        keep.solve = None
+        return _come_to_rest(here, law, scales, tolerance)
+
+    return breaking(find, state, keep)
 
 
 def strain_step(
@@ -138,9 +142,8 @@ def _advance(
 ) -> tuple[State, Outcome]:
     """Damped dynamics of some steps, or until the largest unbalanced force is below a level that is not 0."""
     kept = {"every": POSTED, "ledger": POSTED} if account else {}
-    state, record, outcome = run(
-        state, law, steps, scales.dt, drag=SETTLING_DRAG / scales.time, tolerance=level, **kept
-    )
+    dt = min(scales.dt, SHARE * stable_time_step(state, law)) if state.bonds else scales.dt  # bonds may be stiffer
+    state, record, outcome = run(state, law, steps, dt, drag=SETTLING_DRAG / scales.time, tolerance=level, **kept)
     if account:
         account.post_run(state, record.ledger)
     return state, outcome

@@ -8,6 +8,7 @@ al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The long
 """
 
 import warnings
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -111,14 +112,8 @@ def equilibrate(
     """
     tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     keep = keep or Factorisation()
-    end, outcome = _newton_or_dynamics(state, law, tolerance, keep, steps)
-    while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
-        end, outcome = _newton_or_dynamics(weaker, law, tolerance, Factorisation(), steps)
-    lost = int((state.bonds.intact & ~end.bonds.intact).sum()) if state.bonds else 0
-    if lost:
-        keep.solve, keep.found_stable = None, -1
-        outcome = outcome._replace(how=f"{outcome.how}; {pluralize(lost, 'bond')} broke")
-        end = end if outcome.ok else state
+    end, outcome = breaking(lambda here, keep: _newton_or_dynamics(here, law, tolerance, keep, steps), state, keep)
+    end = end if outcome.ok else state
     if not outcome.ok or (check == "buckling" and keep.found_stable == keep.renewals):
         return end, outcome
     if check == "nothing":
@@ -134,6 +129,18 @@ def equilibrate(
     if instability:
         outcome = outcome._replace(warning=instability, unstable=True)
         warnings.warn(instability, UnstableEquilibriumWarning, stacklevel=2)
+    return end, outcome
+
+
+def breaking(find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation):
+    """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each."""
+    end, outcome = find(state, keep)
+    while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
+        end, outcome = find(weaker, Factorisation())
+    lost = int((state.bonds.intact & ~end.bonds.intact).sum()) if state.bonds else 0
+    if lost:
+        keep.solve, keep.found_stable = None, -1
+        outcome = outcome._replace(how=f"{outcome.how}; {pluralize(lost, 'bond')} broke")
     return end, outcome
 
 

@@ -362,6 +362,7 @@ def resized(state: State, radius: np.ndarray) -> State:
 
 
 @checked
+@knows_bonds
 def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
     """State with its free coordinates moved by `step` (n,) [length]; contact memory is left unchanged."""
     full = free.spread(step)

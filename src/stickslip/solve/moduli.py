@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from ..core.arguments import checked
+from ..core.arguments import checked, knows_bonds
 from ..core.contacts.jacobian import cross_matrix, linearise
 from ..core.contacts.tangent import column, outer
 from ..core.laws.builtin import Law
@@ -119,6 +119,7 @@ class ElasticModuli(NamedTuple):
 
 
 @checked
+@knows_bonds
 def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     """Elastic moduli C = −∂σ/∂G = −(ℓ²/V) (J_cc − J_cg J_gg⁻¹ J_gc) of a packing.
 

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.linalg import eig, eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
-from ..core.arguments import NotNegative, Seed, checked
+from ..core.arguments import NotNegative, Seed, checked, knows_bonds
 from ..core.laws.builtin import Law
 from ..core.progress import Report, Size, require_sizes, silent
 from ..core.readable import pluralize, readable
@@ -82,6 +82,7 @@ class Spectrum(NamedTuple):
 
 
 @checked
+@knows_bonds
 def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     """Compute all eigenvalues and modes of −M⁻¹J at an accepted state, with each contact held in its mode.
 

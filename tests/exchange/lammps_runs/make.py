@@ -102,6 +102,14 @@ CUP = "hooke 2000.0 20.0 tangential linear_history 600.0 0.5 0.4 damping mass_ve
 WEIGHT = "fix g all gravity 1.0 vector 0 0 -1"
 HOOKE = "2000 ${kt} 20.0 10.0 ${mu} 1"
 VARIABLES = 'variable mu index 0.4\nvariable kt equal "2/7*2000"'
+BOXED = (
+    START.format(law=HERTZ, fixes="", large=1.4, dt=0.05, **PERIODIC).replace(
+        "create_box 2 box",
+        "comm_modify cutoff 2.9\ncreate_box 2 box bond/types 2 extra/bond/per/atom 12 extra/special/per/atom 50",
+    )
+    + "special_bonds lj 0 1 1 coul 0 1 1\n"
+)  # packings for bonds
+WHOLE = "special_bonds lj 1 1 1 coul 1 1 1\n"  # contacts act beside bonds
 DECKS = {
     "sheared": START.format(law=HERTZ, fixes="", large=1.4, dt=0.05, **PERIODIC)
     + COMPRESS
@@ -198,6 +206,22 @@ DECKS = {
         **SILO,
     ).replace("nve/sphere", "nve/sphere/omp")
     + f"run 8000\n{GRAINS}run 0\nwrite_restart boxed.restart\n",
+    "glued": BOXED.replace("atom_style sphere", "atom_style hybrid sphere bond")  # bonds that are at rest
+    + f"{COMPRESS}unfix drag\ncreate_bonds many all all 1 0.0 1.2\n"
+    + f"bond_style bpm/spring overlay/pair yes break no smooth no\nbond_coeff * 0.05 10 0.0\n{WHOLE}{CONTACTS}{GRAINS}"
+    + "run 0\nwrite_data glued.data\n",
+    "cemented": BOXED.replace("atom_style sphere", "atom_style bpm/sphere")
+    .replace("nve/sphere", "nve/bpm/sphere")
+    .replace("0.0 0.3 1", "0.0 0.0 1")  # LAMMPS leaves a part of slips along the normal in motion
+    + "fix press all deform 1 x scale 0.71 y scale 0.71 z scale 0.71 remap x\nrun 200\nunfix press\n"
+    + "velocity all set 0 0 0\ngroup low id <= 12\ngroup high subtract all low\n"
+    + "create_bonds many low low 1 0.0 1.3\ncreate_bonds many high high 2 0.0 1.3\n"
+    + f"bond_style hybrid bpm/spring overlay/pair yes smooth yes bpm/rotational overlay/pair yes normalize yes\n{WHOLE}"
+    + "bond_coeff 1 bpm/spring 5.0 0.03 0.3\n"
+    + "bond_coeff 2 bpm/rotational 5.0 2.0 0.5 0.4 0.1 0.1 0.1 0.1 0.1 0.2 0.3 0.4\nrun 0\n"
+    + "set group all omega 0.01 0.02 -0.01\nset atom 1*8 omega -0.02 0.01 0.03\nset atom 18*22 omega 0.01 0.03 -0.03\n"
+    + f"fix press all deform 1 x scale 0.99 y scale 1.01 remap x\nrun 60\nunfix press\n{GRAINS}run 0\n"
+    + "write_restart cemented.restart\n",
 }
 
 

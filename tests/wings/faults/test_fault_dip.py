@@ -20,6 +20,7 @@ from stickslip.wings.faults.friction.fault_state import steady_stress
 from stickslip.wings.faults.friction.stress_transfer import (
     half_space_stress,
     image_nodes,
+    stress_matrix,
     stress_transfer,
     surface_displacement,
 )
@@ -111,15 +112,41 @@ def test_deep_slip_is_that_in_an_infinite_body():
     assert added[-1] < 1e-5
 
 
+def dense_matrix(number, cell, modulus, dip):
+    """Minus the normal stress, and i times the shear stress: edge dislocations, but for slip that is band-limited."""
+    i, t = np.arange(number), np.exp(1j * np.radians(dip))
+    mean, deviator = half_space_stress((i + 0.5) * cell * t, np.arange(number + 1) * cell, dip)
+    lags = np.abs(i[:, None] - i), i[:, None] + i + 1
+    uniform = sum(modulus / (2 * np.pi * cell) / (lag**2 - 0.25) for lag in lags)
+    return modulus * (mean + t**2 * deviator) + 1j * (stress_matrix(number, cell, modulus, "surface") - uniform)
+
+
+def test_stress_of_smooth_slip_on_a_dipping_fault_converges():
+    """The limit is that of cells of a 27th; near the trace errors decrease in proportion to the cells."""
+
+    def slip(number):
+        return (1 - ((np.arange(number) + 0.5) / number) ** 2) ** 3
+
+    errors = []
+    for number in (20, 40, 80):
+        t, fine = np.exp(1j * np.radians(40.0)), 27 * number
+        mean, deviator = half_space_stress((np.arange(number) + 0.5) / number * t, np.arange(fine + 1) / fine, 40.0)
+        traction = (mean + t**2 * deviator) @ slip(fine)
+        shear, normal = stress_transfer(number, 1 / number, 1.0, "surface", dip=40.0).tractions(slip(number))
+        away = np.abs(shear - traction.imag)
+        errors.append((away[0], away[number // 5 :].max(), np.abs(normal + traction.real)[number // 5 :].max()))
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (slopes[:, 0] > 0.9).all() and (slopes[:, 1:] > 1.7).all()
+    assert max(errors[-1][1:]) < 1e-4
+
+
 @pytest.mark.parametrize("number", [7, 100, 300])
 @pytest.mark.parametrize("dip", [4.0, 30.0, 60.0, 90.0])
 def test_interpolated_kernels_are_the_dense_ones(dip, number):
     cell, slip = 25.0, np.random.default_rng(number).normal(size=number)
-    t, depth = np.exp(1j * np.radians(dip)), (np.arange(number) + 0.5) * cell
-    mean, deviator = half_space_stress(depth * t, np.arange(number + 1) * cell, dip)
-    dense = G * (mean + t**2 * deviator)
+    dense = dense_matrix(number, cell, G, dip)
     for sense in (1, -1):
-        shear, normal = stress_transfer(number, cell, G, "infinite", dip=dip, sense=sense).tractions(slip)
+        shear, normal = stress_transfer(number, cell, G, "surface", dip=dip, sense=sense).tractions(slip)
         assert np.abs(shear - dense.imag @ slip).max() < 1e-12 * np.abs(dense).max()
         assert np.abs(normal + sense * dense.real @ slip).max() < 1e-12 * np.abs(dense).max()
 
@@ -127,13 +154,13 @@ def test_interpolated_kernels_are_the_dense_ones(dip, number):
 @pytest.mark.parametrize("dip", [0.5, 4.0, 45.0])
 def test_the_memory_of_a_dipping_fault_is_bounded(dip):
     for number in (10, 150, 1000):
-        assert len(stress_transfer(number, 25.0, G, "infinite", dip=dip).image[1]) <= 2 * image_nodes(number, dip)
+        assert len(stress_transfer(number, 25.0, G, "surface", dip=dip).image[1]) <= 2 * image_nodes(number, dip)
     with pytest.raises(ValueError, match=rf"200,000 cells were given for a fault with a dip of {dip:g}°"):
         friction.line_fault(40e3, 0.2, **SHORT, dip=dip)
 
 
 def test_slip_of_a_vertical_fault_does_not_change_its_normal_stress():
-    transfer, slip = stress_transfer(50, 100.0, G, "infinite", dip=90.0), np.linspace(1, 0, 50)
+    transfer, slip = stress_transfer(50, 100.0, G, "surface", dip=90.0), np.linspace(1, 0, 50)
     shear, normal = transfer.tractions(slip)
     assert np.abs(normal).max() < 1e-12 * np.abs(shear).max()
     assert stress_transfer(50, 100.0, G, "surface").tractions(slip)[1] == 0.0
@@ -164,9 +191,7 @@ def test_another_integration_through_an_earthquake(slip, alpha):
     start, n = friction.initial_state(fault), len(fault.depth)
     history = friction.simulate_fault(fault, 9.0 if slip == "normal" else 12.0, start=start, tolerance=1e-8)
     assert len(history.events.start) > 0
-    t = np.exp(1j * np.radians(30.0))
-    mean, deviator = half_space_stress(fault.depth * t, np.arange(n + 1) * fault.cell, 30.0)
-    dense = G / 0.75 * (mean + t**2 * deviator)
+    dense = dense_matrix(n, fault.cell, G / 0.75, 30.0)
     clamping, w = (-1 if slip == "thrust" else 1) * dense.real, [start.log_velocity]
 
     def rates(_, y):

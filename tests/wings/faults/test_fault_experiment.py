@@ -11,6 +11,7 @@ import stickslip as ss
 from stickslip.cli import main
 from stickslip.experiments.registry import EXPERIMENTS, ScenarioError, papers, read_scenario, scenario
 from stickslip.friction import fault_dataset
+from stickslip.kit import ArchiveError
 from stickslip.reports.page import write_page
 from stickslip.runs.folder import write_result
 from stickslip.runs.page import folder_content
@@ -53,6 +54,22 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def result(folder):
     return ss.simulate(read_scenario(folder / "scenario.json"))
+
+
+def test_parts_and_states_of_the_earlier_kernel_are_refused(tmp_path, monkeypatch):
+    short, true = scenario(experiment="fault", line={"cell": 100.0}, run={"years": 1.0}), room.simulate_fault
+
+    def earlier(*given, **more):
+        history = true(*given, **more)
+        return history._replace(state=history.state._replace(kernel="uniform"))
+
+    with monkeypatch.context() as now:
+        now.setattr(room, "simulate_fault", earlier)
+        history = room.simulate_cycles(short, folder=tmp_path).history
+    with pytest.raises(ArchiveError, match="slip that is uniform in each cell, and faults now have band-limited slip"):
+        room.simulate_cycles(short, folder=tmp_path)
+    with pytest.raises(ValueError, match="uniform in each cell, and faults now have band-limited slip"):
+        true(history.fault, 2.0, start=history.state)
 
 
 def test_files(folder):
@@ -227,7 +244,7 @@ def test_measures_are_averages_over_settled_events(result):
         ({"run": {"stations": (50e3,)}}, "run.stations contains 50000 m"),
         ({"run": {"threshold": 1e-10}}, "it must exceed loading.plate_rate"),
         ({"line": {"boundary": "periodic"}}, "thickness = inf"),
-        ({"line": {"width": 1.01e3, "cell": 300.0}}, "three whole cells"),
+        ({"line": {"width": 1.01e3, "cell": 300.0}}, "a whole number of cells, at least three"),
         ({"injection": {"flux": 1e-5, "stop": 8.64e6}}, "the effective normal stress falls to -"),
         ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "an injection from 5 to 3 s"),
         ({"normal_stress": {"amplitude": 51e6}}, "use smaller changes, or a larger normal stress"),

@@ -1,6 +1,7 @@
 """Records as CSV: units, separators, round trip, and every refusal in one sentence."""
 
 import re
+import struct
 import warnings
 
 import h5py
@@ -193,6 +194,10 @@ def test_times_in_days_and_years(tmp_path):
     assert record.time[1] == 365.25 * 86400
     assert record.velocity[0] == pytest.approx(35e-3 / (365.25 * 86400))
     assert read_record(written(tmp_path / "b.csv", HEAD.replace("[s]", "[d]"))).time[1] == 86400
+    rows = [f"{k};{k},5;0,6" for k in range(12)]
+    for head in ("Zeit [min];Verschiebung [mm];Reibung", "temps [min];deplacement [mm];coefficient de frottement"):
+        record = read_record(written(tmp_path / "c.csv", head, rows))
+        assert (record.time[1], record.load_point[1], record.friction[1]) == (60, pytest.approx(1.5e-3), 0.6)
 
 
 LAB = {"time_s": np.arange(20.0), "vdcdt_um": 10.0 * np.arange(20), "mu": 0.6 + 0.001 * np.arange(20),
@@ -226,6 +231,42 @@ def test_units_in_a_row_below_with_the_numbers_of_rows_as_xlook_writes_them(tmp_
     lines += [f"{k:5d}" + "".join(f"{x:12.5f}" for x in row) for k, row in enumerate(zip(*columns, strict=True))]
     (tmp_path / "p.txt").write_text("\n".join(lines))
     check_lab(read_record(tmp_path / "p.txt"))
+
+
+def look(path, channels=32, kind="<f8", cut=0, lengths=(), units=("mic", "MPa", "MPa", "sec", ".")):
+    """Write a binary XLOOK file; kind is that of its numbers."""
+    names = ("LP_disp", "Shr_stress", "Nor_stress", "Time", "mu")
+    columns = (LAB["vdcdt_um"], 3 + 0.005 * LAB["time_s"], LAB["effns_mpa"], LAB["time_s"], LAB["mu"])
+    content = struct.pack(">20s4i", b"p5760\0\x84M\x03", len(columns[0]), len(columns), 0, 0)
+    for k in range(channels):
+        used = k < len(columns)
+        name, unit = (names[k], units[k]) if used else ("no_val", "no_val")
+        length = (dict(lengths).get(k, len(columns[k]))) if used else 0
+        content += struct.pack(">13s13si50si", name.encode(), unit.encode(), 7, b"\xff", length)
+    content += b"".join(np.asarray(column, kind).tobytes()[cut * (k == 0) :] for k, column in enumerate(columns))
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["<f4", ">f4", "<f8", ">f8"])
+@pytest.mark.parametrize("channels", [16, 32])
+def test_binary_files_of_xlook(tmp_path, channels, kind):
+    found, lab = read_record(look(tmp_path / "p5760", channels, kind)), LAB["mu"]
+    np.testing.assert_allclose(found.friction, lab, rtol=1e-6)  # of four bytes
+    np.testing.assert_allclose(found.load_point, 1e-6 * LAB["vdcdt_um"], rtol=1e-6)
+    np.testing.assert_allclose(found.normal_stress, 1e6 * LAB["effns_mpa"], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"cut": 8}, "damaged XLOOK file"), ({"lengths": {1: 19, 2: 21}}, r"different lengths \(LP_disp 20, Shr"),
+        ({"units": ("bits", "MPa", "MPa", "sec", ".")}, "'bits'"),
+    ],
+)  # fmt: skip
+def test_binary_files_of_xlook_that_cannot_be_used_are_refused(tmp_path, options, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        read_record(look(tmp_path / "p5760", **options))
 
 
 @pytest.mark.parametrize("kind", ["hdf5", "group", "table", "matlab", "structure", "matlab 7.3"])
@@ -359,21 +400,23 @@ def test_files_without_names_of_columns_say_so(tmp_path):
         read_record(tmp_path / "b.h5")
 
 
-@pytest.mark.parametrize("kind", ["hdf5", "matlab"])
+@pytest.mark.parametrize("kind", ["hdf5", "matlab", "xlook"])
 def test_damaged_files_are_refused_in_a_sentence(tmp_path, kind):
     rng = np.random.default_rng(1)
     path = tmp_path / "a.dat"
     if kind == "matlab":
         savemat(path, LAB)
+    elif kind == "xlook":
+        look(path)
     else:
         with h5py.File(path, "w") as file:
             file.update(LAB)
     whole = path.read_bytes()
-    for size in (520, len(whole) // 2, len(whole) - 9):
+    for size in (2800 if kind == "xlook" else 520, len(whole) // 2 + 1400 * (kind == "xlook"), len(whole) - 9):
         path.write_bytes(whole[:size])
         with pytest.raises(ValueError, match="damaged"):
             read_record(path)
-    for _ in range(60 if kind == "hdf5" else 0):  # SciPy itself may crash on MATLAB files with wrong bytes
+    for _ in range(0 if kind == "matlab" else 60):  # SciPy itself may crash on MATLAB files with wrong bytes
         wrong = bytearray(whole)
         for place in rng.integers(8, len(whole), 5):
             wrong[place] = rng.integers(256)

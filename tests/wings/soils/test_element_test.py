@@ -30,7 +30,14 @@ from stickslip.wings.soils.element_test.measures import (
     log_slope,
     work,
 )
-from stickslip.wings.soils.element_test.report import columns, compare, figures, fit_envelope, sentences
+from stickslip.wings.soils.element_test.report import (
+    columns,
+    compare,
+    figures,
+    fit_critical_line,
+    fit_envelope,
+    sentences,
+)
 from stickslip.wings.soils.element_test.sample import check_pressures, drive_of, make_sample
 from tests.wings.soils import element_test_lammps
 
@@ -315,6 +322,8 @@ def test_skempton_s_b_is_that_of_a_closed_sample_with_a_compressible_fluid(spher
     run = made(np.zeros((5, 3)), np.full((5, 3), 1e5), void_ratio=np.full(5, e))
     run = run._replace(elastic=element._small_strain(state, law))
     assert numbers(run, chosen)["skempton_B"] == pytest.approx(water / (water + skeleton), rel=1e-3)
+    told = " ".join(sentences(element.ElementTestResult(chosen, law, (run,), None, ())))
+    assert f"those of B = 1; with the stated fluid_modulus B is {water / (water + skeleton):.3g}." in told
 
 
 def test_rowe_s_relation_is_recovered_with_its_angle():
@@ -437,16 +446,24 @@ def test_errors_of_the_envelope_cover_the_scatter_of_samples():
     assert (np.mean(hits, axis=0) > 0.9).all() and (np.mean(hits, axis=0) < 1).all()
 
 
-def swept(phi, cohesion, pressures, **others):
-    """Members of a sweep with given angles, without a critical state in the last one."""
-    names = [f"{name}{end}" for name in ("sigma1_peak", "sigma3_peak", "sigma1_critical", "sigma3_critical",
-             "phi_peak", "phi_residual") for end in ("", "_error")]  # fmt: skip
+def swept(phi, cohesion, pressures, steady=None, **others):
+    """Members of a sweep with given angles, on a line e = 0.8 − 0.02 ln p; the last one not in a critical state."""
     members = []
     for k, pressure in enumerate(pressures):
         major, minor = circles_of(phi, cohesion, pressure)
-        end = np.nan if k == len(pressures) - 1 else 0.9
-        values = [major, 0.0, minor, 0.0, end * major, 0.0, end * minor, 0.0, phi, 0.0, phi, 0.0]
-        measures = {name: (value, "Pa") for name, value in zip(names, values, strict=True)}
+        there = k < (len(pressures) - 1 if steady is None else steady)
+        end, p = np.where(there, 0.9, np.nan), 0.9 * (major + 2 * minor) / 3
+        values = {
+            "sigma1_peak": major, "sigma3_peak": minor, "sigma1_critical": end * major, "sigma3_critical": end * minor,
+            "sigma1_end": 0.9 * major, "sigma3_end": 0.9 * minor, "phi_peak": phi, "phi_residual": end / 0.9 * phi,
+            "critical_reached": there, "p_end": p, "end_ratio": 0.9 * (major - minor) / p,
+            "e_end": 0.8 - 0.02 * np.log(p / 1e3),
+        }  # fmt: skip
+        units = dict.fromkeys([name for name in values if name[:2] in ("si", "p_")], "Pa")
+        measures = {
+            f"{name}{end}": (float(value), units.get(name, "1"))
+            for name, mean in values.items() for end, value in (("", mean), ("_error", 0.0))
+        }  # fmt: skip
         members.append(
             SweepMember({"sample.pressure": pressure} | {n: v[k] for n, v in others.items()}, measures, None)
         )
@@ -457,7 +474,7 @@ def test_a_sweep_over_the_pressure_gives_mohr_circles_and_an_envelope():
     members = swept(25.0, 3e3, [5e4, 1e5, 2e5], **{"law.young": [5e8, 1e9, 2e9]})  # which varies with the pressure
     found = compare(members)
     assert re.search(
-        r"at the peak: φ = \(25.000 ± \S+\)°, c = \(3.000 ± \S+\) kPa, from 3 of 3 members", found.remarks[0]
+        r"at the peak: φ = \(25.000\d* ± \S+\)°, c = \(3.000\d* ± \S+\) kPa, from 3 of 3 members", found.remarks[0]
     )
     assert "critical state: φ = 25°, c = 2.7 kPa, from 2 of 3 members" in found.remarks[1]
     panels = found.files["mohr.png"].axes
@@ -469,6 +486,32 @@ def test_a_sweep_over_the_pressure_gives_mohr_circles_and_an_envelope():
     heading, *rows = csv.reader(line for line in found.files["mohr.csv"].splitlines() if line[0] != "#")
     assert heading[:4] == ["sample.pressure [Pa]", "law.young", "sigma3_peak [Pa]", "sigma3_peak_error [Pa]"]
     assert [float(row[0]) for row in rows] == [5e4, 1e5, 2e5]
+    assert [float(row[heading.index("critical_reached [-]")]) for row in rows] == [1, 1, 0]
+    for name in [name for name in members[0].measures if "_end" in name or "end_" in name]:
+        del members[0].measures[name]  # as in sweeps of earlier versions
+    assert compare(members).remarks[:2] == found.remarks[:2]
+
+
+def test_critical_states_of_a_sweep_lie_on_a_line_and_others_on_none():
+    """Spheres without cohesion at φ have M = 6 sin φ/(3 − sin φ)."""
+    pressures, sine = [5e4, 1e5, 2e5, 4e5], np.sin(np.radians(25))
+    found = compare(swept(25.0, 0.0, pressures))
+    ratio = f"{6 * sine / (3 - sine):.6f}"
+    line = next(text for text in found.remarks if "Critical-state line" in text)
+    assert f"M = {ratio[:5]}" in line and re.search(r"Γ = 0.80+ ± \S+, λ = 0.020+ ± ", line)
+    assert re.search(r"φ_cs = \(?25\S*.* without cohesion, from 3 of 4 members", line) and "ln(p / kPa)" in line
+    left, right = found.files["critical_state.png"].axes
+    steady, other, fitted = right.lines
+    assert [len(each.get_xdata()) for each in (steady, other)] == [3, 1] and len(png(right.figure)) > 5000
+    np.testing.assert_allclose(fitted.get_ydata(), 0.8 - 0.02 * np.log(fitted.get_xdata()))
+    assert left.lines[-1].get_ydata()[-1] == pytest.approx(float(ratio) * left.lines[-1].get_xdata()[-1], rel=1e-6)
+    without = compare(swept(25.0, 0.0, pressures, steady=1))
+    assert "path, not steady: φ = (25" in without.remarks[1] and "from 4 of 4" in without.remarks[1]
+    assert without.remarks[2].startswith("1 of 4 members reached a critical state; ")
+    assert [len(each.lines) for each in without.files["critical_state.png"].axes] == [2, 2]
+    for p in ([1.0, 1.0], [1.0], [-1.0, 1.0]):
+        with pytest.raises(ValueError, match=r"critical-state line|critical states"):
+            fit_critical_line(np.array(p), np.ones(len(p)), np.ones(len(p)))
 
 
 def test_envelopes_are_those_of_members_that_differ_in_the_pressure_alone():
@@ -575,11 +618,11 @@ def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
     ("heads", "factors", "words"),
     [
         (["axial strain", "q [kPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'axial strain' reaches 10 times .* per cent"),
-        (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"column 'q' has no unit"),
-        (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"has the unit 'furlong': use pa"),
+        (["axial strain [%]", "q [furlong]", "p' [kPa]"], (100, 1e-3, 1e-3), r"'furlong': use Pa, kPa, MPa, GPa"),
+        (["axial strain [%]", "q", "p' [kPa]"], (100, 1e-3, 1e-3), r"has no unit: write it as 'q \[Pa\]'"),
         (["axial strain [%]", "q [MPa]", "p' [kPa]"], (100, 1e-3, 1e-3), r"more than three times .* correct the unit"),
         (["axial strain [%]", "q [kPa]", "p' [kPa]"], (-100, -2e-3, 1e-3), r"q is -500 kPa .* more than 1\.5 times"),
-        (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is zero in all rows"),
+        (["axial strain [%]", "q [kPa]", "p' [kPa]"], (0, 1e-3, 1e-3), r"axial strain is constant in all rows"),
         (["load cell [V]", "clock [s]", "x [mm]"], (1, 1, 1), r"no row of headings|no column of a test of soil"),
     ],
 )

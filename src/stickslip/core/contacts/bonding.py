@@ -47,8 +47,29 @@ def bonded(
     >>> ss.packings.bonded(state, ss.laws.spring_bond(10.0)).bonds
     Bonds: 1 bond
     """
-    i, j, image = _pairs_within(state, within) if pairs is None else _given_pairs(state, np.asarray(pairs))
-    bonds = _joined(state.bonds, _make(state, bond, i, j, image))
+    ends = _pairs_within(state, within) if pairs is None else _given_pairs(state, np.asarray(pairs))
+    return _with(state, _make(state, bond, *ends))
+
+
+def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None, turn=None) -> State:
+    """State whose grains are bonded as by `bonded`, with another reference.
+
+    Parameters
+    ----------
+    pairs : (K, 2) numbers of the grains, the smaller one first
+    length : (K,) at rest [length]; as now by default, and where it is zero
+    direction, turn : (K, 3) and (K, 4) as in `Bonds`; not turned by default, and where they are zero
+    """
+    new = _make(state, bond, *_given_pairs(state, pairs), length)
+    if turn is not None:
+        known = turn.any(axis=1)[:, None]
+        new = new._replace(direction=np.where(known, direction, new.direction), turn=np.where(known, turn, new.turn))
+    return _with(state, new)
+
+
+def _with(state: State, new: Bonds) -> State:
+    """State with more bonds, each pair once; its list of contacts reaches them."""
+    bonds = _joined(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
         raise ValueError("a pair of grains was given that is bonded already: bond each pair once")
@@ -72,7 +93,7 @@ def _listed(state: State) -> State:
     return state._replace(contacts=wider)
 
 
-def _make(state: State, bond: Bond, i, j, image) -> Bonds:
+def _make(state: State, bond: Bond, i, j, image, rest=None) -> Bonds:
     radius, angle, k = state.grains.radius, state.grains.angle, len(i)
     nothing = np.zeros((k, 3))
     bonds = Bonds(
@@ -85,9 +106,10 @@ def _make(state: State, bond: Bond, i, j, image) -> Bonds:
     if k and not length.min() > 0:
         a = length.argmin()
         raise ValueError(f"grains {i[a]} and {j[a]} are in one place: a bond needs a length")
-    stiffness, damping, strength, arm = coefficients(bond, state.cell.dim, radius[i], radius[j], length)
+    rest = length if rest is None else np.where(rest > 0, rest, length)
+    stiffness, damping, strength, arm = coefficients(bond, state.cell.dim, radius[i], radius[j], rest)
     return bonds._replace(
-        length=length, direction=way / length[:, None], arm=arm, stiffness=stiffness, damping=damping, strength=strength
+        length=rest, direction=way / length[:, None], arm=arm, stiffness=stiffness, damping=damping, strength=strength
     )
 
 

@@ -28,6 +28,20 @@ LONGEST_LINE = 60  # characters of a line that a message quotes
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
 
+class ListedBonds(NamedTuple):
+    """Bonds as a file lists them, each once; their laws are among the commands of the run."""
+
+    i: np.ndarray  # (K,) grain, less than j
+    j: np.ndarray  # (K,)
+    kind: np.ndarray  # (K,) type from 1; others are turned off or broken
+    source: str  # name of the file
+    labels: dict[str, str]  # types by their labels
+    length: np.ndarray | None = None  # (K,) at rest, zero where it is not known; None: in no file [length]
+    direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
+    turn: np.ndarray | None = None  # (K, 4), likewise
+    signed: bool = False  # types of those that are turned off are negative
+
+
 class Packing(NamedTuple):
     """A packing as a file describes it: arrays for `from_arrays`, or the state itself."""
 
@@ -43,6 +57,7 @@ class Packing(NamedTuple):
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
     law: Law | dict | None = None  # or options of `law_by_name`
     labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
+    bonds: ListedBonds | None = None  # None: the file cannot list any
 
 
 def placed_state(packing: Packing, law: Law) -> State:

@@ -9,7 +9,7 @@ import numpy as np
 from ...known import USED
 from ..sample import Assumption, PackingError, account_for
 from .columns import identify_columns, packing_of_columns, plain_name
-from .content import HEAD, chosen_frames, head_text, read_content
+from .content import HEAD, chosen_frames, head_text, read_content, read_lines
 from .table_file import names_of, read_columns, recognize
 
 PIXELS = ("px", "pix", "pixel", "pixels")
@@ -22,9 +22,12 @@ OPPOSITE = 0.05  # share of the mean square of both readings of contacts that is
 FEW = 0.1  # largest share of contacts that may pull, if errors are not known
 SIGNED = 10  # tangential forces, of which the same sign is hardly chance
 NAMELESS_GRAINS = {
-    3: ["x", "y", "radius"], 4: ["x", "y", "z", "radius"], 6: ["frame", "id", "x", "y", "radius", "edge"],
+    3: ["x", "y", "radius"], 4: ["x", "y", "z", "radius"], 5: ["id", "x", "y", "radius", "edge"],
+    6: ["frame", "id", "x", "y", "radius", "edge"],
 }  # fmt: skip
 NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
+BONDS = ["i", "j", "slides", "ft", "fn"]  # of RigidLibrary, whose third column has flags
+MATRICES = ("Norm", "Tan")  # in names of its matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "body1", "a"),
     "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "b"),
@@ -55,7 +58,8 @@ def is_table_of_forces(grains: Path, contacts: Path) -> bool:
         return True
     if not lines or not grains.is_file():
         return False
-    bare = all(names is None for names in found) and len(_entries(lines[0])) in NAMELESS_CONTACTS
+    bare = all(names is None for names in found)
+    bare = bare and (len(_entries(lines[0])) in NAMELESS_CONTACTS or _may_be_matrix(lines[0]))
     return (bare or any(map(_has_forces, found))) and _are_grains(read_content(grains, HEAD))
 
 
@@ -67,6 +71,11 @@ def _are_grains(head: bytes) -> bool:
 
 def _entries(line: str) -> list[str]:
     return [word for word in re.split(r"[;,\s]+", line.strip()) if word]
+
+
+def _may_be_matrix(line: str) -> bool:
+    """Return True for a row that is too long for a list of contacts."""
+    return len(_entries(line)) > max(NAMELESS_CONTACTS)
 
 
 def _contact_name(name: str) -> str:
@@ -82,7 +91,8 @@ def _has_forces(names: list[str] | None) -> bool:
 
 def frames_of_lists(path: Path, contacts: Path) -> list[str]:
     """Names of the frames that both tables have; none if they have no column of frames."""
-    grains, forces = _grains_of(path)[0], _contacts_of(contacts)[0]
+    grains = _grains_of(path)[0]
+    forces = _contacts_of(contacts, grains)[0]
     return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces, [])]
 
 
@@ -92,7 +102,8 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
     Grains at walls are held: those that are fixed or at an edge, or in contact with a grain of a negative number or
     without a place. A contact that is listed from both of its grains is averaged.
     """
-    (grains, notes), (forces, more) = _grains_of(path), _contacts_of(contacts)
+    grains, notes = _grains_of(path)
+    forces, more = _contacts_of(contacts, grains)
     notes = [*notes, *more, *_account(path, grains, contacts, forces)]
     steps = _common_frames(path, grains, contacts, forces, notes)
     if len(steps):
@@ -113,24 +124,35 @@ def _grains_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     if notes and len(out) == 4 and (out["radius"] <= 0).any():  # as centers.txt of PeGS2
         out = dict(zip(("x", "y", "radius", "edge"), out.values(), strict=True))
         out["id"] = 1.0 + np.arange(len(out["x"]))
+    more = []
+    if notes and "frame" not in out and "id" in out and not np.isin(out.get("edge", 0), (0, 1)).all():
+        del out["edge"]  # as in ParticleData.dlm of RigidLibrary
+        more = [f"{path.name}: its fifth column, which has no name, is left out"]
     if notes:
         said = f"{path.name} does not name its columns: {' '.join(out)} is assumed, all lengths in one unit"
-        notes = [Assumption(f"{said}, as in lists of PeGS2 (pixels): law and errors must have the same")]
+        notes = [Assumption(f"{said}, as in lists of PeGS2 (pixels): law and errors must have the same"), *more]
     return out, notes
 
 
-def _contacts_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+def _contacts_of(path: Path, grains: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
     """Columns of contacts by plain names."""
+    first = _first_line(path)
+    if _may_be_matrix(first) and names_of(first) is None and len(_entries(first)) == len(grains["x"]):
+        return _matrices_of(path, grains)
     columns, notes = read_columns(path, NAMELESS_CONTACTS, _has_forces)
     _check_units(path, columns)
     out = {_contact_name(name): values for name, values in columns.items()}
     if notes and "frame" in out and np.isin(out["j"], (0, 1)).all():
-        raise PackingError(
-            f"{path} has five columns without names, of which the third has flags instead of grains: name the columns, "
-            "as in i j slides ft fn"
-        )
+        if not np.ptp(out["frame"]) > 0:
+            raise PackingError(
+                f"{path} has five columns without names, of which the first does not change and the third has flags "
+                "instead of grains: name the columns, as in i j slides ft fn"
+            )
+        out = dict(zip(BONDS, out.values(), strict=True))
     if notes:
-        notes = [Assumption(f"{path.name} does not name its columns: {' '.join(out)} is assumed, as in lists of PeGS2")]
+        program = "RigidLibrary" if "slides" in out else "PeGS2"
+        said = f"{path.name} does not name its columns: {' '.join(out)} is assumed"
+        notes = [Assumption(f"{said}, as in lists of {program}")]
     vectors = any({f"{name}x", f"{name}y"} <= {*out} for name in VECTORS)
     for name in NEEDED:
         if name not in out and (name in "ij" or not vectors):
@@ -139,6 +161,35 @@ def _contacts_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
                 "grain i, fx fy (fz)"
             )
     return out, notes
+
+
+def _first_line(path: Path) -> str:
+    return next((line for line in read_lines(path, fallback="cp1252").splitlines() if line.strip()), "")
+
+
+def _matrices_of(path: Path, grains: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Contacts of two matrices (N, N) of RigidLibrary: of normal forces, and beside it, of tangential ones."""
+    normal, tangential = MATRICES
+    if normal not in path.name:
+        raise PackingError(
+            f"{path} is a matrix: give that of normal forces, …NormWeightedAdjacencyMatrix.dlm, which stands beside "
+            "…TanWeightedAdjacencyMatrix.dlm"
+        )
+    beside, n = path.with_name(path.name.replace(normal, tangential)), len(grains["x"])
+    if not beside.is_file():
+        raise PackingError(f"{beside} is missing: put the matrix of tangential forces beside that of normal forces")
+    both = []
+    for file in (path, beside):
+        width = len(_entries(_first_line(file)))
+        columns, _ = read_columns(file, {width: [f"{k}" for k in range(width)]}, lambda _: False)
+        matrix = np.stack([*columns.values()], axis=1)
+        if matrix.shape != (n, n):
+            raise PackingError(f"{file} is a matrix of shape {matrix.shape}: there are {n} grains, give a row for each")
+        both.append(matrix)
+    i, j = np.nonzero((both[0] != 0) | (both[1] != 0))
+    ids = grains.get("id", np.arange(n))
+    notes = [Assumption(f"{path.name} and {beside.name} are matrices of RigidLibrary: a row for each row of grains")]
+    return {"i": ids[i], "j": ids[j], "fn": both[0][i, j], "ft": both[1][i, j]}, notes
 
 
 def _check_units(path: Path, columns: dict[str, np.ndarray]) -> None:

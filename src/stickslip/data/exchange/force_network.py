@@ -182,9 +182,11 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
     brackets, as in "fn [N]", are not converted: give all lengths in one unit, all forces in one, and the law in these.
 
     Columns without names are those of the lists of PeGS2 and RigidLibrary: frame, id, x, y, radius, edge, and frame, i,
-    j, ft, fn; or x, y, radius and i, j, fn, ft. Negative numbers are walls, whose contacts are left out; grains in
-    contact with them are held. Of a contact that is listed from both grains, the forces are averaged, and the root mean
-    square of half the differences is their error. Negative normal forces are left out within five errors.
+    j, ft, fn; or x, y, radius and i, j, fn, ft; or i, j, a flag, ft, fn. Of the matrices (N, N) of RigidLibrary, give
+    that of normal forces; that of tangential ones stands beside it. Negative numbers are walls, whose contacts are left
+    out; grains in contact with them are held. Of a contact that is listed from both grains, the forces are averaged,
+    and the root mean square of half the differences is their error. Negative normal forces are left out within five
+    errors.
 
     Files of PeGS hold the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
     grain its neighbours, forces in newtons, and angles alphas. They are read in SI units; y points down as in the

@@ -246,7 +246,7 @@ def _read_foreign(frame):
     notes = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
     for name in ("bonds", "angles", "dihedrals", "impropers"):
         if getattr(frame, name).N and tuple(getattr(frame, name).types or ()) != CONTACTS:
-            notes += account_for("heading of a data file", [name], "the file")
+            notes += account_for("part of a GSD file", [name], "the file")
     if p.charge is not None and np.any(p.charge):
         notes += account_for("column of a dump", ["q"], "the file")
     if (p.diameter == 1).all():

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...known import FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
+from ...known import BONDED, FORCE_STYLES, HARMLESS, UNKNOWN, USED, find_row, group_of, plain_style
 from .content import read_content, read_lines
 
 LOG = re.compile(r"\ALAMMPS \(|\A[^\n]*OMP_NUM_THREADS")
@@ -170,6 +170,10 @@ COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
 COMBINED = ("union", "subtract", "intersect")  # groups made of others
 OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
+ABOUT_BONDS = (  # commands that change bonds, or lengths that may be those at rest
+    "bond_style", "bond_coeff", "special_bonds", "create_bonds", "delete_bonds", "labelmap", "read_data",
+    "read_restart", "run", "minimize", "rerun", "displace_atoms", "change_box", "read_dump", "replicate", "set",
+)  # fmt: skip
 WRITING = ("write_restart", "write_data", "write_dump")
 NODES = {"sc": 1, "bcc": 2, "fcc": 4, "diamond": 8, "sq": 1, "sq2": 2}  # of a lattice in its cell, a cube or square
 BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
@@ -233,6 +237,7 @@ class Run(NamedTuple):
     met: dict[str, set[str]]  # words that commands began with, by their group
     labels: dict[str, int]  # types of atoms by their labels
     dumps: dict[str, Dump]  # by their names
+    bonds: list[list[str]]  # words of commands that concern bonds, after their places
     year: int = 0  # of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
@@ -292,7 +297,8 @@ def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step
 
 
 def _empty(source: str, year: int = 0) -> Run:
-    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, {USED: set(), HARMLESS: set(), UNKNOWN: set()}, {}, {}, year)
+    met: dict[str, set[str]] = {USED: set(), HARMLESS: set(), UNKNOWN: set()}
+    return Run(source, [], [], {}, {}, {}, {}, [], {}, {}, met, {}, {}, [], year)
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
@@ -401,6 +407,8 @@ def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) ->
     if UNRESOLVED.search(bare):
         if not log and words[0] in ("fix", "pair_style", "pair_coeff"):
             run.unknown.append(" ".join(words))
+        if words[0] in ABOUT_BONDS:
+            run.bonds.append([f"{command.source}, line {command.number}", *words])
         return run
     return _apply(run, [word.strip("\"'") for word in line.split()], f"{command.source}, line {command.number}")
 
@@ -440,12 +448,14 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.settings[LATTICE] = run.settings.get(LATTICE) or rest
         return run
     if key == BONDS:
-        run.acts[key] = f"{' '.join(rest)} ({place}) were not taken over: {find_row('section', 'Bonds').why}"
+        run.acts[f"{key} {rest[-1]}"] = f"{' '.join(rest)} ({place}) were not taken over: {BONDED}"
         return run
     if key == MEMBERS:
         run.groups.get(rest[-1], []).append(["count", rest[0]])
         return run
     run.met[group_of("command", key)].add(key)
+    if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # a report of how long it took
+        run.bonds.append([place, *tokens])
     # groups whose members have other ids, or other types, after the command
     retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))
     renumbered = key in (*RENUMBERING, *RELABELING) and " ".join(rest[-2:]) != "compress no"

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...builtin_laws import BY_NAME
+from ...core.contacts.bonding import bonded_at_rest
 from ...core.laws.builtin import PARAMETERS, Law, linear
 from ...core.laws.properties import resists_rolling
 from ...core.measure import touching
@@ -14,10 +15,11 @@ from ...core.progress import Size, require_sizes
 from ...core.readable import pluralize
 from ...core.state import State, empty_contacts, flat_walls, loads
 from ...core.text import parse_number
-from ...known import HARMLESS, UNKNOWN, USED, find_row, plain_style
+from ...known import BETWEEN, BONDED, HARMLESS, UNKNOWN, USED, find_row, plain_style
 from ..sample import LAW, Absent, Assumption, Obstacle, PackingError, from_arrays
 from . import lammps_restart
 from .content import Packing
+from .lammps_bonds import laws_of_bonds, note_on_contacts, notes_on_rest, replay
 from .lammps_commands import Region, Run, group_members, numbers_in
 from .lammps_laws import (
     HISTORY,
@@ -68,6 +70,7 @@ class Course:
         self.frozen, self.moved, self.turned = (np.zeros(self.n, bool) for _ in range(3))
         self.law: Law | None = None
         self.stored: list[float] = []  # coefficients that a restart file of the same run has
+        self.bonds: list[tuple] = []  # arguments of `bonded_at_rest` after the state, for each type of bond
         self.met: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
 
     def members(self, group: str) -> np.ndarray:
@@ -91,6 +94,13 @@ class Course:
         """Note that something acts, or may act, that was not taken over."""
         self.notes.append(Obstacle(text, about))
         self.met[UNKNOWN].append(text)
+
+    def contacts_of_grains(self) -> np.ndarray:
+        """(2, C) grains that touch."""
+        arrays = {name: self.packing.arrays.get(name) for name in ("position", "radius", "cell", "periodic")}
+        state = from_arrays(**arrays, law=linear(), dim=self.packing.arrays.get("dim", 3))
+        rows = touching(state)
+        return np.stack([state.contacts.i[rows], state.contacts.j[rows]])
 
     def hold(self, group: str, axes: Sequence[int]) -> None:
         """Hold components of the grains of a group; ValueError if they move."""
@@ -362,6 +372,7 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
 def take_over(course: Course) -> None:
     """Take over the commands of a run, in the order in which they matter."""
     run = course.run
+    _take_bonds(course)
     for command in run.unknown:
         what = "the variables in " if command.startswith(("fix", "pair")) else "what follows from "
         course.obstacle(f"{what}`{command}` is not known without running LAMMPS; its log.lammps has it")
@@ -415,7 +426,7 @@ def _take_fix(course: Course, name: str, style: str, group: str, arguments: list
         TAKEN[style](course, name, group, arguments)
     elif row.group not in (USED, HARMLESS):
         raise ValueError(row.why or "whether it acts on the grains is not known")
-    if course.packing.arrays.get("dim") == 2 and style == "nve/sphere":
+    if course.packing.arrays.get("dim") == 2 and style in ("nve/sphere", "nve/bpm/sphere"):
         course.packing.arrays["i0"] = 0.5 if "disc" in arguments else 0.4
     course.met[row.group].append(f"fix {name} ({style})")
 
@@ -440,6 +451,43 @@ def _hold_the_rest(course: Course) -> None:
         course.notes.append(f"fix nve does not turn {pluralize(int(still.sum()), 'grain')}: their rotations are held")
         if spin is not None and spin[still].any():
             course.obstacle("grains that no fix turns rotate at constant rates")
+
+
+def _take_bonds(course: Course) -> None:
+    """Bonds with the laws of `bond_style` and `bond_coeff`."""
+    told, listed = replay(course.run.bonds), course.packing.bonds
+    style = f"bond_style {' '.join(told.style[:2])}"
+    if listed is None:
+        remedy = "no file lists the bonds at that time, as one of `write_data` or `write_restart` does"
+        for command in told.made:
+            course.obstacle(f"{command} was not taken over: {BONDED}; {remedy}")
+        if told.style and find_row("bond style", told.style[0]).group != HARMLESS:
+            course.obstacle(f"{style} ({told.place}) was not taken over: {BETWEEN}; {remedy}")
+        return
+    course.run.acts.pop("(bonds) bonds", None)
+    if not len(listed.i):
+        return
+    off = int((listed.kind <= 0).sum())
+    if off:
+        text = (
+            f"{pluralize(off, 'bond')} of {listed.source} whose types are not positive: broken or turned off, left out"
+        )
+        course.notes.append(Assumption(text))
+    for command in () if listed.signed else told.deleted:
+        if " remove" not in command:
+            course.obstacle(f"{command}: data files do not say which bonds it turned off")
+    acting: list[str] = []
+    try:
+        course.bonds, acting = laws_of_bonds(told, listed)
+        course.met[USED].append(style)
+    except (ValueError, IndexError, TypeError) as problem:
+        place = told.place or course.run.source
+        course.obstacle(f"bonds of {listed.source} were not taken over: {problem} ({place})")
+    course.notes += notes_on_rest(told, listed, acting)
+    left = note_on_contacts(told, listed, course.n, *course.contacts_of_grains())
+    course.notes += [] if left is None or isinstance(left, Obstacle) else [left]
+    if isinstance(left, Obstacle):
+        course.obstacle(left.reason)
 
 
 def _take_pairs(course: Course) -> None:
@@ -525,10 +573,7 @@ def _check_apart(course: Course, apart: set[tuple[int, int]]) -> None:
     """Note contacts of types between which LAMMPS has no forces, and which are there here."""
     if not apart or course.types is None:
         return
-    arrays = {name: course.packing.arrays.get(name) for name in ("position", "radius", "cell", "periodic")}
-    state = from_arrays(**arrays, law=linear(), dim=course.packing.arrays.get("dim", 3))
-    rows = touching(state)
-    ends = np.sort(np.stack([course.types[state.contacts.i[rows]], course.types[state.contacts.j[rows]]]), axis=0)
+    ends = np.sort(course.types[course.contacts_of_grains()], axis=0)
     for a, b in sorted(apart):
         count = int(((ends[0] == a) & (ends[1] == b)).sum())
         what = f"pair_coeff gives types {a + 1} and {b + 1} no forces"
@@ -610,6 +655,8 @@ def describe(course: Course) -> str:
     held, turns = ~course.free[:, :3].any(axis=1), course.free[:, 3:].any(axis=1)
     parts += loaded + ([pluralize(int(held.sum()), "held grain")] if held.any() else [])
     parts += [f"{int((held & turns).sum())} of them free to turn"] if (held & turns).any() else []
+    count = sum(len(pairs) for _, pairs, *_ in course.bonds)
+    parts += [pluralize(count, "bond")] if count else []
     return ", ".join(parts)
 
 
@@ -617,6 +664,11 @@ def setting(course: Course):
     """Function that puts a state between the walls and under the loads of its run."""
 
     def put(state: State) -> State:
+        try:
+            for part in course.bonds:
+                state = bonded_at_rest(state, *part)
+        except ValueError as problem:
+            raise PackingError(str(problem)) from None
         if not (course.walls or not course.free.all() or course.gravity.any() or course.force.any()):
             return state
         count = len(course.walls)

@@ -30,6 +30,7 @@ from ...known import UNKNOWN, USED, group_of
 from ..sample import HUGE, Assumption, MemoryNote, PackingError, PackingWarning, accepted, account_for
 from .columns import TOTAL, group_hint, name_contact_columns, pair_branches
 from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, placed_state, read_content
+from .lammps_bonds import note_on_bonds
 from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -109,8 +110,9 @@ def _finish_packing(
 ) -> Packing:
     """Packing with its cell, periodic flags and dimension."""
     types, force, labels = arrays.pop("types", None), arrays.pop("force", None), arrays.pop("labels", {})
-    arrays, notes = add_box(table, arrays, boundary, notes)
-    return Packing(str(table.step), arrays, notes, table.step, ids, types, force, labels=labels)
+    bonds = arrays.pop("bonds", None)
+    arrays, notes = add_box(table, arrays, boundary, [*notes, *note_on_bonds(bonds)])
+    return Packing(str(table.step), arrays, notes, table.step, ids, types, force, labels=labels, bonds=bonds)
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:
@@ -275,7 +277,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
 
     Return the rows, the numbers of the pairs, and their signs (−1 if the grains are swapped).
     """
-    rows, n = touching(state), len(state.grains.radius)
+    rows, n = np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN), len(state.grains.radius)
     rows = rows[state.contacts.j[rows] < n]
     key = state.contacts.i[rows].astype(np.int64) * n + state.contacts.j[rows]
     low, high = np.minimum(pairs.i, pairs.j), np.maximum(pairs.i, pairs.j)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from ...known import HARMLESS, UNKNOWN, USED, group_of
 from ..sample import (
+    BONDS,
     FIXES,
     GROUP,
     PAIRS,
@@ -21,9 +22,11 @@ from ..sample import (
 )
 from . import lammps_restart
 from .content import HEAD, Packing, head_text, is_compressed, read_content
+from .lammps_bonds import can_break, replay, with_lengths
 from .lammps_commands import (
     BEGINNING,
     FILING,
+    WRITING,
     Dump,
     Run,
     means,
@@ -121,6 +124,8 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
         notes.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are not known"))
         notes.append(_account_of_files(every, path, contacts))
         return packing._replace(notes=[*notes, *packing.notes]), contacts
+    packing, said = _with_bonds(packing, path, every, run)
+    notes += said
     masks = lammps_restart.group_masks(path, packing.memory) if packing.memory is not None else {}
     with naming(path):
         course = Course(run, packing, masks)
@@ -130,7 +135,7 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     notes += [f"law, walls and loads from {run.source}: {describe(course)}", *course.notes]
     whole = run.atoms == course.n
     walls = bool(course.walls) or not course.free.all()
-    known = notes_about(packing.notes, PAIRS, FIXES, *[WALLS] * walls, *[GROUP] * whole)
+    known = notes_about(packing.notes, PAIRS, FIXES, BONDS, *[WALLS] * walls, *[GROUP] * whole)
     kept = [note for note in packing.notes if note not in known]
     sources = [other for other in (*every.logs, *every.scripts) if other.name in run.sources]
     words = {group: [f"command {word}" for word in sorted(names)] for group, names in course.run.met.items()}
@@ -246,6 +251,39 @@ def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -
         boundary = next((read_boundary(other) for other in [*files.contacts, *files.grains]), None)
     style = " ".join(settings.get("atom_style", ()))
     return read_data_file(path, frame, boundary, style if style.startswith("hybrid") else None)[0]
+
+
+def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[Packing, list[str]]:
+    """Packing with bonds that another file of its run lists, if its own cannot, and with their lengths at rest.
+
+    A data file lists them at its time step; the one that the run began with also later, if it leaves them as they are.
+    """
+    told = replay(run.bonds)
+    data = [other for other in files.data if other != path] if told.style or told.made else []
+    others = {other: _read_if_possible(other, files, run) for other in data}
+    then = next((others[other] for other in others if told.origin and means(told.origin, other.name)), None)
+    bonds, notes = packing.bonds, []
+    if bonds is None:
+        written = {other for other in others if any(_names(files, log, other.name, WRITING) for log in files.words)}
+        now = [other for name, other in others.items() if name in written and other and other.step == packing.step >= 0]
+        listing = now[0] if now else then if then and not told.made and not told.deleted else None
+        known = listing and listing.ids is not None and packing.ids is not None
+        if known and len(listing.ids) == len(packing.ids) and (listing.ids == packing.ids).all():
+            bonds = listing.bonds
+            notes = [f"bonds in {bonds.source}"] if len(bonds.i) else []
+            if not now and len(bonds.i) and can_break(told):
+                notes.append(Obstacle(f"bonds of {bonds.source} may have broken since: `write_data` lists the others"))
+    if bonds is not None and bonds.length is None and told.strained and then:
+        bonds = with_lengths(bonds, packing, then)
+    return packing._replace(bonds=bonds), notes
+
+
+def _read_if_possible(path: Path, files: Files, run: Run) -> Packing | None:
+    """Packing of a data file, None if it cannot be read."""
+    try:
+        return _read_grains(path, files, None, run)
+    except PackingError:
+        return None
 
 
 def _last_frame(path: Path) -> tuple[bool, int]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...builtin_laws import BUILTIN_LAWS
 from ...core.contacts.forces import FROZEN, accept, forces
@@ -27,7 +28,8 @@ from ...core.reading import Reader
 from ...core.state import OPEN, SLIDE, STICK, State, empty_contacts
 from ...known import UNKNOWN, USED, group_of, plain_style
 from ..sample import FIXES, PAIRS, Absent, Note, Obstacle, PackingError, account_for
-from .content import HEAD, Packing, only_state, read_content
+from .content import HEAD, ListedBonds, Packing, only_state, read_content
+from .lammps_bonds import list_bonds, note_on_bonds
 from .lammps_laws import HISTORY as HISTORY_LAWS
 from .lammps_laws import SAME_UNITS, no_equal
 from .lammps_text import Table, add_box, restricted_box, whole_periods
@@ -38,7 +40,14 @@ HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
 # up to 2023 the header had a flag more at its end, 45, which is 0 unless LAMMPS wrote with MPI-IO
 OLD_END = re.compile(rb"(\x2c\0\0\0[^\xff]{4})\x2d\0{7}(\xff{4}(?:\x2f\0\0\0|LammpS))", re.DOTALL)
 PART = struct.pack("<i", 46)  # the flag at the beginning of a part, before its number of blocks
-POSITION, TAG, TYPE, IMAGE, VELOCITY, RADIUS, MASS, SPIN, EXTRA = 1, 4, 5, 7, 8, 11, 12, 13, 16
+POSITION, TAG, TYPE, IMAGE, VELOCITY, OWN, EXTRA = 1, 4, 5, 7, 8, 11, 16  # OWN: of the columns of the atom style
+SIZES = ("radius", "mass", "spin")
+OWN_COLUMNS = {  # of atom styles, after those that all have; hybrid ones have those of their parts, each once
+    "sphere": SIZES, "bond": ("molecule", "bonds"), "bpm/sphere": ("molecule", "bonds", *SIZES, "orientation"),
+    "atomic": (),
+}  # fmt: skip
+WIDTHS = {"spin": 3, "orientation": 4}  # numbers of columns that are no single ones
+BOND_MEMORY = {"bpm/spring": 1, "bpm/rotational": 4}  # numbers of each bond that these styles store
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
 HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory with grains
 LONGEST_LIST, LONGEST_NAME = 4096, 200  # bytes of the list of fixes, and of a name
@@ -84,6 +93,7 @@ class Restart(NamedTuple):
     wall_more: np.ndarray  # (K, 7), or (K, 4)
     ids: np.ndarray  # (N,) numbers of the grains in LAMMPS, increasing
     face: np.ndarray  # (K,) of the region that is the wall, from 0; −1 for walls that are none
+    bonds: ListedBonds | None = None
 
 
 def is_complete(path: Path) -> bool:
@@ -183,9 +193,11 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     """
     content = _read_whole(path)
     start, blocks = _blocks(content)
-    named = [style for _, style in _fixes(content[:start])[1]]  # in the order of their entries in a record
+    fixes, style = _fixes(content[:start])[1], str(_header(content)[0].get(STYLE, "sphere"))
+    named = [_memory_of_bonds(name) or style for name, style in fixes]  # in the order of their entries in a record
     stores = named if walls is None else [HISTORY, *[REGION] * walls]
-    parts = [_read_block(block, stores, values) for block in blocks if len(block)]
+    columns = own_columns(style)
+    parts = [_read_block(block, columns, stores, values) for block in blocks if len(block)]
     if not parts:
         raise ValueError("a restart file without grains")
     tag, *grains = (np.concatenate(columns) for columns in zip(*(part[0] for part in parts), strict=True))
@@ -194,13 +206,51 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     )
     order = np.argsort(tag)
     ids = tag[order]
+    bonds = [np.concatenate(column) for column in zip(*(part[3] for part in parts), strict=True)]
+    orientation = grains.pop()
     if not np.diff(ids).all() or not np.isin(np.concatenate([pairs[0], pairs[1], touched[1]]), ids).all():
         raise ValueError("a restart file with a contact of a grain that it lacks")
     pairs[:2], touched[1] = (np.searchsorted(ids, column) for column in pairs[:2]), np.searchsorted(ids, touched[1])
     once = pairs[0] < pairs[1]
     more = _first_copies(*pairs[:2], pairs.pop())[once]
     ends, face, wall_more = (column[once] for column in pairs), touched.pop(), touched.pop()
-    return Restart(*(column[order] for column in grains), *ends, *touched, more, wall_more, ids, face)
+    held = _list_bonds(path.name, ids, *bonds, orientation[order])
+    return Restart(*(column[order] for column in grains), *ends, *touched, more, wall_more, ids, face, held)
+
+
+def own_columns(style: str) -> list[str]:
+    """Columns of an atom style in a record, after those that all have; ValueError if it is not known."""
+    parts = style.split()[1:] if style.startswith("hybrid") else [style]
+    if not {*parts} <= {*OWN_COLUMNS}:
+        raise ValueError(f"atoms of style {style}")
+    return list(dict.fromkeys(name for part in parts for name in OWN_COLUMNS[part]))
+
+
+def _memory_of_bonds(name: str) -> str:
+    """Bond style whose memory a fix of some name stores with grains; empty if it is none."""
+    return next((style for style in BOND_MEMORY if f"_{style.upper().replace('/', '_')}_FIX_PROP" in name), "")
+
+
+def _list_bonds(
+    source: str, ids: np.ndarray, ends: np.ndarray, kind: np.ndarray, memory: np.ndarray, turned: np.ndarray
+) -> ListedBonds:
+    """Bonds with their reference, of which both grains may have a copy.
+
+    LAMMPS stores the direction of rest from the grain with the larger number, as it was when this one was not turned.
+    """
+    low, high = np.sort(ends, axis=1).T
+    _, once = np.unique(low * (high.max(initial=0) + 1) + high, return_index=True)
+    bonds = list_bonds(source, ids, kind[once], ends[once], {})
+    length, direction = memory[once, 0], memory[once, 1:]
+    i, j = (Rotation.from_quat(turned[rows][:, [1, 2, 3, 0]]) for rows in (bonds.i, bonds.j))
+    known = direction.any(axis=1) & (length > 0)
+    now = (i * j.inv()).as_quat()[:, [3, 0, 1, 2]]
+    return bonds._replace(
+        length=length,
+        direction=np.where(known[:, None], j.apply(direction), 0.0),
+        turn=np.where(known[:, None], now, 0.0),
+        signed=True,
+    )
 
 
 def _first_copies(i: np.ndarray, j: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -252,8 +302,13 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     """Packing of a restart file; ValueError, KeyError or IndexError if it is damaged."""
     start, _ = _blocks(content)
     about = _header(content)[0]
-    if plain_style(about[STYLE]) != "sphere":
-        raise PackingError(f"{path} has atoms of style {about[STYLE]}, and only sphere is read: {remedy}")
+    try:
+        spheres = {*SIZES} <= {*own_columns(about[STYLE])}
+    except ValueError:
+        spheres = False
+    if not spheres:
+        read = "sphere, bpm/sphere and hybrids of sphere and bond are read"
+        raise PackingError(f"{path} has atoms of style {about[STYLE]}, and {read}: {remedy}")
     known = read_restart(path)
     if len(known.ids) != about[ATOMS]:
         raise PackingError(
@@ -276,6 +331,7 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
         if style in walls or group_of("fix", style) == UNKNOWN
     ]
     notes = [*([] if walls else notes), *said, *(Obstacle(part, FIXES) for part in left_out)]
+    notes += note_on_bonds(known.bonds)
     if about[UNITS] not in SAME_UNITS:
         notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over"))
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
@@ -289,6 +345,7 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
         memory=known,
         law=law,
         labels=_groups_and_labels(content, known.mask)[1],
+        bonds=known.bonds,
     )
 
 
@@ -354,8 +411,8 @@ def _header(content: bytes) -> tuple[dict, int]:
         if kind == STRING:
             out[flag] = _string(reader)
             if flag == STYLE:
-                for _ in range(min(reader.number("<i"), 20)):
-                    _string(reader)
+                parts = [_string(reader) for _ in range(min(reader.number("<i"), 20))]
+                out[flag] = " ".join(map(plain_style, [out[flag], *parts]))
         elif kind in (INTS, DOUBLES):
             out[flag] = reader.array("<i4" if kind == INTS else "<f8", reader.number("<i"))
         else:
@@ -429,15 +486,55 @@ def _string(reader: Reader) -> str:
     return reader.take(size)[:-1].decode("latin-1")
 
 
-def _read_block(block: np.ndarray, stores: list[str], values: int | None):
-    """Columns of the grains, of the contacts and of the contacts with walls in the block of a rank."""
+def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
+    """Columns of an atom style in a block, the number of bonds of each grain, the place of the first, and the end."""
+    own = {"orientation": np.tile([1.0, 0, 0, 0], (len(start), 1))}
+    at, count, first = start + OWN, np.zeros(len(start), np.int64), start
+    for name in columns:
+        if name == "bonds":
+            count, first = block.view("<i8")[np.minimum(at, len(block) - 1)], at + 1
+            if not ((count >= 0) & (count < len(block))).all():
+                raise ValueError("a restart file of LAMMPS with more bonds than a record holds: it is damaged")
+            at = at + 1 + 2 * count
+        else:
+            places = at[:, None] + np.arange(WIDTHS.get(name, 1))
+            own[name] = block[np.minimum(places, len(block) - 1)]
+            at = at + places.shape[1]
+    return own, count, first, at
+
+
+def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np.ndarray, memories: dict):
+    """Ids of the ends of the bonds in a block, their types, and the reference of each, (K, 4), zero if there is none.
+
+    Parameters
+    ----------
+    memories : entry and its end for each style that stores something with bonds
+    """
+    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # of a bond among those of its grain
+    place = np.repeat(first, count) + number
+    kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (place, place + np.repeat(count, count)))
+    memory = np.zeros((len(number), 4))
+    for style, (entry, end) in memories.items():
+        width = BOND_MEMORY[style]
+        at = np.repeat(entry, count) + 1 + width * number
+        own = np.zeros((len(number), 4))
+        own[:, :width] = _values_after(block, at, np.minimum(at + width, np.repeat(end, count)))[:, :width]
+        memory = np.where(own[:, :1] > 0, own, memory)
+    return np.stack([np.repeat(tag, count), other], axis=1), kind, memory
+
+
+def _read_block(block: np.ndarray, columns: Sequence[str], stores: list[str], values: int | None):
+    """Columns of the grains, of the contacts, of the contacts with walls and of the bonds in the block of a rank."""
     whole, bounds = block.view("<i8"), _record_starts(block)
     start, stop = bounds[:-1], bounds[1:]
     tag, bits = whole[start + TAG], whole[start + IMAGE]
     image = np.stack([bits & 1023, bits >> 10 & 1023, bits >> 20 & 4095], axis=1) - 512
-    position, velocity, spin = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY, SPIN))
-    sizes = block[start + RADIUS], block[start + MASS], whole[start + TYPE] - 1, whole[start + TYPE + 1]
-    entry, walls = start + EXTRA, 0
+    position, velocity = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY))
+    own, count, first, entry = _read_own(block, start, columns)
+    if not (entry <= stop).all():
+        raise ValueError("a restart file of LAMMPS with a record whose length does not fit: it is damaged")
+    sizes = own["radius"][:, 0], own["mass"][:, 0], whole[start + TYPE] - 1, whole[start + TYPE + 1]
+    walls, memories = 0, {}
     none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
     pairs, touched = [none], [(*none, none[0])]  # of each part of a hybrid style, and of each wall
     for style in stores:
@@ -453,9 +550,12 @@ def _read_block(block: np.ndarray, stores: list[str], values: int | None):
             slip, more = block[entry[:, None] + 1 + np.arange(3)], _values_after(block, entry + 4, end)
             touched.append((np.full(len(tag), walls), tag, slip, more, np.full(len(tag), -1)))
             walls += 1
+        elif style in BOND_MEMORY:
+            memories[style] = entry, end
         entry = end
+    bonds = _read_bonds(block, tag, count, first, memories)
     joined = (tuple(map(np.concatenate, zip(*parts, strict=True))) for parts in (pairs, touched))
-    return (tag, position, image, velocity, spin, *sizes), *joined
+    return (tag, position, image, velocity, own["spin"], *sizes, own["orientation"]), *joined, bonds
 
 
 def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.ndarray, count: np.ndarray, values=None):
@@ -509,7 +609,7 @@ def restore_memory(state: State, law: Law, saved: Restart) -> State:
         k = linearise(full, law, memory=FROZEN).stiffness_t[:, None]
         slip[:count] = np.divide(-slip[:count], k, out=np.zeros((count, 3)), where=k > 0)
         full = accept(full, full.contacts._replace(slip=slip))
-    rows = touching(full)
+    rows = np.flatnonzero(full.contacts.mode[:count] != OPEN)
     slides, frictional = _slides(full, law, rows)
     mode[rows[frictional]] = np.where(slides, SLIDE, STICK)[frictional]
     full = accept(full, full.contacts._replace(mode=mode, reached=listed.reached | (mode == SLIDE)))

@@ -22,6 +22,7 @@ from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, accou
 from .columns import arrange_grains, identify_columns
 from .content import digits_note, first_lines, read_lines
 from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
+from .lammps_bonds import list_bonds
 
 HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # of a section in a data file
 ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # of columns of contacts
@@ -250,17 +251,14 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
             raise PackingError(f"{path} has no section Atoms ({first_lines(path)}): give a LAMMPS data file, or a dump")
         style, body = sections["Atoms"]
         count = parse_integer(re.search(r"(?m)^\s*(\d+)\s+atoms\b", head)[1])
-        labels = (
-            dict(line.split()[1::-1] for line in sections["Atom Type Labels"][1].strip().split("\n"))
-            if "Atom Type Labels" in sections
-            else {}
-        )
+        labels = _type_labels(sections, "Atom")
         rows = _parse_rows(body, count, "Atoms", labels)
         vectors, corner = _parse_data_box(head)
         names, notes = _columns_of_atoms(path, style, asked, rows, head)
         step = re.search(r"timestep = ([^\s,]+)", first)
         box = Table(parse_integer(step[1]) if step else -1, vectors, corner, None, {})
         motion = _parse_rows(sections["Velocities"][1], count, "Velocities") if "Velocities" in sections else None
+        bonds = _parse_bonds(sections, head)
     except (ValueError, IndexError, TypeError) as problem:
         if isinstance(problem, PackingError):
             raise
@@ -276,9 +274,28 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
     check_ids(path, rows[:, 0])
     ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
     arrays["labels"] = {label: int(number) for label, number in labels.items()}
+    arrays["bonds"] = list_bonds(path.name, ids, *bonds)
     notes += [*said, *account_for("section", sections, path.name)]
     notes += account_for("heading of a data file", _headings(head), path.name)
     return ids, arrays, box, notes
+
+
+def _type_labels(sections: dict[str, tuple[str | None, str]], kind: str) -> dict[str, str]:
+    """Numbers of types of atoms or bonds by their labels."""
+    name = f"{kind} Type Labels"
+    return dict(line.split()[1::-1] for line in sections[name][1].strip().split("\n")) if name in sections else {}
+
+
+def _parse_bonds(sections: dict[str, tuple[str | None, str]], head: str):
+    """Types and ends of the bonds of a data file, and labels of types; ValueError if it declares another number."""
+    given, labels = re.search(r"(?m)^\s*(\d+)\s+bonds\b", head), _type_labels(sections, "Bond")
+    count = parse_integer(given[1]) if given else 0
+    if not count and "Bonds" not in sections:
+        return np.zeros(0, np.int64), np.zeros((0, 2), np.int64), labels
+    rows = _parse_rows(sections.get("Bonds", ("", ""))[1], count, "Bonds", labels, "bonds").reshape(count, -1)
+    if rows.shape[1] != 4 or (rows != np.round(rows)).any():
+        raise ValueError("section Bonds must have four whole numbers in a line: a number, the type and two atoms")
+    return rows[:, 1].astype(np.int64), rows[:, 2:].astype(np.int64), labels
 
 
 def _headings(head: str) -> list[str]:
@@ -371,13 +388,15 @@ def _split_sections(text: str) -> dict[str, tuple[str | None, str]]:
     return sections
 
 
-def _parse_rows(body: str, rows: int, name: str, labels: dict[str, str] | None = None) -> np.ndarray:
+def _parse_rows(
+    body: str, rows: int, name: str, labels: dict[str, str] | None = None, what: str = "atoms"
+) -> np.ndarray:
     lines = body.strip().split("\n")
     if "#" in body:
         lines = [line.partition("#")[0] for line in lines]
     lines = [line for line in lines if line.strip()]
     if len(lines) != rows:
-        raise ValueError(f"section {name} has {len(lines)} lines but the file declares {rows} atoms")
+        raise ValueError(f"section {name} has {len(lines)} lines but the file declares {rows} {what}")
     tokens = " ".join(lines).split()
     values = parse_numbers([labels.get(word, word) for word in tokens] if labels else tokens).reshape(rows, -1)
     if not (np.abs(values) < HUGE).all():

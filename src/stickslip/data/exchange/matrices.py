@@ -11,6 +11,7 @@ from ...core.arguments import checked
 from ..run_files import replace_atomically
 
 PARTS = ("data", "indices", "indptr", "shape")  # of a sparse matrix in compressed rows
+COORDINATES = ("mass", "body", "axis")  # of the `free` coordinates of a result, which give rows of matrices a meaning
 
 
 @checked
@@ -21,7 +22,8 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     ----------
     path : `NAME.npz`, or a new folder for Matrix Market files
     sources : named tuples or dictionaries whose arrays, sparse matrices and numbers are written by their names:
-        `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; the rest is left out
+        `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; of free coordinates,
+        `mass`, `body` and `axis`; the rest is left out
     overwrite : whether files of the same names are replaced
 
     Returns
@@ -86,6 +88,8 @@ def _parts_of(sources) -> dict:
         entries = source if isinstance(source, Mapping) else getattr(source, "_asdict", dict)()
         parts = {name: _as_array(value) for name, value in entries.items()}
         parts = {name: value for name, value in parts.items() if value is not None}
+        if (free := entries.get("free")) is not None:
+            parts |= {name: getattr(free, name) for name in COORDINATES}
         if not any(np.ndim(value) or sparse.issparse(value) for value in parts.values()):
             raise ValueError(
                 f"{type(source).__name__} was given, which has no matrices: give results such as "

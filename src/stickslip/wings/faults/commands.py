@@ -60,7 +60,7 @@ class ModelOptions(NamedTuple):
 @command(epilog=FIT, short_help="Fit rate-and-state friction to a record.")
 def fit(
     *,
-    file: Annotated[Path, typer.Argument(help="A record as text, HDF5 or MATLAB: time [s], load_point [um], …")],
+    file: Annotated[Path, typer.Argument(help="A record as text, HDF5, MATLAB or XLOOK: time [s], load_point [um], …")],
     model: ModelOptions,
     columns: Annotated[
         str | None, typer.Option("--columns", help="Columns by number or heading: 'time=0,friction=F/N'.")

@@ -68,7 +68,13 @@ def complementarity(
         if k is singular while all contacts stick.
     """
     with one_thread():
-        return complementarity_of_system(StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric))
+        try:
+            return complementarity_of_system(StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric))
+        except np.linalg.LinAlgError as problem:
+            raise np.linalg.LinAlgError(
+                "the stiffness matrix is singular although all contacts stick: a motion is resisted by nothing, as in "
+                "a packing without friction or with loose grains; quasirigid.mechanisms lists such motions"
+            ) from problem
 
 
 def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:

@@ -63,7 +63,8 @@ def _header(history: FaultHistory, lines) -> str:
     kind = (f"motion={fault.slip}", f"dip_angle={fault.dip:g} degrees") if fault.dips else ()
     start = (
         "This is the file header:", f"problem=SEAS Benchmark {'BP3-QD' if fault.dips else 'BP1-QD, BP6-QD'} or similar",
-        "code=stickslip", f"code_version={__version__}", f"element_size={fault.cell:g} m", *kind,
+        "code=stickslip", f"code_version={__version__}",
+        f"element_size={fault.cell:g} m, {history.state.kernel} slip", *kind,
     )  # fmt: skip
     return "".join(f"# {line}\n" for line in (*start, *lines))
 

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kit import Report, ScenarioError, checked, checkpoint_in, result_of, silent, within
+from ....kit import ArchiveError, Report, ScenarioError, checked, checkpoint_in, result_of, silent, within
 from ..friction.fault import Fault, profile
 from ..friction.fault_cycles import Energy, FaultHistory, join_histories, simulate_fault
 from ..friction.fault_record import YEAR, FaultEvents, Recording, moment_magnitude
 from ..friction.fault_state import FaultState, initial_state
 from ..friction.stability import Nucleation, nucleation
-from ..friction.stress_transfer import Injection, Oscillation, StressTable
+from ..friction.stress_transfer import KERNEL, Injection, Oscillation, StressTable
 from . import EXPERIMENT
 from .scenario import FaultScenario
 
@@ -112,6 +112,11 @@ def simulate_cycles(
                 kept.save(name, part)
         else:
             part = kept.load(name, FaultHistory)
+            if part.state.kernel != KERNEL:
+                raise ArchiveError(
+                    f"{kept.folder} was computed with slip that is {part.state.kernel} in each cell, and faults now "
+                    f"have {KERNEL} slip: resume with the version that began it, or start again with --overwrite"
+                )
         parts.append(part)
         state = part.state
     history = join_histories(parts)

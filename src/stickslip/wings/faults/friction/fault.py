@@ -150,9 +150,9 @@ class Fault(NamedTuple):
     def transfer(self) -> StressTransfer:
         """Map from slip to shear and normal stress."""
         size = len(self.depth), self.cell, self.modulus
-        if self.dips:
-            return stress_transfer(*size, "infinite", dip=self.dip, sense=self.sense)
-        return stress_transfer(*size, self.boundary, self.thickness)
+        return stress_transfer(
+            *size, self.boundary, self.thickness, dip=self.dip if self.dips else None, sense=self.sense
+        )
 
 
 @checked
@@ -202,7 +202,9 @@ def _count_cells(width: float, cell: float) -> int:
         raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use at most {MOST_CELLS:,} cells")
     number = round(width / cell)
     if number < 3 or abs(number * cell - width) > 1e-6 * width:
-        raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use a width of at least three whole cells")
+        raise ValueError(
+            f"width = {width:g} and cell = {cell:g} were given: use a width of a whole number of cells, at least three"
+        )
     return number
 
 

@@ -197,6 +197,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     end = FaultState(
         time, y[0].copy(), y[1].copy(), w.copy(), state.prestress, stages[0].copy(), powers[0].copy(), energy, h, last,
         recorder.sampled.copy(), y[2].copy() if fault.states > 1 else None, recorder.past + len(recorder.events),
+        state.kernel,
     )  # fmt: skip
     return end, steps, rejected
 
@@ -218,13 +219,10 @@ def _moment(fault: Fault, state: FaultState) -> Moment:
 
 def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultState, steps: int, rejected: int):
     stations, points = recorder.stations.depth, recorder.profile.depth
-    columns = list(zip(*recorder.samples, strict=True)) or [()] * 10
-    series = [np.array(column, float) for column in columns[:3]]
-    shape, surface = (len(series[0]), len(stations)), np.array(recorder.wanted.surface, float)
-    tables = [np.array(column, float).reshape(shape) for column in columns[3:7]]
-    moved = np.array(columns[7:9], complex).reshape(2, shape[0], len(surface))
-    moved = moved[0].real, moved[0].imag, moved[1].real, moved[1].imag
-    thetas = [*np.array(columns[9], float).reshape(shape[0], fault.states, shape[1]).swapaxes(0, 1), None][:2]
+    surface = np.array(recorder.wanted.surface, float)
+    *series, theta, displaced, moving = recorder.series()
+    thetas = [*theta.swapaxes(0, 1), None][:2]
+    moved = displaced.real, displaced.imag, moving.real, moving.imag
     times, seismic, fastest, *tables_of = list(zip(*recorder.profiles, strict=True)) or [()] * 6
     profiles = [np.array(table, float).reshape(len(times), -1 if times else len(points)) for table in tables_of]
     width = len(FaultEvents._fields)
@@ -233,9 +231,9 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
     work = end.energy - start.energy
     energy = Energy(*map(float, work), end.elastic_energy(fault) - start.elastic_energy(fault))
     return FaultHistory(
-        fault, *series, stations, *tables, *thetas, surface, *moved, np.array(times, float), np.array(seismic, bool),
-        np.array(fastest, float), points, profiles[0], *(profiles[1:] if fault.dips else (None, None)), events,
-        energy, end, steps, rejected,
+        fault, *series[:3], stations, *series[3:], *thetas, surface, *moved, np.array(times, float),
+        np.array(seismic, bool), np.array(fastest, float), points, profiles[0],
+        *(profiles[1:] if fault.dips else (None, None)), events, energy, end, steps, rejected,
     )  # fmt: skip
 
 
@@ -298,4 +296,8 @@ def fault_dataset(history: FaultHistory) -> "xarray.Dataset":
     coordinates["event"] = ("event", np.arange(len(history.events.start)), {})
     import xarray as xr
 
-    return xr.Dataset(variables, coordinates, attrs={"law": history.fault.law, "cell": history.fault.cell})
+    return xr.Dataset(
+        variables,
+        coordinates,
+        attrs={"law": history.fault.law, "cell": history.fault.cell, "kernel": history.state.kernel},
+    )

@@ -12,7 +12,7 @@ import numpy as np
 
 from ....kit import YEAR, Values, checked, pluralize, readable
 from .fault import Fault
-from .fault_state import FaultState, frictional_stress
+from .fault_state import FaultState, friction_of
 from .stress_transfer import surface_displacement
 
 
@@ -160,8 +160,8 @@ class Points(NamedTuple):
     weights: np.ndarray  # (P, 2)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Values (P,) at the points."""
-        return (values[self.cells] * self.weights).sum(axis=1)
+        """Values (..., P) at the points, from those of the cells (..., N)."""
+        return (values[..., self.cells] * self.weights).sum(axis=-1)
 
 
 def points(fault: Fault, depths) -> Points:
@@ -233,6 +233,8 @@ class Recorder:
         self.fault, self.wanted, self.prestress = fault, wanted, start.prestress
         self.sampled, self.past = np.array(start.sampled, float), start.events
         self.stations = points(fault, wanted.stations)
+        self._near, places = np.unique(self.stations.cells, return_inverse=True)  # cells beside stations
+        self._between = self.stations._replace(cells=places.reshape(-1, 2))
         self.surface = Surface(fault, wanted.surface)
         self.profile = points(fault, np.arange(0.0, fault.width + 1e-6 * fault.cell, wanted.spacing))
         self.samples: list[tuple] = []
@@ -268,23 +270,44 @@ class Recorder:
             self._sample(now)
 
     def _sample(self, now: Moment) -> None:
-        fault, at = self.fault, self.stations
-        w = at(now.log_velocity)
-        clamped = fault.transfer.tractions(now.excess_slip)[1] if fault.dips else np.zeros(len(fault.depth))
+        """Append values of the cells beside stations, and displacements of the surface."""
+        fault, at, near = self.fault, self.stations, self._near
+        clamped = fault.transfer.tractions(now.excess_slip)[1] if fault.dips else 0.0
         every = fault.normal_at(now.time) + clamped
         normal = sum((change.change(at.depth, now.time) for change in fault.changes), at(fault.normal + clamped))
-        states = now.log_states - fault.state_shift(every)
-        stress = np.zeros(0)
-        if len(at.depth):
-            clamped_fault = fault._replace(normal=every)
-            stress = at(frictional_stress(clamped_fault, now.log_velocity, states, np.unique(at.cells)))
+        states = now.log_states[:, near] - fault.state_shift(every)[near]
         rate = fault.shear_modulus * fault.cell * fault.v0 * float(np.exp(now.log_velocity).sum())
-        slip = at(now.excess_slip) + fault.plate_rate * now.time
-        slips = fault.dc, np.broadcast_to(fault.dc2, fault.dc.shape)
-        thetas = [at(dc) / fault.v0 * np.exp(at(s)) for dc, s in zip(slips, states, strict=False)]
         moved = self.surface(now.excess_slip, now.time), self.surface(now.rate, 1.0)
-        self.samples.append((now.time, now.fastest, rate, slip, fault.v0 * np.exp(w), stress, normal, *moved, thetas))
+        cells = now.excess_slip[near], now.log_velocity[near], states, every[near]
+        self.samples.append((now.time, now.fastest, rate, *cells, normal, *moved))
         self.sampled[:] = now.time, np.log10(now.fastest)
+
+    def series(self) -> list[np.ndarray]:
+        """Time, maximum velocity and moment rate (M,); slip, velocity, stress, normal stress (M, S) and θ (M, V, S) at
+        S stations; displacement and velocity of the surface (M, Q).
+        """
+        fault, at, near = self.fault, self._between, self._near
+        many, width, beside = len(self.samples), len(near), len(self.wanted.surface)
+        shapes = [
+            (),
+            (),
+            (),
+            (width,),
+            (width,),
+            (fault.states, width),
+            (width,),
+            (len(at.depth),),
+            (beside,),
+            (beside,),
+        ]
+        columns = list(zip(*self.samples, strict=True)) or [()] * len(shapes)
+        arrays = [np.array(column).reshape(many, *shape) for column, shape in zip(columns, shapes, strict=True)]
+        time, fastest, rate, excess, w, states, every, normal, *moved = arrays
+        slip = at(excess) + fault.plate_rate * time[:, None]
+        stress = at(every * friction_of(fault, w, states.swapaxes(0, 1), near))
+        slips = np.array(np.broadcast_arrays(fault.dc, fault.dc2))[: fault.states]
+        thetas = self.stations(slips) / fault.v0 * np.exp(at(states))
+        return [time, fastest, rate, slip, fault.v0 * np.exp(at(w)), stress, normal, thetas, *moved]
 
     def _add_profile(self, time: float, seismic: bool, fastest: float, excess: np.ndarray, rate: np.ndarray) -> None:
         """Append slip, and the stresses on a dipping fault."""

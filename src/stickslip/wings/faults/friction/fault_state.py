@@ -12,6 +12,7 @@ from scipy.integrate import DOP853
 from ....kit import Values, checked, core, in_readable_units, readable, require_positive, require_shape
 from .fault import Fault, check_fault
 from .laws import EVOLUTIONS, friction
+from .stress_transfer import KERNEL
 
 NUMBER = DOP853.n_stages
 STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of the earlier stages in each later one, and in the step
@@ -30,7 +31,9 @@ class Machine:
         cut, cut2 = fault.cuts
         rows = fault.a, fault.b, fault.dc, fault.normal, prestress, fault.b2, fault.dc2, 0.0
         self._cells = np.array(np.broadcast_arrays(*rows), float)
+        self._varies = bool(fault.changes or fault.dips)  # the normal stress
         values = {
+            "transfer": self.transfer.struct(),
             "form": fault.form_code, "evolution": EVOLUTIONS[fault.law], "mu0": fault.mu0, "cut": cut, "cut2": cut2,
             "v0": fault.v0, "damping": fault.damping, "plate_rate": fault.plate_rate, "cell": fault.cell,
             "cells": self._cells, "number": len(fault.depth), "states": fault.states,
@@ -38,15 +41,12 @@ class Machine:
         }  # fmt: skip
         self._fault = core.fill("Fault", values)
 
-    def _shear(self, slip, time: float) -> np.ndarray | None:
-        """Shear stress due to excess slip, after an update of the normal stress; None where it is not compressive."""
-        shear, clamped = self.transfer.tractions(slip)
-        if self.fault.changes or self.fault.dips:
-            normal = self.fault.normal_at(time) + clamped
-            if not normal.min() > 0:
-                return None
-            self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)
-        return shear
+    def _image(self, slip, time: float) -> tuple[np.ndarray | None, bool]:
+        """Shear stress that the surface adds, after an update of the normal stress; False where it opens the fault."""
+        shear, clamped = self.transfer.of_image(slip)
+        normal = self.fault.normal_at(time) + clamped
+        self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)
+        return shear, bool(normal.min() > 0)
 
     def rates(self, y, w, out, power, time: float = 0.0) -> bool:
         """Rates of the unknowns, and powers per unit length; return False if a velocity cannot be found.
@@ -59,8 +59,8 @@ class Machine:
         power : (3,) of loading τ V_p, friction σ μ V and radiation η V², overwritten
         time : [s], for changes of the normal stress
         """
-        shear = self._shear(y[0], time)
-        return shear is not None and core.fault_rates(self._fault, shear, y, w, out, power)
+        image, closed = self._image(y[0], time) if self._varies else (None, True)
+        return closed and core.fault_rates(self._fault, image, y, w, out, power)
 
     def step(self, y, w, stages, powers, length: float, trial, time: float = 0.0) -> float:
         """Take a step from y at a time to `trial`; return its estimated error, infinite if a stage fails.
@@ -70,12 +70,16 @@ class Machine:
         stages, powers : (NUMBER + 1, 1 + S, N) and (NUMBER + 1, 3), rates and powers at the start and in each stage;
             the last ones are those at the end
         """
-        values = {"y": y, "trial": trial, "w": w, "stages": stages, "powers": powers, "length": length}
+        values = {"y": y, "trial": trial, "w": w, "stages": stages, "powers": powers, "length": length, "image": None}
         step = core.fill("FaultStep", values)
         core.fault_trial(self._fault, step, 1)
+        if not self._varies:
+            found = core.fault_stages(self._fault, step, 1, NUMBER)
+            return core.fault_error(self._fault, step) if found else np.inf
         for stage in range(1, NUMBER + 1):
-            shear = self._shear(trial[0], time + TIMES[stage] * length)
-            if shear is None or not core.fault_stage(self._fault, step, stage, shear):
+            image, closed = self._image(trial[0], time + TIMES[stage] * length)
+            step = core.fill("FaultStep", values | {"image": image})
+            if not closed or not core.fault_stages(self._fault, step, stage, stage):
                 return np.inf
         return core.fault_error(self._fault, step)
 
@@ -105,6 +109,9 @@ class FaultState(NamedTuple):
     sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
     log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
     events: int = 0  # number of events since an artificial start: 0 in a state that was not simulated
+    kernel: str = (
+        "uniform"  # slip between centres of cells: "band-limited"; saved by earlier versions: uniform in cells
+    )
 
     @property
     def unknowns(self) -> np.ndarray:
@@ -147,25 +154,21 @@ class FaultState(NamedTuple):
 def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
     """Shear stress of steady sliding at one velocity, with radiation damping (N,) [Pa]."""
     w = np.full(len(fault.depth), np.log(velocity / fault.v0))
-    return frictional_stress(fault, w, np.array([-w, -w])) + fault.damping * velocity
+    return fault.normal * friction_of(fault, w, np.array([-w, -w])) + fault.damping * velocity
 
 
-def frictional_stress(fault: Fault, log_velocity, log_states, cells=None) -> np.ndarray:
-    """Frictional stress σ f, from ln(V/V0) (N,) and the logarithms of the states (S, N).
+def friction_of(fault: Fault, log_velocity: np.ndarray, log_states: np.ndarray, cells=None) -> np.ndarray:
+    """Friction coefficient (..., K) from ln(V/V0) (..., K) and the logarithms of the states (S, ..., K).
 
     Parameters
     ----------
-    cells : those in which it is computed, it is zero elsewhere; default: all
-
-    Returns
-    -------
-    (N,) [Pa]
+    cells : numbers of the K cells; default: all
     """
-    out, cells = np.zeros(len(fault.depth)), slice(None) if cells is None else cells
-    logs = np.array([log_velocity, log_states[0], log_states[-1]]).T[cells]
-    surface = np.array(np.broadcast_arrays(fault.a, fault.b, fault.b2, fault.mu0, *fault.cuts)).T[cells]
-    out[cells] = friction(fault.form_code, logs, surface)
-    return fault.normal * out
+    logs = np.stack([log_velocity, log_states[0], log_states[-1]], axis=-1)
+    surface = np.stack(np.broadcast_arrays(fault.a, fault.b, fault.b2, fault.mu0, *fault.cuts), axis=-1)
+    surface = np.broadcast_to(surface if cells is None else surface[cells], (*logs.shape[:-1], 6))
+    rows = friction(fault.form_code, logs.reshape(-1, 3), np.ascontiguousarray(surface.reshape(-1, 6)))
+    return rows.reshape(log_velocity.shape)
 
 
 @checked
@@ -216,7 +219,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     state = FaultState(
         0.0, np.zeros(n), s, np.full(n, w), tau, np.zeros((1 + fault.states, n)), np.zeros(3), np.zeros(3),
         1e-3 * float(fault.dc.min()) / velocity, 1.0, np.array([-np.inf, -np.inf]),
-        s.copy() if fault.states > 1 else None,
+        s.copy() if fault.states > 1 else None, kernel=KERNEL,
     )  # fmt: skip
     return with_rates(fault, state)
 
@@ -301,6 +304,11 @@ def check_state(fault: Fault, state: FaultState) -> None:
         raise ValueError(
             f"the state has {states} state variable{'s' * (states > 1)}, and the fault {fault.states}: use one of this "
             f"fault"
+        )
+    if state.kernel != KERNEL:
+        raise ValueError(
+            f"the state has slip that is {state.kernel} in each cell, and faults now have {KERNEL} slip, which changes "
+            f"their stress: start from one of initial_state, or use the version of stickslip that saved it"
         )
     for name in ("excess_slip", "log_state", "log_state2", "log_velocity", "prestress"):
         values = getattr(state, name)

@@ -18,6 +18,7 @@ from ....kit import (
     heading_of,
     known,
     laboratory_table,
+    pluralize,
     readable,
     require_filled,
     require_not_negative,
@@ -54,7 +55,7 @@ class LabRecord(NamedTuple):
 
 @checked
 def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None, motion: bool = True) -> LabRecord:
-    """Read a record from a table as text, an HDF5 or a MATLAB file, whichever its content is.
+    """Read a record from a table as text, an HDF5, MATLAB or binary XLOOK file, whichever its content is.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
     columns are slip, theta and pore_pressure, by which the normal stress is made the effective one unless it is named
@@ -87,7 +88,7 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
         )
     values = table.numbers()
     if len(values["time"]) < LEAST:
-        raise ValueError(f"{path} has {len(values['time'])} rows of numbers: give at least {LEAST}")
+        raise ValueError(f"{path} has {pluralize(len(values['time']), 'row')} of numbers: give at least {LEAST}")
     _make_effective(path, values)
     if "friction" not in values:
         if not (values["normal_stress"] > 0).all():

@@ -1,11 +1,11 @@
 """Stress on a straight fault: due to its own slip, with a free surface or without, and imposed normal stress in time.
 
-The fault is divided into N cells of length h and uniform slip. Stress at the centres of the cells is a discrete
-convolution, evaluated with transforms from `scipy.fft` in O(N log N) operations; `stress_matrix` returns the same as a
-dense matrix, which is a sum of a Toeplitz and, with a free surface, a Hankel matrix.
-
-A cell of slip δ between z₁ and z₂ adds τ(z) = (G*/2π) [1/(z − z₂) − 1/(z − z₁)] δ, with G* = G for antiplane and
-G/(1 − ν) for in-plane shear (P. Segall, Earthquake and Volcano Deformation, 2010, sections 2.1 and 3.2).
+Slip at the centres of N cells of length h continues between them as a band-limited function, the sum of
+sin(πx/h)/(πx/h): that with these values and no wave shorter than 2h. A sinusoid then has its exact stiffness G*|k|/2,
+with G* = G for antiplane and G/(1 − ν) for in-plane shear, and errors are those of slip that such a sum does not have.
+Slip of 1 at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m, 0 for even m].
+A free surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
+`stress_matrix` returns the same as a dense matrix.
 
 In a half-space, points are ζ = x + iz, with x horizontal and the depth z ≥ 0. The fault is ζ = ξ t with t = e^{iψ}, dip
 ψ and distance ξ down dip; its hanging wall is at larger x. Slip δ is that of a thrust: the foot wall moves along t,
@@ -34,7 +34,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy import fft, sparse
 from scipy.special import erfc
 
-from ....kit import Array, Series, check_types, checked, read_text, readable, require_positive
+from ....kit import Array, Series, check_types, checked, core, read_text, readable, require_positive
 
 
 def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -95,15 +95,24 @@ def surface_displacement(x, ends, dip: float) -> np.ndarray:
     return (-t * turn - t.conj() * np.diff(s.imag / (x - s.conj()), axis=1)) / np.pi
 
 
+KERNEL = "band-limited"  # how slip continues between the centres of cells
 BOUNDARIES = ("surface", "infinite", "periodic")
 
 
 class StressTransfer(NamedTuple):
-    """Linear map from slip to shear stress, for N cells."""
+    """Linear map from slip to shear stress, for N cells: a convolution, and one with slip mirrored in the surface.
 
-    boundary: str  # "surface", "infinite" or "periodic"
+    The product of two polynomials, slip at cells and stress by lag, is that of their values at the L roots of x^L = i.
+    Powers outside of 0 to L − 1 become imaginary there, and L ≥ N values are enough. Mirrored slip has x⁻¹ for x: the
+    conjugate of its values.
+    """
+
     number: int  # N
-    symbol: np.ndarray  # real eigenvalues of the convolution [stress/length]
+    phases: np.ndarray  # (2, N) cosine and sine of πj/(2L)
+    roots: np.ndarray  # (2, M) of −2πj/M, with M the greater one of the sides of the table of L = R × C places
+    turns: np.ndarray  # (2, R, C) factors between transforms along both sides of the table
+    symbol: np.ndarray  # (L,) values for the convolution, over L, in the order of `_order_of_roots` [stress/length]
+    reflected: np.ndarray | None  # (2, L) real and imaginary values for mirrored slip, without a surface None
     image: tuple | None = None  # of in-plane slip below a free surface, see `_image`
     sense: int = 1  # −1 for slip of a normal fault
 
@@ -113,25 +122,26 @@ class StressTransfer(NamedTuple):
 
     def tractions(self, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
         """Shear stress and normal stress (N,) due to slip (N,); compression is positive, zero without an image."""
-        shear = self._convolved(slip)
+        shear = np.empty(self.number)
+        core.fault_stress(self.struct(), np.ascontiguousarray(slip, float), shear)
+        added, normal = self.of_image(slip)
+        return shear if added is None else shear + added, normal
+
+    def of_image(self, slip: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | float]:
+        """Shear stress, None for none, and normal stress (N,) that the surface adds to those of mirrored slip."""
         if self.image is None:
-            return shear, 0.0
+            return None, 0.0
         spread, table = self.image
         sheared, clamped = (table @ slip).reshape(2, -1)
-        return shear + spread @ sheared, self.sense * (spread @ clamped)
+        return spread @ sheared, self.sense * (spread @ clamped)
 
-    def _convolved(self, slip: np.ndarray) -> np.ndarray:
-        n = self.number
-        if self.boundary == "surface":  # even about the surface, and zero below the fault
-            waves = fft.dct(slip, 2, n=2 * n)
-            waves *= self.symbol
-            return fft.idct(waves, 2, overwrite_x=True)[:n]
-        length = n if self.boundary == "periodic" else 2 * n
-        waves = fft.rfft(slip, length)
-        waves *= self.symbol
-        return fft.irfft(waves, length, overwrite_x=True)[:n]
+    def struct(self):
+        """Struct for the compiled core, with working memory of its own."""
+        sides = dict(zip(("rows", "columns"), self.turns.shape[1:], strict=True))
+        return core.fill("Transfer", self._asdict() | sides | {"work": np.empty(4 * len(self.symbol))})
 
 
+@lru_cache(maxsize=8)
 def stress_transfer(
     number: int, cell: float, modulus: float, boundary: str, thickness: float = np.inf, *, dip: float | None = None,
     sense: int = 1,
@@ -147,20 +157,52 @@ def stress_transfer(
         N h, for which slip e^{ikz} gives the stress −(G*/2) |k| coth(|k| W) e^{ikz} between plates of thickness W whose
         far sides do not move
     thickness : W of each plate, for a periodic fault [length]
-    dip : for in-plane slip below a free surface; with `boundary` "infinite" [degrees]
+    dip : for in-plane slip; with `boundary` "surface" [degrees]
     sense : 1 if positive slip is that of a thrust, −1 if it is that of a normal fault
     """
+    size = max(4, 1 << (number - 1).bit_length())
+    rows = 1 << (size.bit_length() // 2)
+    columns, most = size // rows, max(rows, size // rows)
+    phase = 0.5j * np.pi / size * np.arange(size)
+    order = (_reversed_bits(rows) + rows * _reversed_bits(columns)[:, None]).ravel()
     if boundary == "periodic":
-        k = 2 * np.pi * np.arange(number // 2 + 1) / (number * cell)
-        rest = np.divide(1.0, thickness)  # limit of k coth(kW) for k → 0
-        with np.errstate(invalid="ignore"):
-            symbol = np.where(k > 0, k / np.tanh(np.where(k > 0, k * thickness, 1.0)), rest)
-        return StressTransfer(boundary, number, -0.5 * modulus * symbol)
-    period = (4 if boundary == "surface" else 2) * number
-    lag = np.minimum(np.arange(period), period - np.arange(period))
-    symbol = fft.rfft(_influence(lag, cell, modulus)).real
-    image = None if dip is None else _image(number, cell, modulus, dip)
-    return StressTransfer(boundary, number, symbol[: 2 * number] if boundary == "surface" else symbol, image, sense)
+        kernel = _periodic(number, cell, modulus, thickness)
+    else:
+        kernel = _influence(np.arange(2 * number), cell, modulus)
+    ahead = np.where(np.arange(number) > 0, 2.0, 1.0) * kernel[:number]  # lags of both signs
+    symbol = fft.fft(ahead * np.exp(phase[:number]), size).real[order] / size
+    reflected = None
+    if boundary == "surface":  # mirrored cells are i + j + 1 cells away; powers from x^L on are i times lower ones
+        away = np.append(kernel[1:], np.zeros(2 * (size - number) + 1)).reshape(2, size)
+        values = fft.fft((away[0] + 1j * away[1]) * np.exp(phase))[order] / size
+        reflected = np.array([values.real, values.imag])
+    turns = -2j * np.pi / size * _reversed_bits(rows)[:, None] * np.arange(columns)
+    return StressTransfer(
+        number, *(_parts(power) for power in (phase[:number], -2j * np.pi / most * np.arange(most), turns)), symbol,
+        reflected, None if dip is None else _image(number, cell, modulus, dip), sense,
+    )  # fmt: skip
+
+
+def _parts(power: np.ndarray) -> np.ndarray:
+    """Cosine and sine of imaginary numbers."""
+    return np.array([np.cos(power.imag), np.sin(power.imag)])
+
+
+def _reversed_bits(number: int) -> np.ndarray:
+    """Order in which a transform of a power of two leaves frequencies (number,)."""
+    order = np.zeros(1, int)
+    while len(order) < number:
+        order = np.concatenate([2 * order, 2 * order + 1])
+    return order
+
+
+def _periodic(number: int, cell: float, modulus: float, thickness: float) -> np.ndarray:
+    """Stress by lag (N,) due to unit slip of every Nth cell between plates."""
+    k = 2 * np.pi * np.arange(number // 2 + 1) / (number * cell)
+    rest = np.divide(1.0, thickness)  # limit of k coth(kW) for k → 0
+    with np.errstate(invalid="ignore"):
+        symbol = np.where(k > 0, k / np.tanh(np.where(k > 0, k * thickness, 1.0)), rest)
+    return -0.5 * modulus * fft.irfft(symbol, number)
 
 
 def image_nodes(number: int, dip: float) -> int:
@@ -183,6 +225,7 @@ def _order(dip: float) -> int:
 def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse.csr_array, np.ndarray]:
     """Interpolation from R nodes to the cells (N, R), and shear and normal stress at the nodes due to slip (2R, N).
 
+    It is the stress that the surface adds, less that of slip mirrored in it, both of cells of uniform slip.
     Between ξ and 2ξ the nodes are those of Chebyshev; near the surface they are the cells.
     """
     t, places, order = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5, _order(dip)
@@ -196,13 +239,15 @@ def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse
     at = np.concatenate([places[:high], *nodes])
     mean, deviator = half_space_stress(at * t * cell, np.arange(number + 1) * cell, dip, image=True)
     stress = modulus * (mean + t**2 * deviator)
+    stress -= 0.5j * modulus / (np.pi * cell) / ((at[:, None] + places) ** 2 - 0.25)  # of cells mirrored in the surface
     spread = sparse.csr_array(sparse.block_diag([sparse.eye_array(high), *blocks]))
     return spread, np.concatenate([stress.imag, -stress.real])
 
 
-def _influence(lag, cell: float, modulus: float):
-    """Stress at a cell due to unit slip of the cell that is `lag` cells away."""
-    return modulus / (2 * np.pi * cell) / (np.asarray(lag, float) ** 2 - 0.25)
+def _influence(lag: np.ndarray, cell: float, modulus: float) -> np.ndarray:
+    """Stress at the centre of a cell due to band-limited slip that is 1 at the centre `lag` cells away, else 0."""
+    far = np.where(lag % 2 == 1, 1 / np.maximum(lag, 1) ** 2, 0.0)
+    return modulus / (np.pi * cell) * np.where(lag == 0, -0.25 * np.pi**2, far)
 
 
 def stress_matrix(number: int, cell: float, modulus: float, boundary: str) -> np.ndarray:
@@ -212,10 +257,10 @@ def stress_matrix(number: int, cell: float, modulus: float, boundary: str) -> np
     --------
     >>> stress = stress_matrix(4, 1.0, 1.0, "infinite")
     >>> print(np.round(np.pi * stress[0], 4))
-    [-2.      0.6667  0.1333  0.0571]
+    [-2.4674  1.      0.      0.1111]
     """
     i = np.arange(number)
-    out = _influence(i[:, None] - i, cell, modulus)
+    out = _influence(np.abs(i[:, None] - i), cell, modulus)
     if boundary == "surface":
         out = out + _influence(i[:, None] + i + 1, cell, modulus)  # images above the surface
     return out

@@ -392,15 +392,27 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
     value, low, high = slip.difference
     parameters = {n: (slip.values[n], slip.errors[n]) for n in ("a", "b", "dc")}
     parameters["a-minus-b"] = value, (high - low) / (2 * 1.96)
+    steady = _slope_of_steady_friction(result)
+    if steady and not np.isfinite(value):
+        parameters["a-minus-b"] = steady.value, steady.half / 1.96
     note = (
         f"slip law fitted to steps averaged over branches, with known k and radiation damping η = {eta:.3f} s/m from "
         f"the peaks; from the peaks alone a = {_interval(seen.a)}, η = {_interval(seen.impedance)} s/m; "
+        f"{f'a − b from steady friction {_interval(steady)}; ' if steady else ''}"
         f"{slip.sentence}{_joint_interval(slip)}; {compare_laws(slip, aging).sentence}; {_scale_note(result)}"
     )
     return [
         claim(n, where(n), printed[n], parameters[n][0], units.get(n, "1"), tolerance, note, error=parameters[n][1])
         for n in printed
     ]
+
+
+def _slope_of_steady_friction(result: GougeResult) -> Number | None:
+    """Change of steady friction per e-fold of velocity, a − b, if samples slid at two velocities or more."""
+    speeds = measures.velocities(result)
+    if len(speeds) < 2:
+        return None
+    return slope(np.log(speeds), [measures.mean_friction(result, speed) for speed in speeds])
 
 
 def _joint_interval(found: Fit) -> str:

@@ -33,7 +33,7 @@ EXPERIMENT = Experiment(
     writes=(r"(series|probes|envelopes)\.csv",),
     overlay=_here("laboratory.overlay"),
     compare=_here("report.compare"),
-    compares=("mohr.png", "mohr.csv"),
+    compares=("mohr.png", "mohr.csv", "critical_state.png"),
     smallest=SMALLEST,
 )
 

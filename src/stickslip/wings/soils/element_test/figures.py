@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
 
 from ....kit import (
     BLACK,
@@ -30,6 +30,7 @@ FEW = 6  # samples that are told apart by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
+_Ends = Annotated[Any, Result("Ends", ("p", "q", "void_ratio", "critical", "line"))]
 _Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
 
 
@@ -176,36 +177,69 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
     ----------
     factor : of stresses, which are drawn in `unit`
     """
-    states, groups = (list(dict.fromkeys(getattr(each, name) for each in circles)) for name in ("state", "group"))
+    groups = list(dict.fromkeys(each.group for each in circles))
+    columns = 1 + any(each.state != "peak" for each in circles)
     most = 1.06 * factor * max(each.sigma1.max() for each in circles)
     high = 0.62 * factor * max((each.sigma1 - each.sigma3).max() for each in circles)
-    wide = PAGE if len(states) > 1 else WIDTH
-    panel = (wide / len(states) - 0.5) * high / most + 0.75
+    least = min(0.0, *(-factor * each.envelope.cohesion / np.tan(np.radians(each.envelope.phi)) for each in circles
+                       if each.envelope.phi > 0))  # fmt: skip
+    least = max(least, -0.25 * most)
+    wide = PAGE if columns > 1 else WIDTH
+    panel = (wide / columns - 0.5) * high / (most - least) + 0.5
     figure, grid = subplots(
-        len(groups), len(states), figsize=(wide, panel * len(groups)), sharex=True, sharey=True, squeeze=False
+        len(groups), columns, figsize=(wide, panel * len(groups) + 0.3), sharex=True, sharey=True, squeeze=False
     )
     turn = np.linspace(0, np.pi, 181)
     for each in circles:
-        axes = grid[groups.index(each.group), states.index(each.state)]
+        axes = grid[groups.index(each.group), int(each.state != "peak")]
         order = np.argsort(each.sigma3, kind="stable")
         for k, (major, minor) in enumerate(factor * np.column_stack([each.sigma1, each.sigma3])[order]):
             middle, radius = 0.5 * (major + minor), 0.5 * (major - minor)
             color = COLORS[k] if len(order) <= FEW else BLUE
             axes.plot(middle + radius * np.cos(turn), radius * np.sin(turn), color=color, lw=0.9)
         cohesion, slope = factor * each.envelope.cohesion, np.tan(np.radians(each.envelope.phi))
-        sigma = np.array([min(0.0, -cohesion / slope) if slope > 0 else 0.0, most])
+        sigma = np.array([least, most])
         axes.plot(sigma, cohesion + slope * sigma, color=BLACK, lw=1.2)
-        title = "at the peak" if each.state == "peak" else "at the critical state"
+        title = {"peak": "at the peak", "critical": "at the critical state"}.get(each.state, "at the end, not steady")
         lines = [f"{title}{f', {each.group}' * bool(each.group)}", each.envelope.describe(factor, unit)]
         axes.set_title("\n".join(lines))
     for axes in grid.flat:
         axes.set_aspect("equal")
-        axes.set_xlim(None, most)
+        axes.set_xlim(least, most)
         axes.set_ylim(0, high)
     for axes in grid[-1]:
         label_axes(axes, x=(r"$\sigma$", unit))
     for axes in grid[:, 0]:
         label_axes(axes, y=(r"$\tau$", unit))
+    return figure
+
+
+@styled
+def critical_state(ends: list[_Ends], unit: str):
+    """Ends of the paths of a sweep in the planes of p and q and of p and e, with critical-state lines.
+
+    States that are not steady are open marks. One colour stands for members that differ in the pressure alone.
+    """
+    figure, (left, right) = subplots(1, 2, figsize=(PAGE, 2.6))
+    for color, each in zip(COLORS, ends, strict=False):
+        for axes, values in ((left, each.q), (right, each.void_ratio)):
+            for rows, face, words in ((each.critical, color, "critical state"), (~each.critical, "none", "not steady")):
+                label = (f"{each.group}: {words}" if each.group else words) if rows.any() else None
+                axes.plot(each.p[rows], values[rows], "o", color=color, mfc=face, ms=4, label=label)
+        if each.line is not None:
+            p = np.geomspace(each.p.min(), each.p.max())
+            left.plot([0, p[-1]], [0, each.line.ratio * p[-1]], color=color, label=f"M = {each.line.ratio:.3g}")
+            right.plot(p, each.line.intercept - each.line.slope * np.log(p), color=color)
+    left.set_xlim(0, None)
+    left.set_ylim(0, None)
+    right.set_xscale("log")
+    label_axes(left, x=_axis("p", unit), y=_axis("q", unit))
+    label_axes(right, x=_axis("p", unit), y=SERIES["void_ratio"].axis)
+    if np.divide(*np.array(right.get_xlim())[::-1]) < 100:  # numbers, not powers
+        right.xaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
+        right.xaxis.set_minor_formatter(NullFormatter())
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncol=min(4, len(labels)))
     return figure
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ....kit import Comparison, checked, estimate, laboratory_table
+from ....kit import Comparison, checked, estimate, laboratory_table, pluralize
 from . import figures as figures_of
 from .report import drawn, for_engineers
 from .scenario import ElementTestScenario
@@ -57,7 +57,9 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
         warnings.warn(f"{path}: not understood, and not drawn: {told}", stacklevel=2)
     values = table.numbers()
     if len(next(iter(values.values()))) < LEAST:
-        raise ValueError(f"{path} has {len(next(iter(values.values())))} rows of numbers: give at least {LEAST}")
+        raise ValueError(
+            f"{path} has {pluralize(len(next(iter(values.values()))), 'row')} of numbers: give at least {LEAST}"
+        )
     _check_strains(table, values)
     out = {name: values[name] for name in ("q", "p", "axial_stress", "void_ratio") if name in values}
     for name in ("axial_strain", "volumetric_strain"):
@@ -156,8 +158,8 @@ def _check_stresses(path: Path, out: dict[str, np.ndarray]) -> None:
                 f"{path}: q is {_kpa(out['q'][k])} where p' is {_kpa(out['p'][k])}, more than {times} times as large, "
                 f"which grains without cohesion cannot bear: correct the unit that is wrong"
             )
-    if "axial_strain" in out and not out["axial_strain"].any() and np.ptp(out.get("q", 0.0)) > 0:
-        raise ValueError(f"{path}: the axial strain is zero in all rows while q changes: give the measured strain")
+    if "axial_strain" in out and not np.ptp(out["axial_strain"]) > 0 and np.ptp(out.get("q", 0.0)) > 0:
+        raise ValueError(f"{path}: the axial strain is constant in all rows while q changes: give the measured strain")
 
 
 def _kpa(values) -> str:

@@ -260,7 +260,7 @@ class LoadedSample:
 
     @property
     def principal_stresses(self) -> dict[str, tuple[float, float]]:
-        """Major and minor principal stress at the peak and at the critical state; NaN if it was not reached."""
+        """Major and minor principal stress at the peak, at the critical state (NaN if it was not reached), and late."""
         if not self.sheared:
             return {}
         stress = self.stress[:, : self.dim, : self.dim]
@@ -268,11 +268,16 @@ class LoadedSample:
         end = values[:, -len(self.last.load) :]
         return {
             "peak": tuple(self.at_peak(each) for each in values), "critical": tuple(map(self.critical, end)),
+            "end": tuple(map(self.at_end, end)),
         }  # fmt: skip
 
     def critical(self, values: np.ndarray) -> float:
         """Mean of values of the last leg at the critical state; NaN if it was not reached."""
-        return NAN if self.steady is None else float(values[self.steady].mean())
+        return NAN if self.steady is None else self.at_end(values)
+
+    def at_end(self, values: np.ndarray) -> float:
+        """Mean of values of the last leg over its last third; NaN if the sample was not sheared."""
+        return float(values[self.late].mean()) if self.sheared and self.late.any() else NAN
 
     @property
     def compression_stress(self) -> np.ndarray:
@@ -388,7 +393,7 @@ SAMPLE = Quantities([
     Quantity("psi", "degrees", "angle of dilatancy at the peak"),
     *(Quantity(f"sigma{name}_{state}", STRESS, f"{words} principal stress at the {where}",
                lambda t, k=k, state=state: t.principal_stresses[state][k] if t.sheared else NAN)
-      for state, where in (("peak", "peak"), ("critical", "critical state"))
+      for state, where in (("peak", "peak"), ("critical", "critical state"), ("end", "end, over the last third"))
       for k, (name, words) in enumerate((("1", "major"), ("3", "minor")))),
     Quantity("critical_reached", "1", "1 if the sample is in a critical state at the end",
              lambda t: float(t.steady is not None) if t.sheared else NAN),
@@ -399,6 +404,10 @@ SAMPLE = Quantities([
              lambda t: t.critical(t.last.angle)),
     Quantity("e_critical", "1", "void ratio at the critical state", lambda t: t.critical(t.last.void_ratio)),
     Quantity("p_critical", STRESS, "mean stress at the critical state", lambda t: t.critical(t.last.p)),
+    Quantity("end_ratio", "1", "q/p over the last third of the path, steady or not",
+             lambda t: abs(t.at_end(t.last.q / t.last.p))),
+    Quantity("e_end", "1", "void ratio over the last third of the path", lambda t: t.at_end(t.last.void_ratio)),
+    Quantity("p_end", STRESS, "mean stress over the last third of the path", lambda t: t.at_end(t.last.p)),
     Quantity("K0", "1", "lateral over axial stress", "k0"),
     *(row for name, words in (("compression", "first compression"), ("swelling", "unloading"),
                               ("reloading", "reloading"))

@@ -14,6 +14,7 @@ from ....kit import (
     archive_fields,
     checked,
     console,
+    estimate,
     format_table,
     heading,
     heading_of,
@@ -120,7 +121,8 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
 
 def sentences(result: ElementTestResult) -> list[str]:
     """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
-    return [*_first_failure(result), *_scatter(result), *_missing(result), *_quasi_static(result), *_finer(result)]
+    parts = (_first_failure, _scatter, _missing, _fluid, _quasi_static, _finer)
+    return [sentence for part in parts for sentence in part(result)]
 
 
 def _first_failure(result: ElementTestResult) -> list[str]:
@@ -191,6 +193,17 @@ def _missing(result: ElementTestResult) -> list[str]:
     return out
 
 
+def _fluid(result: ElementTestResult) -> list[str]:
+    """B of a compressible pore fluid, which the path does not have."""
+    b = MEASURES.known(result).get("skempton_B")
+    if result.scenario.path.fluid_modulus is None or b is None:
+        return []
+    return [
+        f"The volume is constant along the path, so that A and the excess pore pressure are those of B = 1; with the "
+        f"stated fluid_modulus B is {b.mean:.3g}."
+    ]
+
+
 def _quasi_static(result: ElementTestResult) -> list[str]:
     scenario, numbers = result.scenario, MEASURES.known(result)
     if scenario.path.integrator == "dynamic":
@@ -259,9 +272,20 @@ def show(result: ElementTestResult) -> None:
 
 
 PRESSURE, SEED = "sample.pressure", "seed"
-STATES = {"peak": "peak", "critical": "critical state"}  # ends of the names of stresses, and words
-FIGURE, TABLE = "mohr.png", "mohr.csv"
-ROWS = 3  # envelopes that are drawn
+STATES = {  # ends of the names of stresses, and words
+    "peak": "at the peak", "critical": "at the critical state", "end": "over the last third of the path, not steady",
+}  # fmt: skip
+FIGURE, TABLE, LINES = "mohr.png", "mohr.csv", "critical_state.png"
+ROWS = 3  # groups that are drawn
+
+
+def with_error(value: float, error: float, unit: str = "") -> str:
+    """Value with two digits of its error, in parentheses before a unit; three digits without an error."""
+    if not error > 0:
+        return f"{value:.3g}{unit}".replace("-", "−")
+    digits = min(max(0, 1 - int(np.floor(np.log10(error)))), 6)
+    text = f"{round(value, digits) + 0.0:.{digits}f} ± {error:.{digits}f}"
+    return (f"({text}){unit}" if unit else text).replace("-", "−")
 
 
 class Envelope(NamedTuple):
@@ -274,12 +298,8 @@ class Envelope(NamedTuple):
 
     def describe(self, factor: float = 1.0, unit: str = "") -> str:
         """φ and c with their errors; stresses are multiplied by a factor."""
-        pairs = ((self.phi, self.phi_error), "°"), ((factor * self.cohesion, factor * self.cohesion_error), f" {unit}")
-        texts = []
-        for (value, error), end in pairs:
-            digits = min(max(0, 1 - int(np.floor(np.log10(error)))), 3) if error > 0 else 0  # two of the error
-            texts.append(f"({value:.{digits}f} ± {error:.{digits}f}){end}" if error > 0 else f"{value:.3g}{end}")
-        return f"φ = {texts[0]}, c = {texts[1]}".rstrip().replace("-", "−")
+        cohesion = with_error(factor * self.cohesion, factor * self.cohesion_error, f" {unit}".rstrip())
+        return f"φ = {with_error(self.phi, self.phi_error, '°')}, c = {cohesion}"
 
 
 @checked
@@ -305,13 +325,7 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
     if count < 2 or not np.ptp(sigma3) > 1e-6 * np.abs(sigma3).max():
         raise ValueError(f"{count} Mohr circles with σ₃ from one pressure were given: an envelope needs two pressures")
     weight = 1 / (sigma1 + sigma3)
-    basis = weight[:, None] * np.column_stack([sigma3, np.ones(count)])
-    (n, b), *_ = np.linalg.lstsq(basis, weight * sigma1)
-    rest = weight * sigma1 - basis @ (n, b)
-    free = count - 2
-    spread = np.full((2, 2), np.nan)
-    if free:
-        spread = np.linalg.inv(basis.T @ basis) * (rest @ rest) / free * stdtrit(free, 0.975) ** 2
+    (n, b), spread = _least_squares(weight[:, None] * np.column_stack([sigma3, np.ones(count)]), weight * sigma1)
     by_phi = np.array([1 / ((n + 1) * np.sqrt(n)), 0.0])  # derivatives by n and b
     by_c = np.array([-b / (4 * n**1.5), 1 / (2 * np.sqrt(n))])
     return Envelope(
@@ -319,6 +333,67 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
         b / (2 * np.sqrt(n)),
         np.degrees(np.sqrt(by_phi @ spread @ by_phi)),
         np.sqrt(by_c @ spread @ by_c),
+    )
+
+
+def _least_squares(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (2,) of a line, and their covariance (2, 2) by Student's t²; NaN with two values."""
+    found, *_ = np.linalg.lstsq(basis, values)
+    rest, free = values - basis @ found, len(values) - 2
+    if not free:
+        return found, np.full((2, 2), np.nan)
+    return found, np.linalg.inv(basis.T @ basis) * (rest @ rest) / free * stdtrit(free, 0.975) ** 2
+
+
+class CriticalLine(NamedTuple):
+    """Critical-state line q = M p, e = Γ − λ ln p, with halves of 95 % intervals; NaN with two states."""
+
+    ratio: float  # M
+    intercept: float  # Γ, void ratio at p = 1
+    slope: float  # λ
+    ratio_error: float
+    intercept_error: float
+    slope_error: float
+
+    def describe(self, unit: str = "") -> str:
+        """Both equations; stresses are in a unit."""
+        values = (
+            f"{name} = {with_error(value, error)}" for name, value, error in zip("MΓλ", self[:3], self[3:], strict=True)
+        )
+        return f"q = M p, e = Γ − λ ln(p{f' / {unit}' * bool(unit)}) with {', '.join(values)}"
+
+
+@checked
+def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> CriticalLine:
+    """Critical-state line through critical states (K,) with mean and deviatoric stresses and void ratios.
+
+    M is the mean of |q|/p; Γ and λ are from least squares of e over ln p.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two states, all have the same p, or some p is not positive.
+
+    Source
+    ------
+    Roscoe, Schofield & Wroth, doi:10.1680/geot.1958.8.1.22.
+
+    Examples
+    --------
+    >>> p = np.array([50.0, 100.0, 400.0])
+    >>> round(fit_critical_line(p, 0.9 * p, 0.8 - 0.02 * np.log(p)).slope, 6)
+    0.02
+    """
+    p, q, e = (np.asarray(values, float) for values in (p, q, void_ratio))
+    if len(p) < 2 or not np.ptp(p) > 1e-6 * np.abs(p).max():
+        raise ValueError(f"{len(p)} critical states at one mean stress were given: a line needs two mean stresses")
+    if not (p > 0).all():
+        raise ValueError(f"a mean stress of {p.min():.3g} was given: those of a critical-state line are positive")
+    (intercept, fall), spread = _least_squares(np.column_stack([np.ones(len(p)), np.log(p)]), e)
+    ratio = estimate(np.abs(q) / p)
+    errors = np.sqrt(np.diag(spread))
+    return CriticalLine(
+        ratio.mean, float(intercept), float(-fall), ratio.half_width if len(p) > 2 else np.nan, *map(float, errors)
     )
 
 
@@ -333,10 +408,23 @@ class Circles(NamedTuple):
     envelope: Envelope
 
 
-def compare(members: list[SweepMember]) -> Comparison:
-    """Mohr circles at the peak and at the critical state of a sweep over `sample.pressure`, and their envelopes.
+class Ends(NamedTuple):
+    """States over the last third of the paths of members that differ in the pressure."""
 
-    Members that differ in other swept keys have envelopes of their own, unless these vary with the pressure alone.
+    group: str  # other swept values
+    p: np.ndarray  # (K,)
+    q: np.ndarray  # (K,) without its sign
+    void_ratio: np.ndarray  # (K,)
+    critical: np.ndarray  # (K,) bool, whether all samples of the member are in a critical state
+    line: CriticalLine | None  # through those that are; None if these have fewer than two mean stresses
+
+
+def compare(members: list[SweepMember]) -> Comparison:
+    """Mohr circles of a sweep over `sample.pressure`, their envelopes, and the critical-state line.
+
+    Circles are those at the peak and at the critical state. If fewer than two pressures lead to a critical state, the
+    circles over the last third of the paths are drawn instead, and no line. Members that differ in other swept keys
+    have envelopes and lines of their own, unless these vary with the pressure alone.
     """
     members = [member for member in members if PRESSURE in member.values and "sigma1_peak" in member.measures]
     if not members:
@@ -346,22 +434,44 @@ def compare(members: list[SweepMember]) -> Comparison:
     for member in members:
         name = ", ".join(f"{key} = {_short(member.values[key])}" for key in keys)
         groups.setdefault(name, []).append(member)
-    found = [each for name, group in groups.items() for state in STATES if (each := _circles(name, group, state))]
-    if not found:
-        return Comparison()
     unit = members[0].measures["sigma1_peak"][1]
     factor, shown = (1e-3, "kPa") if unit == "Pa" else (1.0, unit)
-    remarks = tuple(
-        f"Mohr circles at the {STATES[each.state]}{f' ({each.group})' * bool(each.group)}: "
-        f"{each.envelope.describe(factor, shown)}, from {len(each.sigma1)} of {each.members} members."
-        for each in found
+    circles, ends, remarks = [], [], []
+    for name, group in groups.items():
+        late = _circles(name, group, "critical") or _circles(name, group, "end")
+        some = [each for each in (_circles(name, group, "peak"), late) if each]
+        circles += some
+        ends.append(_ends(name, group, factor))
+        remarks += [_describe_circles(each, factor, shown) for each in some]
+        remarks.append(_describe_ends(ends[-1], group, shown))
+    if not circles:
+        return Comparison()
+    drawn = [each for each in circles if each.group in list(groups)[:ROWS]]
+    files = {FIGURE: figures_of.mohr_circles(drawn, factor, shown), TABLE: _table(members, remarks)}
+    if any(len(each.p) for each in ends[:ROWS]):
+        files[LINES] = figures_of.critical_state(ends[:ROWS], shown)
+    return Comparison(files, tuple(remarks))
+
+
+def _describe_circles(circles: Circles, factor: float, unit: str) -> str:
+    return (
+        f"Mohr circles {STATES[circles.state]}{f' ({circles.group})' * bool(circles.group)}: "
+        f"{circles.envelope.describe(factor, unit)}, from {len(circles.sigma1)} of {circles.members} members."
     )
-    drawn = [each for each in found if each.group in list(groups)[:ROWS]]
-    if not any(each.state == "critical" for each in found):
-        reached = sum(bool(np.isfinite(member.measures["sigma1_critical"][0])) for member in members)
-        remarks += (f"{reached} of {len(members)} members reached a critical state, for which there is no envelope.",)
-    figure = figures_of.mohr_circles(drawn, factor, shown)
-    return Comparison({FIGURE: figure, TABLE: _table(members, remarks)}, remarks)
+
+
+def _describe_ends(ends: Ends, group: list[SweepMember], unit: str) -> str:
+    """φ_cs and critical-state line of a group, or the reason for their absence."""
+    reached, where = int(ends.critical.sum()), f" ({ends.group})" * bool(ends.group)
+    count = f"{reached} of {pluralize(len(group), 'member')}"
+    if ends.line is None:
+        return f"{count} reached a critical state{where}; a critical-state line needs two, at different mean stresses."
+    angle = estimate(_column(group, "phi_residual")[_column(group, "critical_reached") == 1])
+    error = angle.half_width if reached > 2 else np.nan
+    return (
+        f"Critical-state line{where}: {ends.line.describe(unit)}, φ_cs = {with_error(angle.mean, error, '°')} without "
+        f"cohesion, from {count}."
+    )
 
 
 def _short(value) -> str:
@@ -376,24 +486,45 @@ def _other_keys(members: list[SweepMember]) -> list[str]:
     return [key for key in keys if len(pairs[key]) > pressures]
 
 
+def _column(group: list[SweepMember], name: str) -> np.ndarray:
+    """Values of a measure (K,); NaN in members that do not have it."""
+    return np.array([member.measures.get(name, (np.nan,))[0] for member in group], float)
+
+
 def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
     """Circles of the members that have a state; None if they have less than two pressures."""
-    pairs = [[member.measures[f"sigma{k}_{state}"][0] for k in (1, 3)] for member in group]
-    sigma1, sigma3 = np.array([pair for pair in pairs if np.isfinite(pair).all()]).reshape(-1, 2).T
+    pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
+    sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
     try:
         return Circles(name, state, sigma1, sigma3, len(group), fit_envelope(sigma1, sigma3))
     except ValueError:
         return None
 
 
-def _table(members: list[SweepMember], remarks: tuple[str, ...]) -> str:
-    """CSV with a row for each member: swept values, principal stresses and angles, with their errors if known."""
-    names = [f"sigma{k}_{state}" for state in STATES for k in (3, 1)] + ["phi_peak", "phi_residual"]
+def _ends(name: str, group: list[SweepMember], factor: float) -> Ends:
+    """Ends of the paths of a group; stresses are multiplied by a factor."""
+    p, ratio, e = (_column(group, each) for each in ("p_end", "end_ratio", "e_end"))
+    there = np.isfinite(p + ratio + e)
+    p, q, e = factor * p[there], (factor * p * ratio)[there], e[there]
+    critical = (_column(group, "critical_reached") == 1)[there]
+    try:
+        line = fit_critical_line(p[critical], q[critical], e[critical])
+    except ValueError:
+        line = None
+    return Ends(name, p, q, e, critical, line)
+
+
+def _table(members: list[SweepMember], remarks: list[str]) -> str:
+    """CSV with a row for each member: swept values, stresses, angles and void ratios, with errors if known."""
+    names = [f"sigma{k}_{state}" for state in STATES for k in (3, 1)]
+    names += ["phi_peak", "phi_residual", "critical_reached", "p_end", "end_ratio", "e_end"]
     names = [part for name in names for part in (name, f"{name}_error")]
-    units = {name: unit for name, (_, unit) in members[0].measures.items()}
+    units = {name: unit for member in members for name, (_, unit) in member.measures.items()}
+    names = [name for name in names if name in units]  # members of earlier versions lack some
     keys = list(members[0].values)
     stress = units["sigma1_peak"]
     headings = [heading_of(key, stress) if key == PRESSURE else key for key in keys]
     headings += [heading_of(name, units[name]) for name in names]
-    rows = ([*member.values.values(), *(member.measures[name][0] for name in names)] for member in members)
+    columns = [_column(members, name) for name in names]
+    rows = ([*member.values.values(), *row] for member, row in zip(members, np.transpose(columns), strict=True))
     return format_table(headings, rows, comments=remarks)

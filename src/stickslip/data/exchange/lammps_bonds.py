@@ -1,0 +1,265 @@
+"""Bonds of LAMMPS: those that a file lists, and their laws from the commands of the run.
+
+`bpm/spring` and `bpm/rotational` keep the length and the direction that each bond had when LAMMPS first evaluated it
+after `bond_style`; restart files have them, data files and dumps do not. LAMMPS takes present ones when it reads a data
+file. `harmonic` has the energy K (r − r₀)², so that its stiffness is 2K.
+
+Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harmonic` and `special_bonds`; the powers by
+which loads fade, 8 and 4, were measured with LAMMPS of 2022 to 2025.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...core.laws.bonds import Bond, beam_bond, spring_bond
+from ...core.readable import pluralize
+from ...core.text import parse_number
+from ...known import BONDED, HARMLESS, UNKNOWN, find_row, group_of, plain_style
+from ..sample import BONDS, Assumption, Obstacle, PackingError
+from .content import ListedBonds, Packing
+
+YES = {"yes": True, "on": True, "true": True, "no": False, "off": False, "false": False}
+STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # what `store/local` may write
+WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "0 1 1"}  # of special_bonds, by name
+MOVING = ("displace_atoms", "change_box", "read_dump", "replicate")  # commands that move grains without a run
+RUNNING = ("run", "minimize", "rerun")
+
+
+def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
+    """Bonds of a file whose ends are ids; PackingError if one cannot be."""
+    for a, b in ends[~np.isin(ends, ids).all(axis=1)][:1]:
+        raise PackingError(f"{source} has a bond of atoms {a} and {b}, which are not both among its {len(ids)} atoms")
+    for a, _ in ends[ends[:, 0] == ends[:, 1]][:1]:
+        raise PackingError(f"{source} has a bond of atom {a} with itself: a bond needs two atoms")
+    i, j = np.sort(np.searchsorted(ids, ends), axis=1).T
+    order = np.lexsort((j, i))
+    i, j = i[order], j[order]
+    for k in np.flatnonzero((np.diff(i) == 0) & (np.diff(j) == 0))[:1]:
+        raise PackingError(f"{source} has the bond of atoms {ids[i[k]]} and {ids[j[k]]} twice: list each bond once")
+    return ListedBonds(i, j, kind[order], source, labels)
+
+
+def note_on_bonds(bonds: ListedBonds | None) -> list[Obstacle]:
+    """Note on bonds without their laws, which a run's folder replaces."""
+    if bonds is None or not len(bonds.i):
+        return []
+    count = pluralize(len(bonds.i), "bond")
+    text = f"{count} of {bonds.source} were not taken over: their laws are in the run's folder, whose log has them"
+    return [Obstacle(text, BONDS)]
+
+
+class Commands(NamedTuple):
+    """What the commands of a run say about bonds at its end."""
+
+    style: list[str]  # and its options; empty if there is none
+    place: str  # of the style
+    coefficients: list[list[str]]  # words of bond_coeff since the style
+    weights: list[str]  # by which special_bonds multiplies the contacts of grains one, two and three bonds apart
+    made: list[str]  # the commands create_bonds, with their places
+    deleted: list[str]  # the commands delete_bonds, with their places
+    labels: dict[str, str]  # types by their labels
+    strained: bool  # grains may have moved since LAMMPS first evaluated the bonds
+    turned: bool  # grains may have turned before that
+    origin: str  # the data file in which grains were where LAMMPS first evaluated the bonds; empty if there is none
+
+
+def replay(commands: Sequence[Sequence[str]]) -> Commands:
+    """Follow the commands that concern bonds; each begins with its place."""
+    now = Commands([], "", [], ["0", "0", "0"], [], [], {}, strained=False, turned=False, origin="")
+    first = True  # LAMMPS has not evaluated the bonds yet
+    there = False  # there may be bonds
+    source = ""  # data file in which grains are where they are
+    restored = False  # a restart file has what LAMMPS stored of the bonds
+    for place, key, *rest in commands:
+        if key == "bond_style" and rest:
+            first = not restored
+            style = [plain_style(rest[0]), *rest[1:]]
+            turned = now.turned or now.strained
+            now = now._replace(style=style, place=place, coefficients=[], strained=restored, turned=turned)
+        elif key == "bond_coeff":
+            now.coefficients.append(rest)
+        elif key == "special_bonds":
+            now = now._replace(weights=_weights(rest, now.weights))
+        elif key == "create_bonds":
+            there, source = True, ""
+            now.made.append(f"{' '.join([key, *rest][:6])} ({place})")
+        elif key == "delete_bonds":
+            now.deleted.append(f"{' '.join([key, *rest])} ({place})")
+        elif key == "labelmap" and rest[:1] == ["bond"]:
+            now.labels.update(dict(zip(rest[2::2], rest[1::2], strict=False)))
+        elif key in ("read_data", "read_restart") and rest:
+            there, source = True, "" if key == "read_restart" or source else rest[0]
+            restored = restored or key == "read_restart"
+            first = first and not restored
+            now = now._replace(strained=now.strained or restored)
+        elif key in MOVING or (key in RUNNING and rest[:1] != ["0"]):
+            evaluates = key in RUNNING and first and there and bool(now.style)
+            now = now._replace(
+                origin=source if evaluates else now.origin if not first else "",
+                strained=there and (evaluates or not first),
+                turned=now.turned or (key in RUNNING and not evaluates and first),
+            )
+            first, source = first and not evaluates, ""
+        elif key in RUNNING and first and there and now.style:
+            first, now = False, now._replace(origin=source)
+    return now if there else now._replace(strained=True)
+
+
+def _weights(words: list[str], before: list[str]) -> list[str]:
+    """Weights of Lennard-Jones forces, which are those of contacts as well, after a command `special_bonds`."""
+    for k, word in enumerate(words):
+        if word in WEIGHTS:
+            before = WEIGHTS[word].split()
+        elif word in ("lj", "lj/coul"):
+            before = words[k + 1 : k + 4]
+    return before
+
+
+def can_break(told: Commands) -> bool:
+    """Return True if bonds may break in a run."""
+    kept = any(key == "break" and not YES.get(word, True) for key, word in pairwise(told.style))
+    return any(word.startswith("bpm/") for word in told.style) and not kept
+
+
+def with_lengths(bonds: ListedBonds, now: Packing, then: Packing) -> ListedBonds:
+    """Bonds as long at rest as they are in another packing of the same grains."""
+    if now.ids is None or then.ids is None or not np.isin(now.ids, then.ids).all():
+        return bonds
+    i, j = (np.searchsorted(then.ids, now.ids[ends]) for ends in (bonds.i, bonds.j))
+    way = then.arrays["position"][i] - then.arrays["position"][j]
+    if "cell" in then.arrays:
+        cell = then.arrays["cell"]
+        way -= np.where(then.arrays["periodic"], np.round(way @ np.linalg.inv(cell)), 0.0) @ cell
+    return bonds._replace(length=np.linalg.norm(way, axis=1))
+
+
+def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], list[str]]:
+    """Arguments of `bonded_at_rest` after the state for each type of bond that acts, and the styles of these.
+
+    Raises
+    ------
+    ValueError
+        if a law is not known or not read.
+    """
+    if not told.style:
+        raise ValueError("there is no bond_style; where a restart file has restored it, give it with its bond_coeff")
+    labels = listed.labels | told.labels
+    bonds, acting = [], []
+    for kind in np.unique(listed.kind[listed.kind > 0]).tolist():
+        style, bond, length = _law_of(told, labels, kind)
+        if bond is None:
+            continue
+        mine, acting = listed.kind == kind, [*acting, style]
+        parts = [None if part is None else part[mine] for part in (listed.length, listed.direction, listed.turn)]
+        if length is not None:
+            parts[0] = np.full(mine.sum(), length)
+        bonds.append((bond, np.stack([listed.i[mine], listed.j[mine]], axis=1), *parts))
+    return bonds, acting
+
+
+def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bond | None, float | None]:
+    """Style and law of a type of bonds, None if it makes no force, and the length at rest if the law has one."""
+    given = [words[1:] for words in told.coefficients if words and _means(labels.get(words[0], words[0]), kind)]
+    style, options = told.style[0], told.style[1:]
+    if style == "hybrid" and given:
+        style = plain_style(given[-1][0])
+        options = _parts(told.style[1:], {words[1] for words in told.coefficients if len(words) > 1}).get(style, [])
+        given = [words[1:] for words in given]
+    row = find_row("bond style", style)
+    if row.group == UNKNOWN:
+        raise ValueError(f"{style}: {row.why}")
+    if row.group == HARMLESS:
+        return style, None, None
+    if not given:
+        raise ValueError(f"no bond_coeff gives bonds of type {kind} a law")
+    numbers = [parse_number(word) for word in given[-1]]
+    if style == "harmonic":
+        k, length = numbers
+        return style, spring_bond(2 * k) if k else None, length
+    return style, _bpm(style, options, numbers), None
+
+
+def _means(word: str, kind: int) -> bool:
+    """Return True if a word such as 1, *, 2* or 1*3 means a type."""
+    low, star, high = word.partition("*")
+    if not (low + high).isdecimal() and low + high:
+        raise ValueError(f"the type {word} of a bond_coeff is no number, and no labelmap gives it one")
+    first = int(low or 1)
+    return first <= kind <= (int(high or kind) if star else first)
+
+
+def _parts(words: list[str], given: set[str]) -> dict[str, list[str]]:
+    """Options of each part of a hybrid style."""
+    parts: dict[str, list[str]] = {}
+    own: list[str] = []
+    for word in words:
+        if word in given or group_of("bond style", plain_style(word)) != UNKNOWN:
+            own = parts.setdefault(plain_style(word), [])
+        else:
+            own.append(word)
+    return parts
+
+
+def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
+    """Law of `bpm/spring` or `bpm/rotational`."""
+    flags, k = {"break": True, "smooth": True, "normalize": False, "overlay/pair": False, "volume/factor": False}, 0
+    while k < len(options):
+        if options[k] == "store/local":  # output only
+            k += 3
+            while k < len(options) and options[k] in STORED:
+                k += 1
+        elif options[k] in flags and options[k + 1] in YES:
+            flags[options[k]] = YES[options[k + 1]]
+            k += 2
+        else:
+            raise ValueError(f"its option {' '.join(options[k : k + 2])} is not read")
+    if flags["volume/factor"]:
+        raise ValueError("its option volume/factor yes is not read")
+    how = {"smooth": flags["smooth"], "normalized": flags["normalize"]}
+    if style == "bpm/spring":
+        stiffness, stretch, damping = numbers
+        return spring_bond(stiffness, stretch if flags["break"] else None, damping=damping, **how)
+    tension, shear, twisting, bending, *strength = numbers[:8]
+    normal, sliding, rolling, spinning = numbers[8:]
+    limits = (strength[0], strength[1], strength[3], strength[2]) if flags["break"] else None
+    damping = normal, sliding, rolling, spinning
+    return beam_bond(tension, shear, bending, twisting, strength=limits, damping=damping, **how)
+
+
+def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) -> list[Assumption]:
+    """Notes on what was assumed of bonds at rest."""
+    bpm = " and ".join(sorted({style for style in acting if style.startswith("bpm/")}))
+    if bpm and listed.length is None and told.strained:
+        return [Assumption(f"bonds of {bpm} are taken to be at rest as they are: their lengths at rest are in restart "
+                           f"files only, and LAMMPS, too, takes present ones when it reads a data file")]  # fmt: skip
+    if "bpm/rotational" in bpm and listed.turn is None and (told.strained or told.turned):
+        return [Assumption("bonds of bpm/rotational are taken not to be bent, twisted or sheared: orientations are in "
+                           "restart files only")]  # fmt: skip
+    return []
+
+
+def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray, j: np.ndarray) -> Assumption | None:
+    """Note on contacts of n grains, i with j, that `special_bonds` leaves out or changes; None if it changes none.
+
+    It does so where grains are one to three bonds apart.
+    """
+    weights = [parse_number(word) for word in told.weights]
+    if all(weight == 1 for weight in weights):
+        return None
+    there = listed.kind != 0
+    near = sp.csr_array((np.ones(there.sum()), (listed.i[there], listed.j[there])), (n, n))
+    near = ((near + near.T) > 0).astype(float)
+    apart, reached = np.zeros(len(i), int), sp.eye_array(n, format="csr")
+    for bonds in (1, 2, 3):
+        reached = ((reached @ near) > 0).astype(float)
+        pairs = reached.tocoo()
+        apart[(apart == 0) & np.isin(i.astype(np.int64) * n + j, pairs.row.astype(np.int64) * n + pairs.col)] = bonds
+    changed = (apart > 0) & (i != j) & (np.array([1.0, *weights])[apart] != 1)
+    what = f"special_bonds lj {' '.join(told.weights)}: {BONDED}"
+    if changed.any():
+        return Obstacle(f"{what}, and {pluralize(int(changed.sum()), 'such contact')} would be whole here")
+    return Assumption(f"{what}: none of them touch, and if they came to, they would repel each other here")
