@@ -220,6 +220,22 @@ def test_a_cemented_packing_is_stable_until_bonds_break_one_after_the_other(ceme
     assert ss.measure.bond_shares(end).max() < 1
 
 
+@pytest.mark.filterwarnings("ignore:the equilibrium is unstable")
+def test_damped_dynamics_on_the_way_to_an_equilibrium_breaks_no_bond():
+    """Bonds as strong as the equilibrium needs survive a large strain, where Newton's method stalls at first."""
+    state, _ = ss.packings.jammed(8, packing_fraction=0.66, seed=3)
+    state = ss.packings.sheared(ss.packings.bonded(state, ss.laws.parallel_bond(3.0, 1.0, 1.0, 1.0), within=0.05), 0.2)
+    lasting = state._replace(bonds=state.bonds._replace(strength=1e3 * state.bonds.strength))
+    end, outcome = ss.equilibrate(lasting, LAW)
+    assert outcome.fallback and end.bonds.intact.all()
+    enough = 1.02 * ss.measure.bond_shares(end).max() * lasting.bonds.strength
+    for share, breaks in ((1.0, False), (0.9, True)):
+        weak = state._replace(bonds=state.bonds._replace(strength=share * enough))
+        end, outcome = ss.equilibrate(weak, LAW)
+        lost = int((~end.bonds.intact).sum())
+        assert outcome.ok and (lost > 0) == breaks and (f"{lost} bond" in outcome.how) == breaks
+
+
 @pytest.mark.filterwarnings("ignore:at strain")
 def test_a_ramp_of_shear_breaks_bonds_and_says_so(cemented):
     path = ss.protocols.ramp(cemented, [0.0, 2e-4, 2e-3], ss.protocols.aqs(LAW))
@@ -429,6 +445,14 @@ BOX = ss.assembly(ss.spheres([[0, 0, 0], [2, 0, 0]], 0.5), ss.flat_walls(), ss.b
 def test_bonds_that_cannot_be_are_refused(state, pairs, words):
     with pytest.raises(ValueError, match=words):
         ss.packings.bonded(state, ss.laws.spring_bond(1.0), pairs=pairs and np.array(pairs))
+
+
+@pytest.mark.parametrize("wrong", [{"i": 1, "j": 0}, {"turn": 0.0}, {"direction": 2.0}])
+def test_bonds_that_were_changed_by_hand_are_refused(wrong):
+    pair = ss.packings.bonded(PAIR, ss.laws.spring_bond(1.0))
+    parts = {name: np.full_like(getattr(pair.bonds, name), value) for name, value in wrong.items()}
+    with pytest.raises(ValueError, match="i < j"):
+        ss.forces(pair._replace(bonds=pair.bonds._replace(**parts)), LAW)
 
 
 @pytest.mark.parametrize("strength", [(1, 1, 1), (1, 1, 1, -1), (1, 1, 1, 0), (1, 1, 1, np.nan)])

@@ -201,6 +201,7 @@ class State(NamedTuple):
         parts = {name: part for name, part in parts.items() if part is not None or name not in ("instant", "bonds")}
         check_parts(parts | {"": self})
         _check_space(self)
+        _check_bonds(self.bonds)
         _check_control(self)
 
 
@@ -502,6 +503,15 @@ def _check_space(state: State) -> None:
     size = np.linalg.norm(walls.normal, axis=1)
     if not (abs(size - 1) < 1e-6).all():
         raise ValueError(f"a wall's normal of length {size[abs(size - 1).argmax()]:g} was given: give a unit vector")
+
+
+def _check_bonds(bonds: Bonds | None) -> None:
+    """Raise ValueError if bonds are not as `packings.bonded` makes them, so that forces would be wrong."""
+    if bonds is None or not len(bonds.i):
+        return
+    units = np.linalg.norm(bonds.turn, axis=1), np.linalg.norm(bonds.direction, axis=1)
+    if not (bonds.i < bonds.j).all() or max(abs(size - 1).max() for size in units) > 1e-6:
+        raise ValueError("bonds need i < j, and unit vectors as turn and direction: make them with packings.bonded")
 
 
 def _check_crowding(grains: Grains) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvals
 
 from ..core.arguments import Positive, checked, knows_bonds
-from ..core.contacts.bonding import with_weakest_broken
+from ..core.contacts.bonding import with_strength_of, with_weakest_broken, without_failure
 from ..core.contacts.forces import accept, bodies, forces
 from ..core.contacts.neighbors import shifts, with_neighbor_list
 from ..core.dynamics.run import run
@@ -78,7 +78,7 @@ def equilibrate(
     If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
     3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended; at last, this is
     repeated with weaker and weaker drag. Bonds at their strength then break one by one, the one with the largest share
-    first, with a new equilibrium after each.
+    first, with a new equilibrium after each. Only bonds that fade may break on the way, in damped dynamics.
 
     Parameters
     ----------
@@ -135,10 +135,9 @@ def equilibrate(
 def breaking(find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation):
     """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each."""
     end, outcome = find(state, keep)
-    lost = 0
     while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
         end, outcome = find(weaker, Factorisation())
-        lost += 1
+    lost = int((state.bonds.intact & ~end.bonds.intact).sum()) if state.bonds else 0
     if lost:
         keep.solve, keep.found_stable = None, -1
         outcome = outcome._replace(how=f"{outcome.how}; {pluralize(lost, 'bond')} broke")
@@ -174,7 +173,7 @@ def patience_for(state: State) -> int:
 
 def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: int, first: Outcome, drag: float = DRAG):
     """Run damped dynamics, with Newton's method after each stage; `stages` are residuals [force]."""
-    here, spent = with_neighbor_list(state, law), 0
+    here, spent = with_neighbor_list(without_failure(state), law), 0
     held = accept(here, forces(here, law)[1])
     pace = np.sqrt(np.abs(dynamical_matrix(held, law, freedom(held))).sum(axis=1).max(initial=0.0)) or 1.0
     for stage in stages:
@@ -183,13 +182,16 @@ def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: in
         if moved.broken:
             return state, moved
         patient = None if stage == stages[-1] else patience_for(state)
-        end, outcome = newton(here, law, tolerance=tolerance, patience=patient, keep=Factorisation())
+        whole = with_strength_of(here, state, mended=True)
+        end, outcome = newton(whole, law, tolerance=tolerance, patience=patient, keep=Factorisation())
         if outcome.ok:
             how = f"damped dynamics, {spent} steps, then {outcome.how}; Newton alone: {first.status.name.lower()}"
             return end, outcome._replace(how=how, fallback=True)
     here, moved = relax(here, law, tolerance=tolerance, drag=drag * pace, dt=STEP / pace, steps=steps)
     spent += moved.iterations
-    return (here if moved.ok else state), moved._replace(how=f"damped dynamics, {spent} steps", fallback=True)
+    return (with_strength_of(here, state) if moved.ok else state), moved._replace(
+        how=f"damped dynamics, {spent} steps", fallback=True
+    )
 
 
 def _describe_instability(here: LinearisedState, check: str) -> str:

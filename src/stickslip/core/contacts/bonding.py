@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arguments import Array, NotNegative, checked, knows_bonds
 from ..fields import IMAGE_BITS, pack_keys
-from ..laws.bonds import Bond, coefficients
+from ..laws.bonds import UNBREAKABLE, Bond, coefficients
 from ..state import Bonds, State, empty_contacts
 from .bonds import add_bond_loads, bond_gap, bond_vectors
 from .forces import bodies
@@ -170,6 +170,22 @@ def bond_shares(state: State) -> np.ndarray:
         return np.zeros(0)
     nothing = np.zeros((state.n_bodies, 3))
     return add_bond_loads(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy())
+
+
+def without_failure(state: State) -> State:
+    """State whose bonds do not break in a run, unless they have faded by then; `with_strength_of` restores them."""
+    if not state.bonds:
+        return state
+    strength = np.where(state.bonds.fading[:, None] > 0, state.bonds.strength, UNBREAKABLE)
+    return state._replace(bonds=state.bonds._replace(strength=strength), instant=None)
+
+
+def with_strength_of(state: State, before: State, *, mended: bool = False) -> State:
+    """State whose bonds have the strength that they had before and, if `mended`, are intact if they were."""
+    if not state.bonds:
+        return state
+    intact = before.bonds.intact if mended else state.bonds.intact
+    return state._replace(bonds=state.bonds._replace(strength=before.bonds.strength, intact=intact), instant=None)
 
 
 def with_weakest_broken(state: State) -> State:
