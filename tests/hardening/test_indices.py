@@ -106,7 +106,8 @@ def test_scalars_and_types_that_no_state_has_are_refused(state, tmp_path, change
 
 
 def test_all_fields_of_a_state_are_described(state):
-    nouns = {noun: getattr(state, noun)._fields for noun in NOUNS} | {"instant": Instant._fields, "bonds": Bonds._fields}
+    nouns = {noun: getattr(state, noun)._fields for noun in NOUNS}
+    nouns |= {"instant": Instant._fields, "bonds": Bonds._fields}
     assert {noun: tuple(FIELDS[noun]) for noun in nouns} == nouns
     assert set(state._fields) - set(nouns) == set(FIELDS[""])
 
