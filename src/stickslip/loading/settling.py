@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..core.arguments import NotNegative, Positive, checked
+from ..core.contacts.bonding import with_strength_of, without_failure
 from ..core.control import between, strained_at
 from ..core.dynamics.cell_motion import strained
 from ..core.dynamics.ledger import PathLedger
@@ -63,7 +64,8 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
         if first.ok:
             return at_rest(point), first
         keep.solve = None
-        return _come_to_rest(here, law, scales, tolerance)
+        end, outcome = _come_to_rest(without_failure(here), law, scales, tolerance)
+        return with_strength_of(end, here), outcome
 
     return breaking(find, state, keep)
 
