@@ -12,9 +12,10 @@ import numpy as np
 import stickslip as ss
 from stickslip.wings.papers.disk_array.measures import backward_front, backward_order, drift_front, y_mode
 
+from .records import write_block
+
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/disk_array/front.csv", ROOT / "docs/disk_array.md"
-MARK = "<!-- written by python -m benchmarks backward_front -->\n"
 REALIZATIONS, PUSH, THRESHOLD = 60, 0.087, 0.05
 THRESHOLDS = (0.01, 0.02, 0.05, 0.1, 0.2)
 
@@ -82,9 +83,7 @@ def write(rows: list[Speeds]) -> None:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(Speeds._fields)
         out.writerows((change, count, *(f"{value:.3g}" for value in rest)) for change, count, *rest in rows)
-    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-    _, end, tail = rest.partition("<!-- end -->")
-    PAGE.write_text(f"{head}{begin}\n{table(read())}\n{end}{tail}", encoding="utf-8")
+    write_block(PAGE, "backward_front", table(read()))
 
 
 def table(rows: list[Speeds]) -> str:

@@ -36,6 +36,8 @@ from stickslip.wings.studies.catalogue.tables import (
     write_table,
 )
 
+from .records import write_block
+
 OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
 PAGE = Path(__file__).parents[1] / "docs/catalogue.md"
 MARK = "<!-- written by python -m benchmarks catalogue -->\n"
@@ -193,9 +195,7 @@ def _page_rows(law: str) -> list[str]:
 
 def _fill_page(text: str) -> None:
     """Replace the tables of the documentation."""
-    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-    _, end, tail = rest.partition("<!-- end -->")
-    PAGE.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")
+    write_block(PAGE, "catalogue", text)
 
 
 def _plain(label: str) -> str:

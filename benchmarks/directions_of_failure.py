@@ -13,9 +13,10 @@ import numpy as np
 import stickslip as ss
 from stickslip.figures.saving import save
 
+from .records import write_block
+
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/directions_of_failure", ROOT / "docs/directions_of_failure.md"
-MARK = "<!-- written by python -m benchmarks directions_of_failure -->\n"
 DISKS, PRESSURE, MU, SEEDS = 100, 1e-3, 0.3, range(1, 9)
 STEP, STEPS, EVERY, DIRECTIONS = 2e-4, 160, 10, 72
 SHOWN = 0.5, 0.9, 1.0  # shares of the strain of the first cone at which the figure shows seed 1
@@ -114,6 +115,4 @@ def rows(*, smallest: bool = False):
     shown = [min(looks, key=lambda one: abs(one.strain - end)) for end in ends]
     labels = [f"ε = {one.strain:.3f}, sin φ = {one.ratio:.2f}" for one in shown]
     save(ss.figures.response_envelopes([one.envelope for one in shown], labels), OUT / "envelopes.png")
-    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-    _, end, tail = rest.partition("<!-- end -->")
-    PAGE.write_text(f"{head}{begin}\n{table(paths)}\n{end}{tail}", encoding="utf-8")
+    write_block(PAGE, "directions_of_failure", table(paths))

@@ -21,11 +21,10 @@ from stickslip.loading.event_path import CALIBRATED, LEVEL, SADDLE, extrapolatio
 from stickslip.loading.failure import complete_path, follow, signs_of
 from stickslip.wings.studies.catalogue.tables import read_table
 
-from .records import number
+from .records import number, write_block
 
 PAGE = Path(__file__).parents[1] / "docs/failure.md"
 CATALOGUE = Path(__file__).parents[1] / "docs/reference/catalogue/events.csv"
-MARK = "<!-- written by python -m benchmarks forecast -->\n"
 STEP = 4e-4
 ENDS = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)
 
@@ -221,6 +220,4 @@ def rows(*words: str, smallest: bool = False):
     whole = "\n".join([*text, "", about, "", *catalogue_table(saddle_nodes(1))])
     yield whole
     if not smallest and PAGE.is_file():
-        head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-        _, end, tail = rest.partition("<!-- end -->")
-        PAGE.write_text(f"{head}{begin}\n{whole}\n\n{end}{tail}", encoding="utf-8")
+        write_block(PAGE, "forecast", whole)

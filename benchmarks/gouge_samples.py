@@ -13,11 +13,10 @@ from stickslip.figures.saving import save
 from stickslip.wings.papers.gouge.paper import reproduce
 from stickslip.wings.papers.gouge.report import paper_figures
 
-from .records import number
+from .records import number, write_block
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "theory/gouge.md"
-MARK = "<!-- written by python -m benchmarks gouge_samples -->\n"
 FIGURES = {"fig3_holds.png": "holds", "fig5_reslides.png": "reslides", "fig2_velocity_steps.png": "velocity_steps"}
 WORDS = {None: "–", True: "yes", False: "no"}
 
@@ -60,9 +59,7 @@ def rows(*, smallest: bool = False):
     text = table(found.claims, tenth, max(counts.values()))
     yield text
     if not smallest:
-        head, begin, rest = PAGE.read_text("utf-8").partition(MARK)
-        _, end, tail = rest.partition("<!-- end -->")
-        PAGE.write_text(f"{head}{begin}\n{text}\n{end}{tail}", encoding="utf-8")
+        write_block(PAGE, "gouge_samples", text)
         for name, figure in paper_figures(found):
             if name in FIGURES:
                 save(figure, DOCS / f"figures/gouge_paper_size_{FIGURES[name]}.png")

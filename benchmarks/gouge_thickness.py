@@ -18,6 +18,8 @@ from stickslip.wings.papers.gouge.paper import MAIN, PAPER, paper_size_scenario,
 from stickslip.wings.papers.gouge.simulate import GougeResult, simulate_gouge
 from stickslip.wings.papers.gouge.statistics import slope
 
+from .records import write_block
+
 STORED = Path(__file__).parents[1] / "docs/reference"
 NUMBER = 2900  # mobile grains of a layer of 14 D
 
@@ -53,10 +55,15 @@ def rows(*, smallest: bool = False):
     others = [quantities(GougeResult(thick, (sample.realization,), (), 1)) for sample in stored]
     found = others[0] if smallest else quantities(thin_sample(thick))
     count = len(others)
-    yield (f"quantity | 14 D, one sample | 20 D, mean of {count} | a further sample of 20 D, 95 %")
+    head = f"quantity | 14 D, one sample | 20 D, mean of {count} | a further sample of 20 D, 95 %"
+    lines = [head]
     for name, value in found.items():
         values = np.array([other[name] for other in others])
         half = np.nan
         if count > 1:
             half = stdtrit(count - 1, 0.975) * values.std(ddof=1) * np.sqrt(1 + 1 / count)
-        yield f"{name} | {value:.4g} | {values.mean():.4g} | ± {half:.2g}"
+        lines.append(f"{name} | {value:.4g} | {values.mean():.4g} | ± {half:.2g}")
+    yield from lines
+    if not smallest:
+        text = [f"| {head} |", "|" + 4 * "---|", *(f"| {line} |" for line in lines[1:])]
+        write_block(STORED.parent / "theory/gouge.md", "gouge_thickness", "\n".join(text))

@@ -19,10 +19,10 @@ from stickslip.wings.papers.sphere_shear.claims import BIRTHS, share_interval
 from stickslip.wings.papers.sphere_shear.figures import births_by_law as births_figure
 
 from .births import UNLIMITED, Births, births_by_law, law_words
+from .records import write_block
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/pairs", ROOT / "docs/pairs_by_law.md"
-MARK = "<!-- written by python -m benchmarks pairs_by_law -->\n"
 COLUMNS = {
     "strain": "onset_strain", "exponent": "onset_exponent", "at_limit": "onset_share_at_limit",
     "mobilisation": "onset_mobilisation", "pairs": "pairs_at_last_strain", "unstable": "unstable_steps",
@@ -52,9 +52,7 @@ def draw() -> None:
     found = births_by_law(packings)
     write_summary(found)
     save(births_figure(found, packings), OUT / "births.png")
-    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-    _, end, tail = rest.partition("<!-- end -->")
-    PAGE.write_text(f"{head}{begin}\n{table(found)}\n{end}{tail}", encoding="utf-8")
+    write_block(PAGE, "pairs_by_law", table(found))
 
 
 def write_summary(found: list[Births]) -> None:

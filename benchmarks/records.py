@@ -254,6 +254,16 @@ def older(records: dict[str, dict], root: Path = ROOT) -> str:
     return "\n".join(lines) + "\n"
 
 
+def write_block(page: Path, name: str, text: str) -> None:
+    """Replace the text of a page that a benchmark writes."""
+    mark = f"<!-- written by python -m benchmarks {name} -->\n"
+    head, begin, rest = page.read_text(encoding="utf-8").partition(mark)
+    if not begin:
+        raise ValueError(f"{page} has no line {mark.strip()!r}, after which the text belongs")
+    _, end, tail = rest.partition("<!-- end -->")
+    page.write_text(f"{head}{begin}\n{text.rstrip()}\n\n{end}{tail}", encoding="utf-8")
+
+
 def write(root: Path = ROOT) -> list[Path]:
     """Write the numbers of the store into all pages; return the pages that changed."""
     records, out = read(root), []

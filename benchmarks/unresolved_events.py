@@ -17,9 +17,9 @@ from stickslip.loading.event_class import Break, EventKind
 from stickslip.wings.studies.catalogue.simulate import shear_sample
 
 from .catalogue import PAGE, RUNS
+from .records import write_block
 
 PACKINGS, PER_PART = 32, 4
-MARK = "<!-- written by python -m benchmarks unresolved_events -->\n"
 NEAR = 1e-8  # distance from touching, in units of the mean diameter, that a strain of the last bracket covers
 
 
@@ -66,6 +66,4 @@ def rows(*, smallest: bool = False):
         return
     found = table(collect())
     yield found
-    head, begin, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-    _, end, tail = rest.partition("<!-- end -->")
-    PAGE.write_text(f"{head}{begin}\n{found}\n{end}{tail}", encoding="utf-8")
+    write_block(PAGE, "unresolved_events", found)

@@ -291,7 +291,7 @@ def test_files_keep_bonds(cemented, tmp_path, suffix):
 
 
 def test_functions_that_would_ignore_bonds_refuse_them(cemented):
-    with pytest.raises(ValueError, match=r"which elastic_energy cannot treat yet: .*without_bonds"):
+    with pytest.raises(ValueError, match=r"which elastic_energy\(\) cannot treat yet: .*without_bonds"):
         ss.measure.elastic_energy(cemented, LAW)
     with pytest.raises(ValueError, match="ledger"):
         ss.run(cemented, LAW, steps=2, dt=1e-3, every=1, ledger=1)

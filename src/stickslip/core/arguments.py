@@ -161,7 +161,7 @@ def _refuse_bonds(function, values) -> None:
     """Raise ValueError if a state has bonds, and a function would ignore them."""
     if function not in _KNOW_BONDS and any(getattr(value, "bonds", None) is not None for value in values):
         raise ValueError(
-            f"the packing has bonds, which {function.__name__} cannot treat yet: packings.without_bonds removes them"
+            f"the packing has bonds, which {function.__name__}() cannot treat yet: packings.without_bonds removes them"
         )
 
 

@@ -13,7 +13,7 @@ bonds need no trial memory; committing them only brings their reference up to th
 
 Source
 ------
-doi:10.1007/s11440-008-0072-1 (Wang 2009).
+Wang & Mora, doi:10.1007/978-3-540-85879-9_6.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=
     return share
 
 
-def committed(bonds: Bonds, dim: int, here, vectors) -> Bonds:
+def follow_rotations(bonds: Bonds, dim: int, here, vectors) -> Bonds:
     """Bonds whose reference has followed the rotations of the grains."""
     moved = {name: getattr(bonds, name).copy() for name in ("direction", "turn", "angle_i", "angle_j")}
     out, nothing = bonds._replace(**moved), np.zeros_like(here.position)
@@ -103,13 +103,13 @@ def has_damped_bonds(state: State) -> bool:
     return state.bonds is not None and bool(state.bonds.damping[state.bonds.intact].any())
 
 
-def frequency_bound_of_bonds(bonds: Bonds, inverse_mass: np.ndarray, inverse_inertia: np.ndarray) -> float:
+def frequency_bound_of_bonds(bonds: Bonds, here, vectors: np.ndarray, inverse_inertia: np.ndarray) -> float:
     """Upper bound on the ω² that bonds cause, from the sums of stiffnesses at each body."""
     held = np.flatnonzero(bonds.intact)
     tension, shear, bending, twisting = bonds.stiffness[held].T
-    total = np.zeros((2, len(inverse_mass)))
-    lengths = bonds.length[held]
+    total = np.zeros((2, len(inverse_inertia)))
+    lengths = np.maximum(bonds.length, np.linalg.norm(bond_vectors(bonds, here.position, vectors), axis=1))[held]
     for ends, arm in ((bonds.i[held], 1 - bonds.arm[held]), (bonds.j[held], bonds.arm[held])):
         np.add.at(total[0], ends, 2 * np.maximum(tension, 2 * shear))
         np.add.at(total[1], ends, 4 * shear * (arm * lengths) ** 2 + 2 * np.maximum(bending, twisting))
-    return float(max((total[0] * inverse_mass).max(initial=0.0), (total[1] * inverse_inertia).max(initial=0.0)))
+    return float(max((total[0] * here.inverse_mass).max(initial=0.0), (total[1] * inverse_inertia).max(initial=0.0)))

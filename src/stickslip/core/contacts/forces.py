@@ -15,7 +15,7 @@ from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import pluralize, readable
 from ..state import Contacts, State, groups
-from .bonds import add_bond_loads, committed
+from .bonds import add_bond_loads, follow_rotations
 from .neighbors import body_positions, body_radii, join_bodies, shifts, with_neighbor_list
 
 # treatments of the memory of contacts, as in `mechanics.h`. FREE: transport it, but keep it bit for bit where nothing
@@ -174,7 +174,7 @@ def accept(state: State, trial: Contacts) -> State:
             f"the trial memory is that of {len(trial.origin)} bodies, but the state has {state.n_bodies}: "
             "give what `forces` returned for this state"
         )
-    bonds = state.bonds and committed(state.bonds, state.cell.dim, bodies(state), state.cell.vectors)
+    bonds = state.bonds and follow_rotations(state.bonds, state.cell.dim, bodies(state), state.cell.vectors)
     return state._replace(contacts=trial, bonds=bonds)
 
 

@@ -11,7 +11,7 @@ import weakref
 
 import numpy as np
 
-from ..contacts.bonds import bond_gap, committed
+from ..contacts.bonds import bond_gap, follow_rotations
 from ..contacts.forces import FROZEN, Bodies, forces
 from ..contacts.neighbors import (
     TOO_FAR,
@@ -329,7 +329,7 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
 
 def _working_bonds(state: State, here: Bodies):
     """Copy of the bonds, to which a run can write, with their memory committed."""
-    bonds = committed(state.bonds, state.cell.dim, here, state.cell.vectors)
+    bonds = follow_rotations(state.bonds, state.cell.dim, here, state.cell.vectors)
     return bonds._replace(intact=bonds.intact.copy())
 
 

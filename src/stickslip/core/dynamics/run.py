@@ -187,7 +187,7 @@ def run(
         leg = Leg(state, law, dt, steps, drag=drag, every=every)
         return _run_elsewhere(engine, leg, [name for name, is_asked in asked.items() if is_asked])
     if state.bonds and ledger:
-        raise ValueError("a ledger was asked for with bonds, whose energy it does not hold yet: omit `ledger`")
+        raise ValueError("ledger was given for a state with bonds, whose energy it does not contain yet: omit it")
     every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
@@ -308,7 +308,7 @@ def _spring_bound(state: State, law: Law, here: BodyArrays) -> float:
         total[members] = total[members].sum(axis=0)
     loads = float((total.max(axis=1) * here.inverse_mass).max()) if total.any() else 0.0
     if state.bonds:
-        loads += frequency_bound_of_bonds(state.bonds, here.inverse_mass, inverse_inertia_of(state))
+        loads += frequency_bound_of_bonds(state.bonds, here, state.cell.vectors, inverse_inertia_of(state))
     return loads + rolling_bound(state, law, here, inverse_inertia_of(state))
 
 

@@ -75,7 +75,7 @@ def beam_bond(
 
     Source
     ------
-    doi:10.1007/s11440-008-0072-1
+    doi:10.1007/978-3-540-85879-9_6
 
     Examples
     --------
@@ -108,8 +108,7 @@ def parallel_bond(
 
     Source
     ------
-    doi:10.1016/j.ijrmms.2004.09.011, Eqs 9–17, here in total rather than incremental form: equal to first order in the
-    rotations.
+    doi:10.1016/j.ijrmms.2004.09.011, here in total rather than incremental form: equal to first order in the rotations.
 
     Examples
     --------

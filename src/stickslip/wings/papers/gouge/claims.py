@@ -408,8 +408,8 @@ def _rate_state_fit(result: GougeResult | None) -> list[Claim]:
 
 
 def _slope_of_steady_friction(result: GougeResult) -> Number | None:
-    """Change of steady friction per e-fold of velocity, a − b, if samples slid at two velocities or more."""
-    speeds = measures.velocities(result)
+    """Change of steady friction per e-fold of velocity, a − b; None without two velocities that slid by D_c or more."""
+    speeds = [speed for speed in measures.velocities(result) if measures.steady_slip(result, speed) >= DC]
     if len(speeds) < 2:
         return None
     return slope(np.log(speeds), [measures.mean_friction(result, speed) for speed in speeds])

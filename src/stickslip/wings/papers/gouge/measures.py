@@ -46,6 +46,12 @@ def _steady_pieces(sample: Realization, velocity: float, window: float, column: 
     return pieces
 
 
+def steady_slip(result: GougeResult, velocity: float) -> float:
+    """Smallest slip of a sample over which its steady friction at a velocity is averaged [m]."""
+    rows = [_steady_pieces(sample, velocity, _window(result), "friction") for sample in result.realizations]
+    return velocity * result.scenario.interval * min(sum(map(len, pieces)) for pieces in rows)
+
+
 @checked
 def velocities(result: GougeResult) -> list[float]:
     """Velocities with steady friction in some realization, slowest first."""
