@@ -282,6 +282,7 @@ void linearise_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, cons
     const BondLoad<double> load = load_of(bond, here);
     const double fade = faded(bond, load.share);
     store(force + 3 * k, load.force);
+    if (!stiff) continue;
     for (int w = 0; w < wide; ++w) {
       const int column = dim == 3 ? w : plane[w];
       double unit[9] = {};

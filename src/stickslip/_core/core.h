@@ -545,8 +545,8 @@ API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, con
 // shares of the strength (K,) are written unless that is null. `commits`: the memory is updated to the present rotations
 API void evaluate_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, uint8_t commits,
                         double *share, double *force, double *torque, double *virial);
-// Elastic forces on i (K, 3), and derivatives (K, 9, 9) of force on i, moment on i and moment on j with respect to pair
-// vector and angles of i and j, and to their rates
+// Elastic forces on i (K, 3) and, unless null, derivatives (K, 9, 9) of force on i, moment on i and moment on j with
+// respect to pair vector and angles of i and j, and to their rates
 API void linearise_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, double *force,
                          double *stiff, double *damp);
 

@@ -67,8 +67,8 @@ def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
 
 def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np.ndarray:
     """Elastic force of the bond of each contact on body i, (C, 3) [force]."""
-    force, _, _ = _linearise(bonds, dim, here, vectors)
-    out, rows = np.zeros((int(contacts.count[0]), 3)), bond_rows(bonds, contacts)
+    force, out, rows = np.zeros((len(bonds.i), 3)), np.zeros((int(contacts.count[0]), 3)), bond_rows(bonds, contacts)
+    core.linearise_bonds(dim, here, bonds, vectors, force, None, None)
     np.add.at(out, rows[bonds.intact], force[bonds.intact])
     return out
 
@@ -82,20 +82,13 @@ def with_bonds(bonds: Bonds, dim: int, here, vectors, contacts: Contacts, *block
     maps[:, :3, :3] = np.eye(3)
     maps[:, 3:, 3:] = np.einsum("rck,xy->krxcy", turn, np.eye(3)).reshape(k, 6, 6)
     rows, held = bond_rows(bonds, contacts), bonds.intact
-    _, *own = _linearise(bonds, dim, here, vectors)
+    own = np.zeros((2, k, 9, 9))  # with respect to pair vector and angles, and to their rates
+    core.linearise_bonds(dim, here, bonds, vectors, np.zeros((k, 3)), *own)
     for whole, more in zip(blocks, own, strict=True):
         wide = np.zeros((len(whole), 9, 9))
         wide[:, : whole.shape[1], : whole.shape[2]] = whole
         np.add.at(wide, rows[held], (maps.transpose(0, 2, 1) @ more @ maps)[held])
         yield wide
-
-
-def _linearise(bonds: Bonds, dim: int, here, vectors):
-    """Forces (K, 3), and derivatives (K, 9, 9) with respect to pair vector and angles, and to their rates."""
-    k = len(bonds.i)
-    out = np.zeros((k, 3)), np.zeros((k, 9, 9)), np.zeros((k, 9, 9))
-    core.linearise_bonds(dim, here, bonds, vectors, *out)
-    return out
 
 
 def has_damped_bonds(state: State) -> bool:
