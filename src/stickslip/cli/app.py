@@ -80,7 +80,7 @@ def _parse_option(word: str | float) -> float:
 def numbers_by_name(tokens: list[str] | None) -> dict[str, float] | None:
     """Numbers by name, from texts such as work=1e-3; None if there are none."""
     if tokens and (odd := [word for word in tokens if "=" not in word]):
-        raise typer.BadParameter(f"{odd[0]!r} was given: write a name and a number, as in work=1e-3")
+        raise typer.BadParameter(f"expected a name and a number as in work=1e-3, got {odd[0]!r}")
     pairs = [word.partition("=") for word in tokens or ()]
     return {name.strip(): _parse_option(number.strip()) for name, _, number in pairs} or None
 
@@ -163,7 +163,7 @@ class FigureOptions(NamedTuple):
         for kind in self.formats or ():
             check_choice("format", kind, FORMATS)
         if self.width not in (None, *WIDTHS):
-            raise ValueError(f"--width {self.width} was given: use 86 or 178 [mm]")
+            raise ValueError(f"--width must be 86 or 178 [mm], got {self.width}")
         formats = "png", *(self.formats or ())
         return look_of(formats, width=self.width, letters=self.letters, slides=self.slides)
 
@@ -359,7 +359,7 @@ def main() -> None:
     except Exception as problem:
         if not hasattr(problem, "format_message"):
             raise
-        _fail(problem.format_message().rstrip(".") or "no command was given: stickslip --help lists them", 2)
+        _fail(problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them", 2)
     if code == STOPPED:
         _fail("stopped by the user", STOPPED)
     sys.exit(code or 0)

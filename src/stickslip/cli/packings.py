@@ -148,7 +148,7 @@ class MethodOptions(NamedTuple):
         flags = (("fastest", self.fastest), ("all", self.every), ("certify", self.certify))
         asked = [name for name, on in flags if on] + [self.method] * (self.method != "auto")
         if len(asked) > 1:
-            raise ValueError("more than one of --fastest, --all, --certify and --method was given: give one")
+            raise ValueError("--fastest, --all, --certify and --method exclude each other: choose one")
         return asked[0] if asked else default
 
 
@@ -427,11 +427,11 @@ def report(
 def _check_figure(path: Path, folder: Path | None, view: ViewOptions, verdict: bool | None) -> None:
     """Raise ValueError for the folder of a run, or for options that the figure of contact forces does not use."""
     if folder is not None:
-        raise ValueError(f"--out {path} was given with {folder}, the folder of a run: give a packing, or use .html")
+        raise ValueError(f"{folder} is a run folder, for which --out must end in .html, got {path}")
     asked = {"modes": view.modes, "settle": view.settle or None, "colour": view.colour, "zoom": view.zoom}
     asked["verdict"] = verdict
     for name in (name for name, value in asked.items() if value is not None):
-        raise ValueError(f"--{name} was given with --out {path}, which shows contact forces only: use .html")
+        raise ValueError(f"--{name} has no effect on --out {path}, which shows contact forces only: use .html")
 
 
 class FilmOptions(NamedTuple):

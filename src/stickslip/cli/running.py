@@ -102,10 +102,10 @@ def reproduce(
     size = {"quick": quick, "full": full, "paper-size": paper_size}
     given = [f"--{name}" for name, value in size.items() if value]
     if len(given) > 1:
-        raise ValueError(f"{given[1]} was given with {given[0]}: give only one of them")
+        raise ValueError(f"{given[1]} and {given[0]} exclude each other: give only one")
     for name, value in (("--realizations", realizations), ("--samples", samples)):
         if value and not paper_size:
-            raise ValueError(f"{name} was given, but only --paper-size has samples: leave it out")
+            raise ValueError(f"{name} requires --paper-size, the only run with samples")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
     from ..runs.folder import mark_look, mark_reproduction, reproduction_arguments
@@ -196,7 +196,7 @@ class SweepOptions(NamedTuple):
             return None
         k, _, n = self.part.partition("/")
         if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
-            raise ValueError(f"--part {self.part} was given: give K/N with 1 ≤ K ≤ N, such as 3/16")
+            raise ValueError(f"--part must be K/N with 1 ≤ K ≤ N, such as 3/16, got {self.part}")
         return int(k), int(n)
 
 
@@ -232,7 +232,7 @@ def run(
 
     look = drawing.look()
     if out is not None and export is not None:
-        raise ValueError("--out was given with --export: give a folder for results, or one for the input of LAMMPS")
+        raise ValueError("--out and --export exclude each other: results, or LAMMPS input")
     piece = sweeps.numbers()
     out = out or Path("results") / (scenario.stem + (f"-{piece[0]}-of-{piece[1]}" if piece else ""))
     tables = read_tables(scenario)
@@ -241,7 +241,7 @@ def run(
     if "sweep" in tables:
         for name, given in (("export", export), ("compare", compare)):
             if given:
-                raise ValueError(f"--{name} was given with a sweep: {name} its members one by one")
+                raise ValueError(f"--{name} does not apply to a sweep: {name} its members one by one")
         if engine.engine is not None:
             check_choice("engine", engine.engine, ENGINES)
         tables, spread = tables | engine.values(), _choose_processes(processes)
@@ -250,7 +250,9 @@ def run(
             options |= {"part": piece, "gather": sweeps.gather or []}
             return _run_sweep_in("run", tables, out, spread, output, **options)
     if piece or sweeps.gather:
-        raise ValueError(f"--{'part' if piece else 'gather'} was given, but {scenario} has no [sweep]: leave it out")
+        raise ValueError(
+            f"--{'part' if piece else 'gather'} applies to sweeps only, but {scenario} has no table [sweep]"
+        )
     chosen = _with_engine(make_scenario(**tables), engine)
     draw = _open_laboratory(chosen, compare) if compare else None
     if export:
@@ -291,9 +293,7 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
     write = experiment_of(chosen).export
     if write is None or chosen.engine != "lammps":
         what = f"experiment = {chosen.experiment!r}" if write is None else f"engine = {chosen.engine!r}"
-        raise ValueError(
-            f"--export was given with {what}: it writes flows and fault gouge for LAMMPS; add --engine lammps"
-        )
+        raise ValueError(f"--export writes flows and fault gouge for LAMMPS, not {what}; add --engine lammps")
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
@@ -311,8 +311,8 @@ def _open_laboratory(chosen, path: Path):
     if experiment_of(chosen).overlay is None:
         able = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.overlay)
         raise ValueError(
-            f"--compare was given with experiment = {chosen.experiment!r}: only {able} has tests of laboratories, so "
-            f"leave it out"
+            f"--compare does not apply to experiment = {chosen.experiment!r}: only {able} can be compared with "
+            "laboratory tests"
         )
     return experiment_of(chosen).overlay(chosen, path)
 
@@ -453,17 +453,17 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
         check_choice("device", device, DEVICES)
         if not chosen or not experiment_of(chosen).device:
             allowed = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.device)
-            raise ValueError(f"--device was given, but only single runs of {allowed} have one: leave it out")
+            raise ValueError(f"--device is available for single runs of {allowed} only")
         open_device(device)
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
     from ..ensemble import reach
 
     if chosen and not experiment_of(chosen).parallel:
-        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
+        raise ValueError(f"--scheduler requires several runs, but experiment = {chosen.experiment!r} is a single one")
     if workers is not None or device is not None:
         other = "workers" if device is None else "device"
-        raise ValueError(f"--{other} and --scheduler were both given: a cluster has its own workers; give only one")
+        raise ValueError(f"--{other} and --scheduler exclude each other: a cluster has its own workers")
     reach(scheduler)
     return {"workers": scheduler}
 
@@ -478,7 +478,7 @@ def _with_engine(chosen, engine: EngineOptions):
     for name in given:
         if not hasattr(chosen, "engine"):
             raise ValueError(
-                f'--{name} was given with experiment = {chosen.experiment!r}: it applies to "flow" and "gouge" only'
+                f'--{name} applies to the experiments "flow" and "gouge" only, not to {chosen.experiment!r}'
             )
     chosen = chosen.model_copy(update=given)
     if given:

@@ -65,7 +65,7 @@ def reach(workers: Workers) -> Spread:
     if workers is None or isinstance(workers, int):
         number = default_workers() if workers is None else workers
         if number < 1:
-            raise ValueError(f"workers = {number} was given: at least 1 is needed")
+            raise ValueError(f"workers must be at least 1, got {number}")
         return Spread(number, f"{number} process{'es' if number > 1 else ''}")
     from . import cluster
 

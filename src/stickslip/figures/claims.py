@@ -79,7 +79,7 @@ def _label(groups: list[str], k: int, row: Row) -> str:
 
 def _draw_row(axes, k: int, row: Row) -> None:
     if row.verdict not in MARKS:
-        raise ValueError(f"the verdict {row.verdict!r} was given: use {', '.join(MARKS)}")
+        raise ValueError(f"a verdict must be one of {', '.join(MARKS)}, got {row.verdict!r}")
     color, marker, filled = MARKS[row.verdict]
     face = color if filled else "white"
     style = {"marker": marker, "ms": 4, "color": color, "mfc": face, "mew": 0.9, "ls": "", "clip_on": False}

@@ -101,7 +101,7 @@ def packing(
     ''
     """
     if width > WIDEST:
-        raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
+        raise ValueError(f"width must be at most {WIDEST:g} inches, got {width:g}")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
     layout = layout_of([frame], colour=colour, mode=mode, zoom=zoom)
     wide, tall = layout.high - layout.low

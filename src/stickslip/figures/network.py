@@ -39,8 +39,9 @@ def forces(source: Source, law: Law | None = None, *, title: str = ""):
     net = force_network(source, law)
     if not _is_enough(net):
         raise ValueError(
-            f"{pluralize(np.count_nonzero(net.inner), 'contact')} of grains with a mean normal force of "
-            f"{net.force_n.mean() if len(net.force_n) else 0:.3g} were given: the figure needs {FEW} or more that press"
+            f"the figure needs at least {FEW} contacts of grains that press, got "
+            f"{pluralize(np.count_nonzero(net.inner), 'contact')} with a mean normal force of "
+            f"{net.force_n.mean() if len(net.force_n) else 0:.3g}"
         )
     chains, strong = force_chains(source, law), strong_network(source, law)
     figure = OwnFigure(figsize=(PAGE, HEIGHT), layout="constrained")

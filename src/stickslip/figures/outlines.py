@@ -35,7 +35,7 @@ def check_zoom(name: str, zoom) -> None:
     (low, high), number = ZOOMS, isinstance(zoom, Real) and not isinstance(zoom, bool)
     if not (low <= zoom <= high if number else isinstance(zoom, str) and zoom == "all"):
         got = f"{zoom:g}" if number else quoted(zoom)
-        raise ValueError(f"{name} = {got} was given: give a number from {low:g} to {high:g}, or all for every grain")
+        raise ValueError(f"{name} must be from {low:g} to {high:g}, or all for every grain, got {got}")
 
 
 Zoom = Annotated[Any, Requirement(check_zoom)]  # enlargement of the view on grains that are together, or "all"

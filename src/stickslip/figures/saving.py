@@ -51,7 +51,7 @@ def save(
 def look_of(formats: tuple[str, ...] = ("png",), *, width: int | None, letters: bool, slides: bool) -> Look:
     """Look of figures; raise ValueError if slides are asked for with a width, which they have none."""
     if slides and width is not None:
-        raise ValueError(f"width {width} was given with slides: slides are 16:9, so leave out one of the two")
+        raise ValueError(f"width {width} does not apply to slides, which are 16:9: leave out one of the two")
     return Look(formats, width or PLAIN.width, letters, slides)
 
 

@@ -66,7 +66,7 @@ def claim(
     paper, measured, reference = to_builtin(paper), to_builtin(measured), to_builtin(reference)
     error = None if error is None or not math.isfinite(error) else float(error)
     if not source.partition(":")[2].strip():
-        raise ValueError(f"{id}: source {source!r} was given: use 'PLACE: words', a place in the paper and its words")
+        raise ValueError(f"{id}: a source must be 'PLACE: words', a place in the paper and its words, got {source!r}")
     if (reference is None) == bool(reference_source):
         raise ValueError(f"{id}: give reference and reference_source together, or neither")
     word = verdict(paper, measured, tolerance, error, quantifier)
@@ -117,11 +117,11 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     """
     paper, measured = to_builtin(paper), to_builtin(measured)
     if not 0 <= tolerance < math.inf:
-        raise ValueError(f"a tolerance of {tolerance} was given: use a finite number, 0 or more")
+        raise ValueError(f"a tolerance must be finite and not negative, got {tolerance}")
     if error is not None and error < 0:
-        raise ValueError(f"an error of {error} was given: use a standard error of 0 or more")
+        raise ValueError(f"a standard error must not be negative, got {error}")
     if quantifier not in (IS, CAN, ALWAYS):
-        raise ValueError(f"quantifier {quantifier!r} was given: use is, can or always")
+        raise ValueError(f"quantifier must be is, can or always, got {quantifier!r}")
     return NO_REFERENCE if paper is None else _compare(paper, measured, tolerance, error, quantifier)
 
 

@@ -47,7 +47,7 @@ class Settling(NamedTuple):
     moved_rms: float  # root mean square over grains, in their radii
     lost: int  # contacts
     gained: int
-    before: float  # residual of the packing as it was given
+    before: float  # residual of the given packing
     how: str  # description of what the solver did
 
     def __str__(self) -> str:
@@ -201,7 +201,7 @@ def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[st
     if given:
         known.append(f"{law}: {', '.join(given)} came from the command line")
     elif assumes_law(notes):
-        known.append(f"{law}: none was given, so the defaults were used")
+        known.append(f"{law}: not given, so the defaults were used")
     return known or list(result.causes)
 
 

@@ -57,7 +57,7 @@ def load_content(
     own = (*options.items(), ("modes", modes), ("settle", settle or None), ("no-dashpots", None if dashpots else True))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
-        raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: it is only for packing files")
+        raise ValueError(f"--{given[0].replace('_', '-')} applies to packing files only, not to {place}")
     return folder_content(
         place, frame=options.get("frame"), search=search is not False, trust=trust, report=report
     )  # fmt: skip

@@ -72,7 +72,7 @@ def read_grain_dump(
     `names` are those of columns in LAMMPS, by those that the dump has instead.
     """
     if atom_style:
-        raise PackingError(f"atom_style was given, but {path} is a dump, which names its columns: leave it out")
+        raise PackingError(f"atom_style does not apply to the dump {path}, which names its columns: leave it out")
     tables, steps = read_dump(path, frame)
     if not tables[-1].grains:
         raise PackingError(
@@ -170,10 +170,10 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
         for name in given:
             if name not in known and group_of("column of contacts", name) == UNKNOWN:
                 raise PackingError(
-                    f"a column {name!r} was given for {path}: use {' '.join(ORDER)}, or {SKIPPED} for one to leave out"
+                    f"{path}: unknown column {name!r}; use {' '.join(ORDER)}, or {SKIPPED} for a column to skip"
                 )
         if len(given) != len(names):
-            raise PackingError(f"{len(given)} names were given for {len(names)} columns of {path}: {' '.join(names)}")
+            raise PackingError(f"{path} has {len(names)} columns, but {len(given)} names were given: {' '.join(names)}")
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names):
         names = (
@@ -209,7 +209,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         if something was changed, or the normal forces differ from LAMMPS's.
     """
     if law.coulomb != SHARP:
-        raise PackingError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
+        raise PackingError("friction is sharp in LAMMPS: use --coulomb sharp instead of smooth")
     missing = {"velocity", "spin"} - set(packing.arrays)
     if damping_model(law) and missing:
         raise PackingError(

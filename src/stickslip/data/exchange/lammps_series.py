@@ -278,15 +278,17 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     """
     given = {name: value for name, value in options.items() if value is not None}
     if "frame" in given:
-        raise PackingError("--frame was given, but all frames are read: leave it out, or use stickslip stability")
+        raise PackingError(
+            "--frame does not apply here, as all frames are read: leave it out, or use stickslip stability"
+        )
     if "atom_style" in given:
-        raise PackingError("--atom-style was given, but dumps name their columns: leave it out")
+        raise PackingError("--atom-style does not apply to dumps, which name their columns: leave it out")
     if not Path(place).exists():
         raise PackingError(f"{place} does not exist: give the folder into which LAMMPS writes its dumps")
     folder, grains = (Path(place), "*") if Path(place).is_dir() else (Path(place).parent, Path(place).name)
     contacts, columns, boundary, i0 = (given.pop(name, None) for name in ("contacts", "columns", "boundary", "i0"))
     if not memory and (contacts or columns):
-        raise PackingError(f"--no-contacts was given with --{'contacts' if contacts else 'columns'}: leave one out")
+        raise PackingError(f"--no-contacts and --{'contacts' if contacts else 'columns'} exclude each other")
     _require_dumps(folder, grains, GRAINS)
     path = Path(contacts or "*")
     where = folder / path if path.parent == Path() else path

@@ -155,11 +155,11 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
     periodic = table.periodic
     if boundary is not None:
         if not re.fullmatch("[pfsm]{3}", boundary):
-            raise PackingError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
+            raise PackingError(f"boundary must have three letters, such as ppp or ppf, got {boundary!r}")
         given = np.array([letter == "p" for letter in boundary])
         if periodic is not None and (given != periodic).any():
             has = "".join("p" if flag else "f" for flag in periodic)
-            notes = [*notes, f"boundary {boundary} was given and is taken, where the file has {has}"]
+            notes = [*notes, f"boundary {boundary} replaces that of the file, {has}"]
         periodic = given
     elif periodic is None:
         periodic = np.ones(3, bool)
@@ -311,7 +311,7 @@ def _columns_of_atoms(
 ) -> tuple[list[str], list[str]]:
     """Names of the columns of the section Atoms, and a note if its style was inferred."""
     if asked and style not in (None, asked, asked.split()[0]):
-        raise PackingError(f"atom_style = {asked!r} was given, but {path} names atoms of style {style}: leave it out")
+        raise PackingError(f"atom_style = {asked!r} contradicts {path}, whose atoms are of style {style}: leave it out")
     kind = asked or style
     if kind is None:
         return _infer_style(path, rows, head)

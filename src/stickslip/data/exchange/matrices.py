@@ -73,7 +73,7 @@ def check_name(path: Path) -> bool:
     """Whether matrices are written to one file, `NAME.npz`; raise ValueError if neither file nor folder can be."""
     flat = path.suffix.lower() == ".npz"
     if not flat and path.suffix:
-        raise ValueError(f"{path} was given: give NAME.npz, or the name of a folder for Matrix Market files")
+        raise ValueError(f"expected NAME.npz, or a folder for Matrix Market files, got {path}")
     if not path.parent.is_dir():
         raise ValueError(f"{path.parent} is not a folder: create it first")
     if path.is_dir() if flat else path.is_file():
@@ -92,14 +92,13 @@ def _parts_of(sources) -> dict:
             parts |= {name: getattr(free, name) for name in COORDINATES}
         if not any(np.ndim(value) or sparse.issparse(value) for value in parts.values()):
             raise ValueError(
-                f"{type(source).__name__} was given, which has no matrices: give results such as "
-                "modes.equations_of_motion(state, law)"
+                f"{type(source).__name__} has no matrices: give results such as modes.equations_of_motion(state, law)"
             )
         if twice := sorted(set(found) & set(parts)):
-            raise ValueError(f"{', '.join(twice)} was given twice: write the results to separate files")
+            raise ValueError(f"{', '.join(twice)} occurs twice: write the results to separate files")
         found |= parts
     if not found:
-        raise ValueError("nothing to write was given: give results such as modes.equations_of_motion(state, law)")
+        raise ValueError("there is nothing to write: give results such as modes.equations_of_motion(state, law)")
     return found
 
 

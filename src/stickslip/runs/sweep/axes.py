@@ -81,7 +81,7 @@ class Values(ScenarioTable):
 
     @property
     def kinds(self) -> list[str]:
-        """Those of KINDS that were given: one, in a valid table."""
+        """Those of KINDS that are present: one, in a valid table."""
         return [kind for kind in KINDS if getattr(self, kind) is not None]
 
     @model_validator(mode="after")
@@ -115,7 +115,7 @@ class Options(ScenarioTable):
         if self.mode == "grid" and self.number is not None:
             raise ValueError("sweep.number is only for zip and sample: in a grid, give each distribution its number")
         if self.mode != "sample" and "draw" in self.model_fields_set:
-            raise ValueError('sweep.draw was given, but only points of a sample are drawn: set sweep.mode = "sample"')
+            raise ValueError('sweep.draw requires sweep.mode = "sample"')
         return self
 
 
@@ -172,9 +172,11 @@ def parse_entry(key: str, entry) -> list | Values:
     if isinstance(entry, dict) and "logspace" not in entry:
         return validate_table(Values, entry, f"sweep.{key}")
     if isinstance(entry, dict):
-        raise ScenarioError(f"sweep.{key}.logspace was given: use geomspace, which takes the end values themselves")
+        raise ScenarioError(f"sweep.{key}.logspace is not supported: use geomspace with the end values")
     if not isinstance(entry, list):
-        raise ScenarioError(f"sweep.{key} = {entry!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
+        raise ScenarioError(
+            f"sweep.{key} = {entry!r} is not allowed: use a list of values, or {{{' | '.join(KINDS)} = …}}"
+        )
     if not entry:
         raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
     return entry
@@ -192,7 +194,7 @@ def make_axis(key: str, entry: list | Values, seed, options: Options, draws: dic
     if kind == "count":
         return Axis(key, _seeds(key, seed, parameters), kind)
     if options.mode == "sample" and entry.number is not None:
-        raise ScenarioError(f"sweep.{key}.number was given: a sample has one number for all keys, sweep.number")
+        raise ScenarioError(f"sweep.{key}.number is not allowed: a sample has one number for all keys, sweep.number")
     if kind == "column":
         return Axis(key, tuple((entry.times or 1.0) * value for value in draws[parameters]), kind)
     if options.mode == "sample":
@@ -212,7 +214,7 @@ def _seeds(key: str, first, count: int) -> tuple:
     if key != "seed":
         raise ScenarioError(f"sweep.{key} has count, which is only for seed: use a list, linspace or a distribution")
     if type(first) is not int or first < 0:
-        raise ScenarioError(f"seed = {first!r} was given: use a whole number, 0 or more")
+        raise ScenarioError(f"seed must be a whole number, 0 or more, got {first!r}")
     return tuple(range(first, first + count))
 
 
@@ -302,7 +304,7 @@ def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
             raise ScenarioError(f"sweep.{next(iter(columns))} names a column: give the file with sweep.draws")
         return {}
     if not columns:
-        raise ScenarioError('sweep.draws was given, but no key uses it: give one, as "surface.a" = {column = "a"}')
+        raise ScenarioError('sweep.draws is not used by any key: add one, such as "surface.a" = {column = "a"}')
     of_file = isinstance(draws, str | Path)
     table, out = _read_file(Path(draws)) if of_file else _check_table(draws), {}
     for key, entry in columns.items():

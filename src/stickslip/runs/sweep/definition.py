@@ -160,7 +160,7 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
     for key in entries:
         field_at(kind, key)
         if key in ("law.file", "law.checksum"):
-            raise ScenarioError(f"sweep.{key} was given, but law files cannot be swept: make one sweep for each file")
+            raise ScenarioError(f"sweep.{key} is not supported: make one sweep for each law file")
     draws = read_draws(options.draws, entries, kind)
     text = json.dumps(tables | {"sweep": table | ({"draws": draws} if draws else {})}, indent=1, default=str)
     axes = tuple(make_axis(key, entry, base.get("seed", 0), options, draws) for key, entry in entries.items())
@@ -309,7 +309,7 @@ def parse_conditions(where, keys) -> tuple[Condition, ...]:
     """
     texts = where if isinstance(where, list | tuple) else [where]
     if not texts or not all(isinstance(text, str) for text in texts):
-        raise ScenarioError(f"sweep.where = {shortened(str(where))!r} was given: use a condition such as 'b > a'")
+        raise ScenarioError(f"sweep.where must be a condition such as 'b > a', got {shortened(str(where))!r}")
     return tuple(part for text in texts for part in _parse(text, tuple(keys)))
 
 
@@ -411,4 +411,4 @@ def _quoted(node: ast.AST) -> str:
 
 
 def _refusal(text: str, problem: str, remedy: str) -> ScenarioError:
-    return ScenarioError(f"sweep.where = {shortened(text)!r} was given, but {problem}: {remedy}")
+    return ScenarioError(f"sweep.where = {shortened(text)!r} is not valid, because {problem}: {remedy}")
