@@ -1,4 +1,4 @@
-"""Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a run that was stopped."""
+"""Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a stopped run."""
 
 import sys
 from contextlib import contextmanager
@@ -42,7 +42,7 @@ RUN = examples(
 )
 RESUME = examples(
     ("resume results/rate-state", "reports that a finished run has nothing left to do"),
-    ("resume results/sweep --workers 2", "missing members of a sweep, with --figures if it was given"),
+    ("resume results/sweep --workers 2", "missing members of a sweep, with --figures as before"),
 )
 
 
@@ -63,12 +63,12 @@ def reproduce(
         ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; reports what is cut.")
+        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; omissions are reported.")
     ] = False,
     full: Annotated[
         bool,
         typer.Option(
-            "--full", help="Gouge only: also velocity steps and other slides; reports how many hours it takes."
+            "--full", help="Gouge only: also velocity steps and other slides; the estimated hours are reported."
         ),
     ] = False,
     paper_size: Annotated[
@@ -128,7 +128,7 @@ def reproduce(
 
 @contextmanager
 def _working_in(folder: Path, output: Output):
-    """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
+    """Lock the folder of a run and direct its output; after ctrl-C, print the command that continues it."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.manifest import lock_folder
     from ..data.run_files import resume_command
@@ -144,7 +144,7 @@ def _working_in(folder: Path, output: Output):
 
 
 def _note_levels(folder: Path) -> None:
-    """Print a note on checkpoints that were computed by the core for other processors."""
+    """Print a note on checkpoints computed by the core for other processors."""
     from ..data.checkpoint import note_on_levels
     from ..reports import terminal
 
@@ -214,7 +214,9 @@ def run(
     ] = None,
     compare: Annotated[
         Path | None,
-        typer.Option("--compare", help="A laboratory's table, such as test.csv, to lay over an element test."),
+        typer.Option(
+            "--compare", help="Table of a laboratory test, such as test.csv, to compare with an element test."
+        ),
     ] = None,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
@@ -270,7 +272,7 @@ def run(
 def run_scenario(
     command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None
 ) -> None:  # fmt: skip
-    """Run a scenario in a folder, for a command; `begin` saves what the command has read already."""
+    """Run a scenario in a folder, for a command; `begin` saves the input already read by the command."""
     from ..runs import folder as run_folder
     from ..runs.folder import mark_look
 
@@ -282,7 +284,7 @@ def run_scenario(
 
 
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
-    """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
+    """Write LAMMPS input to a folder, in which `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
     from ..data.run_files import resume_command
     from ..experiments.registry import experiment_of
@@ -305,7 +307,7 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
 
 
 def _open_laboratory(chosen, path: Path):
-    """Read a laboratory's table, and return the function that lays it over the run of a scenario."""
+    """Read the table of a laboratory test, and return a function that compares it with the run of a scenario."""
     from ..experiments.registry import EXPERIMENTS, experiment_of
 
     if experiment_of(chosen).overlay is None:
@@ -318,7 +320,7 @@ def _open_laboratory(chosen, path: Path):
 
 
 def _compare_in(folder: Path, chosen, output: Output, look, draw) -> None:
-    """Lay a laboratory's test over a finished run."""
+    """Compare a laboratory test with a finished run."""
     from ..experiments.registry import list_files
     from ..reports import terminal
     from ..runs import json_output
@@ -333,7 +335,7 @@ def _compare_in(folder: Path, chosen, output: Output, look, draw) -> None:
 
 
 def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, draw=None) -> None:
-    """Run or continue a scenario in a folder, and draw what lies over it."""
+    """Run or continue a scenario in a folder, and draw comparisons."""
     from ..core.units import units_in_use
     from ..experiments.registry import experiment_of, list_files
     from ..reports import terminal
@@ -366,7 +368,7 @@ def resume(
     trust: Trust = False,
     output: Output,
 ) -> None:
-    """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
+    """Continue a stopped run: dynamics bit for bit, quasi-static steps to within the tolerance of the solver."""
     from ..data.law_schema import check_law_files, trust_law_files
     from ..reports import terminal
     from ..runs.folder import find_unfinished

@@ -33,13 +33,13 @@ class Row(NamedTuple):
     group: str  # figure of the paper
     verdict: str
     deviation: tuple[float, ...]  # of the measurement, in tolerances: one number, two ends of a window, or empty
-    error: float  # in tolerances; 0 if there is none
+    error: float  # in tolerances; 0 without one
     measured: str
     paper: str
     beside_reference: bool  # True if deviation and value refer to a reference instead of the paper
     unit: str = ""
     own: bool = True  # False for a variant of the paper's model, which counts separately
-    instead: str = ""  # drawn in place of a deviation: the answer to a statement, or why there is no value
+    instead: str = ""  # drawn in place of a deviation: the answer to a statement, or the reason for a missing value
 
 
 @styled

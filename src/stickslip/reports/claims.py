@@ -130,13 +130,19 @@ def _compare(target: Value, measured: Value, tolerance: float, error: float | No
         return UNDECIDED
     if isinstance(target, bool) or isinstance(measured, bool):
         if not (isinstance(target, bool) and isinstance(measured, bool)):
-            raise ValueError(f"{measured!r} was measured but {target!r} is printed: compare statements with statements")
+            raise ValueError(
+                f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare statements "
+                "with statements"
+            )
         holds = NOT_REFUTED if quantifier == ALWAYS else REPRODUCED
         return holds if measured == target else {IS: NOT_REPRODUCED, CAN: UNDECIDED, ALWAYS: REFUTED}[quantifier]
     if isinstance(target, list) != isinstance(measured, list) or (
         measured and isinstance(target, list) and len(measured) != len(target)
     ):
-        raise ValueError(f"{measured!r} was measured but {target!r} is printed: compare windows of the same length")
+        raise ValueError(
+            f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare windows of the "
+            "same length"
+        )
     if isinstance(target, list):
         pairs = zip(target, measured, strict=True) if measured else ()
         ends = [_compare_numbers(p, m, tolerance, error) for p, m in pairs]
@@ -200,7 +206,7 @@ def _is_statement(made: Claim) -> bool:
 
 
 def note_quick_run(claims: list[Claim]) -> list[Claim]:
-    """Return the claims, with a note on those that a quick run did not measure."""
+    """Return the claims, with a note on those not measured in a quick run."""
     out = []
     for c in claims:
         reason = "left open by a quick run" if _is_statement(c) else "not measured by a quick run"
