@@ -106,7 +106,7 @@ class Point:
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of the supported grains, or of all if only these are stable, because a contact is about to open."""
+        """Eigenvalues of the supported grains, or of all if only these are stable as a contact is about to open."""
         pruned = self.response.eigenvalues
         return (
             self.response.with_all_contacts
