@@ -238,7 +238,7 @@ def _wave_claims(main: DiskArrayResult) -> list[Claim]:
               f"{', '.join(f'{n} at {load}' for load, n in counts.items())}", error=0.0),
         claim("y-mode-wave-number", 'Fig 6: "a wavelength of approximately 2. Thus the associated k vector is k ≈ π"',
               float(np.pi), strongest, "1/length", TOLERANCE["wave number"],
-              f"strongest Fourier component of y in the mode with most power in y; by wave number: {shares}", error=0.0),
+              f"strongest Fourier component of y in the mode with most power in y; by wavenumber: {shares}", error=0.0),
         claim("y-wave-speed", 'Fig 6: "determining a velocity V_2 ≈ 0.235/π ≈ 0.075"', 0.075, measured, "length/time",
               TOLERANCE["front"],
               f"frequency over wave number of the same mode; the mode with most power at wavelength 2, "
