@@ -380,7 +380,7 @@ class Fluctuations(NamedTuple):
 
     @property
     def non_normality(self) -> float:
-        """decay/distance: factor by which an instability is nearer than the spectrum suggests; 1 if modes are orthogonal."""
+        """decay/distance: the factor by which the spectrum overestimates the distance; 1 if modes are orthogonal."""
         return self.decay / self.distance
 
 
