@@ -151,7 +151,7 @@ def check_parts(parts: Mapping[str, Any]) -> None:
     entries = []
     for part, noun in parts.items():
         if part and getattr(noun, "_fields", None) != tuple(FIELDS[part]):
-            raise ValueError(f"{part} must be those of a State, but {type(noun).__name__} was given")
+            raise ValueError(f"{part} must be those of a State, got {type(noun).__name__}")
         values = noun if part else (noun.time,)
         entries += [(name, value, *known) for (name, *known), value in zip(_ENTRIES[part], values, strict=True)]
     for name, value, field, dtype, dimensions, _ in entries:

@@ -130,13 +130,13 @@ def scenario_class(tables: dict) -> type[ScenarioBase]:
             raise ScenarioError(str(missing_wing(f"experiment = {name!r}", lacking[0])))
     if not EXPERIMENTS:
         raise ScenarioError(
-            f"experiment = {str(name)[:100]!r} was given, but no wing is installed: install stickslip again"
+            f"experiment = {str(name)[:100]!r} is not available, as no wing is installed: install stickslip again"
         )
     if not isinstance(name, str) or name not in EXPERIMENTS:
         near = get_close_matches(str(name).lower().replace("_", "-"), EXPERIMENTS, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise ScenarioError(
-            f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}{hint}"
+            f"experiment must be one of {', '.join(map(repr, EXPERIMENTS))}, got {str(name)[:100]!r}{hint}"
         )
     return EXPERIMENTS[name].scenario
 

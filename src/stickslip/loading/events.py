@@ -110,41 +110,41 @@ def check_packing(state: State, law: Law) -> None:
     """Raise ValueError for a packing that only strain does not load, or a law with which events are not sought."""
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
-        raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
+        raise ValueError("the packing has walls: events are sought in a periodic cell under shear")
     if not state.cell.periodic[:dim].all():
-        raise ValueError("a packing without a periodic cell was given: make its cell periodic in all dimensions")
+        raise ValueError("the cell of the packing must be periodic in all dimensions")
     acts = (control.force, control.torque, control.gravity, control.spring, control.rate, control.cell_free)
     if any(part.any() for part in acts) or not control.free[:, :dim].all() or (control.group >= 0).any():
-        raise ValueError("a packing with loads, springs or grains that are not free was given: only strain may act")
+        raise ValueError("the packing has loads, springs or grains that are not free: only strain may act")
     if damping_model(law):
-        raise ValueError("a law with dashpots was given: the drag is the only dissipation; omit damping")
+        raise ValueError("the law has dashpots, but drag must be the only dissipation: omit damping")
     if rescales(law):
-        raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
+        raise ValueError("the law must not have rescaled=True: its forces have no tangent at an accepted state")
     if law.properties & KEEPS_FORCE:
         raise ValueError(
-            "a law with a memory of forces was given: events are sought with slips, with_memory(law, 'slip')"
+            "the law has a memory of forces, but events are sought with slips: use with_memory(law, 'slip')"
         )
 
 
 def _check(to: float, step: float, resolution: float) -> None:
     if to > MOST_STEPS * step:
-        raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
+        raise ValueError(f"to = {to:g} with step = {step:g} exceeds the limit of {MOST_STEPS} steps")
     if resolution > step:
-        raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
+        raise ValueError(f"resolution must not exceed step, got {resolution:g} and {step:g}")
 
 
 def first_point(state: State, law: Law, drag: float, prune: float, way: Deformation) -> Point:
     """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
     here = commit(state, law)
     if not len(touching(here)):
-        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+        raise ValueError("the packing has no contacts and bears no load: compress it first")
     judge = Judge(here, law, drag, prune, way=way)
     end, outcome = equilibrate(here, law, tolerance=BALANCED * judge.force, check="nothing")
     if not outcome.ok:
         raise NotInEquilibriumError("the first state of the path could not be brought to rest", outcome)
     point = Point(0.0, end, Judge(end, law, drag, prune, way=way))
     if not point.response.support.grains.any():
-        raise ValueError("a packing of rattlers was given: compress it first")
+        raise ValueError("all grains of the packing are rattlers: compress it first")
     return point
 
 

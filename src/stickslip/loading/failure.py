@@ -243,9 +243,9 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
     bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
     check_packing(state, bare)
     if len(touching(state)) and not len(backbone(state, law)):
-        raise ValueError("a packing of rattlers was given: it bears no load; compress it first")
+        raise ValueError("all grains of the packing are rattlers, so that it bears no load: compress it first")
     if not len(touching(state)):
-        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+        raise ValueError("the packing has no contacts and bears no load: compress it first")
     if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(rest)}; let it come to rest first (--settle)")
     if (size := len(backbone(state, law))) > AT_MOST:
@@ -255,20 +255,19 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
         )
     if not isinstance(until, str):
         if not (np.isfinite(until) and until):
-            raise ValueError(f"until = {until:g} was given: give a strain other than zero, first-pair or first-event")
+            raise ValueError(f"until must be a nonzero strain, first-pair or first-event, got {until:g}")
         if limit is not None or reverse:
-            raise ValueError("a strain was given with limit or reverse: its size and sign say both already")
+            raise ValueError("limit and reverse do not apply if until is a strain, whose size and sign state both")
         limit, reverse = abs(until), until < 0
     if step is None:
         share = STEP * mean_overlap(state) / float(2 * state.grains.radius.mean())
         step = float(f"{share:.0e}") if limit is None else min(float(f"{share:.0e}"), limit)
     if step > LONGEST:
-        raise ValueError(f"a step of {step:g} was given: use at most {LONGEST:g}, a hundredth of it for a smooth path")
+        raise ValueError(f"step must be at most {LONGEST:g}, got {step:g}; use a hundredth of that for a smooth path")
     limit = STEPS * step if limit is None else limit
     if not step <= limit <= MOST_STEPS * step:
         raise ValueError(
-            f"a step of {step:g} was given for a strain of {limit:g}: use one between {limit / MOST_STEPS:.3g} and "
-            f"{limit:g}"
+            f"step must be between {limit / MOST_STEPS:.3g} and {limit:g} for a strain of {limit:g}, got {step:g}"
         )
     drag = DRAG * 2 / stable_time_step(state, bare) if drag is None else drag
     way = deformation(mode, 2 if state.cell.dim == 2 else 3, -1 if reverse else 1)

@@ -72,7 +72,7 @@ def _with(state: State, new: Bonds) -> State:
     bonds = _joined(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
-        raise ValueError("a pair of grains was given that is bonded already: bond each pair once")
+        raise ValueError("a pair of grains is already bonded: bond each pair only once")
     return _listed(state._replace(bonds=bonds, instant=None))
 
 
@@ -140,14 +140,14 @@ def _given_pairs(state: State, pairs: np.ndarray):
     """Pairs with i < j, and their nearest images."""
     n, cell = len(state.grains.radius), state.cell
     if pairs.shape[1:] != (2,):
-        raise ValueError(f"pairs of shape {pairs.shape} were given: (K, 2) numbers of grains are needed")
+        raise ValueError(f"pairs must have shape (K, 2), two grain numbers per row, got {pairs.shape}")
     for a, b in pairs:
         if a == b:
-            raise ValueError(f"a bond of grain {a} with itself was given: name two grains")
+            raise ValueError(f"grain {a} cannot be bonded to itself: give two grains")
         if not (min(a, b) >= 0 and max(a, b) < n):
             raise ValueError(
-                f"a bond of {a} with {b} was given, but grains are numbered 0 to {n - 1}: bonds hold grains, not "
-                f"walls; fix a grain in place of a wall"
+                f"a bond joins two grains, numbered 0 to {n - 1}, got {a} and {b}; to bond a grain to a wall, bond it "
+                "to a fixed grain instead"
             )
     i, j = np.sort(pairs, axis=1).T
     apart = (state.grains.position[i] - state.grains.position[j]) @ grid_of(cell).inverse

@@ -153,7 +153,9 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
     array([0.])
     """
     if before.n_bodies != after.n_bodies:
-        raise ValueError(f"states of {before.n_bodies} and {after.n_bodies} bodies were given: give two of one sample")
+        raise ValueError(
+            f"the states have {before.n_bodies} and {after.n_bodies} bodies: give two states of the same sample"
+        )
     check_materials(after, law)
     return _post(np.zeros(len(COLUMNS)), before, after, law, dt=dt)
 

@@ -107,7 +107,7 @@ def _strain(word: str) -> float:
     try:
         return parse_number(word)
     except ValueError:
-        raise ValueError(f"--until {word!r} was given: use first-pair, first-event or a strain such as 1e-3") from None
+        raise ValueError(f"--until must be first-pair, first-event or a strain such as 1e-3, got {word!r}") from None
 
 
 def _tables(file: Path, options: PackingOptions, settle: bool) -> dict:

@@ -107,7 +107,7 @@ class NormalStress(ScenarioTable):
     def _read_file(cls, given: Any):
         if isinstance(given, dict) and isinstance(given.get("file"), str):
             if given.keys() & {"times", "depths", "changes"}:
-                raise ValueError("normal_stress.file was given with a table: give one of them")
+                raise ValueError("normal_stress.file and a table exclude each other: give one")
             table = read_stress_table(given["file"])
             names = {"times": table.time, "depths": table.depth, "changes": table.values}
             return {key: value for key, value in given.items() if key != "file"} | {
@@ -192,11 +192,11 @@ class FaultScenario(ScenarioBase):
         elif deep:
             raise ValueError(f"run.stations contains {deep[0]:g} m: use depths from 0 to line.width")
         if self.run.surface and not self.fault.dips:
-            raise ValueError('run.surface was given: use it with line.shear = "in-plane" and line.boundary = "surface"')
+            raise ValueError('run.surface requires line.shear = "in-plane" and line.boundary = "surface"')
         if 0 in self.run.surface:
             raise ValueError("run.surface contains 0: use 0.01 and −0.01 for the two sides of the trace")
         if self.run.threshold <= self.loading.plate_rate:
-            raise ValueError(f"run.threshold = {self.run.threshold:g} m/s was given: it must exceed loading.plate_rate")
+            raise ValueError(f"run.threshold must exceed loading.plate_rate, got {self.run.threshold:g} m/s")
         return self
 
     @property

@@ -194,7 +194,7 @@ def center_of_mass(
     printed : (slope, intercept) shown in the paper's figure, drawn dashed
     """
     if load not in result.free_runs:
-        raise ValueError(f"load = {load} was given: there are runs at {', '.join(map(str, result.free_runs))}")
+        raise ValueError(f"there is no run at load = {load}: there are runs at {', '.join(map(str, result.free_runs))}")
     rows = 2 + bool(result.sliding) + bool(line)
     figure, panels = style.column_axes(rows, 0.4 + 1.7 * rows)
     free, left = result.free_runs[load], list(panels[2:])
