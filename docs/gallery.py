@@ -236,7 +236,7 @@ steps = [(0.3, 0.03), (0.03, 0.3), (0.03, 0.003), (0.003, 0.03)]
 stepped = [curve("steps", "friction after a step", f"{a:g} → {b:g} m/s", before=a, after=b) for a, b in steps]
 speeds = np.array([0.02, 0.05, 0.1, 0.3])
 slid = [curve("reslides", after, hold=1.43, after=one) for one in speeds]
-peaks = [peak(one, 4) for one in slid]
+peaks, measured = [peak(one, 4) for one in slid], slope("peak-vs-velocity-ratio")
 figures = ss.figures.gouge"""
 PAPER_SIZE = """from stickslip.wings.papers.gouge.paper import reproduce
 from stickslip.wings.papers.gouge.report import paper_figures
@@ -250,9 +250,9 @@ GUIDES = {  # pictures of guides, by the beginning of their names; an example of
         "Fault gouge of a tenth of the size", TENTH,
         {
             "gouge_holds": "figures.holds([(holds, laws)])",
-            "gouge_healing": "figures.healing(times, healed, slope("healing-rate"), scenario.scales.b, thinner)",
+            "gouge_healing": 'figures.healing(times, healed, slope("healing-rate"), scenario.scales.b, thinner)',
             "gouge_velocity_steps": "figures.velocity_steps(stepped, twins=False)",
-            "gouge_reslides": "figures.reslides(slid, speeds / 0.02, peaks, slope("peak-vs-velocity-ratio"), COLLAPSE)",
+            "gouge_reslides": "figures.reslides(slid, speeds / 0.02, peaks, measured, COLLAPSE)",
             "gouge_rest": "figures.energies_in_holds(ratios, creep)",
         },
     ),
