@@ -108,7 +108,8 @@ def with_address(source: Path, address: str) -> None:
         (
             ".zenodo.json",
             r'(?m)^ "related_identifiers": \[$',
-            f' "related_identifiers": [\n  {{"identifier": "{address}", "relation": "isSupplementTo", "scheme": "url"}},',
+            ' "related_identifiers": [\n  '
+            f'{{"identifier": "{address}", "relation": "isSupplementTo", "scheme": "url"}},',
         ),
         ("release/conda/recipe.yaml", r"(?m)^about:$", f"about:\n  homepage: {address}\n  repository: {address}"),
     ):
