@@ -151,7 +151,7 @@ def contact_sensitivity(
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with suitable_threads(len(free)):
         modes = _compute_modes(here, free)
-        growth, verdict = _assess(modes.values)
+        growth, verdict = assess(modes.values)
         rows = here.rows
         bodies = np.stack([state.contacts.i[rows], state.contacts.j[rows]])
         rows = rows[np.isin(bodies, free.body).any(axis=0)]
@@ -163,7 +163,7 @@ def contact_sensitivity(
         after, verdicts = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
         for k, row in enumerate(chosen):
             report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
-            after[row], verdicts[row] = _assess(_eigenvalues_after(here, modes, free, *changes[row]))
+            after[row], verdicts[row] = assess(_eigenvalues_after(here, modes, free, *changes[row]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(here.at_limit) else ""
@@ -196,7 +196,7 @@ def _compute_modes(here: LinearisedState, free: Freedom) -> _ModeData:
     return _ModeData(matrix, values, right, left, sparse.csc_array(columns), blocks, line.force)
 
 
-def _assess(values: np.ndarray) -> tuple[float, str]:
+def assess(values: np.ndarray) -> tuple[float, str]:
     """Fastest growth rate and verdict, with the thresholds of `stability`."""
     if not len(values):
         return 0.0, "falls apart"
@@ -261,7 +261,7 @@ def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
     coupling = (left[a] * right[b]).sum(axis=1) * (left[b] * right[a]).sum(axis=1)
     middle, half = (shifted[a] + shifted[b]) / 2, (shifted[a] - shifted[b]) / 2
     root = np.sqrt(half**2 + coupling)
-    return _assess(np.concatenate([middle + root, middle - root]))[0]
+    return assess(np.concatenate([middle + root, middle - root]))[0]
 
 
 def _eigenvalues_after(
