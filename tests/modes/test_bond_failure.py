@@ -75,7 +75,7 @@ def test_what_follows_a_break_is_that_of_the_packing_without_the_bond():
     chain = ss.assembly(ss.spheres([[0, 0, 0], [1, 0, 0], [2, 0, 0]], 0.5 + 1e-3))
     state = ss.packings.bonded(chain, ss.laws.beam_bond(1.0, 0.5, 0.1, 0.1), within=0.1)
     control = ss.control.fixed(state.control, [0, 2])
-    state, outcome = ss.equilibrate(state._replace(control=control), LAW)
+    state, _ = ss.equilibrate(state._replace(control=control), LAW)
     found = ss.modes.decisive_bonds(state, LAW)
     for k, bond in enumerate(found.bond):
         intact = np.arange(2) != bond
