@@ -259,17 +259,23 @@ def stability(
         about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
         if sure:
             about |= {"position_error": stability_report.probability_dict(sure)}
-        print(
-            json_output.to_json(
-                about | stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape, bonds=cement)
-            )
-        )
+        found = stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape, bonds=cement)
+        print(json_output.to_json(about | found))
     elif output.quiet:
         print(printable(stability_report.verdict(result, calm, notes)))
     else:
         remedy = "" if settle else BARE if shape else REMEDY
         stability_report.show(
-            result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape, state=state,
+            result,
+            its_law,
+            notes,
+            more,
+            form,
+            calm=calm,
+            why=why,
+            remedy=remedy,
+            shape=shape,
+            state=state,
             bonds=cement,
         )
         if sure:

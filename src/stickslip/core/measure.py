@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from .arguments import Positive, Requirement, checked, knows_bonds, require_shape
-from .contacts.bonds import bond_rows, limits_of_bonds
+from .contacts.bonds import bond_rows, is_beam, limits_of_bonds
 from .contacts.forces import HELD, bodies, check_materials
 from .contacts.jacobian import linearise
 from .contacts.neighbors import body_radii, check_list, gap_of_bonds, shifts
@@ -258,7 +258,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
     i, j = unit[state.contacts.i[rows]], unit[state.contacts.j[rows]]
     if state.bonds:  # a beam alone holds a grain
         bonds = state.bonds
-        beams = bonds.intact & (bonds.stiffness[:, 1 : state.cell.dim + 1] > 0).all(axis=1)
+        beams = is_beam(bonds, state.cell.dim)
         i = np.append(i, np.repeat(unit[bonds.i[beams]], least))
         j = np.append(j, np.repeat(unit[bonds.j[beams]], least))
     loose = np.zeros(state.n_bodies, bool)

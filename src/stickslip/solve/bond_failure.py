@@ -7,8 +7,8 @@ from scipy.linalg import eigvals
 
 from ..core.arguments import NotNegative, Numbers, checked, knows_bonds, require_shape
 from ..core.contacts.bonding import bond_shares, limits
-from ..core.contacts.bonds import bond_rows, bond_vectors, judge_loads, with_bonds
-from ..core.contacts.forces import bodies
+from ..core.contacts.bonds import bond_rows, bond_vectors, judge_loads
+from ..core.contacts.jacobian import bond_blocks
 from ..core.laws.builtin import Law
 from ..core.readable import readable
 from ..core.state import FAILURES, Bonds, State
@@ -206,8 +206,7 @@ def decisive_bonds(state: State, law: Law, *, most: NotNegative = 3) -> Decisive
     value, left, right = deciding_vectors(here)
     count = len(here.line.closed)
     columns = incidence(state, count, free, 9).multiply(1 / np.sqrt(free.mass)[:, None]).tocsr()
-    about = bonds, state.cell.dim, bodies(state), state.cell.vectors, state.contacts
-    blocks = next(with_bonds(*about, np.zeros((count, 6, 6)), np.zeros((count, 6, 6))))
+    blocks = bond_blocks(state)
     sides = [(columns.T @ mode).reshape(count, 9) for mode in (left, right)]
     held = np.flatnonzero(bonds.intact)
     rows = bond_rows(bonds, state.contacts)[held]

@@ -172,6 +172,14 @@ def bond_shares(state: State) -> np.ndarray:
     return add_bond_loads(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy())
 
 
+def broken_since(state: State, before: State) -> np.ndarray:
+    """(B, 3) bonds that broke since an earlier state: i, j, and the index in `FAILURES` of the load that broke them."""
+    if not state.bonds:
+        return np.zeros((0, 3), int)
+    lost, bonds = before.bonds.intact & ~state.bonds.intact, state.bonds
+    return np.stack([bonds.i, bonds.j, bonds.failed], axis=1).astype(int)[lost]
+
+
 def limits(state: State, way: np.ndarray | None = None) -> BondLimits:
     """Loads of the bonds of a state over their strengths; see `limits_of_bonds`."""
     return limits_of_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, way)

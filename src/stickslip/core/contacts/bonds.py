@@ -98,6 +98,11 @@ def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
     return np.where(bonds.intact, rows, -1)
 
 
+def is_beam(bonds: Bonds, dim: int) -> np.ndarray:
+    """Mask of intact bonds that resist all relative motions, so that one of them alone holds a grain, (K,)."""
+    return bonds.intact & (bonds.stiffness[:, 1 : dim + 1] > 0).all(axis=1)
+
+
 def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np.ndarray:
     """Elastic force of the bond of each contact on body i, (C, 3) [force]."""
     force, out, rows = np.zeros((len(bonds.i), 3)), np.zeros((int(contacts.count[0]), 3)), bond_rows(bonds, contacts)
