@@ -51,6 +51,7 @@ States, engines and solvers
     Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
     equilibrium, bisect_change, dominant_family, Change, Family, Growth, LeftPathError, solve_point     load paths
     PathLedger, packing_info, travel, KICK_LEGS, EVENT_RATIO    ledger along equilibria, packings, kicks, events
+    FAILURES                    loads that break bonds
     describe_law, to_dict, verdict, no_equilibrium_message      a law, numbers and words of `stability`
 
 Contact laws

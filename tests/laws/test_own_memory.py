@@ -151,10 +151,7 @@ def test_two_memories_and_rolling_stand_side_by_side():
     [
         ({"memory": {"deepest": 0.0}}, "a law with memory needs both memory and update"),
         ({"update": lambda overlap: overlap}, "a law with memory needs both memory and update"),
-        (
-            {"memory": {"kn": 0.0}, "update": lambda overlap: overlap},
-            "name of a memory must be a unique identifier",
-        ),
+        ({"memory": {"kn": 0.0}, "update": lambda overlap: overlap}, "name of a memory must be a unique identifier"),
         ({"memory": {"old": "x"}, "update": lambda overlap: overlap}, "it must be a finite number"),
         ({"memory": {"old": 0.0}, "update": lambda old: old + 1}, "a second update must not change it"),
         ({"memory": {"old": 0.0}, "update": lambda old, overlap: (old, overlap)}, "it must be a finite number"),

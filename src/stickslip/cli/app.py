@@ -153,7 +153,9 @@ class FigureOptions(NamedTuple):
         int | None,
         typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column, default) or 178 mm."),
     ] = None
-    letters: Annotated[bool, typer.Option("--letters", help="Letter the panels of figures: (a), (b) …")] = False
+    letters: Annotated[
+        bool, typer.Option("--letters/--no-letters", help="Letter the panels of figures: (a), (b) …")
+    ] = True
     slides: Slides = False
 
     def look(self):

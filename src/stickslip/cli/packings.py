@@ -198,6 +198,8 @@ def stability(
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
+    Of cemented grains, also the bonds that decide, and the first ones to break as strains grow, by linear response.
+
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. Exit codes: 0 stable
     or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
     """
@@ -241,6 +243,11 @@ def stability(
                 from ..reports.details import compute_details
 
                 more = compute_details(state, its_law, result, report=tell)
+            cement = None
+            if state.bonds and result.balanced:
+                from ..reports.bonds import compute_bonds
+
+                cement = compute_bonds(state, its_law)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
             sure = position_error is not None and stability_report.find_probability(
                 state, its_law, position_error, dashpots=dashpots, report=tell
@@ -258,17 +265,24 @@ def stability(
         about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
         if sure:
             about |= {"position_error": stability_report.probability_dict(sure)}
-        print(
-            json_output.to_json(
-                about | stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape)
-            )
-        )
+        found = stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape, bonds=cement)
+        print(json_output.to_json(about | found))
     elif output.quiet:
         print(printable(stability_report.verdict(result, calm, notes)))
     else:
         remedy = "" if settle else BARE if shape else REMEDY
         stability_report.show(
-            result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape, state=state
+            result,
+            its_law,
+            notes,
+            more,
+            form,
+            calm=calm,
+            why=why,
+            remedy=remedy,
+            shape=shape,
+            state=state,
+            bonds=cement,
         )
         if sure:
             stability_report.show_probability(sure)

@@ -14,6 +14,7 @@ from .progress import Size, require_sizes
 from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
+FAILURES = "", "tension", "shear", "bending", "twisting", "compression"  # loads that break a bond
 MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius, which has one centre if grains do not overlap
 
 
@@ -161,6 +162,7 @@ class Bonds(NamedTuple):
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
     form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
     fading: np.ndarray  # (K,) int8: power of the share of the strength by which loads fade before failure, or 0
+    failed: np.ndarray  # (K,) int8: load that broke it, see `FAILURES`; 0 for intact ones, or if it is not known
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""

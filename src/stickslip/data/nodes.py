@@ -133,7 +133,8 @@ def restore(node: Node, known: dict[str, type]):
         return {number(name): value for name, value in tree.items()}
     if noun is Law and "own" in tree:
         tree["kind"] = _restore_kind(tree["kind"], tree.pop("own"))
-    made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
+    maker = {Contacts: restore_contacts, Bonds: restore_bonds}.get(noun)
+    made = maker(tree) if maker else noun(**tree) if noun else tree
     if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked together with it
         check_value(noun.__name__, made, noun)
     return made
@@ -219,3 +220,8 @@ def restore_contacts(fields: dict) -> Contacts:
         if not len(fields.get("rolling", ())):
             fields["rolling"] = None
     return Contacts(**fields)
+
+
+def restore_bonds(fields: dict) -> Bonds:
+    """Bonds from their fields in a file. Files of early versions do not say which load broke each one."""
+    return Bonds(**{"failed": np.zeros(len(fields["i"]), np.int8)} | fields)

@@ -134,16 +134,12 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
             if np.isfinite(at):
                 axes.plot(x, expit((x - at) / width), style, color=color)
                 axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
-    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="half do: 95 % interval of load")
+    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="load at which half slide, 95 %")
     axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
-    axes.plot([], [], "o-", color=BLACK, ms=3, label="then slid on for as long")
+    axes.plot([], [], "o-", color=BLACK, ms=3, label="and on for as long again")
     if len(found.arrest):
         axes.axvspan(
-            *np.clip(found.arrest_range, loads[0], top),
-            color=BLACK,
-            alpha=0.2,
-            lw=0,
-            label="sliding stops when lowered",
+            *np.clip(found.arrest_range, loads[0], top), color=BLACK, alpha=0.2, lw=0, label="stops at a lower load"
         )
     static = (
         (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),

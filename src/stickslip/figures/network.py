@@ -182,7 +182,7 @@ def _draw_rose(axes, net: ForceNetwork, found, plane: np.ndarray) -> None:
     axes.set_yticks([1.0], labels=[""])
     axes.plot([], [], color="0.6", lw=0.5, label="mean")
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-    axes.tick_params(labelsize=6.5)
+    axes.tick_params(labelsize=7)
     axes.grid(lw=0.5, color="0.6")
     axes.set_axisbelow(False)
     axes.set_title(

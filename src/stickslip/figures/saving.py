@@ -21,7 +21,7 @@ class Look(NamedTuple):
 
     formats: tuple[str, ...] = ("png",)
     width: Literal[86, 178] = 86  # in mm
-    letters: bool = False  # of panels
+    letters: bool = True  # of panels, if there are several
     slides: bool = False  # 16:9 with large type, instead of a width
 
 
@@ -30,7 +30,7 @@ PLAIN = Look()
 
 @checked
 def save(
-    figure, path: str | Path, *, width: Literal[86, 178] | None = None, letters: bool = False, slides: bool = False
+    figure, path: str | Path, *, width: Literal[86, 178] | None = None, letters: bool = True, slides: bool = False
 ) -> Path:
     """Write a figure as PNG, PDF or SVG, according to the extension; text remains text in PDF (TrueType) and SVG.
 
@@ -115,4 +115,8 @@ def _letter(figure) -> list:
         left = max(far for other, far in reach.items() if abs(other.bbox.x0 - axes.bbox.x0) < 1)
         place = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "left", "va": "bottom"}
         out.append(axes.annotate(f"({letter})", (0, 1), (-left * 72 / figure.dpi, 4), **place, fontsize=8))
+        box = out[-1].get_window_extent()
+        beside = [words.get_window_extent() for words in (axes.title, axes.get_legend()) if words]
+        if hidden := [words.y1 for words in beside if words.overlaps(box)]:
+            out[-1].xyann = out[-1].xyann[0], (max(hidden) - axes.bbox.y1) * 72 / figure.dpi + 2
     return out

@@ -22,7 +22,7 @@ from matplotlib.ticker import AutoLocator, LogFormatterMathtext, LogLocator, Sca
 
 from ..core.arguments import checked
 from ..core.scales import ROUND_OFF
-from ..core.units import unit_name
+from ..core.units import current_units, unit_name
 
 WIDTH, PAGE = 86 / 25.4, 178 / 25.4  # inches, one column and two
 SLIDE, SLIDE_STEP = 2.7, 1.1  # inches, height of the canvas of a figure on a slide, and its growth until panels fit
@@ -46,8 +46,8 @@ STYLE = {
     "savefig.dpi": 300,
     "font.size": 8,
     "axes.labelsize": 8,
-    "legend.fontsize": 6.5,
-    "legend.title_fontsize": 6.5,
+    "legend.fontsize": 7,
+    "legend.title_fontsize": 7,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
     "axes.linewidth": 0.7,
@@ -69,6 +69,7 @@ STYLE = {
 }
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
 STRESS = "force/length^(dim-1)"  # without named units
+DIMENSION = re.compile(r"\b(length|time|mass|force|energy|stress)\b")
 POWERS = (-3, 4)  # powers of ten up to and from which the power moves from the numbers of an axis to its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
 DIGIT = 0.65  # width of a digit over the size of the font
@@ -199,7 +200,7 @@ def label_axes(
 ) -> None:  # fmt: skip
     """Label axes with a quantity, or a pair of quantity and unit, after their scales have been chosen.
 
-    Dimensions such as "length" become the units in use.
+    Dimensions such as "length" become the units in use, or "units of length".
 
     `whole` contains the names of axes with integers, `least` the least ranges of axes by name, which prevent zooming
     into noise. No linear axis zooms into round-off.
@@ -213,6 +214,8 @@ def label_axes(
             continue
         quantity, unit = (label, "") if isinstance(label, str) else label
         unit = unit_name(unit).replace(STRESS, "stress")
+        if current_units() is None and DIMENSION.search(unit):
+            unit = f"units of {unit}"
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":

@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..core.arguments import POSITIVE, Positive, checked
+from ..core.arguments import POSITIVE, Positive, checked, knows_bonds
+from ..core.contacts.bonding import broken_since
 from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.progress import NotInEquilibriumError, Report, silent
@@ -38,6 +39,7 @@ SKEW = 0.5  # shear of the cell at which it is replaced by a less skewed one
 
 
 @checked
+@knows_bonds
 def find_events(
     state: State, law: Law, *, to: Positive, drag: Positive, step: Positive = 4e-4,
     resolution: Positive = 1e-6, most: Annotated[int, POSITIVE] | None = None, smallest: Positive = SMALLEST,
@@ -49,7 +51,9 @@ def find_events(
     The path is followed by Newton's method. A step counts as continuous if it ends at an equilibrium that is stable
     under the drag and if the grains moved as the linear responses at both ends predict. Any other step is divided in
     halves, down to `resolution`; from the last stable state, dynamics with the drag then determines the next state. If
-    this is not a continuation of the path, there is an *event*; `EventKind` and `Event` list its properties.
+    this is not a continuation of the path, there is an *event*; `EventKind` and `Event` list its properties. Breaks of
+    bonds are also events: the path ends where the first bond is at its strength. It breaks, and dynamics determines the
+    next state, on the way to which others may break.
 
     Parameters
     ----------
@@ -206,7 +210,7 @@ class Search:
 
     def _continues(self, trial: Point | None) -> bool:
         """Return True if a trial point continues the path."""
-        if trial is None or not continuous(self.point, trial):
+        if trial is None or not trial.holds or not continuous(self.point, trial):
             return False
         trial.tolerated = not trial.stable and self.point.tolerated and depart(trial)[0] is None
         return trial.stable or trial.tolerated
@@ -220,8 +224,14 @@ class Search:
     def _judge(self, trial: Point | None, goal: float) -> bool:
         """Let dynamics determine the end of a step as short as a bracket; False if it does not come to rest."""
         before = self.point
-        beyond = trial if trial is not None and not trial.stable and continuous(before, trial) else None
-        if beyond is not None:
+        snaps = trial is not None and not trial.holds and continuous(before, trial)
+        beyond = trial if not snaps and trial is not None and not trial.stable and continuous(before, trial) else None
+        if snaps:
+            end, rested = before.judge.rest(trial.state)
+            if not rested:
+                return False
+            after, jumps = settle(Point(goal, end, before.judge)), True
+        elif beyond is not None:
             other = depart(beyond)[0]
             beyond.tolerated = other is None
             after = settle(other) if other else beyond
@@ -231,12 +241,13 @@ class Search:
             if after is None:
                 return False
             jumps = self._is_far(before, after) and is_jump(before, after) and not continuous(before, after)
+        jumps = jumps or len(broken_since(after.state, before.state)) > 0
         lost = before.stable and not after.stable
         if not (jumps or lost):
             self._accept(after)
             return True
         path, upper = self._refine_break(before, goal) if before.stable else ([before], goal)
-        break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
+        break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal, snaps)
         if path[-1].strain == goal:  # still shorter steps pass
             self._accept(path[-1])
         elif jumps:
@@ -253,7 +264,7 @@ class Search:
     def _record(self, event: Break) -> None:
         """Add an event; if stability was lost within the last strain step, the instability has grown since then."""
         loss = self.loss
-        if loss is not None and event.goal - loss.goal <= self.step:
+        if loss is not None and not event.snaps and event.goal - loss.goal <= self.step:
             bracket, beyond = (loss.before.strain, loss.goal), loss.after
             event = event._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
         else:
@@ -271,7 +282,7 @@ class Search:
             if not waiting:
                 break
             trial = path[-1].newton(waiting[-1], thorough=True)
-            if trial is not None and continuous(path[-1], trial) and trial.stable:
+            if trial is not None and trial.holds and continuous(path[-1], trial) and trial.stable:
                 path.append(trial)
                 waiting.pop()
             elif waiting[-1] - path[-1].strain > self.resolution / FINER:

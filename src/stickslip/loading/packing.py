@@ -357,7 +357,7 @@ def sheared(state: State, strain: float, *, slip: bool = True) -> State:
 def reduced_cell(state: State) -> State:
     """Same packing in the least skewed cell of its lattice, for unlimited shear.
 
-    Nothing physical changes; only images and keys of the contacts are rewritten.
+    Nothing physical changes; only images of contacts and bonds, and keys of contacts, are rewritten.
     """
     vectors, change = state.cell.vectors.copy(), np.eye(3, dtype=np.int64)
     axes = [k for k in range(3) if state.cell.periodic[k]]
@@ -374,7 +374,8 @@ def reduced_cell(state: State) -> State:
     count = int(state.contacts.count[0])
     back = np.round(np.linalg.inv(change)).astype(np.int64)
     rows = _with_images(state.contacts, state.contacts.image[:count] @ back)
-    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
+    bonds = state.bonds and state.bonds._replace(image=(state.bonds.image @ back).astype(np.int16))
+    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows, bonds=bonds)
 
 
 def wrapped(state: State) -> State:

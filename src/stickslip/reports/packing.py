@@ -29,6 +29,7 @@ from .terminal import console, new_table, show_table
 if TYPE_CHECKING:  # needed by a few options only, otherwise not loaded
     from ..solve.birth import BirthForm
     from ..solve.gradient import VerdictProbability
+    from .bonds import BondDetails
     from .details import Details
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
@@ -208,7 +209,7 @@ def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[st
 def to_dict(
     result: Stability, more: "Details | None" = None,
     form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), notes=(),
-    shape: Geometry | None = None,
+    shape: Geometry | None = None, bonds: "BondDetails | None" = None,
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
     damped = result.undamped is not None
@@ -246,6 +247,10 @@ def to_dict(
         from . import details
 
         out["more"] = details.to_dict(more)
+    if bonds:
+        from . import bonds as cement
+
+        out["bonds"] = cement.to_dict(bonds)
     if form:
         out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
     return out
@@ -267,7 +272,7 @@ def _form_dict(form: "BirthForm") -> dict:
 def show(
     result: Stability, law: Law, notes: list[str], more: "Details | None" = None,
     form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), remedy: str = "",
-    shape: Geometry | None = None, state: State | None = None,
+    shape: Geometry | None = None, state: State | None = None, bonds: "BondDetails | None" = None,
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
@@ -311,6 +316,10 @@ def show(
         from . import details
 
         details.show(more, result)
+    if bonds:
+        from . import bonds as cement
+
+        cement.show(bonds)
     if form:
         _show_form(form)
 

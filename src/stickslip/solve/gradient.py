@@ -365,6 +365,15 @@ def _differentiable(here: LinearisedState) -> LinearisedState:
 
 
 def _deciding_mode(here: LinearisedState) -> _Mode:
+    value, left, right = deciding_vectors(here)
+    return _Mode(value, float(np.linalg.norm(left) * np.linalg.norm(right)), *_at_contacts(here, left, right))
+
+
+def deciding_vectors(here: LinearisedState) -> tuple[complex, np.ndarray, np.ndarray]:
+    """λ that grows fastest or, if none grows, the softest, with modes u and v such that dλ = uᵀ dA' v.
+
+    A' = −A is the mass-weighted J. Translations and floppy modes, λ = 0, do not count.
+    """
     free = here.backbone
     with suitable_threads(len(free)):
         values, left, right = eig(here.dynamical_matrix(free).toarray(), left=True)
@@ -376,8 +385,7 @@ def _deciding_mode(here: LinearisedState) -> _Mode:
         k = int(np.argmin(np.where(np.isfinite(grows), values.real, np.inf)))
     k = k if values[k].imag >= 0 else int(np.argmin(np.abs(values - values[k].conj())))
     u, v = left[:, k], right[:, k]
-    product = np.vdot(u, v)
-    return _Mode(complex(values[k]), float(1 / abs(product)), *_at_contacts(here, u.conj() / -product, v))
+    return complex(values[k]), u.conj() / -np.vdot(u, v), v
 
 
 def _deciding_exponent(here: LinearisedState) -> _Mode:

@@ -229,6 +229,13 @@ def test_a_start_without_balance_leaves_nothing(change, message, tmp_path, monke
     assert not (tmp_path / "out").exists()
 
 
+def test_stations_that_were_not_chosen_are_those_on_the_fault(tmp_path):
+    short = ss.scenario(experiment="fault", line={"width": 5e3, "cell": 100.0})
+    assert short.run.stations == (0.0, 2500.0, 5000.0)
+    (tmp_path / "short.json").write_text(short.text)
+    assert read_scenario(tmp_path / "short.json") == short
+
+
 def test_measures_are_averages_over_settled_events(result):
     events = result.history.events
     assert len(events.start) > room.SETTLING + 2

@@ -275,7 +275,9 @@ def test_a_table_from_a_file(tmp_path):
     (tmp_path / "s.csv").write_text("time \\ depth,0,1000\n0,0,0\n1e7,-2e6,1e6\n12000000,3e6,0\n")
     for ours, table in zip(friction.read_stress_table(tmp_path / "s.csv"), TABLE, strict=True):
         assert np.array_equal(ours, table)
-    chosen = scenario(experiment="fault", normal_stress={"file": str(tmp_path / "s.csv")}, line={"cell": 25.0})
+    tables = 'experiment = "fault"\nline.cell = 25.0\nnormal_stress.file = "s.csv"\n'  # beside the scenario
+    (tmp_path / "fault.toml").write_text(tables)
+    chosen = read_scenario(tmp_path / "fault.toml")
     (tmp_path / "s.csv").unlink()
     assert chosen.normal_stress.changes == ((0.0, 0.0), (-2e6, 1e6), (3e6, 0.0))
     assert np.allclose(chosen.fault.normal_at(1.2e7)[0], 50e6 + 3e6, rtol=1e-2)

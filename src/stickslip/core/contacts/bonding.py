@@ -8,7 +8,7 @@ from ..arguments import Array, NotNegative, checked, knows_bonds
 from ..fields import IMAGE_BITS, pack_keys
 from ..laws.bonds import UNBREAKABLE, Bond, coefficients
 from ..state import Bonds, State, empty_contacts
-from .bonds import add_bond_loads, bond_gap, bond_vectors
+from .bonds import BondLimits, add_bond_loads, bond_gap, bond_vectors, judge_loads, limits_of_bonds
 from .forces import bodies
 from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
@@ -99,7 +99,7 @@ def _make(state: State, bond: Bond, i, j, image, rest=None) -> Bonds:
     bonds = Bonds(
         i.astype(np.int32), j.astype(np.int32), image.astype(np.int16), np.ones(k, bool), np.ones(k), np.full(k, 0.5),
         nothing, np.tile([1.0, 0, 0, 0], (k, 1)), angle[i].copy(), angle[j].copy(), np.zeros((k, 4)), np.zeros((k, 4)),
-        np.ones((k, 4)), np.full(k, bond.form, np.int8), np.full(k, bond.fading, np.int8),
+        np.ones((k, 4)), np.full(k, bond.form, np.int8), np.full(k, bond.fading, np.int8), np.zeros(k, np.int8),
     )  # fmt: skip
     way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
     length = np.linalg.norm(way, axis=1)
@@ -172,6 +172,19 @@ def bond_shares(state: State) -> np.ndarray:
     return add_bond_loads(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy())
 
 
+def broken_since(state: State, before: State) -> np.ndarray:
+    """(B, 3) bonds that broke since an earlier state: i, j, and the index in `FAILURES` of the load that broke them."""
+    if not state.bonds:
+        return np.zeros((0, 3), int)
+    lost, bonds = before.bonds.intact & ~state.bonds.intact, state.bonds
+    return np.stack([bonds.i, bonds.j, bonds.failed], axis=1).astype(int)[lost]
+
+
+def limits(state: State, way: np.ndarray | None = None) -> BondLimits:
+    """Loads of the bonds of a state over their strengths; see `limits_of_bonds`."""
+    return limits_of_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, way)
+
+
 def without_failure(state: State) -> State:
     """State whose bonds do not break in a run, unless already faded; `with_strength_of` restores their strength."""
     if not state.bonds:
@@ -184,8 +197,9 @@ def with_strength_of(state: State, before: State, *, mended: bool = False) -> St
     """State whose bonds have their previous strength and, if `mended`, are intact if they were before."""
     if not state.bonds:
         return state
-    intact = before.bonds.intact if mended else state.bonds.intact
-    return state._replace(bonds=state.bonds._replace(strength=before.bonds.strength, intact=intact), instant=None)
+    kept = before.bonds if mended else state.bonds
+    bonds = state.bonds._replace(strength=before.bonds.strength, intact=kept.intact, failed=kept.failed)
+    return state._replace(bonds=bonds, instant=None)
 
 
 def with_weakest_broken(state: State) -> State:
@@ -193,6 +207,7 @@ def with_weakest_broken(state: State) -> State:
     share = bond_shares(state) if state.bonds else np.zeros(0)
     if not share.max(initial=0.0) >= 1.0:
         return state
-    intact = state.bonds.intact.copy()
-    intact[share.argmax()] = False
-    return state._replace(bonds=state.bonds._replace(intact=intact), instant=None)
+    intact, failed, weakest = state.bonds.intact.copy(), state.bonds.failed.copy(), share.argmax()
+    intact[weakest] = False
+    failed[weakest] = judge_loads(state.bonds, limits(state).load)[1][weakest]
+    return state._replace(bonds=state.bonds._replace(intact=intact, failed=failed), instant=None)

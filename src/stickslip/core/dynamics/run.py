@@ -188,8 +188,6 @@ def run(
         }  # fmt: skip
         leg = Leg(state, law, dt, steps, drag=drag, every=every)
         return _run_elsewhere(engine, leg, [name for name, is_asked in asked.items() if is_asked])
-    if state.bonds and ledger:
-        raise ValueError("ledger does not yet include the energy of bonds: omit it")
     every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)

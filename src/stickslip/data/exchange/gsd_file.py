@@ -16,7 +16,7 @@ from ...core.readable import pluralize
 from ...core.reading import Budget, Reader
 from ...core.state import State, check
 from ...extras import require
-from ..nodes import restore_contacts
+from ..nodes import restore_bonds, restore_contacts
 from ..run_files import replace_atomically
 from ..sample import PackingError, account_for, repeated_note
 from .content import Packing, chosen_frames
@@ -207,7 +207,8 @@ def _read_frame(path, file, number: int) -> Packing:
         there = [name for name in kind._fields if f"{noun}/{name}" in meta["shapes"]]
         fields = {name: _read_array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
         if fields:  # only runs with dashpots store forces
-            parts[noun] = restore_contacts(fields) if kind is core.Contacts else kind(**fields)
+            maker = {"contacts": restore_contacts, "bonds": restore_bonds}.get(noun)
+            parts[noun] = maker(fields) if maker else kind(**fields)
     parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
     if "instant" in parts:

@@ -149,7 +149,7 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     for stage in result.stages:
         panels[0].text(
             0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
-            fontsize=6.5,
+            fontsize=7,
         )  # fmt: skip
     label_axes(panels[-1], x=("time $t$", "time"))
     panels[-1].set_xlim(0, time[-1])
