@@ -78,7 +78,7 @@ def missing_attribute(package: str, name: str) -> str:
     root = package.partition(".")[0]
     if hasattr(import_module(package), "__path__") and find_spec(
         f"{package}.{name}"
-    ):  # `from package import module` asks first, then imports the module
+    ):  # `from package import module` first looks for an attribute, then imports the module
         return f"{package}.{name} is a module that was not imported: import {package}.{name}"
     from .words import absent, suggestions
 

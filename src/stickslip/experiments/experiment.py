@@ -51,7 +51,7 @@ class SweepMember(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """Figures, texts and remarks on all members of a sweep, or on a run beside a test of a laboratory."""
+    """Figures, texts and remarks on all members of a sweep, or on a run and a laboratory test."""
 
     files: Mapping[str, Any] = MappingProxyType({})  # Figure, or text of a table, by file name
     remarks: tuple[str, ...] = ()  # sentences

@@ -1,6 +1,6 @@
 """The loop over realizations, shared by all experiments: run in parallel, save, skip saved ones, report failures.
 
-On a device, legs of several realizations, each in a thread of its own, run side by side in one batch (`Together`).
+On a device, legs of several realizations, each in a separate thread, run side by side in one batch (`Together`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -105,7 +105,7 @@ def run_realizations(
 
     Parameters
     ----------
-    function : called as function(*arguments, report), to which it tells its own progress; importable by name
+    function : called as function(*arguments, report), by which it reports its progress; importable by name
     device : runs the legs of up to `MOST` tasks side by side; the function is called with an Engine as `engine`
     stage, workers, report, options : as for `run_members`
 
@@ -167,7 +167,7 @@ class _Waiting:
 
 
 class Together:
-    """Engine for several callers, each in a thread of its own: waits until all have a leg, and runs these side by side.
+    """Engine for several callers, each in a separate thread: waits until all have a leg, and runs these side by side.
 
     Parameters
     ----------

@@ -179,7 +179,7 @@ class Certificate(NamedTuple):
 
     size: int  # eigenvalues examined
     real: int  # alone in a disc with a real centre; real since the spectrum of A is symmetric about the real axis
-    zero: int  # exactly zero, from coordinates that nothing resists; not counted in `size`
+    zero: int  # exactly zero, from unresisted coordinates; not counted in `size`
     pairs: int  # pairs whose disc is isolated and does not touch the real axis
     undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
     members: np.ndarray  # (k,) eigenvalues in each

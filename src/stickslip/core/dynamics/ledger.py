@@ -51,7 +51,7 @@ class Ledger(NamedTuple):
     # by bonds, whose loads have an energy only to first order in the rotations
     nonpotential: np.ndarray
     bonded: np.ndarray | float = 0.0  # (T,) stored in bonds
-    broken: np.ndarray | float = 0.0  # (T,) lost as bonds broke: what they stored less the work that they still did
+    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy less their remaining work
 
     @property
     def defect(self) -> np.ndarray:

@@ -176,7 +176,7 @@ def split_frames(
     ----------
     widths : allowed numbers of words in the first line of a frame
     above : number of lines before those of the grains
-    what, needed : words for a frame and for its first line, for messages
+    what, needed : words for a frame and for its first line, in messages
     """
     lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
     while at < len(lines):

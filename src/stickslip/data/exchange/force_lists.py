@@ -341,7 +341,7 @@ def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, id
         along = np.einsum("ck,ck->c", vector["f"], normal)
         sign = -1.0 if along.sum() < 0 else 1.0
         if sign < 0:
-            notes.append(f"forces in {contacts.name} are taken as those on the second grain, as contacts must press")
+            notes.append(f"forces in {contacts.name} are assumed to act on the second grain, as contacts must press")
         along, vector["ft"] = sign * along, sign * (vector["f"] - along[:, None] * normal)
     else:
         raise PackingError(

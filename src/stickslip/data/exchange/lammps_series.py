@@ -223,7 +223,7 @@ def read_content(frame: DumpFrame) -> Table:
 
 INTERVAL = 1.0  # time between two searches of the folder [s]
 FRESH = 3.0  # time after which an unchanged file is considered complete [s]
-NEEDS = "`stickslip docs lammps` shows what LAMMPS must write"
+NEEDS = "`stickslip docs lammps` describes the required output of LAMMPS"
 
 
 class Source(NamedTuple):

@@ -145,8 +145,8 @@ def load_path(
     Raises
     ------
     ValueError
-        if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
-        supports, or the controls have different free components.
+        if the packing is out of balance or unstable, the law is not linear, the load acts on an unsupported body, or
+        the controls have different free components.
 
     Examples
     --------
@@ -403,7 +403,7 @@ def check_start(state: State, law: Law, legs, increment: float) -> None:
             load = (
                 f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
             )
-            raise ValueError(f"a leg has a {load} that nothing balances: give loads without it")
+            raise ValueError(f"a leg has an unbalanced {load}: give loads without it")
         pull = np.abs(external_force(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):

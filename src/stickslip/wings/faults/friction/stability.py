@@ -182,7 +182,7 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Whether earthquakes can nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
+    """Possibility that earthquakes nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]

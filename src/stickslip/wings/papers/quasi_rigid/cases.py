@@ -240,7 +240,7 @@ def sliding_shares(m: LinearSystem, velocity: np.ndarray, sliding: np.ndarray) -
 
 
 def least_eigenvalue(m: LinearSystem) -> bool | None:
-    """Whether the status in which all critical contacts slide has the smallest eigenvalue of the symmetric part of k.
+    """True if the status with all critical contacts sliding has the smallest eigenvalue of the symmetric part of k.
 
     None beyond `SOLVED` contacts.
     """
@@ -260,7 +260,7 @@ def least_eigenvalue(m: LinearSystem) -> bool | None:
 
 
 def least_determinant(m: LinearSystem, load: np.ndarray) -> bool | None:
-    """Whether the status in which all critical contacts slide has the smallest det k(S); None beyond `MAPPED`."""
+    """True if the status with all critical contacts sliding has the smallest det k(S); None beyond `MAPPED`."""
     if m.limit.sum() > MAPPED:
         return None
     a = complementarity(m, load).matrix

@@ -196,7 +196,7 @@ def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, thre
     ScenarioError
         If the engine cannot run this scenario.
     MissingExtraError
-        If it is not installed. The message says how to install it.
+        If it is not installed. The message contains the installation command.
     """
     if scenario.engine == "stickslip":
         return own_engine(threads)

@@ -185,7 +185,7 @@ def stage_leg(
     begin: float,
     done: int = 0,
 ) -> Leg:
-    """Return what remains of a stage that began at a time, after a number of its samples."""
+    """Return the rest of a stage that began at a time, after a number of its samples."""
     stage = scenario.stages[number]
     before = round((state.time - begin) / start.dt)
     steps = round((begin + stage.duration - state.time) / start.dt)
