@@ -49,8 +49,8 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
 def lazy_function(package: str, path: str) -> Callable:
     """Return a function that imports `path` ("module.function") from a package when first called.
 
-    Its attribute `resolve` returns the function itself. Of another value, such as a table, it is the function that
-    returns it.
+    Its attribute `resolve` returns the function itself. For another value, such as a table, `resolve` is the function
+    that returns it.
     """
     module, _, name = path.partition(".")
 

@@ -29,7 +29,7 @@ class Reproduction(NamedTuple):
 class Paper(NamedTuple):
     """Reproduction of a published experiment; `reproduce` returns a `Reproduction`, or more with its attributes."""
 
-    title: str  # of the claims table
+    title: str  # title of the claims table
     cuts: str  # parts that a quick run omits
     scenario: Callable  # (quick, seed) -> scenario of the main run
     reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction

@@ -26,7 +26,7 @@ class Task(NamedTuple):
 
     label: str  # in messages, such as "sample 3"
     arguments: tuple
-    name: str  # of its saved result
+    name: str  # name of its saved result
     checkpoint: Checkpoint | None  # where the result is saved
 
 
@@ -34,8 +34,8 @@ class Realizations(NamedTuple):
     """Results in the order of the tasks."""
 
     results: list[Any]  # None where a realization failed
-    labels: list[str]  # of the tasks
-    reasons: list[str | None]  # of each failure, None elsewhere
+    labels: list[str]  # labels of the tasks
+    reasons: list[str | None]  # reason of each failure, None elsewhere
 
     @property
     def sentences(self) -> list[str | None]:
@@ -174,7 +174,7 @@ class Together:
     members : number of callers; each holds `turn` while it works, and calls `leave` when it has no more legs
     """
 
-    SAMPLES = 500  # of a leg, so that packing takes a small share of the time
+    SAMPLES = 500  # number of samples of a leg, so that packing takes a small share of the time
 
     def __init__(self, device: Device, members: int):
         self.device, self.members = device, members

@@ -23,7 +23,7 @@ from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
 
-STAGE = "complex pairs"  # of progress
+STAGE = "complex pairs"  # name of the stage in progress reports
 # modes treated together, and neighbours on either side; all others enter to second order
 WINDOW, HALO = 40, 40
 # assumed errors of windows: NEAR_PAIR of the largest |λ|, and MIXED mixing² of the half width; the largest errors seen

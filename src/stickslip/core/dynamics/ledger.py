@@ -70,7 +70,7 @@ class Books(NamedTuple):
     vectors: np.ndarray  # (3, 3) of the cell
     pull: np.ndarray  # (B, 3) forces of springs
     stride: int  # steps between two entries
-    step: int  # of the last entry
+    step: int  # step of the last entry
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
     law: object  # struct `Law` of the compiled core

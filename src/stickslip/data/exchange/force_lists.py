@@ -26,7 +26,7 @@ NAMELESS_GRAINS = {
     6: ["frame", "id", "x", "y", "radius", "edge"],
 }  # fmt: skip
 NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
-BONDS = ["i", "j", "slides", "ft", "fn"]  # of RigidLibrary, whose third column has flags
+BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third column has flags
 MATRICES = ("Norm", "Tan")  # in file names of its matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "body1", "a"),

@@ -40,7 +40,7 @@ class DumpFrame(NamedTuple):
     path: Path
     start: int  # first byte
     stop: int  # byte after the last one
-    digest: str  # of its bytes
+    digest: str  # digest of its bytes
     problem: str = ""  # reason why it cannot be used; empty for a complete frame
 
 

@@ -30,7 +30,7 @@ from .system import elimination_order, load_of
 SHIFT, MORE = 1e-12, 100.0  # added to squared singular values, so that none is zero; a larger one by this factor
 REPEATS = 4  # number of solves; each one reduces other components by SHIFT over their squared singular value
 SAMPLES = 4  # random vectors of the null space
-STILL = 1e-7  # of the largest motion or self-stress, below which one is zero
+STILL = 1e-7  # fraction of the largest motion or self-stress, below which one is zero
 PLANE = (0, 1, 5)  # x, y and rotation
 
 

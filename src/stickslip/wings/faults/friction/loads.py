@@ -15,7 +15,7 @@ class LoadStep(NamedTuple):
     """One leg of a load history, with constant velocity of the load point."""
 
     duration: float  # [time]
-    velocity: float  # of the load point; 0 in a hold [length/time]
+    velocity: float  # velocity of the load point; 0 in a hold [length/time]
     normal: float = 1.0  # normal stress over its reference value
 
 

@@ -187,7 +187,7 @@ class Nucleation(NamedTuple):
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
     cohesive_length: float
-    half_length: float  # of a nucleation zone
+    half_length: float  # half length of a nucleation zone
     sentence: str
 
 

@@ -115,7 +115,7 @@ RADIUS, OVERLAP = 0.5, 1e-4  # of the disk [length]; mass, kn and twice the radi
 KT, STEEP, FRICTION = 0.5, 20.0, 0.8  # kt; elevation of the normals of a groove in which det k(S) < 0 [degrees]; μ
 PUSH = 1e-6  # change of the load, relative to the force of a contact
 DT, EVERY = 0.02, 10
-DECADES = 3.0  # of velocity over which a rate is fitted
+DECADES = 3.0  # decades of velocity over which a rate is fitted
 
 
 class Growth(NamedTuple):

@@ -104,7 +104,7 @@ class Oscillation(NamedTuple):
     """Change δσ of the shear stress in the window of the fit of M."""
 
     offset: float  # mean of δσ e^{−ω_i t} over its root mean square: 0 for an oscillation around zero
-    exponent: float  # of the amplitude of δσ against M: 1/2 if the stress is linear in the displacements
+    exponent: float  # exponent of the amplitude of δσ against M: 1/2 if the stress is linear in the displacements
 
 
 def stress_oscillation(run: Released) -> Oscillation | None:

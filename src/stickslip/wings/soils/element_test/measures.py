@@ -18,8 +18,8 @@ from .simulate import ElementRun, ElementSeries
 
 STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
 PEAK = 0.1  # largest fraction of the leg, on each side of the peak, for fitting the dilatancy there
-BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
-PARTS = 10  # of the logarithm of the pressure, from whose means the slope of the void ratio is fitted
+BINS = 20  # number of strain bins in which stress ratio and dilatancy are averaged for Rowe's relation
+PARTS = 10  # number of parts of the logarithm of pressure, from whose means the slope of the void ratio is fitted
 FEW = 5  # rows that a slope needs
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"

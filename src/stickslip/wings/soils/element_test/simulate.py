@@ -107,7 +107,7 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
-    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario requests them
+    probes: tuple[ProbedState, ...] = ()  # probes of the first sample, if the scenario requests them
 
 
 class Piece(NamedTuple):
@@ -130,7 +130,7 @@ class Rig(NamedTuple):
     drive: Drive
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
-    engine: Engine | None  # of a dynamic test, if it is not `run`
+    engine: Engine | None  # engine of a dynamic test, if it is not `run`
     probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
 
     @property

@@ -84,7 +84,7 @@ class StageConditions(NamedTuple):
     """Conditions during a stage."""
 
     walls: tuple[str, ...]  # names of the remaining walls
-    motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
+    motion: dict[str, dict]  # motion of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
     gravity: tuple[float, ...]
     drag: float
 
