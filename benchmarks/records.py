@@ -193,10 +193,11 @@ def shown(one: dict) -> str:
 
 
 def pages(root: Path = ROOT) -> list[Path]:
-    """README and pages that people write, in which numbers stand."""
+    """README, paper and pages that people write, in which numbers stand."""
     made = {"numbers.md"}
     found = [p for p in sorted((root / "docs").rglob("*.md")) if not {"_build", "api", "reference"} & {*p.parts}]
-    return [root / "README.md", *(path for path in found if path.name not in made)]
+    first = [path for path in (root / "README.md", root / "paper" / "paper.md") if path.exists()]
+    return [*first, *(path for path in found if path.name not in made)]
 
 
 def with_numbers(text: str, records: dict[str, dict]) -> str:

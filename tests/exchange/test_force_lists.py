@@ -273,7 +273,10 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
         with pytest.raises(ValueError, match=text) as refused:
             ss.io.read_forces(*paths)
         assert "\n" not in str(refused.value), text
-    for text, match in (("# nothing\n", "has no rows"), ("i,j,fn,ft\n", "contacts.txt: no contacts were given")):
+    for text, match in (
+        ("# nothing\n", "has no rows"),
+        ("i,j,fn,ft\n", "contacts.txt: measured contact forces are missing"),
+    ):
         paths[1].write_text(text)
         with pytest.raises(ValueError, match=match):
             ss.io.read_forces(*paths)

@@ -61,10 +61,10 @@ def answer(capsys, *arguments):
     ("name", "text"),
     [
         ("sheared/sheared.restart", "law from the restart file: pair_style gran/hertz/history"),
-        ("sheared/dump.grains", "no contacts were given"),
-        ("sheared/data.packing", "no contacts were given"),  # a dump, whatever its name
-        ("sheared/scaled.dump", "no contacts were given"),
-        ("sheared/grains.dump.gz", "no contacts were given"),
+        ("sheared/dump.grains", "contacts were found from positions"),
+        ("sheared/data.packing", "contacts were found from positions"),  # a dump, whatever its name
+        ("sheared/scaled.dump", "contacts were found from positions"),
+        ("sheared/grains.dump.gz", "contacts were found from positions"),
         ("sheared/bare.lammpstrj", "has no masses: those of grains of density 1 are assumed"),
         ("sheared/sheared.data", "does not say which directions are periodic"),
         ("sheared/labels.data", "does not say which directions are periodic"),

@@ -89,9 +89,9 @@ def test_scenarios_without_a_file_are_what_they_were():
     ("old", "new", "message"),
     [
         ('file = "mine.py"', 'file = "mine.py"\nkn = 1.0', "law.file and law.kn were both given"),
-        ('file = "mine.py"', "kn = 1.0", "law.parameters was given without law.file"),
+        ('file = "mine.py"', "kn = 1.0", "law.parameters requires law.file"),
         ('file = "mine.py"', 'file = "other.py"', "other.py is not a file"),
-        ("kn = 2e4", "kn = -1.0", "kn = -1.0 was given"),
+        ("kn = 2e4", "kn = -1.0", "kn must .*, got -1.0"),
         ("kn = 2e4", "stiff = 1.0", "no parameter 'stiff': it has kn, kt, mu, mu_r"),
     ],
 )

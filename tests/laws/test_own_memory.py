@@ -151,7 +151,10 @@ def test_two_memories_and_rolling_stand_side_by_side():
     [
         ({"memory": {"deepest": 0.0}}, "only one of memory and update"),
         ({"update": lambda overlap: overlap}, "only one of memory and update"),
-        ({"memory": {"kn": 0.0}, "update": lambda overlap: overlap}, "its name must be an identifier"),
+        (
+            {"memory": {"kn": 0.0}, "update": lambda overlap: overlap},
+            "the name of a memory must be a unique identifier",
+        ),
         ({"memory": {"old": "x"}, "update": lambda overlap: overlap}, "it must be a finite number"),
         ({"memory": {"old": 0.0}, "update": lambda old: old + 1}, "a second update must change nothing"),
         ({"memory": {"old": 0.0}, "update": lambda old, overlap: (old, overlap)}, "it must be a finite number"),

@@ -296,9 +296,9 @@ def test_a_wave_that_shifts_all_grains_alike_has_no_frequency():
 @pytest.mark.parametrize(
     ("k", "e", "message"),
     [
-        ([0, 0, 1.0], [1, 0], "wavevector = .* z component"),
-        ([0, 0], [0, 0, 1.0], "direction = .* z component"),
-        ([0, 0], [0, 0], "direction = 0 was given"),
+        ([0, 0, 1.0], [1, 0], "z component of wavevector"),
+        ([0, 0], [0, 0, 1.0], "z component of direction"),
+        ([0, 0], [0, 0], "direction = 0 has no direction"),
         ([0.1, 0], [1, 0], "2π times an integer"),
     ],
 )
@@ -308,9 +308,9 @@ def test_plane_waves_that_the_cell_does_not_have_are_refused(calm, k, e, message
 
 
 def test_waves_have_a_direction_in_the_plane(calm):
-    with pytest.raises(ValueError, match="direction = 0 was given"):
+    with pytest.raises(ValueError, match=r"direction = 0 has no direction"):
         ss.modes.elastic_speeds(calm, LAW, [[1, 0], [0, 0]])
     with pytest.raises(ValueError, match="z component"):
         ss.modes.dispersion(calm, LAW, [0, 0, 1.0])
-    with pytest.raises(ValueError, match="wavevector = 0 was given"):
+    with pytest.raises(ValueError, match=r"wavevector = 0 has no direction"):
         ss.modes.dispersion(calm, LAW, [0, 0])

@@ -363,5 +363,7 @@ def test_a_public_name_of_a_missing_wing_names_it(monkeypatch):
 def test_without_any_wing_scenarios_name_no_experiment(install):
     install(without=[*wing.wings()])
     assert not EXPERIMENTS
-    with pytest.raises(ss.experiments.ScenarioError, match="experiment = 'gouge' was given, but no wing is installed"):
+    with pytest.raises(
+        ss.experiments.ScenarioError, match="experiment = 'gouge' is not available, as no wing is installed"
+    ):
         ss.scenario(experiment="gouge")

@@ -427,7 +427,7 @@ def test_the_view_is_that_of_grains_that_are_together(zoom, wide, words):
 
 @pytest.mark.parametrize("zoom", [0, -1, np.nan, np.inf, 1e9, True, None, "some", [1.0]])
 def test_a_zoom_without_sense_is_refused(zoom):
-    with pytest.raises(ValueError, match=r"zoom = .* was given: give a number from 0\.01 to 1000, or all"):
+    with pytest.raises(ValueError, match=r"zoom must be from 0\.01 to 1000, or all"):
         ss.figures.packing(RUNAWAYS, zoom=zoom)
 
 

@@ -64,6 +64,8 @@ struct Contacts {
 
 // forms of strength, see `core/contacts/bonds.py`
 constexpr int64_t BY_STRETCH = 0, BY_SUM = 1, BY_BEAM = 2;
+// loads that break a bond; 0: none did, or nobody knows
+constexpr int64_t BY_TENSION = 1, BY_SHEAR = 2, BY_BENDING = 3, BY_TWISTING = 4, BY_COMPRESSION = 5;
 
 struct Bonds {  // columns of four: tension, shear, bending, twisting
   int32_t *i;
@@ -81,6 +83,7 @@ struct Bonds {  // columns of four: tension, shear, bending, twisting
   double *strength;   // (K, 4)
   int8_t *form;
   int8_t *fading;
+  int8_t *failed;  // by which load, see above
   int64_t len_i;
 };
 
@@ -330,7 +333,11 @@ struct LedgerStep {  // see `core/dynamics/ledger.py`
   double spin_drag;
   double dt;
   uint8_t first;  // there is no step, only stored energies
-  double *row;    // (9,) written in place
+  Bonds *bonds_old;  // null without bonds; their memory is that of each end
+  Bonds *bonds_now;
+  double *vectors_old;  // (3, 3) of the cell
+  double *vectors_now;
+  double *row;    // (11,) written in place
   double *shares;  // (C, 2) or null: dissipated by friction and by the dashpots of each contact of `after`
 };
 
@@ -545,6 +552,12 @@ API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, con
 // shares of the strength (K,) are written unless that is null. `commits`: the memory is updated to the present rotations
 API void evaluate_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, uint8_t commits,
                         double *share, double *force, double *torque, double *virial);
+// Of all bonds as if they were intact: loads over their strengths (tension, then vectors of shear, bending and twisting),
+// (K, 10), their derivatives along `way` (K, 9), changes of pair vector and angles of i and j; and energy (K,)
+API void limit_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, const double *way,
+                     double *load, double *slope, double *energy);
+// Share of the strength (K,) under such loads (K, 10), and the load that breaks each bond if all grow in proportion
+API void judge_loads(const Bonds *bonds, const double *load, double *share, int8_t *failure);
 // Elastic forces on i (K, 3) and, unless null, derivatives (K, 9, 9) of force on i, moment on i and moment on j with
 // respect to pair vector and angles of i and j, and to their rates
 API void linearise_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, double *force,

@@ -66,7 +66,7 @@ def require_positive(**values) -> None:
     for name, value in values.items():
         if not 1 / LARGEST <= value <= LARGEST:
             range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
-            raise ValueError(f"{name} = {value} was given: it must be positive{range_}")
+            raise ValueError(f"{name} must be positive{range_}, got {value}")
 
 
 def require_not_negative(**values) -> None:
@@ -74,7 +74,7 @@ def require_not_negative(**values) -> None:
     for name, value in values.items():
         if value is not None and not 0 <= value <= LARGEST:
             range_ = f", at most {LARGEST:g}" if value > 0 else ""
-            raise ValueError(f"{name} = {value} was given: it must be zero or positive{range_}")
+            raise ValueError(f"{name} must be zero or positive{range_}, got {value}")
 
 
 def one_of(*allowed) -> Requirement:
@@ -83,15 +83,15 @@ def one_of(*allowed) -> Requirement:
     def check(name, value):
         if not any(isinstance(value, type(one)) and value == one for one in allowed):
             *others, last = map(repr, allowed)
-            shown = f"{', '.join(others)} and {last} are" if others else f"only {last} is"
-            raise ValueError(f"{name} = {quoted(value)} was given: {shown} allowed")
+            shown = f"{', '.join(others)} or {last}" if others else last
+            raise ValueError(f"{name} must be {shown}, got {quoted(value)}")
 
     return Requirement(check)
 
 
 def _require_seed(name: str, value: int) -> None:
     if value < 0:
-        raise ValueError(f"{name} = {value} was given: it must be zero or positive")
+        raise ValueError(f"{name} must be zero or positive, got {value}")
 
 
 FILLED = Requirement(require_filled)
@@ -263,7 +263,7 @@ def _check_numbers(name: str, value):
 def _check_computed(name: str, value):
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "buifcV":
         kind = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else _describe(value)
-        raise TypeError(f"{name} must be an array of numbers, but {kind} was given")
+        raise TypeError(f"{name} must be an array of numbers, got {kind}")
     return value
 
 
@@ -307,7 +307,7 @@ def _check_of_union(parts, given: bool):
         for problem in problems:  # of the right type, but with a wrong entry
             if isinstance(problem, ValueError):
                 raise problem
-        raise TypeError(f"{name} must be {kinds}, but {_describe(value)} was given")
+        raise TypeError(f"{name} must be {kinds}, got {_describe(value)}")
 
     return check
 
@@ -318,7 +318,7 @@ def _check_of_container(origin, parts, given: bool = True):
 
     def check(name, value):
         if not isinstance(value, (list, tuple) if origin is list else origin) or hasattr(value, "_fields"):
-            raise TypeError(f"{name} must be {kinds}, but {_describe(value)} was given")
+            raise TypeError(f"{name} must be {kinds}, got {_describe(value)}")
         if origin is dict:
             return {_part(checks[0], name, k): _part(checks[1], f"{name}[{k!r}]", v) for k, v in value.items()}
         fixed = origin is tuple and Ellipsis not in parts
@@ -334,7 +334,7 @@ def _check_of_container(origin, parts, given: bool = True):
 def _as_list(name: str, value) -> list:
     scalar = isinstance(value, np.ndarray) and not value.ndim
     if scalar or not isinstance(value, Iterable) or isinstance(value, str | bytes) or hasattr(value, "_fields"):
-        raise TypeError(f"{name} must be a list, but {_describe(value)} was given")
+        raise TypeError(f"{name} must be a list, got {_describe(value)}")
     return list(value)
 
 
@@ -380,16 +380,16 @@ def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True)
         return _check_float(name, value) if given else value
     if int in classes and isinstance(value, Real):
         if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
-            raise ValueError(f"{name} = {value} was given, but it must be a whole number")
+            raise ValueError(f"{name} must be a whole number, got {value}")
         if abs(value) > _LARGEST_INTEGER:
             shown = value if abs(value) < 1e40 else "a longer number"
-            raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
+            raise ValueError(f"{name} must be at most {_LARGEST_INTEGER}, got {shown}")
         return value if isinstance(value, bool) else int(value)
     if complex in classes and isinstance(value, Complex):
         if isinstance(value, Real):
             return _check_float(name, value)
         if given and not np.isfinite(value):
-            raise ValueError(f"{name} = {value} was given: it must be finite")
+            raise ValueError(f"{name} must be finite, got {value}")
         return value
     raise TypeError(_mismatch(name, value, classes))
 
@@ -413,7 +413,7 @@ def _check_float(name: str, value):
 
 def _check_callable(name: str, value):
     if not callable(value):
-        raise TypeError(f"{name} must be a function, but {_describe(value)} was given")
+        raise TypeError(f"{name} must be a function, got {_describe(value)}")
     return value
 
 
@@ -431,7 +431,7 @@ def _check_array(name: str, value, wanted: Array):
         nouns = {"f": "fractions", "c": "complex numbers", "U": "words", "M": "dates", "m": "time differences"}
         got = nouns.get(kind, "things other than numbers")
         needed = "real numbers" if "f" in wanted.kinds else "whole numbers"
-        raise ValueError(f"{name}: {got} were given where {needed} are needed")
+        raise ValueError(f"{name} must be {needed}, got {got}")
     if wanted.finite and array.dtype.kind in "fc" and not np.isfinite(array).all():
         raise ValueError(f"{name} holds NaN or infinity: give finite numbers")
     if wanted.ndim is not None and array.ndim not in wanted.ndim:
@@ -456,7 +456,7 @@ def _check_result(name: str, value, wanted: Result):
     absent += [repr(key) for key in wanted.keys if not isinstance(value, Mapping) or key not in value]
     if absent:
         kind = _describe(value)
-        raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")
+        raise TypeError(f"{name} must be a {wanted.name}, got {kind}, which has no {absent[0]}")
     return _check_class(name, value, (type(value),)) if hasattr(value, "_fields") else value
 
 
@@ -474,7 +474,7 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
     elif type(value).__module__.startswith("stickslip."):
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
-    return f"{name} must be {allowed}, but {_describe(value)} was given{remedy}"
+    return f"{name} must be {allowed}, got {_describe(value)}{remedy}"
 
 
 def require_options(function: Callable, options: Iterable[str]) -> None:
@@ -483,14 +483,14 @@ def require_options(function: Callable, options: Iterable[str]) -> None:
     names = [one.name for one in known if one.kind is one.KEYWORD_ONLY]
     for name in options:
         if name not in names:
-            raise TypeError(f"{name} was given, which is no option: there are {', '.join(names)}")
+            raise TypeError(f"{name} is not an option; the options are {', '.join(names)}")
 
 
 def require_index(count: int, **values) -> None:
     """Raise ValueError with a one-sentence message if a value does not number one of `count` things, from 0."""
     for name, value in values.items():
         if not 0 <= value < count:
-            raise ValueError(f"{name} = {value} was given: it must be between 0 and {count - 1}")
+            raise ValueError(f"{name} must be from 0 to {count - 1}, got {value}")
 
 
 def require_shape(shape: tuple[int, ...], **values) -> None:

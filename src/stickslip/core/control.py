@@ -17,9 +17,9 @@ def body_numbers(control: Control, bodies) -> np.ndarray:
     if numbers.dtype == bool and numbers.shape == (count,):
         return np.flatnonzero(numbers)
     if numbers.size and (numbers.dtype.kind not in "iu" or numbers.ndim != 1):
-        raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or a mask of all {count}")
+        raise ValueError(f"bodies must be body numbers or a mask of all {count} bodies, got {bodies!r}")
     for worst in numbers[(numbers < 0) | (numbers >= count)]:
-        raise ValueError(f"body {worst} was given: bodies have numbers 0 to {count - 1}, grains first, then walls")
+        raise ValueError(f"body {worst} does not exist: bodies have numbers 0 to {count - 1}, grains first, then walls")
     return numbers.astype(int)
 
 
@@ -142,13 +142,13 @@ def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, m
         tensor = as_numbers(stress)
         if tensor.shape not in ((2, 2), (3, 3)):
             raise ValueError(
-                f"a stress of shape {tensor.shape} was given: a (dim, dim) tensor or components are needed"
+                f"a stress must be a (dim, dim) tensor or components by name, got an array of shape {tensor.shape}"
             )
         stress = {"xyz"[a] + "xyz"[b]: float(tensor[a, b]) for a, b in zip(*np.triu_indices(len(tensor)), strict=True)}
     free, wanted = control.cell_free.copy(), control.stress.copy()
     for name, value in stress.items():
         if len(name) != 2 or not set(name) <= set("xyz"):
-            raise ValueError(f"a stress component {name!r} was given: use two letters, each x, y or z, such as 'yy'")
+            raise ValueError(f"a stress component has two letters, each x, y or z, such as 'yy', got {name!r}")
         where = tuple("xyz".index(letter) for letter in name)
         free[where], wanted[where] = True, value
     rate = np.where(free, 0.0, control.cell_rate)
@@ -185,7 +185,7 @@ def time_dependent(
     follows, cell_follows = control.follows.copy(), control.cell_follows.copy()
     if isinstance(bodies, str):
         if bodies != "cell":
-            raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or 'cell'")
+            raise ValueError(f"bodies must be body numbers or 'cell', got {bodies!r}")
         cell_follows[:] = column
     else:
         axes = np.arange(6)[axes] if isinstance(axes, slice) else _axis_numbers(axes)
@@ -229,7 +229,7 @@ def spring_loaded(
     """
     bodies = body_numbers(control, bodies)
     if not len(bodies):
-        raise ValueError("no bodies were given: a spring needs at least one")
+        raise ValueError("a spring needs at least one body")
     column = control.leads[bodies[0], axis]
     others = control.leads == column
     others[bodies, axis] = False
@@ -259,7 +259,7 @@ def _axis_numbers(axes) -> np.ndarray:
     """Numbers of axes, (k,) integers from 0 to 5."""
     numbers = np.atleast_1d(axes)
     if numbers.dtype.kind not in "iu" or not ((numbers >= 0) & (numbers < 6)).all():
-        raise ValueError(f"axes = {axes!r} was given: 0 to 5 are x, y, z, and rotations about them")
+        raise ValueError(f"axes must be from 0 to 5 (x, y, z, and rotations about them), got {axes!r}")
     return numbers
 
 
@@ -272,7 +272,7 @@ def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndar
     times, values = np.atleast_1d(as_numbers(times)), np.atleast_1d(as_numbers(values))
     if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():
         raise ValueError(
-            f"{len(times)} times and {len(values)} values were given: equal numbers are needed, with increasing times"
+            f"times must increase and be as many as values, got {len(times)} times and {len(values)} values"
         )
     knots = np.union1d(control.knots, times)
     old = [np.interp(knots, control.knots, c) if len(control.knots) else np.zeros(len(knots)) for c in control.course.T]

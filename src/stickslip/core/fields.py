@@ -124,7 +124,7 @@ FIELDS = {
         "direction": _real("bonds", 3), "turn": _real("bonds", 4), "angle_i": _real("bonds", 3),
         "angle_j": _real("bonds", 3), "stiffness": _real("bonds", 4, low=0), "damping": _real("bonds", 4, low=0),
         "strength": Field(np.float64, ("bonds", 4), 1 / LARGEST, 1e300), "form": Field(np.int8, ("bonds",), 0, 2),
-        "fading": Field(np.int8, ("bonds",), 0, 8),
+        "fading": Field(np.int8, ("bonds",), 0, 8), "failed": Field(np.int8, ("bonds",), 0, 5),
     },
     "instant": {"force": _real("bodies", 6), "pull": _real(3, 3), "mark": Field(np.int64, None, -np.inf, np.inf)},
     "": {"time": Field(np.float64)},
@@ -151,7 +151,7 @@ def check_parts(parts: Mapping[str, Any]) -> None:
     entries = []
     for part, noun in parts.items():
         if part and getattr(noun, "_fields", None) != tuple(FIELDS[part]):
-            raise ValueError(f"{part} must be those of a State, but {type(noun).__name__} was given")
+            raise ValueError(f"{part} must be those of a State, got {type(noun).__name__}")
         values = noun if part else (noun.time,)
         entries += [(name, value, *known) for (name, *known), value in zip(_ENTRIES[part], values, strict=True)]
     for name, value, field, dtype, dimensions, _ in entries:

@@ -108,8 +108,8 @@ def compressed(
     start = random_grains(n, LOOSE.get(dim, 1.0), dim, radius=radius, mass=mass, i0=None, seed=seed)
     if _width(start) < NARROWEST * 2 * start.grains.radius.max():
         raise ValueError(
-            f"{n} grains were given: their cell would be narrower than {NARROWEST} of the largest grains, so that "
-            f"it could collapse; use more grains"
+            f"the cell of {n} grains would be narrower than {NARROWEST} of the largest grains and could collapse: use "
+            "more grains"
         )
     tolerance = BALANCED * natural_scales(start, law).force if tolerance is None else tolerance
     require_positive(tolerance=tolerance)
@@ -136,13 +136,13 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
     force, most = pressure * area, _force_between(start, law, depth)
     if not force <= most:
         raise ValueError(
-            f"pressure = {pressure:g} was given: grains under this law would overlap by more than {DEEPEST:g} of their "
-            f"radius; give at most {most / area:.2g}, or a stiffer law"
+            f"pressure must be at most {most / area:.2g}, or grains under this law would overlap by more than "
+            f"{DEEPEST:g} of their radius, got {pressure:g}; use a stiffer law"
         )
     if force < RESOLVED * tolerance:
         raise ValueError(
-            f"pressure = {pressure:g} was given: its contact forces of {force:.2g} are too small for a tolerance of "
-            f"{tolerance:g}; give a pressure of at least {RESOLVED * tolerance / area:.2g}, or a smaller tolerance"
+            f"pressure = {pressure:g} gives contact forces of {force:.2g}, too small for a tolerance of "
+            f"{tolerance:g}: use a pressure of at least {RESOLVED * tolerance / area:.2g}, or a smaller tolerance"
         )
     overlap = scipy.optimize.brentq(lambda x: _force_between(start, law, x) - force, 0.0, depth, rtol=1e-6, xtol=1e-300)
     slope = (_force_between(start, law, 1.01 * overlap) - force) / (0.01 * overlap)
@@ -151,8 +151,8 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
     steps = 0.1 * scales.stiffness * scales.time / scales.dt  # for a linear strain of a tenth
     if not steps <= STEPS:
         raise ValueError(
-            f"pressure = {pressure:g} was given: a slow compression to it would take about {steps:.0e} steps; give a "
-            f"higher pressure, or a softer law"
+            f"a slow compression to pressure = {pressure:g} would take about {steps:.0e} steps: use a higher "
+            "pressure, or a softer law"
         )
     return scales
 
@@ -354,7 +354,7 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
 
 def _contact_law(kn: float, kt: float, mu: float, pressure: float, scales: _Scales) -> Law:
     if not kn / LARGEST < pressure <= SOFT * kn:
-        raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
+        raise ValueError(f"pressure must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}, got {pressure}")
     rate = 0.2 / scales.time
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=rate, damping_t=rate)
 

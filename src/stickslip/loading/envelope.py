@@ -120,7 +120,7 @@ def response_envelope(
     require_sizes([Size("these are", directions, "directions", "use fewer")])
     least = 1e3 * _round_off(state) if len(touching(state)) else 0.0  # forces are then known to 1e-3
     if not least <= size <= 1:
-        raise ValueError(f"size = {size:g} was given: probes of this packing have sizes from {least:.1g} to 1")
+        raise ValueError(f"size must be from {least:.1g} to 1 for probes of this packing, got {size:g}")
     if plane is None:
         along = np.diag(np.eye(state.cell.dim)[1])
         plane = [along, np.eye(state.cell.dim) - along]  # yy, and the other normal components together
@@ -184,7 +184,7 @@ class _StrainProbe:
         held = stopped(state._replace(control=control))
         self.state = self.settle(held) if imbalance(held, law) <= BALANCED_BELOW else None
         if self.state is None:
-            raise ValueError("a packing that is not in equilibrium was given: use `equilibrate` first")
+            raise ValueError("the packing is not in equilibrium: use `equilibrate` first")
         self.before = stress(self.state, law)
 
     def answer(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
@@ -238,12 +238,12 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
     """Return an orthonormal basis of the plane of two tensors."""
     if plane.shape != (2, dim, dim) or not np.allclose(plane, plane.transpose(0, 2, 1)):
         raise ValueError(
-            f"a plane of shape {plane.shape} was given: two symmetric tensors of shape {(dim, dim)} span one"
+            f"plane must be two symmetric tensors of shape {(dim, dim)}, got an array of shape {plane.shape}"
         )
     first = plane[0] / np.linalg.norm(plane[0])
     second = plane[1] - (plane[1] * first).sum() * first
     if not np.linalg.norm(second) > 1e-9 * np.linalg.norm(plane[1]):
-        raise ValueError("two tensors that are multiples of each other were given: they must span a plane")
+        raise ValueError("the two tensors are multiples of each other: they must span a plane")
     return np.array([first, second / np.linalg.norm(second)])
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
 
+from ..core.contacts.bonding import bond_shares, broken_since, without_failure
 from ..core.contacts.forces import FREE
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.neighbors import with_neighbor_list
@@ -34,6 +35,7 @@ class EventKind(Enum):
     PAIR = "a complex pair with growing oscillations"
     SLIDING = "a contact starts to slide"
     OPENING = "a contact opens"
+    BREAKING = "a bond breaks"
     UNSTABLE = "the state before was already unstable"
     UNRESOLVED = "unresolved"
 
@@ -65,6 +67,7 @@ class Event(NamedTuple):
     # root mean square distance, in mean diameters, between the state at the end of the strain step and that of Newton's
     # method alone in one step; NaN if Newton's method fails
     newton_distance: float
+    broken: np.ndarray = np.zeros((0, 3), int)  # (B, 3) bonds that broke in it: grains, index in `FAILURES`
 
 
 @readable(head=lambda steps: pluralize(len(steps.strain), "strain step"))
@@ -105,6 +108,7 @@ class Break(NamedTuple):
     beyond: Point | None  # unstable equilibrium at the upper end, if the branch continues
     after: Point  # where dynamics ends
     goal: float  # upper end of the bracket
+    snaps: bool = False  # whether a bond at its strength starts it
 
 
 class Profile(NamedTuple):
@@ -129,7 +133,8 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
             rows.append((away, *_softness(point)))
         away /= EVENT_RATIO
     profile = Profile(*np.array(rows).reshape(-1, 5).T)
-    kind, (power, error) = _classify(event, profile)
+    broken = broken_since(after.state, before.state)
+    kind, (power, error) = (EventKind.BREAKING, (np.nan,) * 2) if event.snaps else _classify(event, profile)
     trigger, row, values = None, -1, None
     if kind is EventKind.UNRESOLVED and (trigger := find_trigger(event.last, event.upper)):
         kind, row, values = trigger
@@ -141,6 +146,8 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
         growth = float(event.beyond.exponents.max())
     elif values is not None:
         growth = float(judge.exponents(values).max())
+    elif event.snaps:
+        growth = np.nan
     else:
         growth = motion_growth(before, event.upper, judge)
     moved = displacement(before.state, after.state, after.strain - before.strain, judge.way)
@@ -151,13 +158,22 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
         (set(p.state.contacts.key[np.flatnonzero(p.response.support.contacts)].tolist()),
          set(p.state.contacts.key[touching(p.state)].tolist())) for p in (before, after)
     )  # fmt: skip
+    grains = (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1)
+    grains = _weakest(event.last) if event.snaps else grains
+    broken = broken[np.argsort((broken[:, :2] != grains).any(axis=1), kind="stable")]  # the trigger is the first
     return Event(
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
-        profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
+        profile.growth, grains,
         float(event.last.response.mobilisation[row]) if trigger else np.nan,
         margin(values, judge.drag) if trigger else np.nan, growth, (shear - end) / pressure,
-        jump / judge.diameter, participation, len(held - touches), len(holds - touched), np.nan,
+        jump / judge.diameter, participation, len(held - touches), len(holds - touched), np.nan, broken,
     )  # fmt: skip
+
+
+def _weakest(point: Point) -> tuple[int, int]:
+    """Grains of the bond with the largest share of its strength."""
+    bonds, first = point.state.bonds, int(bond_shares(point.state).argmax())
+    return int(bonds.i[first]), int(bonds.j[first])
 
 
 def _point_at(event: Break, strain: float) -> Point | None:
@@ -283,6 +299,8 @@ def _upcoming(last: Point, upper: float):
         contacts = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
         for row in np.flatnonzero(response.support.contacts).tolist():
             closed, slides = contacts.get(int(state.contacts.key[row]), (0.0, 0.0))
+            if not response.line.closed[row]:  # a bond across a gap
+                continue
             if not closed:
                 yield row, OPEN
             elif slides and state.contacts.mode[row] == STICK:
@@ -333,7 +351,7 @@ def motion_growth(point: Point, strain: float, judge: Judge) -> float:
 
     It is a mean over the last rise of K from 1 % to 50 % of its maximum.
     """
-    start = point.strained_to(strain)
+    start = without_failure(point.strained_to(strain))
     dt = TIME_STEP * stable_time_step(start, judge.law)
     _, record, outcome = run(start, judge.law, RUN, dt, drag=judge.drag, spin_drag=judge.drag, every=SAMPLE, threads=1)
     energy = record.kinetic_energy

@@ -12,13 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.contacts.bonding import bond_shares, with_strength_of, with_weakest_broken, without_failure
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import stable_time_step
 from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, mean_normal_force, touching, volume
 from ..core.readable import readable
-from ..core.state import State
+from ..core.scales import natural_scales
+from ..core.state import OPEN, State
 from ..solve.balance import with_modes_under
 from ..solve.equilibrate import equilibrate, relax
 from ..solve.freedom import displaced
@@ -29,6 +31,8 @@ from .settling import SIMPLE, Deformation
 
 BEND = 0.05  # distance of a step from the motions predicted at its ends, over the larger of them, in a continuous path
 JUMP = 10.0  # motion over that predicted in a bracket, from which it is a jump
+TINY = 1e-4  # overlap that takes the place of the mean of a cemented packing without any, over the mean diameter
+UNLOADED = 1e-3  # force that takes the place of the mean of a cemented packing at rest, over the natural one
 STILL = 1e-7  # displacement below which nothing jumped, in mean overlaps
 BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
 ITERATIONS, PATIENCE = 30, 3  # of Newton's method, and its steps that may leave more than half of the residual
@@ -52,7 +56,7 @@ class Judge:
         way: Deformation = SIMPLE,
     ):  # fmt: skip
         self.law, self.drag, self.prune, self.slip, self.way = law, drag, prune, slip, way
-        self.force = mean_normal_force(state, law)
+        self.force = mean_normal_force(state, law) or UNLOADED * natural_scales(state, law).force
         self.diameter = float(2 * state.grains.radius.mean())
         self.overlap = mean_overlap(state)
         self.keep = Factorisation()
@@ -74,8 +78,21 @@ class Judge:
         return support(state, self.law, prune=self.prune).grains
 
     def rest(self, state: State, steps: int = MOST_STEPS) -> tuple[State, bool]:
-        """State to which damped dynamics leads, and whether it came to rest; Newton's method only removes residuals."""
-        here = state
+        """State to which damped dynamics leads, and whether it came to rest; Newton's method only removes residuals.
+
+        Bonds do not break on the way, unless they fade. Those at their strength then break one by one, the one with the
+        largest share first, with dynamics after each.
+        """
+        end, rested = self._rest(state, steps)
+        while rested and (weaker := with_weakest_broken(end)) is not end:
+            end, rested = self._rest(weaker, steps)
+        return end, rested
+
+    def _rest(self, state: State, steps: int) -> tuple[State, bool]:
+        here, rested = self._calm(without_failure(state), steps)
+        return with_strength_of(here, state), rested
+
+    def _calm(self, here: State, steps: int) -> tuple[State, bool]:
         for share in RESTING:
             dt = TIME_STEP * stable_time_step(here, self.law)
             if not np.isfinite(dt):
@@ -128,6 +145,11 @@ class Point:
         """True if no mode grows under the drag."""
         return not self._grows(self.eigenvalues)
 
+    @cached_property
+    def holds(self) -> bool:
+        """True if no bond is at its strength."""
+        return bool(bond_shares(self.state).max(initial=0.0) < 1)
+
     @property
     def oscillates(self) -> bool:
         """True if the mode that grows fastest belongs to a complex pair."""
@@ -178,13 +200,19 @@ def commit(state: State, law: Law) -> State:
 
 
 def mean_overlap(state: State) -> float:
-    """Mean overlap of touching contacts [length]; zero without contacts."""
+    """Mean overlap of touching contacts [length]; zero without contacts.
+
+    Without overlaps in a cemented packing, 1e-4 mean diameters.
+    """
     rows, contacts = touching(state), state.contacts
     if not len(rows):
         return 0.0
     radius = state.grains.radius
     apart = np.linalg.norm(contacts.pair[rows], axis=1)
-    return float((radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart).mean())
+    overlap = radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart
+    if state.bonds:
+        overlap = overlap[contacts.mode[rows] != OPEN]
+    return float(overlap.mean()) if len(overlap) else TINY * 2 * float(radius.mean())
 
 
 def displacement(a: State, b: State, strain: float = 0.0, way: Deformation = SIMPLE) -> np.ndarray:

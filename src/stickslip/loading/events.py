@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..core.arguments import POSITIVE, Positive, checked
+from ..core.arguments import POSITIVE, Positive, checked, knows_bonds
+from ..core.contacts.bonding import broken_since
 from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.progress import NotInEquilibriumError, Report, silent
@@ -38,6 +39,7 @@ SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
 
 
 @checked
+@knows_bonds
 def find_events(
     state: State, law: Law, *, to: Positive, drag: Positive, step: Positive = 4e-4,
     resolution: Positive = 1e-6, most: Annotated[int, POSITIVE] | None = None, smallest: Positive = SMALLEST,
@@ -50,6 +52,8 @@ def find_events(
     under the drag and if the grains moved as the linear responses at both ends predict. Any other step is divided in
     halves, down to `resolution`; from the last stable state, dynamics with the drag then decides where the path goes.
     If that is not a continuation of the path, there is an *event*. See `EventKind` and `Event` for what is determined.
+    So is each break of a bond: the path ends where the first one is at its strength. It breaks, and dynamics decides
+    where the path goes from there, which may break others.
 
     Parameters
     ----------
@@ -110,41 +114,41 @@ def check_packing(state: State, law: Law) -> None:
     """Raise ValueError for a packing that only strain does not load, or a law with which events are not sought."""
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
-        raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
+        raise ValueError("the packing has walls: events are sought in a periodic cell under shear")
     if not state.cell.periodic[:dim].all():
-        raise ValueError("a packing without a periodic cell was given: make its cell periodic in all dimensions")
+        raise ValueError("the cell of the packing must be periodic in all dimensions")
     acts = (control.force, control.torque, control.gravity, control.spring, control.rate, control.cell_free)
     if any(part.any() for part in acts) or not control.free[:, :dim].all() or (control.group >= 0).any():
-        raise ValueError("a packing with loads, springs or grains that are not free was given: only strain may act")
+        raise ValueError("the packing has loads, springs or grains that are not free: only strain may act")
     if damping_model(law):
-        raise ValueError("a law with dashpots was given: the drag is the only dissipation; omit damping")
+        raise ValueError("the law has dashpots, but drag must be the only dissipation: omit damping")
     if rescales(law):
-        raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
+        raise ValueError("the law must not have rescaled=True: its forces have no tangent at an accepted state")
     if law.properties & KEEPS_FORCE:
         raise ValueError(
-            "a law with a memory of forces was given: events are sought with slips, with_memory(law, 'slip')"
+            "the law has a memory of forces, but events are sought with slips: use with_memory(law, 'slip')"
         )
 
 
 def _check(to: float, step: float, resolution: float) -> None:
     if to > MOST_STEPS * step:
-        raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
+        raise ValueError(f"to = {to:g} with step = {step:g} exceeds the limit of {MOST_STEPS} steps")
     if resolution > step:
-        raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
+        raise ValueError(f"resolution must not exceed step, got {resolution:g} and {step:g}")
 
 
 def first_point(state: State, law: Law, drag: float, prune: float, way: Deformation) -> Point:
     """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
     here = commit(state, law)
     if not len(touching(here)):
-        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+        raise ValueError("the packing has no contacts and bears no load: compress it first")
     judge = Judge(here, law, drag, prune, way=way)
     end, outcome = equilibrate(here, law, tolerance=BALANCED * judge.force, check="nothing")
     if not outcome.ok:
         raise NotInEquilibriumError("the first state of the path could not be brought to rest", outcome)
     point = Point(0.0, end, Judge(end, law, drag, prune, way=way))
     if not point.response.support.grains.any():
-        raise ValueError("a packing of rattlers was given: compress it first")
+        raise ValueError("all grains of the packing are rattlers: compress it first")
     return point
 
 
@@ -206,7 +210,7 @@ class Search:
 
     def _continues(self, trial: Point | None) -> bool:
         """Return True if a trial point continues the path."""
-        if trial is None or not continuous(self.point, trial):
+        if trial is None or not trial.holds or not continuous(self.point, trial):
             return False
         trial.tolerated = not trial.stable and self.point.tolerated and depart(trial)[0] is None
         return trial.stable or trial.tolerated
@@ -220,8 +224,14 @@ class Search:
     def _judge(self, trial: Point | None, goal: float) -> bool:
         """Let dynamics decide over a step that is as short as a bracket; False if it does not come to rest."""
         before = self.point
-        beyond = trial if trial is not None and not trial.stable and continuous(before, trial) else None
-        if beyond is not None:
+        snaps = trial is not None and not trial.holds and continuous(before, trial)
+        beyond = trial if not snaps and trial is not None and not trial.stable and continuous(before, trial) else None
+        if snaps:
+            end, rested = before.judge.rest(trial.state)
+            if not rested:
+                return False
+            after, jumps = settle(Point(goal, end, before.judge)), True
+        elif beyond is not None:
             other = depart(beyond)[0]
             beyond.tolerated = other is None
             after = settle(other) if other else beyond
@@ -231,12 +241,13 @@ class Search:
             if after is None:
                 return False
             jumps = self._is_far(before, after) and is_jump(before, after) and not continuous(before, after)
+        jumps = jumps or len(broken_since(after.state, before.state)) > 0
         lost = before.stable and not after.stable
         if not (jumps or lost):
             self._accept(after)
             return True
         path, upper = self._refine_break(before, goal) if before.stable else ([before], goal)
-        break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
+        break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal, snaps)
         if path[-1].strain == goal:  # still shorter steps pass
             self._accept(path[-1])
         elif jumps:
@@ -253,7 +264,7 @@ class Search:
     def _record(self, event: Break) -> None:
         """Add an event. If stability was lost within the last strain step, the instability took a while to grow."""
         loss = self.loss
-        if loss is not None and event.goal - loss.goal <= self.step:
+        if loss is not None and not event.snaps and event.goal - loss.goal <= self.step:
             bracket, beyond = (loss.before.strain, loss.goal), loss.after
             event = event._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
         else:
@@ -271,7 +282,7 @@ class Search:
             if not waiting:
                 break
             trial = path[-1].newton(waiting[-1], thorough=True)
-            if trial is not None and continuous(path[-1], trial) and trial.stable:
+            if trial is not None and trial.holds and continuous(path[-1], trial) and trial.stable:
                 path.append(trial)
                 waiting.pop()
             elif waiting[-1] - path[-1].strain > self.resolution / FINER:

@@ -7,15 +7,17 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ..core.arguments import POSITIVE, Positive, checked
+from ..core.arguments import POSITIVE, Positive, checked, knows_bonds
+from ..core.contacts.bonding import bond_shares
 from ..core.dynamics.run import stable_time_step
 from ..core.laws.builtin import Law, damping_model, with_values
 from ..core.measure import touching
 from ..core.progress import NotInEquilibriumError, Outcome, Report, Status, silent
 from ..core.readable import pluralize, readable
-from ..core.state import SLIDE, State
+from ..core.state import FAILURES, SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
+from ..solve.bond_failure import first_break
 from ..solve.freedom import backbone
 from ..solve.sensitivity import contact_sensitivity
 from ..solve.shear_response import PRUNE, softest
@@ -38,6 +40,7 @@ MOST_STEPS = 100_000
 COUPLES = 8  # pairs of coupled real modes that are stored at each step
 TRIED, DECISIVE = 25, 5  # changes of contacts whose spectrum is computed, and those that are reported
 CHANGES = ("opens", "closes", "starts to slide", "sticks again")
+TO_BREAK = 20  # most steps that lead to the first break by linear response, where the step is not given
 
 
 @readable(head=lambda step: f"strain {step.strain:.6g}, {pluralize(step.pairs, 'complex pair')}")
@@ -60,6 +63,8 @@ class PathStep(NamedTuple):
     events: tuple[Event, ...]  # discontinuities since the last step; their strains count upwards
     tolerated: bool  # the spectrum is unstable, but dynamics was found to stay here
     state: State
+    bonds: int = 0  # intact bonds
+    bond_share: float = 0.0  # largest share of its strength that a bond bears
 
     @property
     def verdict(self) -> str:
@@ -167,8 +172,9 @@ class Loading(NamedTuple):
 
 
 @checked
+@knows_bonds
 def shear_to_failure(
-    state: State, law: Law, *, until: Literal["first-pair", "first-event"] | float = "first-event",
+    state: State, law: Law, *, until: Literal["first-pair", "first-event", "first-break"] | float = "first-event",
     mode: Mode = "simple", reverse: bool = False, step: Positive | None = None, limit: Positive | None = None,
     drag: Positive | None = None, prune: Annotated[float, POSITIVE] = PRUNE, kept: Checkpoint | None = None,
     report: Report = silent,
@@ -183,10 +189,12 @@ def shear_to_failure(
     Parameters
     ----------
     state : packing at rest in a periodic cell, without walls and loads
-    until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path; or a strain, negative
-        to shear the other way or to unload
+    until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path, such as the break of
+        a bond; "first-break", the first break of a bond; or a strain, negative to shear the other way or to unload.
+        Breaks on the way to it are events
     mode, reverse : how the cell is deformed, see `aqs`; True counts the strain downwards, with "first-…"
-    step : largest strain step; default 0.02 mean overlaps over the mean diameter, as one digit
+    step : largest strain step; default 0.02 mean overlaps over the mean diameter, as one digit; with bonds at most a
+        twentieth of the strain at which linear response breaks the first one
     limit : strain at which the path ends without an instability; default 500 steps
     drag : ν of the dynamics that decide over events, see `find_events`; default a tenth of the highest
         frequency [1/time]
@@ -222,7 +230,10 @@ def shear_to_failure(
         if not steps:
             raise
         reason = f"no equilibrium was found beyond ({problem.outcome})"
-    names = {"first-pair": "without a complex pair", "first-event": "without an event"}
+    names = {
+        "first-pair": "without a complex pair", "first-event": "without an event",
+        "first-break": "without a broken bond",
+    }  # fmt: skip
     return _conclude(how, law, steps, reason or f"the path ended {names.get(how.until, 'as asked')}", report)
 
 
@@ -241,11 +252,13 @@ def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterat
 def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRUNE) -> Loading:
     """Check a packing and the options of a path, and complete these from the packing."""
     bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
+    if until == "first-break" and not (state.bonds and state.bonds.intact.any()):
+        raise ValueError("first-break was given for a packing without intact bonds: packings.bonded makes them")
     check_packing(state, bare)
     if len(touching(state)) and not len(backbone(state, law)):
-        raise ValueError("a packing of rattlers was given: it bears no load; compress it first")
+        raise ValueError("all grains of the packing are rattlers, so that it bears no load: compress it first")
     if not len(touching(state)):
-        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+        raise ValueError("the packing has no contacts and bears no load: compress it first")
     if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(rest)}; let it come to rest first (--settle)")
     if (size := len(backbone(state, law))) > AT_MOST:
@@ -255,24 +268,32 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
         )
     if not isinstance(until, str):
         if not (np.isfinite(until) and until):
-            raise ValueError(f"until = {until:g} was given: give a strain other than zero, first-pair or first-event")
+            raise ValueError(f"until must be a nonzero strain, first-pair or first-event, got {until:g}")
         if limit is not None or reverse:
-            raise ValueError("a strain was given with limit or reverse: its size and sign say both already")
+            raise ValueError("limit and reverse do not apply if until is a strain, whose size and sign state both")
         limit, reverse = abs(until), until < 0
+    sign = -1 if reverse else 1
+    way = deformation(mode, 2 if state.cell.dim == 2 else 3, sign)
     if step is None:
-        share = STEP * mean_overlap(state) / float(2 * state.grains.radius.mean())
+        share = min(STEP * mean_overlap(state) / float(2 * state.grains.radius.mean()), _break_ahead(state, law, way))
         step = float(f"{share:.0e}") if limit is None else min(float(f"{share:.0e}"), limit)
     if step > LONGEST:
-        raise ValueError(f"a step of {step:g} was given: use at most {LONGEST:g}, a hundredth of it for a smooth path")
+        raise ValueError(f"step must be at most {LONGEST:g}, got {step:g}; use a hundredth of that for a smooth path")
     limit = STEPS * step if limit is None else limit
     if not step <= limit <= MOST_STEPS * step:
         raise ValueError(
-            f"a step of {step:g} was given for a strain of {limit:g}: use one between {limit / MOST_STEPS:.3g} and "
-            f"{limit:g}"
+            f"step must be between {limit / MOST_STEPS:.3g} and {limit:g} for a strain of {limit:g}, got {step:g}"
         )
     drag = DRAG * 2 / stable_time_step(state, bare) if drag is None else drag
-    way = deformation(mode, 2 if state.cell.dim == 2 else 3, -1 if reverse else 1)
     return Loading(bare, way, until, limit, step, drag, prune)
+
+
+def _break_ahead(state: State, law: Law, way: Deformation) -> float:
+    """Longest step on the way to the first break by linear response; infinite without bonds that break."""
+    if not state.bonds or not state.bonds.intact.any():
+        return np.inf
+    dim = state.cell.dim
+    return first_break(state, law, strain=way.gradient[:dim, :dim]).at / TO_BREAK or np.inf
 
 
 def _reached(until: str | float, steps: list[PathStep]) -> str:
@@ -282,6 +303,8 @@ def _reached(until: str | float, steps: list[PathStep]) -> str:
         return "the packing fell apart: nothing bears a load any more"
     if until == "first-pair" and now.pairs:
         return "the packing has a complex pair" + (" where it is" if len(steps) == 1 else "")
+    if until == "first-break" and (lost := [row for event in now.events for row in event.broken]):
+        return "a bond broke: that of grains {} and {}, by {}".format(*lost[0][:2], FAILURES[lost[0][2]])
     if until == "first-event":
         if len(steps) == 1 and now.exponent > 0 and not now.tolerated:
             return "the packing is unstable where it is"
@@ -330,6 +353,7 @@ def _measure(how: Loading, point: Point, before: Point | None, events: tuple[Eve
         int((real < -REAL_BELOW * np.abs(modes.eigenvalues).max(initial=0.0)).sum()), len(touching(state)),
         int((slides & friction).sum()), loss_ahead(point, how.step), _couples(modes),
         _changes(before, point) if before else np.zeros((0, 3), int), events, bool(point.tolerated), state,
+        int(state.bonds.intact.sum()) if state.bonds else 0, float(bond_shares(state).max(initial=0.0)),
     )  # fmt: skip
 
 

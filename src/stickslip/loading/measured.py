@@ -115,7 +115,7 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
     frame = options.pop("frame", None)
     for name in LAMMPS_OPTIONS:
         if name in options:
-            raise PackingError(f"{name} was given with {path.name}, measured forces that do not have it: leave it out")
+            raise PackingError(f"{name} does not apply to the measured forces in {path.name}: leave it out")
     given, own = law_from_file(options)
     measured = read_forces(path, contacts, frame=frame)
     with naming(path):
@@ -131,11 +131,11 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
 def _check_law(law: Law) -> None:
     if len(law.table) > 1 or needs_rows(law) or angular_columns(law) or bridges_gaps(law.kind):
         raise PackingError(
-            "a law of several materials, with moments, a memory of its own or lever arms R − δ/2 was given: measured "
-            "forces need one whose forces follow from overlap and slip"
+            "measured forces need a law of one material whose forces follow from overlap and slip, without moments, "
+            "other memory or lever arms R − δ/2"
         )
     if not law.table[0, 0, MU] > 0:
-        raise PackingError("a law without friction was given: measured tangential forces need mu above zero")
+        raise PackingError("measured tangential forces need a law with friction: use mu > 0")
 
 
 class _Network(NamedTuple):

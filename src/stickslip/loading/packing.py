@@ -66,7 +66,7 @@ def disk_array(
     array([0.5, 1.5, 2.5])
     """
     if n < 1:
-        raise ValueError(f"n = {n} was given: at least 1 disk is needed")
+        raise ValueError(f"n must be at least 1 disk, got {n}")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)  # True is 1
     radius = as_rows(radius, n)
@@ -163,7 +163,7 @@ def jammed(
     if (packing_fraction is None) == (pressure is None):
         raise ValueError("give either packing_fraction or pressure")
     if packing_fraction is not None and packing_fraction > DENSEST:
-        raise ValueError(f"packing_fraction = {packing_fraction} was given: at most {DENSEST} is allowed")
+        raise ValueError(f"packing_fraction must be at most {DENSEST}, got {packing_fraction}")
     given = hertz_mindlin() if law is None else law
     law = frictionless(given)
     start = packing_fraction or 1.03 * JAMMED.get(dim, 1.0)
@@ -235,7 +235,7 @@ def random_grains(
     Powers are taken in units of `length`, by default the smallest diameter, so that units change nothing but units.
     """
     if dim not in JAMMED:
-        raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
+        raise ValueError(f"dim must be 2 (disks) or 3 (spheres), got {dim}")
     sizes = check_radii(radius, n)
     length = 2.0 * float(sizes.min()) if length is None else length
     volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
@@ -256,7 +256,7 @@ def random_grains(
 def check_radii(radius, n: int) -> np.ndarray:
     """Radii of n grains, from one, a few with equal numbers of grains, or n of them."""
     if n < 2:
-        raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+        raise ValueError(f"a packing needs at least 2 grains, got n = {n}")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
@@ -358,7 +358,7 @@ def sheared(state: State, strain: float, *, slip: bool = True) -> State:
 def reduced_cell(state: State) -> State:
     """Same packing in the least skewed cell of its lattice, for unlimited shear.
 
-    Nothing physical changes; only images and keys of the contacts are rewritten.
+    Nothing physical changes; only images of contacts and bonds, and keys of contacts, are rewritten.
     """
     vectors, change = state.cell.vectors.copy(), np.eye(3, dtype=np.int64)
     axes = [k for k in range(3) if state.cell.periodic[k]]
@@ -375,7 +375,8 @@ def reduced_cell(state: State) -> State:
     count = int(state.contacts.count[0])
     back = np.round(np.linalg.inv(change)).astype(np.int64)
     rows = _with_images(state.contacts, state.contacts.image[:count] @ back)
-    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
+    bonds = state.bonds and state.bonds._replace(image=(state.bonds.image @ back).astype(np.int16))
+    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows, bonds=bonds)
 
 
 def wrapped(state: State) -> State:

@@ -84,7 +84,7 @@ def load_path(turning_points: Series, step: Positive, through: Several = ()) -> 
         leg = np.union1d(np.round(np.linspace(a, b, n + 1), 12), inside)
         loads += list((leg if b > a else leg[::-1])[1:]) if a != b else []
     if waiting:
-        raise ValueError(f"load {waiting[0]} of `through` was given: it lies outside the turning points")
+        raise ValueError(f"load {waiting[0]} of `through` lies outside the turning points")
     return np.array(loads)
 
 

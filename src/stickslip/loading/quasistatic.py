@@ -78,7 +78,7 @@ def aqs(
     [0, 0]
     """
     if on_instability == "follow-dynamics" and drag is None:
-        raise ValueError("on_instability='follow-dynamics' was given without drag: it decides which oscillations grow")
+        raise ValueError("on_instability='follow-dynamics' requires drag, which determines the oscillations that grow")
     keep, watch = Factorisation(), Watch(law, slip, modes, on_instability, drag, partial(_way, mode, sign))
 
     def apply(state, strain):
@@ -294,7 +294,7 @@ def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> P
         control, bodies = state.control, body_numbers(state.control, plate)
         force, free, rate = control.force.copy(), control.free.copy(), control.rate.copy()
         if not (force[bodies, 1] < 0).all():
-            raise ValueError(f"bodies {np.asarray(plate).tolist()} were given: a plate is pressed along −y")
+            raise ValueError(f"a plate is pressed along −y, but bodies {np.asarray(plate).tolist()} are not")
         free[bodies, 0], rate[bodies, 0] = True, 0.0
         force[bodies, 0] = -load * force[bodies, 1]
         return state._replace(control=control._replace(force=force, free=free, rate=rate))

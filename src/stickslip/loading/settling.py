@@ -192,7 +192,7 @@ def slow_dynamics(
         if a position is not a number.
     """
     if not 0 < until <= len(legs):
-        raise ValueError(f"until = {until} was given for {len(legs)} legs: it must be above 0 and at most {len(legs)}")
+        raise ValueError(f"until must be above 0 and at most {len(legs)} for {len(legs)} legs, got {until}")
     dt = SHARE * stable_time_step(state, law)
     points, here, loads, states, energy = (state.control, *legs), state, [], [], []
     steps = max(1, round(time * until / STEPS / dt))

@@ -191,7 +191,7 @@ def kinetic_threshold(
     require_sizes([Size(f"realizations = {realizations} makes", realizations, "runs", "use fewer")])
     _require_count(0, seed=seed, ramps=ramps)
     if duration < KICK_LEGS * dt:
-        raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {KICK_LEGS} steps")
+        raise ValueError(f"a run needs at least {KICK_LEGS} steps, got duration = {duration:g} and dt = {dt:g}")
     tried = _points_at(path, loads)
     protocol = protocol.starting(path[0].state, path[0].load)
     scales = natural_scales(tried[0].state, protocol.law)
@@ -202,8 +202,8 @@ def kinetic_threshold(
         _require_rest(point, protocol)
         if kicks.max() * dt > point.state.grains.radius.min():
             raise ValueError(
-                f"kicks = {kicks.max():g} and dt = {dt:g} were given: grains would move by more than a radius in a "
-                f"step; use smaller velocities"
+                f"with kicks = {kicks.max():g} and dt = {dt:g}, grains would move by more than a radius in a step: "
+                "use smaller velocities"
             )
     how = _Dynamics(protocol.law, max(1, round(duration / dt / KICK_LEGS)), dt, distance, drag)
     starts = [
@@ -245,23 +245,23 @@ def kinetic_threshold(
 def _require_count(least: int, **values) -> None:
     for name, value in values.items():
         if isinstance(value, bool | np.bool_) or not least <= value <= 10**18:
-            raise ValueError(f"{name} = {value} was given: use a whole number from {least} to 1e18")
+            raise ValueError(f"{name} must be a whole number from {least} to 1e18, got {value}")
 
 
 def _points_at(path: list[Equilibrium], loads) -> list[Equilibrium]:
     """Points of a path at the given loads, or all."""
     known = np.array([point.load for point in path])
     if not len(known) or (np.diff(known) <= 0).any():
-        raise ValueError(f"a path with the loads {known.tolist()} was given: it needs loads that rise")
+        raise ValueError(f"the loads of a path must increase, got {known.tolist()}")
     if loads is None:
         return list(path)
     try:
         wanted = np.unique(np.asarray(loads, float))
     except (TypeError, ValueError):
-        raise ValueError(f"loads = {loads!r} were given: use numbers, or None for all loads of the path") from None
+        raise ValueError(f"loads must be numbers, or None for all loads of the path, got {loads!r}") from None
     places = [int(np.argmin(np.abs(known - load))) for load in wanted]
     if not len(wanted) or not np.abs(known[places] - wanted).max() <= 1e-9 * np.abs(known).max():
-        raise ValueError(f"loads = {wanted.tolist()} were given: the path has {known.tolist()}")
+        raise ValueError(f"the path does not contain loads = {wanted.tolist()}: it has {known.tolist()}")
     return [path[place] for place in places]
 
 
@@ -271,7 +271,7 @@ def _require_rest(point: Equilibrium, protocol: Protocol) -> None:
     share = max(force_imbalance(here), motion_imbalance(here))
     if not share <= BALANCED_BELOW:
         raise ValueError(
-            f"a path was given whose state at a load of {point.load:.4g} is not at rest there (forces are off by "
+            f"the state of the path at a load of {point.load:.4g} is not at rest there (residual forces are "
             f"{share:.2g} of the mean contact force): use equilibria with their own loads, from ramp with this protocol"
         )
 
@@ -283,9 +283,9 @@ def _velocities(kicks) -> np.ndarray:
     except (TypeError, ValueError):
         out = np.zeros(0)
     if out.ndim > 1 or not len(out) or not (np.isfinite(out) & (out >= 0)).all():
-        raise ValueError(f"kicks = {kicks!r} were given: one or more velocities are needed, none of them negative")
+        raise ValueError(f"kicks must be one or more velocities, none of them negative, got {kicks!r}")
     if len(np.unique(out)) < len(out):
-        raise ValueError(f"kicks = {out.tolist()} were given: give each velocity once")
+        raise ValueError(f"kicks must be distinct velocities, got {out.tolist()}")
     return out
 
 

@@ -193,9 +193,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     See the module: doi:10.1006/jdeq.1993.1034.
     """
     if damping_model(law):
-        raise ValueError(
-            "a law with dashpots was given: the normal form is that of motion without them, leave them out"
-        )
+        raise ValueError("the law has dashpots, but the normal form is that of motion without them: leave them out")
     here = linearised(state, law)
     here = here.with_modes(modes_under(state, law, here.line))
     (state, law, _, rows, _), residual, at_limit = here, force_imbalance(here), int(_at_limit(here).sum())

@@ -97,7 +97,10 @@ def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tupl
     origin = np.where(cell.periodic, 0.0, low)
     length = np.linalg.norm(vectors, axis=1)[: cell.dim]
     if (number := np.prod(length / spacing)) > MOST_POINTS:
-        raise ValueError(f"spacing = {spacing:g} was given: the grid has {number:.2g} points, at most {MOST_POINTS:g}")
+        raise ValueError(
+            f"spacing = {spacing:g} gives a grid of {number:.2g} points: use a larger spacing, for at most "
+            f"{MOST_POINTS:g}"
+        )
     shape = [max(1, round(side)) for side in length / spacing]
     if cell.dim == 2:
         vectors[2], origin[2] = (0.0, 0.0, 1.0), -0.5
@@ -138,7 +141,7 @@ def _images(cell, origin, vectors, reach: float, position) -> tuple[np.ndarray, 
     share -= np.where(cell.periodic, np.floor(share), 0.0)
     most = [int(np.ceil(m)) if periodic else 0 for m, periodic in zip(margin, cell.periodic, strict=True)]
     if np.prod([2.0 * m + 1 for m in most]) > MOST_IMAGES:
-        raise ValueError(f"width = {reach / CUT:g} was given, wider than the cell: give a part of its size")
+        raise ValueError(f"width = {reach / CUT:g} exceeds the cell: use a fraction of its size")
     shifts = np.stack(np.meshgrid(*(np.arange(-m, m + 1) for m in most), indexing="ij"), axis=-1).reshape(-1, 3)
     moved = share[:, None] + shifts
     kept = ((moved > -margin) & (moved < 1 + margin)).all(axis=2)

@@ -65,8 +65,8 @@ class Freedom(NamedTuple):
         for state in others:
             if isinstance(state, State) and state.n_bodies != self.bodies:
                 raise ValueError(
-                    f"free coordinates of {self.bodies} bodies were given for a state with {state.n_bodies}: "
-                    "use freedom(state)"
+                    f"the free coordinates are those of {self.bodies} bodies, but the state has {state.n_bodies}: use "
+                    "freedom(state)"
                 )
 
     def __len__(self):

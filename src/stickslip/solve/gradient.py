@@ -351,20 +351,29 @@ def _differentiable(here: LinearisedState) -> LinearisedState:
     """The same linearised state, if its forces have derivatives that are implemented."""
     state, law = here.state, here.law
     if angular_columns(law):
-        raise ValueError("a law with moments or lever arms R − δ/2 was given: derivatives do not take it")
+        raise ValueError("derivatives do not support laws with moments or lever arms R − δ/2")
     if state.control.cell_free.any() or (state.control.group >= 0).any():
         raise ValueError(
-            "a cell that follows a stress, or a rigid group, was given: hold the cell and the grains apart"
+            "cells that follow a stress and rigid groups are not supported: hold the cell, and dissolve the groups"
         )
     if not len(here.backbone):
         raise ValueError("the packing has only rattlers: derivatives need grains that support each other")
     most = AT_MOST // 2 if damping_model(law) else AT_MOST
     if len(here.backbone) > most:
-        raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {most}")
+        raise ValueError(f"derivatives support at most {most} coordinates, got {len(here.backbone)}")
     return here
 
 
 def _deciding_mode(here: LinearisedState) -> _Mode:
+    value, left, right = deciding_vectors(here)
+    return _Mode(value, float(np.linalg.norm(left) * np.linalg.norm(right)), *_at_contacts(here, left, right))
+
+
+def deciding_vectors(here: LinearisedState) -> tuple[complex, np.ndarray, np.ndarray]:
+    """λ that grows fastest or, if none grows, the softest, with modes u and v such that dλ = uᵀ dA' v.
+
+    A' = −A is the mass-weighted J. Translations and floppy modes, λ = 0, do not count.
+    """
     free = here.backbone
     with suitable_threads(len(free)):
         values, left, right = eig(here.dynamical_matrix(free).toarray(), left=True)
@@ -376,8 +385,7 @@ def _deciding_mode(here: LinearisedState) -> _Mode:
         k = int(np.argmin(np.where(np.isfinite(grows), values.real, np.inf)))
     k = k if values[k].imag >= 0 else int(np.argmin(np.abs(values - values[k].conj())))
     u, v = left[:, k], right[:, k]
-    product = np.vdot(u, v)
-    return _Mode(complex(values[k]), float(1 / abs(product)), *_at_contacts(here, u.conj() / -product, v))
+    return complex(values[k]), u.conj() / -np.vdot(u, v), v
 
 
 def _deciding_exponent(here: LinearisedState) -> _Mode:
@@ -432,7 +440,7 @@ def _colours(state: State) -> np.ndarray:
 
 
 def with_given_slips(state: State) -> State:
-    """State in which moved grains have the slips that were given; pairs that now touch stick, without slip."""
+    """State in which moved grains have given slips; pairs that now touch stick, without slip."""
     contacts, count = state.contacts, int(state.contacts.count[0])
     branch, over = branch_vectors(state), overlaps(state)
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
@@ -452,7 +460,7 @@ class VerdictProbability(NamedTuple):
     samples: int
     low: float  # bounds of the probability that it is stable, with a confidence of 95 %
     high: float
-    eigenvalue: complex  # λ that decides the verdict on the packing as it was given [1/time²]
+    eigenvalue: complex  # λ that decides the verdict on the given packing [1/time²]
     deviation: float  # standard deviation of Re λ, or of Im λ of a pair, to first order [1/time²]
     contact: tuple[int, int]  # bodies of the contact that contributes most to it
     share: float  # its share of the variance
@@ -475,7 +483,7 @@ def verdict_probability(
 ) -> VerdictProbability:
     """Probability that a packing is stable if its positions have errors of measurement, and the contact that decides.
 
-    Normal errors are added to all positions; slips stay those that were given. Errors of X-ray or photoelastic data
+    Normal errors are added to all positions; slips keep their given values. Errors of X-ray or photoelastic data
     are much larger than the displacements to which forces are sensitive, so no balance is asked of the samples: forces
     that balance the given positions are thought to be there. The contact that decides is the one whose distance
     contributes most to the variance of λ to first order. For errors of 1e-4, this `deviation` was within 3 % of the
@@ -493,9 +501,11 @@ def verdict_probability(
     """
     require_sizes([Size("these are", samples, "members", "use fewer samples")])
     if position_error > 1:
-        raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
+        raise ValueError(f"position_error is a fraction of the mean radius, at most 1, got {position_error:g}")
     if damping_model(law):
-        raise ValueError("a law with dashpots was given: the probability of a verdict is that without them")
+        raise ValueError(
+            "the law has dashpots, but the probability of a verdict is computed without them: omit damping"
+        )
     here, error = _balanced(state, law), position_error * state.grains.radius.mean()
     slope = _eigenvalue_gradient(here)
     by_position, by_contact = (

@@ -366,11 +366,9 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
     """Centers (M,), and which grains grow with each, (M, N) bool; ValueError if they cannot."""
     state, n, moves = here.state, len(here.loose), _moves(here)
     if not (-1 < growth <= 1 and abs(growth) >= LEAST):
-        raise ValueError(
-            f"growth = {growth:g} was given: it must be above −1, at most 1, and not below {LEAST:g} in size"
-        )
+        raise ValueError(f"growth must be above −1 and at most 1, and at least {LEAST:g} in size, got {growth:g}")
     if state.control.cell_free.any():
-        raise ValueError("a cell that follows a stress was given: hold it while a grain is inflated")
+        raise ValueError("the cell follows a stress: hold it while a grain is inflated")
     if not moves.any():
         raise ValueError("nothing is held by contacts and free to move: an inflation needs grains that bear forces")
     if grain is None:
@@ -378,12 +376,12 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
         grain = np.where(moves, away, np.inf).argmin()
     centers = body_numbers(state.control, grain)
     if not len(centers) or len(np.unique(centers)) < len(centers):
-        raise ValueError("no grain was given, or one of them twice: give each grain once")
+        raise ValueError("grains must not be empty or repeated: give each grain once")
     for worst in centers[centers >= n]:
-        raise ValueError(f"body {worst} was given, a wall: only grains, 0 to {n - 1}, are inflated")
+        raise ValueError(f"only grains, 0 to {n - 1}, can be inflated, but body {worst} is a wall")
     for worst in centers[~moves[centers]]:
         kind = "a rattler" if here.loose[worst] else "held in place"
-        raise ValueError(f"grain {worst} was given, which is {kind}: inflate one that bears forces and is free")
+        raise ValueError(f"grain {worst} is {kind}: inflate a free grain that bears forces")
     size = 100.0 * len(centers) * n
     require_sizes([Size(f"{len(centers)} inflations of {n} grains take", size, "bytes", "inflate fewer grains")])
     grown = np.linalg.norm(_offsets(state, state.grains.position[centers]), axis=2) <= within
@@ -463,8 +461,7 @@ def _check_contacts(here: LinearisedState, state_at, growth: float, largest: flo
         change, allowed = f"the contact ({contacts.i[row]}, {contacts.j[row]}) {kind}", allowed / 2
     if change:
         raise ValueError(
-            f"growth = {growth:g} was given, before which {change}: give {allowed:.2g} for a linear response, or use "
-            "protocols.inflate"
+            f"before growth = {growth:g}, {change}: use {allowed:.2g} for a linear response, or protocols.inflate"
         )
 
 

@@ -36,7 +36,7 @@ def overlap_of_force(law: Law, radius: np.ndarray, force_n: np.ndarray) -> tuple
                 f"the normal force {force_n[c]:.4g} needs an overlap above the radius {most[c]:.4g}: check kn, which "
                 f"must be in the units of the forces and lengths"
             )
-    raise ValueError("a law whose normal force does not grow from zero with the overlap was given: give another")
+    raise ValueError("the normal force of the law must grow from zero with the overlap: use another law")
 
 
 def slip_of_force(law: Law, radius: np.ndarray, overlap: np.ndarray, force_t: np.ndarray, line: Linearisation):

@@ -204,8 +204,8 @@ def check_cell(state: State, what: str) -> None:
     control, periodic = state.control, state.cell.periodic[: state.cell.dim]
     if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
         raise ValueError(
-            f"a packing with walls, rigid groups, springs or open sides was given: {what} need a cell that is "
-            "periodic in all its dimensions and can be strained as a whole"
+            f"the packing has walls, rigid groups, springs or open sides: {what} need a cell that is periodic in all "
+            "its dimensions and can be strained as a whole"
         )
 
 

@@ -360,7 +360,7 @@ def find_pairs(
     if n > LARGEST:
         time = f", and the certificate would take about {format_seconds(certificate_seconds(n))}" if certificate else ""
         raise ValueError(
-            f"{n} coordinates were given: `complex_pairs` takes at most {LARGEST}{time}; use `fastest_pair` instead"
+            f"`complex_pairs` supports at most {LARGEST} coordinates{time}, got {n}: use `fastest_pair` instead"
         )
     if certificate:
         report(STAGE, 0.0, f"certificate of {n} coordinates, estimated time {format_seconds(certificate_seconds(n))}")

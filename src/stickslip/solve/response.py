@@ -86,8 +86,8 @@ class ForcedMotion(NamedTuple):
         resists = (self.damp @ motion)[self.inner]
         if not (forces.any(axis=0) | resists.any(axis=0)).all():
             raise ValueError(
-                f"a {name} that moves nothing was given: it needs a force on a grain that is held by others, or a "
-                "motion of a prescribed body that touches one"
+                f"the {name} moves nothing: it needs a force on a grain held by others, or a motion of a prescribed "
+                "body that touches one"
             )
         return forces / root, resists / root, motion
 
@@ -110,8 +110,8 @@ def _check_groups(state: State, drive: np.ndarray, name: str) -> None:
     for members in filter(len, groups(state.control)):
         if motion[:, members, 3:].any() or np.ptp(motion[:, members], axis=1).any():
             raise ValueError(
-                f"a {name} that moves the rigid group of bodies {', '.join(map(str, members))} apart or turns it was "
-                "given: give all of them the same displacement, and no rotation"
+                f"the {name} deforms or rotates the rigid group of bodies {', '.join(map(str, members))}: give all of "
+                "them the same displacement, and no rotation"
             )
 
 
@@ -225,7 +225,7 @@ def as_frequencies(frequency: Values) -> np.ndarray:
     """(F,) array of frequencies; raise ValueError if one is negative or not finite."""
     frequency = np.atleast_1d(np.asarray(frequency, float))
     for worst in frequency[~((frequency >= 0) & np.isfinite(frequency))]:
-        raise ValueError(f"frequency = {worst:g} was given: it must be zero or positive")
+        raise ValueError(f"frequency must be zero or positive, got {worst:g}")
     return frequency
 
 
@@ -276,8 +276,8 @@ def solve_directly(matrix, b: np.ndarray, order, frequency: float, scale: float)
         y = np.full(b.shape, np.inf)
     if not np.linalg.norm(y) * scale < WITHOUT_LIMIT * np.linalg.norm(b):
         raise ValueError(
-            f"frequency = {frequency:.9g} was given, at which the packing moves without limit, as at a resonance "
-            "without damping: give drag, a law with dashpots, or another frequency"
+            f"at frequency = {frequency:.9g} the response is unbounded, as at an undamped resonance: use drag, a law "
+            "with dashpots, or another frequency"
         )
     return y
 
@@ -320,7 +320,7 @@ def in_plane(state: State, **named) -> np.ndarray:
     ((name, value),) = named.items()
     rows, dim = as_rows(value, len(np.atleast_2d(value)), 3), state.cell.dim
     for row in rows[rows[:, dim:].any(axis=1)]:
-        raise ValueError(f"{name} = {row} was given for disks: its z component must be zero")
+        raise ValueError(f"the z component of {name} must be zero for disks, got {row}")
     return rows[:, :dim]
 
 
@@ -328,7 +328,7 @@ def require_direction(**named) -> None:
     """Raise ValueError with a one-sentence message if a vector (K, dim) is zero, or nearly so."""
     for name, value in named.items():
         if not (np.abs(value).max(axis=1) >= 1 / LARGEST).all():
-            raise ValueError(f"{name} = 0 was given, which has no direction: give a vector with a length")
+            raise ValueError(f"{name} = 0 has no direction: give a nonzero vector")
 
 
 def require_allowed(state: State, k: np.ndarray) -> None:
@@ -337,8 +337,8 @@ def require_allowed(state: State, k: np.ndarray) -> None:
     turns = k @ state.cell.vectors[:dim, :dim][state.cell.periodic[:dim].astype(bool)].T / (2 * np.pi)
     for worst in k[(np.abs(turns - np.round(turns)) > ALLOWED).any(axis=1)]:
         raise ValueError(
-            f"wave vector {worst} was given: its product with each vector of the periodic cell must be 2π times an "
-            "integer; see `allowed_wavevectors`"
+            "the product of a wave vector with each vector of the periodic cell must be 2π times an integer, got "
+            f"{worst}; see `allowed_wavevectors`"
         )
 
 
@@ -408,7 +408,7 @@ def stress_change(state: State, law: Law) -> np.ndarray:
     dim = state.cell.dim
     if len(state.walls.mass) or not state.cell.periodic[:dim].all():
         raise ValueError(
-            "a packing with walls or open sides was given: a stress needs a cell periodic in all dimensions"
+            "the packing has walls or open sides, but a stress needs a cell that is periodic in all dimensions"
         )
     free_cell = np.zeros((3, 3), bool)
     free_cell[:dim, :dim] = True

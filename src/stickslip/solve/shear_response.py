@@ -13,9 +13,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigvals
 
-from ..core.arguments import checked
+from ..core.arguments import checked, knows_bonds
+from ..core.contacts.bonds import bond_rows, is_beam
 from ..core.contacts.forces import HELD, forces
-from ..core.contacts.jacobian import blocks_of, contact_blocks, linearise
+from ..core.contacts.jacobian import blocks_of, bond_blocks, contact_blocks, linearise
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors, overlaps, touching, volume
@@ -44,10 +45,12 @@ class Support(NamedTuple):
 
 
 @checked
+@knows_bonds
 def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     """Prune contacts with small overlaps, then grains that have too few contacts left, until nothing changes.
 
-    Small contacts between grains that are left support something and are kept.
+    Small contacts between grains that are left support something and are kept. Bonds are not pruned; a beam alone holds
+    a grain.
 
     Parameters
     ----------
@@ -66,9 +69,14 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     rows, kept, touches = touching(state), np.zeros(count, bool), np.zeros(count, bool)
     touches[rows] = True
     overlap = overlaps(state)
-    kept[rows] = overlap[rows] >= prune * overlap[rows].mean() if len(rows) else False
+    closed = rows[overlap[rows] > 0]
+    kept[closed] = overlap[closed] >= prune * overlap[closed].mean() if len(closed) else False
+    holds = np.ones(count)
+    if state.bonds:
+        held, beams = bond_rows(state.bonds, state.contacts), is_beam(state.bonds, state.cell.dim)
+        kept[held[state.bonds.intact]], holds[held[beams]] = True, least
     while True:
-        number = np.bincount(np.append(i[kept], j[kept]), minlength=state.n_bodies)[:n]
+        number = np.bincount(np.append(i[kept], j[kept]), np.tile(holds[kept], 2), state.n_bodies)[:n]
         loose = np.append(number < least, np.zeros(state.n_bodies - n, bool))
         now = kept & ~loose[i] & ~loose[j]
         if np.array_equal(now, kept):
@@ -188,7 +196,7 @@ class Response:
             return self._known[int(row), mode]
         blocks = self._supported_blocks()
         if mode == OPEN:
-            blocks[row] = 0.0
+            blocks[row] = bond_blocks(self.state)[row] if self.state.bonds else 0.0
         else:
             blocks[row] = contact_blocks(with_mode(self.state, row, mode), self.law)[0][row]
         self._known[int(row), mode] = _eigenvalues(self._dynamical(blocks, self.free))

@@ -116,8 +116,8 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
         raise ValueError("nothing is free to move: the spectrum needs at least one free coordinate")
     if len(free) > 10_000:
         raise ValueError(
-            f"{len(free)} coordinates were given: the dense spectrum takes at most 10000; "
-            f"use `complex_pairs` up to 12000 and `fastest_pair` beyond"
+            f"the dense spectrum supports at most 10000 coordinates, got {len(free)}: use `complex_pairs` up to 12000 "
+            "and `fastest_pair` beyond"
         )
     here, root = linearised(state, law), np.sqrt(free.mass)
     matrix = here.dynamical_matrix(free).toarray()
@@ -330,7 +330,7 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
     """
     modes = np.asarray(modes)
     if modes.ndim != 2 or len(modes) != len(free):
-        raise ValueError(f"modes of shape {modes.shape} were given: (n, K) with n = {len(free)} as in `free` is needed")
+        raise ValueError(f"modes must have shape (n, K) with n = {len(free)} as in `free`, got {modes.shape}")
     bodies, where = np.unique(free.body, return_inverse=True)
     weight = np.zeros((len(bodies), modes.shape[1]))
     np.add.at(weight, where, free.mass[:, None] * np.abs(modes) ** 2)
@@ -401,9 +401,7 @@ def density_of_states(
     if method == "auto":
         method = "dense" if len(free) <= DENSE_UP_TO else "polynomials"
     if method == "dense" and len(free) > 10_000:
-        raise ValueError(
-            f"{len(free)} coordinates were given: the method 'dense' takes at most 10000; use 'polynomials'"
-        )
+        raise ValueError(f"the method 'dense' supports at most 10000 coordinates, got {len(free)}: use 'polynomials'")
     matrix = dynamical_matrix(state, law, free)
     if method == "dense":
         with suitable_threads(len(free)):
@@ -413,7 +411,7 @@ def density_of_states(
 
 def _bin_edges(bins, largest: float) -> np.ndarray:
     if np.ndim(bins) == 0 and not (isinstance(bins, int | np.integer) and bins > 0):
-        raise ValueError(f"bins = {bins} was given: a number of bins, at least 1, or their edges are needed")
+        raise ValueError(f"bins must be their number, at least 1, or their edges, got {bins}")
     edges = np.linspace(0.0, largest, bins + 1) if np.ndim(bins) == 0 else np.asarray(bins, float)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] < 0:
         raise ValueError("the bin edges must be at least two increasing frequencies, none of them negative")
@@ -442,7 +440,7 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
     With λ = centre + half cos θ, a resolution of π/K in θ corresponds to √λ_max/2 π/K in ω.
     """
     if probes < 2:
-        raise ValueError(f"probes = {probes} was given: at least 2 are needed to estimate the error")
+        raise ValueError(f"probes must be at least 2, to estimate the error, got {probes}")
     n, rng = matrix.shape[0], np.random.default_rng(seed)
     low, high = _spectral_bounds(matrix, rng.standard_normal(n))
     edges = _bin_edges(bins, float(np.sqrt(high)))

@@ -303,13 +303,11 @@ def _near_contacts(state: State) -> str:
 def _cheapest_way(method: str, size: int) -> str:
     """The cheapest way to answer what is asked of `size` coordinates: a key of METHODS."""
     if method == "dense" and size > 10_000:
-        raise ValueError(
-            f"{size} coordinates were given: the method 'dense' takes at most 10000; use 'pairs' or 'fastest'"
-        )
+        raise ValueError(f"the method 'dense' supports at most 10000 coordinates, got {size}: use 'pairs' or 'fastest'")
     if method in ("all", "pairs", "certify") and size > PAIRS_UP_TO:
         time = f", and would take about {format_seconds(certificate_seconds(size))}" if method == "certify" else ""
         raise ValueError(
-            f"{size} coordinates were given: the method {method!r} takes at most {PAIRS_UP_TO}{time}; use 'fastest'"
+            f"the method {method!r} supports at most {PAIRS_UP_TO} coordinates{time}, got {size}: use 'fastest'"
         )
     if method in ("auto", "fastest", "all") and size <= DENSE_UP_TO:
         return "dense"
@@ -387,11 +385,11 @@ def _rows(result: Stability):
 def check_damped_method(method: str, size: int) -> None:
     """Raise ValueError if a method of `stability` cannot treat `size` coordinates with dashpots."""
     if method == "certify":
-        raise ValueError("method 'certify' was given for a law with dashpots: use 'all', or leave the dashpots out")
+        raise ValueError("method 'certify' does not support dashpots: use 'all', or omit them")
     if method == "dense" and size > DAMPED_AT_MOST:
         raise ValueError(
-            f"{size} coordinates were given: the method 'dense' with dashpots takes at most {DAMPED_AT_MOST}; use "
-            f"'pairs' or 'fastest', or leave the dashpots out"
+            f"the method 'dense' with dashpots supports at most {DAMPED_AT_MOST} coordinates, got {size}: use 'pairs' "
+            "or 'fastest', or omit the dashpots"
         )
 
 

@@ -139,9 +139,7 @@ def transient_growth(
     require_sizes([Size(f"samples = {samples} makes", samples, "samples", "use fewer")])
     free = backbone(state, law)
     if len(free) > AT_MOST:
-        raise ValueError(
-            f"{len(free)} coordinates were given: transient growth needs all modes and takes at most {AT_MOST}"
-        )
+        raise ValueError(f"transient growth needs all modes, of at most {AT_MOST} coordinates, got {len(free)}")
     basis, pull, drag = reduced_matrices(state, law, free)
     with suitable_threads(len(pull)):
         motion, root = _modal_motion(pull, drag, norm)
@@ -299,9 +297,7 @@ def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: 
     if duration is None:
         duration = max([PERIODS * 2 * np.pi / slowest, *(2 * time for _, time, *_ in pairs[:1])])
     if not (np.isfinite(duration) and duration > 0 and samples >= 2):
-        raise ValueError(
-            f"duration = {duration}, samples = {samples} were given: a positive time and at least 2 samples are needed"
-        )
+        raise ValueError(f"duration must be positive and samples at least 2, got {duration} and {samples}")
     beats = [time for _, time, *_ in pairs if time <= duration]
     amplitude = _amplitude_function(motion)
     early = np.geomspace(0.1 / np.abs(motion.exponents).max(), duration, samples // 3)
@@ -437,7 +433,7 @@ def stationary_fluctuations(
     motion = forced_motion(state, law, drag, spin_drag)
     free = motion.free
     if len(free) > COVARIANCES_UP_TO:
-        raise ValueError(f"{len(free)} coordinates were given: covariances take at most {COVARIANCES_UP_TO}")
+        raise ValueError(f"covariances support at most {COVARIANCES_UP_TO} coordinates, got {len(free)}")
     basis, pull, _ = reduced_matrices(motion.here.state, law, free)
     drags = basis.T @ (motion.drag @ basis)
     force = temperature * (drags + drags.T)

@@ -88,7 +88,7 @@ def trigger_amplitude(
     drive = as_patterns(state, drive=drive)
     _check_drive(drive, frequency, times, factors)
     if law.coulomb != SHARP:
-        raise ValueError("a law without sharp friction was given: contacts reach no limit, use coulomb='sharp'")
+        raise ValueError("the law has no sharp friction, so that contacts never reach its limit: use coulomb='sharp'")
     motion = forced_motion(state, law, drag, spin_drag)
     if count := len(motion.here.at_limit):
         raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance moves them")
@@ -113,8 +113,7 @@ def trigger_amplitude(
     turned = (drive[0] * control.free)[:, 3:].any()
     if turned or control.spring.any() or len(control.knots) or (control.group >= 0).any():
         raise ValueError(
-            "torques, springs, rigid groups or time profiles were given, which dynamics of a trigger does not take: "
-            "use dynamics=False"
+            "the dynamics of a trigger supports no torques, springs, rigid groups or time profiles: use dynamics=False"
         )
     drags = {"drag": drag, "spin_drag": spin_drag}
     if frequency is not None:
@@ -124,7 +123,7 @@ def trigger_amplitude(
 
 def _check_drive(drive, frequency, times, factors) -> None:
     if len(drive) != 1:
-        raise ValueError(f"{len(drive)} drives were given where one is needed: combine them first")
+        raise ValueError(f"expected one drive, got {len(drive)}: combine them first")
     if (frequency is None) == (times is None) or (times is None) != (factors is None):
         raise ValueError("give either a frequency, or the times and factors of a pulse")
     if frequency is None and (

@@ -78,7 +78,7 @@ class WaveSpectrum(NamedTuple):
         require_not_negative(width=width)
         decay = width - self.exponent.real
         if not decay.min() > 0:
-            raise ValueError(f"width = {width:g} was given, and a mode does not decay: give a larger width")
+            raise ValueError(f"width = {width:g} is too small for a mode that does not decay: use a larger one")
         distance = decay + 1j * (np.atleast_1d(frequency)[:, None] - self.exponent.imag)
         return (self.weight @ (1 / distance).T).real / np.pi
 
@@ -201,7 +201,7 @@ def wave_spectrum(
     """
     motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
     if (n := len(motion.free)) > ALL_UP_TO:
-        raise ValueError(f"{n} coordinates were given: all modes take at most {ALL_UP_TO}; use `dispersion`")
+        raise ValueError(f"computing all modes is limited to {ALL_UP_TO} coordinates, got {n}: use `dispersion`")
     basis = reduced_matrices(motion.here.state, law, motion.free)[0]
     size = 32.0 * n * len(k) * 3 * (state.cell.dim - 1)
     require_sizes([Size(f"{len(k)} wave vectors of {n} coordinates take", size, "bytes", "use fewer of them")])

@@ -77,7 +77,7 @@ def test_files_without_headers_need_the_numbers_of_columns(tmp_path):
     assert np.allclose(
         read_record(path, columns={"time": 0, "load_point": 1, "mu": 2}).load_point, 10.0 * np.arange(12)
     )
-    with pytest.raises(ValueError, match="column 3 was given for 'mu': the file has columns 0 to 2"):
+    with pytest.raises(ValueError, match="column 3 for 'mu' does not exist: the file has columns 0 to 2"):
         read_record(path, columns={"time": 0, "load_point": 1, "mu": 3})
 
 
@@ -315,7 +315,9 @@ def test_columns_are_chosen_by_number_or_heading_below_a_header(tmp_path):
     chosen = {"time [min]": 0, "load_point": "LVDT 2 [um]", "friction": "F/N", "normal_stress [MPa]": 3}
     record = read_record(tmp_path / "a.txt", columns=chosen)
     check_lab(record._replace(time=record.time / 60))
-    with pytest.raises(ValueError, match=r"column 'LVDT 3' was given for 'load_point': the file has 'Sample', 'LVDT 2"):
+    with pytest.raises(
+        ValueError, match=r"column 'LVDT 3' for 'load_point' does not exist: the file has 'Sample', 'LVDT 2"
+    ):
         read_record(tmp_path / "a.txt", columns=chosen | {"load_point": "LVDT 3"})
 
 

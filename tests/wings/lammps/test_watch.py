@@ -209,11 +209,11 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
         (lambda d: (d / "grains.dump").write_bytes(frames("grains.dump")[0][:-9]), WORDS, "has no complete frame"),
         (lambda d: None, LAWLESS, "contain no contact law"),
         (lambda d: None, WORDS[:-2], "--damping-t"),
-        (lambda d: None, [*WORDS, "--frame", "0"], "--frame was given"),
-        (lambda d: None, [*WORDS, "--atom-style", "sphere"], "--atom-style was given"),
+        (lambda d: None, [*WORDS, "--frame", "0"], "--frame does not apply"),
+        (lambda d: None, [*WORDS, "--atom-style", "sphere"], "--atom-style does not apply"),
         (lambda d: None, [*WORDS, "--contacts", "others.dump"], "others.dump is no `dump local`"),
         (lambda d: None, [*WORDS, "--method", "fast"], "did you mean 'fastest'?"),
-        (lambda d: None, [*WORDS, "--until-idle", "1"], "give one of them"),
+        (lambda d: None, [*WORDS, "--until-idle", "1"], "exclude each other"),
         (lambda d: None, [*WORDS, "--out", "w.txt"], "use .csv"),
         (lambda d: (d / "watch.csv").write_text("1,2\n"), WORDS, "is not a table that stickslip watch wrote"),
         (lambda d: (d / "watch.csv").write_text(f"{TABLE}: {{}}\n{NAMES}5,1\n"), WORDS, "is not a table that"),
@@ -223,7 +223,7 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
         (lambda d: (d / "grains.dump").write_bytes(EMPTY + b"ITEM: ATOMS id x y z radius mass vx\n"), WORDS,
          "none of which are the ids of grains that touch"),
         (lambda d: (d / "grains.dump").write_bytes(EMPTY + b"ITEM: ATOMS id x y z radius mass vx\n"),
-         [*WORDS, "--no-contacts"], "0 grains was given"),
+         [*WORDS, "--no-contacts"], "a state needs at least one grain"),
     ],
 )  # fmt: skip
 def test_bad_input_has_one_sentence(spoil, arguments, sentence, tmp_path, monkeypatch):

@@ -147,15 +147,15 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["reproduce", "gouge", "--quick", "--full"], "--full was given with --quick: give only one of them"),
+        (["reproduce", "gouge", "--quick", "--full"], "--full and --quick exclude each other: give only one"),
         (["reproduce", "disk-array", "--full"], "disk-array has no --full: leave it out"),
         (["reproduce", "disk-array", "--paper-size"], "disk-array has no --paper-size: leave it out"),
-        (["reproduce", "gouge", "--full", "--paper-size"], "--paper-size was given with --full: give only one of them"),
+        (["reproduce", "gouge", "--full", "--paper-size"], "--paper-size and --full exclude each other: give only one"),
         (
             ["reproduce", "gouge", "--realizations", "2"],
-            "--realizations was given, but only --paper-size has samples: leave it out",
+            "--realizations requires --paper-size, the only run with samples",
         ),
-        (["reproduce", "sphere-shear", "--device", "cuda"], "only single runs of 'disk-array' and 'gouge' have one"),
+        (["reproduce", "sphere-shear", "--device", "cuda"], "single runs of 'disk-array' and 'gouge' only"),
         (["reproduce", "gouge", "--device", "rocm"], "rocm"),
         pytest.param(
             ["reproduce", "disk-array", "--device", "cuda"],

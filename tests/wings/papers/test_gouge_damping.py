@@ -27,9 +27,9 @@ def of(**law):
     [
         ({}, "law has no damping: give damping_n"),
         ({"damping_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give only one of them"),
-        ({"restitution": 0.98, **MEETING}, "without law.reading: give reading"),
-        ({"restitution": 0.98, "reading": "eq8", "size": 3e-3}, "without law.speed"),
-        ({"damping_n": 1e4, "speed": 25.0}, "law.speed was given without law.restitution"),
+        ({"restitution": 0.98, **MEETING}, "requires law.reading: give reading"),
+        ({"restitution": 0.98, "reading": "eq8", "size": 3e-3}, "requires law.speed"),
+        ({"damping_n": 1e4, "speed": 25.0}, "law.speed requires law.restitution"),
         ({"restitution": 0.98, "reading": "literal", **MEETING}, "'eq8' or 'collision'"),
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.0, **MEETING}, "no solution for poisson = 0"),
         ({"restitution": 0.98, "reading": "eq8", "poisson": 0.5, **MEETING}, "no solution for poisson = 0.5"),

@@ -763,7 +763,7 @@ def test_the_command_line_writes_series_with_units(tmp_path, monkeypatch, capsys
          r"path\.inertial_number = 0\.1 .* use at most 0\.001"),
         ({"path": {"integrator": "dynamic", "rate": 1e3}}, r"path\.rate = 1000 .* use at most \d"),
         ({"path": {"kind": "true-triaxial"}}, r"path\.b is missing"),
-        ({"path": {"b": 0.5}}, r"path\.b was given: only true-triaxial"),
+        ({"path": {"b": 0.5}}, r"path\.b applies to true-triaxial paths only"),
         ({"path": {"kind": "isotropic"}}, r"path\.pressures is missing"),
         ({"path": {"rate": 1.0}}, "quasi-static"),
         ({"path": {"fluid_modulus": 2e9}}, "only undrained"),

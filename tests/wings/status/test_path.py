@@ -174,9 +174,9 @@ def test_loading_the_other_wall_and_back():
 def test_wrong_starts_give_a_one_sentence_error(boxed):
     state, law = boxed
     up = with_load(state.control, 60 + TOP, 1.5)
-    with pytest.raises(ValueError, match="no leg was given"):
+    with pytest.raises(ValueError, match="at least one leg"):
         load_path(state, law)
-    with pytest.raises(ValueError, match="increment = 0 was given"):
+    with pytest.raises(ValueError, match=r"increment must .*, got 0"):
         load_path(state, law, up, increment=0)
     with pytest.raises(ValueError, match=r"out of balance by .* use `relax` or `equilibrate`"):
         load_path(state._replace(control=up), law, up)
@@ -393,14 +393,14 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
     ):
         with pytest.raises(ValueError, match=message):
             load_path(state, law, state.control._replace(**change))
-    with pytest.raises(TypeError, match=r"legs\[0\] must be a Control, but a value of type float was given"):
+    with pytest.raises(TypeError, match=r"legs\[0\] must be a Control, got a value of type float"):
         load_path(state, law, 1.0)
     with pytest.raises(ValueError, match="body 3 has no force to multiply"):
         with_load(state.control, 3, 2.0)
-    with pytest.raises(ValueError, match=r"pressure = -0.0001 was given: it must be above 0"):
+    with pytest.raises(ValueError, match=r"pressure must be above 0"):
         biaxial_box(30, pressure=-1e-4)
     sliding = ss.laws.linear(1.0, 0.0, 0.5, coulomb="sharp")
-    with pytest.raises(ValueError, match="kt = 0"):
+    with pytest.raises(ValueError, match="kt must be positive"):
         load_path(state, sliding, state.control)
 
 

@@ -8,7 +8,7 @@ from ..arguments import Array, NotNegative, checked, knows_bonds
 from ..fields import IMAGE_BITS, pack_keys
 from ..laws.bonds import UNBREAKABLE, Bond, coefficients
 from ..state import Bonds, State, empty_contacts
-from .bonds import add_bond_loads, bond_gap, bond_vectors
+from .bonds import BondLimits, add_bond_loads, bond_gap, bond_vectors, judge_loads, limits_of_bonds
 from .forces import bodies
 from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
@@ -72,7 +72,7 @@ def _with(state: State, new: Bonds) -> State:
     bonds = _joined(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
-        raise ValueError("a pair of grains was given that is bonded already: bond each pair once")
+        raise ValueError("a pair of grains is already bonded: bond each pair only once")
     return _listed(state._replace(bonds=bonds, instant=None))
 
 
@@ -99,7 +99,7 @@ def _make(state: State, bond: Bond, i, j, image, rest=None) -> Bonds:
     bonds = Bonds(
         i.astype(np.int32), j.astype(np.int32), image.astype(np.int16), np.ones(k, bool), np.ones(k), np.full(k, 0.5),
         nothing, np.tile([1.0, 0, 0, 0], (k, 1)), angle[i].copy(), angle[j].copy(), np.zeros((k, 4)), np.zeros((k, 4)),
-        np.ones((k, 4)), np.full(k, bond.form, np.int8), np.full(k, bond.fading, np.int8),
+        np.ones((k, 4)), np.full(k, bond.form, np.int8), np.full(k, bond.fading, np.int8), np.zeros(k, np.int8),
     )  # fmt: skip
     way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
     length = np.linalg.norm(way, axis=1)
@@ -140,14 +140,14 @@ def _given_pairs(state: State, pairs: np.ndarray):
     """Pairs with i < j, and their nearest images."""
     n, cell = len(state.grains.radius), state.cell
     if pairs.shape[1:] != (2,):
-        raise ValueError(f"pairs of shape {pairs.shape} were given: (K, 2) numbers of grains are needed")
+        raise ValueError(f"pairs must have shape (K, 2), two grain numbers per row, got {pairs.shape}")
     for a, b in pairs:
         if a == b:
-            raise ValueError(f"a bond of grain {a} with itself was given: name two grains")
+            raise ValueError(f"grain {a} cannot be bonded to itself: give two grains")
         if not (min(a, b) >= 0 and max(a, b) < n):
             raise ValueError(
-                f"a bond of {a} with {b} was given, but grains are numbered 0 to {n - 1}: bonds hold grains, not "
-                f"walls; fix a grain in place of a wall"
+                f"a bond joins two grains, numbered 0 to {n - 1}, got {a} and {b}; to bond a grain to a wall, bond it "
+                "to a fixed grain instead"
             )
     i, j = np.sort(pairs, axis=1).T
     apart = (state.grains.position[i] - state.grains.position[j]) @ grid_of(cell).inverse
@@ -172,6 +172,19 @@ def bond_shares(state: State) -> np.ndarray:
     return add_bond_loads(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy())
 
 
+def broken_since(state: State, before: State) -> np.ndarray:
+    """(B, 3) bonds that broke since an earlier state: i, j, and the index in `FAILURES` of the load that broke them."""
+    if not state.bonds:
+        return np.zeros((0, 3), int)
+    lost, bonds = before.bonds.intact & ~state.bonds.intact, state.bonds
+    return np.stack([bonds.i, bonds.j, bonds.failed], axis=1).astype(int)[lost]
+
+
+def limits(state: State, way: np.ndarray | None = None) -> BondLimits:
+    """Loads of the bonds of a state over their strengths; see `limits_of_bonds`."""
+    return limits_of_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, way)
+
+
 def without_failure(state: State) -> State:
     """State whose bonds do not break in a run, unless they have faded by then; `with_strength_of` restores them."""
     if not state.bonds:
@@ -184,8 +197,9 @@ def with_strength_of(state: State, before: State, *, mended: bool = False) -> St
     """State whose bonds have the strength that they had before and, if `mended`, are intact if they were."""
     if not state.bonds:
         return state
-    intact = before.bonds.intact if mended else state.bonds.intact
-    return state._replace(bonds=state.bonds._replace(strength=before.bonds.strength, intact=intact), instant=None)
+    kept = before.bonds if mended else state.bonds
+    bonds = state.bonds._replace(strength=before.bonds.strength, intact=kept.intact, failed=kept.failed)
+    return state._replace(bonds=bonds, instant=None)
 
 
 def with_weakest_broken(state: State) -> State:
@@ -193,6 +207,7 @@ def with_weakest_broken(state: State) -> State:
     share = bond_shares(state) if state.bonds else np.zeros(0)
     if not share.max(initial=0.0) >= 1.0:
         return state
-    intact = state.bonds.intact.copy()
-    intact[share.argmax()] = False
-    return state._replace(bonds=state.bonds._replace(intact=intact), instant=None)
+    intact, failed, weakest = state.bonds.intact.copy(), state.bonds.failed.copy(), share.argmax()
+    intact[weakest] = False
+    failed[weakest] = judge_loads(state.bonds, limits(state).load)[1][weakest]
+    return state._replace(bonds=state.bonds._replace(intact=intact, failed=failed), instant=None)

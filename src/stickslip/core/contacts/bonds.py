@@ -16,6 +16,8 @@ Source
 Wang & Mora, doi:10.1007/978-3-540-85879-9_6.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..fields import pack_keys
@@ -46,6 +48,37 @@ def follow_rotations(bonds: Bonds, dim: int, here, vectors) -> Bonds:
     return out
 
 
+class BondLimits(NamedTuple):
+    """Loads of K bonds over their strengths, as if all were intact: tension, then vectors of shear, bending, twist."""
+
+    load: np.ndarray  # (K, 10)
+    slope: np.ndarray  # (K, 10) derivatives along a motion
+    energy: np.ndarray  # (K,) [energy]
+
+
+def limits_of_bonds(bonds: Bonds, dim: int, here, vectors, way: np.ndarray | None = None) -> BondLimits:
+    """Loads of bonds over their strengths, and their energies.
+
+    Parameters
+    ----------
+    way : (K, 9) changes of the pair vector [length] and of the angles of i and of j [rad]; nothing moves by default
+    """
+    k = len(bonds.i)
+    out, way = BondLimits(*np.zeros((2, k, 10)), np.zeros(k)), np.zeros((k, 9)) if way is None else way
+    core.limit_bonds(dim, here, bonds, vectors, np.ascontiguousarray(way), *out)
+    return out
+
+
+def judge_loads(bonds: Bonds, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of the strength (K,) under given loads, see `BondLimits`, and indices in `FAILURES` of what would break.
+
+    The load that breaks a bond is the largest of those that add up to its share.
+    """
+    share, failure = np.zeros(len(load)), np.zeros(len(load), np.int8)
+    core.judge_loads(bonds, np.ascontiguousarray(load), share, failure)
+    return share, failure
+
+
 def bond_vectors(bonds: Bonds, position: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors from j to i, (K, 3) [length]."""
     return position[bonds.i] - position[bonds.j] + bonds.image @ vectors
@@ -63,6 +96,11 @@ def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
     count = int(contacts.count[0])
     rows = np.searchsorted(contacts.key[:count], pack_keys(bonds.i, bonds.j, bonds.image))
     return np.where(bonds.intact, rows, -1)
+
+
+def is_beam(bonds: Bonds, dim: int) -> np.ndarray:
+    """Mask of intact bonds that resist all relative motions, so that one of them alone holds a grain, (K,)."""
+    return bonds.intact & (bonds.stiffness[:, 1 : dim + 1] > 0).all(axis=1)
 
 
 def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np.ndarray:

@@ -59,7 +59,7 @@ class ContactLoads(NamedTuple):
         """Raise ValueError if any state among the given values has a different number of bodies."""
         for state in others:
             if isinstance(state, State) and state.n_bodies != len(self.force):
-                raise ValueError(f"loads of {len(self.force)} bodies were given for a state with {state.n_bodies}")
+                raise ValueError(f"the loads are those of {len(self.force)} bodies, but the state has {state.n_bodies}")
 
 
 _LOADS = {
@@ -156,7 +156,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
 def check_memory(memory: int) -> None:
     """Raise ValueError if a number does not denote a treatment of contact memory."""
     if memory not in (FROZEN, HELD, FREE, HELD | GIVEN, FREE | GIVEN):
-        raise ValueError(f"memory = {memory} was given: FREE, HELD and FROZEN are allowed")
+        raise ValueError(f"memory must be FREE, HELD or FROZEN, got {memory}")
 
 
 @checked

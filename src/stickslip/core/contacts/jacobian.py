@@ -145,6 +145,12 @@ def blocks_of(state: State, law: Law, c: Linearisation, memory: int = HELD):
     return stiff, damp
 
 
+def bond_blocks(state: State) -> np.ndarray:
+    """(C, 9, 9) parts of the blocks of contacts that are due to bonds."""
+    nothing = np.zeros((2, int(state.contacts.count[0]), 9, 9))
+    return next(with_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, state.contacts, *nothing))
+
+
 def _blocks_of_law(state: State, law: Law, c: Linearisation, memory: int):
     count, cross_n = len(c.normal), cross_matrix(c.normal)
     turn = make_turn(c.normal, c.inverse, c.way)

@@ -132,7 +132,7 @@ def run_systems(systems: list[System], device: Device) -> list[tuple[State, Reco
     most = _entries(systems)
     while True:
         if most > core.MOST_ENTRIES:
-            raise ValueError(f"a device was given a grain with more than {core.MOST_ENTRIES} neighbours: {STAY}")
+            raise ValueError(f"a device supports at most {core.MOST_ENTRIES} neighbours of a grain: {STAY}")
         sizes = _sizes(systems, most)
         try:
             device.allocate(_shapes(sizes), law_struct(systems[0].leg.law, members=FORCES), sizes)
@@ -176,8 +176,8 @@ def check_law(law: Law) -> None:
         name = "a law of a user" if isinstance(law.kind, Kind) else NAMES[law.kind]
         more = "" if own else " with other lever arms, a memory of forces, rolling or twisting resistance"
         raise ValueError(
-            f"a device was given {name}{more}, but evaluates linear and Hertz's springs with friction and dashpots "
-            f"only, with lever arms R and without rolling resistance: use one of these, or {STAY}"
+            f"a device does not support {name}{more}; it supports linear and Hertz springs with friction and "
+            f"dashpots, lever arms R and no rolling resistance: use one of these, or {STAY}"
         )
 
 
@@ -187,24 +187,22 @@ def check_leg(leg: Leg) -> None:
     check_materials(state, leg.law)
     check_law(leg.law)
     if state.bonds:
-        raise ValueError(f"a device was given a packing with bonds: {STAY}")
+        raise ValueError(f"a device does not support bonds: {STAY}")
     if (state.control.group[len(state.grains.radius) :] >= 0).any():
-        raise ValueError(f"a device was given a wall in a rigid group: {STAY}")
+        raise ValueError(f"a device does not support walls in a rigid group: {STAY}")
     if (groups := int(state.control.group.max(initial=-1)) + 1) > core.SUMS // 3:
-        raise ValueError(f"a device was given {groups} rigid groups, but has room for {core.SUMS // 3}: {STAY}")
+        raise ValueError(f"a device supports at most {core.SUMS // 3} rigid groups, got {groups}: {STAY}")
     if needs_frame(state):
-        raise ValueError(f"a device was given a cell that deforms, or rates with a time profile: {STAY}")
+        raise ValueError(f"a device supports neither cells that deform nor rates with a time profile: {STAY}")
     if state.control.free[len(state.grains.radius) :, :3].any():
-        raise ValueError(
-            f"a device was given a wall that follows its load, but moves walls at given rates only: {STAY}"
-        )
+        raise ValueError(f"a device moves walls at prescribed rates only, not under loads: {STAY}")
     if leg.samples > 1 and not leg.every:
         raise ValueError(f"a device was asked for {leg.samples} states, but returns the last one only: {STAY}")
     height, reach = grid_of(state.cell).height, 2 * float(state.grains.radius.max(initial=0.0)) + _skin(state)
     if (narrow := height[state.cell.periodic & (np.arange(3) < state.cell.dim)]).size and narrow.min() < 2 * reach:
         raise ValueError(
-            f"a device was given a periodic cell that is {narrow.min():.4g} across, but needs twice the largest "
-            f"diameter and the skin, {2 * reach:.4g}: use a larger cell, or {STAY}"
+            f"the periodic cell is {narrow.min():.4g} across, but a device needs twice the largest diameter plus the "
+            f"skin, {2 * reach:.4g}: use a larger cell, or {STAY}"
         )
 
 
@@ -262,7 +260,7 @@ def _sizes(systems: list[System], most: int) -> Sizes:
     law, dim = legs[0].law, states[0].cell.dim
     if any(s.cell.dim != dim for s in states) or any(_law_form(law) != _law_form(leg.law) for leg in legs):
         raise ValueError(
-            "systems of different dimensions or laws were given to one batch: run them in batches of their own"
+            "the systems in a batch must have the same dimension and law: run the others in separate batches"
         )
     room = -(-max(state.n_bodies for state in states) // WARP) * WARP
     detailed = any(leg.detailed for leg in legs)

@@ -96,7 +96,7 @@ def open_device(name: str) -> Device:
         if no graphics processor answers.
     """
     if name != "cuda":
-        raise ValueError(f"device = {name!r} was given: 'cuda' is allowed, or none for ordinary processors")
+        raise ValueError(f"device must be 'cuda', or omitted for ordinary processors, got {name!r}")
     return Cuda()
 
 
@@ -153,7 +153,7 @@ def run_batch(
     >>> ends = ss.protocols.run_batch(kicked, law, 1000, 0.02)  # doctest: +SKIP
     """
     if not states:
-        raise ValueError("no states were given: a batch needs at least one")
+        raise ValueError("a batch needs at least one state")
     check_steps(steps, dt, every)
     every = min(every, steps + 1)
     outcomes = run_legs([Leg(state, law, dt, steps, drag=drag, every=every) for state in states], open_device(device))

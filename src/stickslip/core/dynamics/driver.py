@@ -293,7 +293,7 @@ def run_steps(
         sampled = sampling and step % sampling == 0
         here = current.gather() if books or sampled else None
         if books:
-            books = post_step(books, current.state, plan, here, current.contacts, step, every)
+            books = post_step(books, current.state, plan, here, current.contacts, current.bonds, step, every)
         if sampled:
             current.record_groups(here, step // every)
             if current.bonds:
@@ -330,7 +330,7 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
 def _working_bonds(state: State, here: Bodies):
     """Copy of the bonds, to which a run can write, with their memory committed."""
     bonds = follow_rotations(state.bonds, state.cell.dim, here, state.cell.vectors)
-    return bonds._replace(intact=bonds.intact.copy())
+    return bonds._replace(intact=bonds.intact.copy(), failed=bonds.failed.copy())
 
 
 def _forces_in_state_order(moving) -> np.ndarray:

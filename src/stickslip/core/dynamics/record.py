@@ -191,10 +191,10 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
     probes = np.atleast_1d(np.asarray(probes, np.int64))
     if ((probes < 0) | (probes >= n)).any():
-        raise ValueError(f"probes {probes.tolist()} were given: they must be grains between 0 and {n - 1}")
+        raise ValueError(f"probes must be grain numbers from 0 to {n - 1}, got {probes.tolist()}")
     reference = state.grains.position if reference is None else np.asarray(reference, float)
     if reference.shape != (n, 3):
-        raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
+        raise ValueError(f"reference must have shape {(n, 3)}, got {reference.shape}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
     known = reference, state.grains.mass, state.grains.inertia, *supports(state), probes
     return RecordBuffers(

@@ -186,8 +186,6 @@ def run(
         }  # fmt: skip
         leg = Leg(state, law, dt, steps, drag=drag, every=every)
         return _run_elsewhere(engine, leg, [name for name, is_asked in asked.items() if is_asked])
-    if state.bonds and ledger:
-        raise ValueError("ledger was given for a state with bonds, whose energy it does not contain yet: omit it")
     every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
@@ -195,7 +193,9 @@ def run(
     spin_drag = drag if spin_drag is None else spin_drag
     plan, free = make_plan(state, drag, spin_drag, dt, tolerance), movable(state)
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
-        raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
+        raise ValueError(
+            "tolerance requires drag on every free component, or the state does not come to rest: add drag"
+        )
     probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
     memory = 8 * rows * (columns() + 12 * groups + 6 * len(probes))
@@ -241,7 +241,7 @@ def _pieces(threads: int | None, leg: Leg) -> Iterator[tuple[State, Record]]:
 def _run_elsewhere(engine: Engine, leg: Leg, asked: list[str]) -> tuple[State, Record, Outcome]:
     """Run a leg with another engine."""
     if asked:
-        raise ValueError(f"{' and '.join(asked)} were given with another engine, which has drag and every only")
+        raise ValueError(f"another engine supports drag and every only, not {' and '.join(asked)}")
     ((end, record),) = engine.pieces(leg)
     return end, record, Outcome(Status.DONE, np.nan, leg.steps)
 
@@ -261,11 +261,11 @@ def join_samples(samples: list[Record], leg: Leg) -> Record:
 def check_steps(steps: int, dt: float, every: int) -> None:
     """Raise ValueError with a one-sentence message if these steps are not allowed."""
     if not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt = {dt} was given: the time step must be positive")
+        raise ValueError(f"dt must be positive, got {dt}")
     if steps < 0 or every < 0:
-        raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+        raise ValueError(f"steps and every must not be negative, got {steps} and {every}")
     if steps > MOST_STEPS:
-        raise ValueError(f"steps = {float(steps):.4g} was given: at most {MOST_STEPS:g} are allowed")
+        raise ValueError(f"steps must be at most {MOST_STEPS:g}, got {float(steps):.4g}")
     samples = float(steps // every) if every else 0.0
     require_sizes([Size(f"every = {float(every):.4g} makes", samples, "samples", "use a larger `every`")])
 
@@ -276,17 +276,15 @@ def _check_arguments(
     """Raise ValueError with a one-sentence message if an argument of `run` is not allowed."""
     check_steps(steps, dt, every)
     if ledger and not every:
-        raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
+        raise ValueError("ledger = True requires samples: set every to 1 or more steps")
     if ledger < 0 or (ledger and every % ledger):
-        raise ValueError(f"ledger = {ledger} and every = {every} were given: every must be a multiple of ledger")
+        raise ValueError(f"every must be a multiple of ledger, got every = {every} and ledger = {ledger}")
     if slip_update not in ("difference", "rate"):
-        raise ValueError(f"slip_update={slip_update!r} was given: 'difference' and 'rate' are allowed")
+        raise ValueError(f"slip_update must be 'difference' or 'rate', got {slip_update!r}")
     if slip_update == "rate" and law.coulomb == SMOOTH:
-        raise ValueError(
-            "slip_update='rate' was given with smooth friction, which LAMMPS does not have: use coulomb='sharp'"
-        )
+        raise ValueError("slip_update='rate' requires sharp friction, as in LAMMPS: use coulomb='sharp'")
     if threads is not None and threads < 1:
-        raise ValueError(f"threads = {threads} was given: at least 1 is needed")
+        raise ValueError(f"threads must be at least 1, got {threads}")
 
 
 ROUNDS = 300  # of the power iteration
@@ -353,6 +351,6 @@ def check_time_step(state: State, law: Law, here: BodyArrays, dt: float) -> None
     longest = stable_time_step(state, law)
     if dt > longest:
         raise ValueError(
-            f"dt = {dt:g} was given, but with contacts this stiff steps are stable only up to {longest:.4g}: "
-            f"use at most that, or a tenth of it for accuracy"
+            f"dt = {dt:g} is unstable: with contacts this stiff, use at most {longest:.4g}, or a tenth of it for "
+            "accuracy"
         )

@@ -122,8 +122,7 @@ def parallel_bond(
 def _require_four(name: str, values, least: float) -> None:
     if not (len(values) == 4 and all(least <= value < np.inf for value in values)):
         kind = "positive" if least else "not negative"
-        raise ValueError(f"{name} = {values} was given: it must be four numbers, for tension, shear, bending and "
-                         f"twisting, that are {kind}")  # fmt: skip
+        raise ValueError(f"{name} must be four {kind} numbers, for tension, shear, bending and twisting, got {values}")
 
 
 def coefficients(bond: Bond, dim: int, radius_i, radius_j, length):

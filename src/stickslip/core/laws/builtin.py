@@ -299,18 +299,16 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     ['3.663e+10', '4.525e+10']
     """
     if not (np.isfinite(young) and young > 0 and -1 < poisson <= 0.5):
-        raise ValueError(
-            f"young = {young}, poisson = {poisson} were given: E must be positive and ν between −1 and 1/2"
-        )
+        raise ValueError(f"young must be positive and poisson between −1 and 1/2, got {young} and {poisson}")
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
 def make_law(law_name, coulomb, damping, tension, *values, **own) -> Law:
     """Law from the values of its parameters; `own` are those that only this law has."""
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
-        raise ValueError(f"coulomb={quoted(coulomb)} was given: 'sharp' and 'smooth' are allowed")
+        raise ValueError(f"coulomb must be 'sharp' or 'smooth', got {quoted(coulomb)}")
     if not isinstance(damping, str) or damping not in DAMPING:
-        raise ValueError(f"damping={quoted(damping)} was given: {', '.join(map(repr, DAMPING))} are allowed")
+        raise ValueError(f"damping must be one of {', '.join(map(repr, DAMPING))}, got {quoted(damping)}")
     for name, value in (*zip(PARAMETERS, values, strict=True), *own.items()):
         check_parameter(name, value, (*PARAMETERS, *own))
     table = np.array([*values, *own.values()], float)[None, None, :].copy()
@@ -322,14 +320,14 @@ def _checked_values(law: Law) -> Law:
     most = law.table[..., DAMPING_N].max()
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION) and most > 1:
         raise ValueError(
-            f"damping_n = {most:g} was given: with this model of damping it is the coefficient of restitution, from 0 "
-            f"(no dashpots) to 1"
+            "damping_n is the coefficient of restitution in this damping model and must be from 0 to 1 (1: no "
+            f"dashpots), got {most:g}"
         )
     names = parameter_names(law)
     if not isinstance(law.kind, Kind) and "k_unload" in names:
         ratio = (law.table[..., names.index("k_unload")] / law.table[..., KN]).min()
         if ratio < 1:
-            raise ValueError(f"k_unload = {ratio:g} kn was given: at least kn is allowed, or contacts create energy")
+            raise ValueError(f"k_unload must be at least kn, or contacts create energy, got {ratio:g} kn")
     return law
 
 
@@ -355,16 +353,14 @@ def check_parameter(name, value, names=PARAMETERS, signed=()):
     if isinstance(value, np.ndarray | np.generic) and not value.shape and value.dtype.kind in "fiu":
         value = value.item()
     if not isinstance(value, Real):
-        raise ValueError(f"{name} = {quoted(value)} was given: it must be a number")
+        raise ValueError(f"{name} must be a number, got {quoted(value)}")
     low_ok = value > 0 if name == "kn" else value >= 0 or name in signed
     if not (abs(value) < np.inf and low_ok):
-        raise ValueError(
-            f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
-        )
+        raise ValueError(f"{name} must be finite and {'positive' if name == 'kn' else 'not negative'}, got {value}")
     if abs(value) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
         raise ValueError(
-            f"{name} = {quoted(value)} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
-            f"{1 / MAX_PARAMETER:g} for kn, so that products stay finite; use other units"
+            f"{name} must be at most {MAX_PARAMETER:g}, and kn at least {1 / MAX_PARAMETER:g}, so that products stay "
+            f"finite, got {quoted(value)}; use other units"
         )
 
 
@@ -384,7 +380,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     names = parameter_names(law)
     for number in (a, b):
         if not 0 <= number < MOST_MATERIALS:
-            raise ValueError(f"material {number} was given: materials are numbered from 0 to {MOST_MATERIALS - 1}")
+            raise ValueError(f"materials are numbered from 0 to {MOST_MATERIALS - 1}, got {number}")
     size = max(len(law.table), a + 1, b + 1)
     table = np.empty((size, size, len(names)))
     table[:] = law.table[0, 0]

@@ -43,8 +43,8 @@ def check_kind(kind: int) -> None:
     """Raise ValueError if a number is neither that of a built-in law nor the kind of a user-defined one."""
     if not isinstance(kind, Kind) and not 0 <= kind < len(BUILTIN_LAWS):
         raise ValueError(
-            f"a law of kind {kind} was given: built-in laws have kinds 0 to {len(BUILTIN_LAWS) - 1}; create a law "
-            f"with a function of stickslip.laws"
+            f"built-in laws have kinds 0 to {len(BUILTIN_LAWS) - 1}, got {kind}: create a law with a function in "
+            "stickslip.laws"
         )
 
 

@@ -140,8 +140,8 @@ def with_rolling(
     for name, value in values.items():
         needed = name in MODELS[model]
         if (needed and not value > 0) or (value and not needed and (model, name) != ("spring", "gamma_roll")):
-            remedy = "must be positive" if needed else "is not a parameter of it, leave it out"
-            raise ValueError(f"{name} = {value} was given with model = {model!r}: it {remedy}")
+            need = "must be positive" if needed else "does not apply: leave it out, or use another model"
+            raise ValueError(f"with model = {model!r}, {name} {need}, got {value}")
     if resists_rolling(law._replace(properties=0)):
         raise ValueError("the law has a rolling moment of its own: use one without it")
     new = _with_parameters(law, ROLLING, values)
@@ -186,11 +186,11 @@ def with_twisting(
     values = {"k_twist": k_twist, "mu_twist": mu_twist, "gamma_twist": gamma_twist}
     if model == "spring":
         if not k_twist > 0:
-            raise ValueError(f"k_twist = {k_twist} was given: it must be positive")
+            raise ValueError(f"k_twist must be positive, got {k_twist}")
         new = _with_parameters(law, TWISTING, values)
         return new._replace(properties=new.properties & ~SCALED)
     if any(values.values()):
-        raise ValueError(f"numbers were given with model = {model!r}, which follow from kt and mu: leave them out")
+        raise ValueError(f"with model = {model!r}, the twisting parameters follow from kt and mu: omit them")
     new = _with_parameters(law, TWISTING, values)
     table, names = new.table.copy(), parameter_names(new)
     for name, column in marshall_values(table[..., KT], table[..., MU]).items():

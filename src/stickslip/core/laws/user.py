@@ -219,17 +219,17 @@ def custom(
     }  # fmt: skip
     given = {role: function for role, function in given.items() if function is not None}
     if ("rolling_stiffness" in given) != ("rolling_cap" in given):
-        raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
+        raise ValueError("rolling resistance needs both rolling_stiffness and rolling_cap, got only one")
     values = _parameter_values(parameters or {}, given)
     own = _memory_values(memory or {}, values, "update" in given)
     arguments = {role: _argument_names(role, function, tuple(values), own) for role, function in given.items()}
     if bonds and "contact_range" not in given:
-        raise ValueError("bonds = True was given without a contact_range: bonds act across gaps up to that range")
+        raise ValueError("bonds = True requires contact_range, the largest gap across which bonds act")
     kind = _register(given, arguments, tuple(values), name, own, bonds)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
-            f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
-            f"allowed"
+            f"coulomb must be one of {', '.join(COULOMB)}, and damping one of {', '.join(DAMPING)}, got {coulomb!r} "
+            f"and {damping!r}"
         )
     table = np.array(list(values.values()), float)[None, None, :].copy()
     law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
@@ -244,11 +244,11 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
             raise ValueError(
-                f"a parameter {name!r} was given: its name must be an identifier other than overlap, r_eff and "
-                f"normal_force"
+                "the name of a parameter must be an identifier other than overlap, r_eff and normal_force, got "
+                f"{name!r}"
             )
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            raise ValueError(f"{name} = {value!r} was given: it must be a number")
+            raise ValueError(f"{name} must be a number, got {value!r}")
     capped = "cap" in given and "mu" not in inspect.getfullargspec(given["cap"]).args
     values = _DEFAULTS | ({"mu": 1.0} if capped else {}) | parameters
     for name, value in values.items():
@@ -259,13 +259,13 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
 def _memory_values(memory: dict, parameters: dict, updated: bool) -> dict[str, float]:
     """Own memory of a contact as it closes."""
     if bool(memory) != updated:
-        raise ValueError("only one of memory and update was given: a law with a memory of its own needs both")
+        raise ValueError("a law with memory needs both memory and update, got only one")
     for name, value in memory.items():
         taken = name in parameters or any(name in allowed for allowed in ROLES.values())
         if not (isinstance(name, str) and name.isidentifier()) or taken:
-            raise ValueError(f"a memory {name!r} was given: its name must be an identifier that nothing else has")
+            raise ValueError(f"the name of a memory must be a unique identifier, got {name!r}")
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-            raise ValueError(f"memory {name} = {value!r} was given: it must be a finite number")
+            raise ValueError(f"memory {name} must be a finite number, got {value!r}")
     return {name: float(value) for name, value in memory.items()}
 
 

@@ -25,7 +25,7 @@ def validate_law(law: Law, size: float) -> Law:
     `size` is a grain radius [length].
     """
     if isinstance(size, bool) or not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
-        raise ValueError(f"size = {size!r} was given: it must be a radius, a positive number")
+        raise ValueError(f"size must be a radius, a positive number, got {size!r}")
     own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")

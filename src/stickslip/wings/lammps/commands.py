@@ -65,7 +65,7 @@ def watch(
     """
     check_choice("method", method, METHODS)
     if once and until_idle is not None:
-        raise ValueError("--once was given with --until-idle: give one of them")
+        raise ValueError("--once and --until-idle exclude each other: give one")
     from ...kit import lammps_series, terminal
     from .watch_record import watch_and_record
 

@@ -73,8 +73,8 @@ def require_lammps(ranks: int = 1) -> None:
         raise MissingExtraError(f"LAMMPS was requested with {ranks} ranks, but mpirun is missing: {GET}")
     if ranks > (cores := len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1):
         raise ScenarioError(
-            f"ranks = {ranks} was given, but this machine offers {cores} cores: use at most {cores}, or write the "
-            f"input for a larger machine with --export"
+            f"ranks = {ranks} exceeds the {cores} cores of this machine: use at most {cores}, or write the input for "
+            "a larger machine with --export"
         )
 
 

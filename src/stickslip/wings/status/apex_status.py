@@ -421,9 +421,7 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
     stresses = np.asarray(stresses, float)
     require_not_negative(stresses=float(np.abs(stresses).max(initial=0.0)))
     if stresses.shape[1:] != (dim, dim) or not np.allclose(stresses, stresses.transpose(0, 2, 1)):
-        raise ValueError(
-            f"stresses of shape {stresses.shape} were given: symmetric ones of shape (M, {dim}, {dim}) are needed"
-        )
+        raise ValueError(f"stresses must be symmetric, of shape (M, {dim}, {dim}), got shape {stresses.shape}")
     matrix = linear_system(_under(state, stress(state, law)[:dim, :dim]), law)
     still = external_force(_under(state, np.zeros((dim, dim))), matrix.free)
     answers = []

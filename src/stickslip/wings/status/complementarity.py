@@ -87,13 +87,12 @@ def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
     known = critical.dtype.kind in "iu" or not critical.size
     if critical.dtype == bool or critical.ndim != 1 or not known or len(np.unique(critical)) < len(critical):
         raise ValueError(
-            f"critical = {critical.tolist()!r:.60} was given: distinct numbers of contacts, or one bool for each of "
-            f"the {matrix.count} contacts, are needed"
+            f"critical must be distinct contact numbers, or one bool for each of the {matrix.count} contacts, got "
+            f"{critical.tolist()!r:.60}"
         )
     if critical.size and not 0 <= critical.min() <= critical.max() < matrix.count:
         raise ValueError(
-            f"critical contacts {critical.min()} to {critical.max()} were given: contacts have the numbers 0 to "
-            f"{matrix.count - 1}"
+            f"contacts are numbered from 0 to {matrix.count - 1}, but critical has {critical.min()} to {critical.max()}"
         )
     return critical.astype(np.int64)
 
@@ -472,8 +471,8 @@ def status_map(problem: Complementarity) -> StatusMap:
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(
-            f"{size} critical contacts were given, {2.0**size:.3g} combinations of statuses: at most {MAPPED} "
-            f"are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
+            f"{size} critical contacts have {2.0**size:.3g} combinations of statuses, more than the limit of "
+            f"{MAPPED}: `contact_status` finds a consistent status, `certificate` tests uniqueness"
         )
     through = enumerate_rates(scale_problem(problem))
     fits = np.where(through.slides, through.rate > 0, through.rate < 0)

@@ -253,8 +253,8 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
     """Enumerate all combinations of statuses, as `consistent_statuses` does; stable ones come first."""
     if count_choices(apex) > ENUMERATED:
         raise ValueError(
-            f"{len(apex.sign)} contacts with {count_choices(apex):.3g} combinations of statuses were given: at most "
-            f"{ENUMERATED} can be enumerated; use `statuses_at_apex` to find one that is consistent"
+            f"{len(apex.sign)} contacts have {count_choices(apex):.3g} combinations of statuses, of which at most "
+            f"{ENUMERATED} can be enumerated: use `statuses_at_apex` to find one that is consistent"
         )
     every = list(itertools.product(*apex.allowed))
     status = np.array(every, int).reshape(len(every), len(apex.sign))

@@ -115,10 +115,10 @@ def linear_system(
     """
     if law.coulomb == builtin.SMOOTH:
         raise ValueError(
-            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
+            "contact status needs coulomb='sharp', as contacts under smooth friction neither stick nor slide"
         )
     if resists_rolling(law):
-        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
+        raise ValueError("contact status does not support rolling resistance: use a law without it")
     rows, modes = touching(state), np.minimum(state.contacts.mode, STICK)
     stuck = state._replace(contacts=state.contacts._replace(mode=modes))
     line = linearise(stuck, law)
@@ -162,7 +162,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (n,):
             raise ValueError(
-                f"rattlers of shape {np.shape(rattlers)} was given: True, False, or one bool for each grain is needed"
+                f"rattlers must be True, False, or one bool for each grain, got shape {np.shape(rattlers)}"
             )
         loose[:n] = rattlers
     elif not rattlers:
@@ -271,7 +271,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
     if sliding.shape != (matrix.count,):
         raise ValueError(
-            f"statuses of shape {sliding.shape} were given for {matrix.count} contacts: one for each contact is needed"
+            f"sliding must have one status for each of the {matrix.count} contacts, got shape {sliding.shape}"
         )
     return sliding
 
@@ -343,14 +343,12 @@ def append_wall_rotations(state: State, matrix, arm: float):
 def _check_walls(state: State) -> None:
     n = len(state.grains.radius)
     if state.cell.dim != 2:
-        raise ValueError(
-            "wall_arm was given for a packing in three dimensions, where walls only translate: leave it out"
-        )
+        raise ValueError("wall_arm does not apply in three dimensions, where walls only translate: leave it out")
     if not len(state.walls.mass):
-        raise ValueError("wall_arm was given for a packing without walls: leave it out")
+        raise ValueError("wall_arm does not apply, as the packing has no walls: leave it out")
     if state.cell.periodic.any():
-        raise ValueError("wall_arm was given in a periodic cell, where a wall cannot rotate: leave it out")
+        raise ValueError("wall_arm does not apply in a periodic cell, where a wall cannot rotate: leave it out")
     if (state.control.group[n:] >= 0).any():
         raise ValueError(
-            "wall_arm was given for a wall in a rigid group, which cannot rotate: remove the wall from the group"
+            "wall_arm requires a wall that can rotate, unlike one in a rigid group: remove the wall from the group"
         )

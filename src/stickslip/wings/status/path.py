@@ -368,16 +368,13 @@ CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial sta
 def check_start(state: State, law: Law, legs, increment: float) -> None:
     """Raise ValueError, with one sentence, if no path can begin in a state, or if a leg cannot be followed."""
     if not legs:
-        raise ValueError("no leg was given: at least one Control is needed")
+        raise ValueError("at least one leg, a Control, is needed")
     if law.kind != linear().kind or law.properties:
-        raise ValueError(
-            "a law that is not linear in the overlap was given, or other lever arms: paths are piecewise linear "
-            "only for `linear`"
-        )
+        raise ValueError("paths are piecewise linear only for the law `linear` with lever arms R: use this law")
     if not law.table[..., builtin.KT].min() > 0:
-        raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
+        raise ValueError("kt must be positive, as no contact sticks without tangential springs")
     if not 0 < increment <= 1:
-        raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
+        raise ValueError(f"increment must be above 0 and at most 1 leg of the load, got {increment}")
     for end in legs:
         _check_leg(state.control, end)
     matrix = linear_system(state, law)
@@ -436,8 +433,8 @@ def check_dynamics(control: Control, drag: float, duration: float | None, travel
     require_positive(drag=drag, **{k: v for k, v in (("duration", duration), ("travel", travel)) if v is not None})
     if control.rate.any() or control.cell_rate.any() or control.course.any():
         raise ValueError(
-            "a drag was given with bodies or a cell that move at a rate: dynamics holds the load, so all rates and "
-            "time profiles must be zero; pull with a spring whose anchor moves instead"
+            "drag requires all rates and time profiles of bodies and cell to be zero, as dynamics holds the load: "
+            "pull with a spring whose anchor moves instead"
         )
 
 

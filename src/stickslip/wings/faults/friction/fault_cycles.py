@@ -117,7 +117,7 @@ def simulate_fault(
     check_fault(fault)
     require_positive(years=years, tolerance=tolerance)
     if years > MOST_YEARS:
-        raise ValueError(f"years = {years:g} was given: use at most {MOST_YEARS:g}")
+        raise ValueError(f"years must be at most {MOST_YEARS:g}, got {years:g}")
     check_normal(fault, years * YEAR)
     recording = recording or Recording()
     check_recording(fault, recording)
@@ -138,18 +138,18 @@ def check_recording(fault: Fault, recording: Recording) -> None:
     require_positive(**intervals)
     outside = ~((stations >= 0) & (stations <= fault.width))
     if outside.any():
-        raise ValueError(f"a station at {stations[outside][0]:g} m was given: use depths from 0 to {fault.width:g} m")
+        raise ValueError(f"stations must be at depths from 0 to {fault.width:g} m, got {stations[outside][0]:g} m")
     if len(surface) and not fault.dips:
-        raise ValueError("stations at the surface were given: use in-plane shear and boundary = 'surface'")
+        raise ValueError("stations at the surface require in-plane shear and boundary = 'surface'")
     if not (np.isfinite(surface) & (surface != 0)).all():
         raise ValueError(
-            f"surface = {recording.surface} was given: use finite distances from the trace, and 0.01 and −0.01 m "
-            f"instead of 0 for its two sides"
+            "surface must be finite distances from the trace, other than 0 (use 0.01 and −0.01 m for its two sides), "
+            f"got {recording.surface}"
         )
     if recording.threshold <= fault.plate_rate:
         raise ValueError(
-            f"threshold = {recording.threshold:g} m/s was given, and the plates move at {fault.plate_rate:g} m/s: "
-            f"use a larger threshold, such as 1e-3"
+            f"threshold must exceed the plate velocity of {fault.plate_rate:g} m/s, got {recording.threshold:g} m/s: "
+            "use a larger one, such as 1e-3"
         )
 
 

@@ -72,7 +72,7 @@ def moment_magnitude(moment: Values):
     """
     moment = np.asarray(moment, float)
     if (moment <= 0).any():
-        raise ValueError(f"a moment of {moment.min():g} N m was given: use positive moments")
+        raise ValueError(f"moments must be positive, got {moment.min():g} N m")
     return 2 / 3 * (np.log10(moment) - 9.1)
 
 

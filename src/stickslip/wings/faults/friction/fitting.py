@@ -89,7 +89,7 @@ class Fit(NamedTuple):
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
-    sigma: float  # standard deviation of the noise (for sigma = 1 where sigma was given)
+    sigma: float  # standard deviation of the noise, relative to sigma if given
     noise: np.ndarray  # autoregressive coefficients; empty for white noise
     effective: float  # number of independent samples
     innovations: np.ndarray  # filtered residuals over their size, for `compare_laws`
@@ -204,10 +204,10 @@ def solve_fit(
     """Find the best parameters; the arguments are those of `fit`."""
     records = [data] if isinstance(data, Data) else list(data)
     if not records:
-        raise ValueError("no data were given: give one record, or a list of them")
+        raise ValueError("there are no data: give one record, or a list of records")
     for name in own:
         if name not in NAMES:
-            raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
+            raise ValueError(f"{name!r} is not a parameter that own may contain; parameters are {', '.join(NAMES)}")
     cases = [prepare(record, windows) for record in records]
     spikes = tuple(map(find_spikes, cases))
     cases = [case._replace(used=without(case.used, left)) for case, left in zip(cases, spikes, strict=True)]
@@ -274,14 +274,16 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
     """Check the options; return all fixed values and the names of the free parameters."""
     for name, value, allowed in zip(("law", "form"), laws, (EVOLUTIONS, FORMS), strict=True):
         if value not in allowed:
-            raise ValueError(f"{name} = {value!r} was given: use {' or '.join(map(repr, allowed))}")
+            raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {value!r}")
     if noise not in ("correlated", "white"):
-        raise ValueError(f"noise = {noise!r} was given: use 'correlated' or 'white'")
+        raise ValueError(f"noise must be 'correlated' or 'white', got {noise!r}")
     for name in (*fixed, *free):
         if name not in (*NAMES, "v0") or (name == "v0" and name in free):
-            raise ValueError(f"{name!r} was given: parameters are {', '.join(NAMES)}, and v0, which is always fixed")
+            raise ValueError(
+                f"{name!r} is not a parameter; these are {', '.join(NAMES)}, and v0, which is always fixed"
+            )
     for name in set(fixed) & set(free):
-        raise ValueError(f"{name} was given as both fixed and free: choose one")
+        raise ValueError(f"{name} cannot be both fixed and free: choose one")
     for name, value in fixed.items():
         least = -np.inf if name in LINEAR else 0.0
         if (
@@ -299,11 +301,11 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
     if "alpha" in names and not any(case.legs is not None and np.ptp(case.legs[2]) > 0 for case in cases):
         raise ValueError("alpha cannot be fitted because the normal stress never changes in these data: leave it out")
     if laws[1] == "regularized" and {"v1", "v2"} & {*fixed, *names}:
-        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
     if len({"b2", "dc2"} & {*fixed, *names}) == 1:
         raise ValueError("a second state has two parameters, b2 and dc2: give both, each fixed or free")
     if "trend_length" in {*fixed, *names} and "trend" not in {*fixed, *names}:
-        raise ValueError("trend_length was given without a trend: fit the trend as well (--detrend)")
+        raise ValueError("trend_length requires a trend: fit it as well (--detrend)")
     if not names:
         raise ValueError("nothing is left to fit: leave some of a, b, dc and mu0 out of `fixed`")
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names

@@ -375,7 +375,7 @@ def healing(hold: Series, excess: Series) -> Healing:
     """
     hold, excess = np.asarray(hold, float), np.asarray(excess, float)
     if hold.shape != excess.shape or hold.ndim != 1 or len(np.unique(hold)) < 3:
-        raise ValueError(f"{len(np.unique(hold))} different holds were given: a fit with an interval needs three")
+        raise ValueError(f"a fit with an interval needs three different holds, got {len(np.unique(hold))}")
     if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
         raise ValueError("holds must be positive and finite, and peaks must be finite: leave out all others")
     x = np.log(hold) - np.log(hold).mean()

@@ -118,7 +118,7 @@ def leg_arrays(legs) -> np.ndarray:
     except (TypeError, ValueError):
         raise ValueError("a leg holds something other than numbers: give LoadStep(duration, velocity)") from None
     if len(table) == 0:
-        raise ValueError("no legs were given: a load history needs at least one LoadStep(duration, velocity)")
+        raise ValueError("a load history needs at least one LoadStep(duration, velocity)")
     for k, (duration, velocity, normal) in enumerate(table, start=1):
         if not (duration > 0 and np.isfinite(duration)):
             raise ValueError(f"leg {k} lasts {duration:g}: every leg needs a positive duration")
@@ -192,8 +192,8 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
             stop = end if last and until is None else float(until) * laboratory_table.TIME[unit or "s"]
         except (TypeError, ValueError, KeyError):
             raise ValueError(
-                f"--velocity: {part.strip()!r} was given: use velocities and times, as in '1e-6 until 120 s, then "
-                f"10 um/s'"
+                "--velocity: expected velocities and times as in '1e-6 until 120 s, then 10 um/s', got "
+                f"{part.strip()!r}"
             ) from None
         if not start < stop <= end:
             raise ValueError(

@@ -123,12 +123,10 @@ def _in_windows(time, windows) -> np.ndarray:
     try:
         windows = np.asarray(windows, float).reshape(-1, 2)
     except (TypeError, ValueError):
-        raise ValueError(f"windows = {windows!r} was given: use pairs (start, end) of times") from None
+        raise ValueError(f"windows must be pairs (start, end) of times, got {windows!r}") from None
     for window in windows:
         if not window[0] < window[1]:
-            raise ValueError(
-                f"the window {tuple(window.tolist())} was given: use pairs (start, end) with start before end"
-            )
+            raise ValueError(f"a window must have its start before its end, got {tuple(window.tolist())}")
         used |= (time >= window[0]) & (time <= window[1])
     return used
 

@@ -134,7 +134,7 @@ class StiffnessDoubt(NamedTuple):
     given: float  # [1/m]
     shown: float  # by the record, from a fit with the stiffness free [1/m]
     interval: tuple[float, float]  # 95 %; NaN if unknown
-    unit: str  # a likelier unit of the number that was given; "" if none is known
+    unit: str  # a likelier unit of the given number; "" if none is known
     value: float  # that number converted from it [1/m]
     friction: float = np.nan  # median of the record
     normal: float = np.nan  # normal stress with which `unit` would be right, if none was recorded [Pa]

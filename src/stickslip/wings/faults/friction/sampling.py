@@ -100,9 +100,9 @@ def posterior(
     fit = build_fit(solution)
     m = len(fit.names)
     if walkers < 2 * m or walkers % 2:
-        raise ValueError(f"walkers = {walkers} was given: use an even number of at least {2 * m} for {m} parameters")
+        raise ValueError(f"walkers must be an even number, at least {2 * m} for {m} parameters, got {walkers}")
     if steps < 2 * BLOCK:
-        raise ValueError(f"steps = {steps} was given: use at least {2 * BLOCK}")
+        raise ValueError(f"steps must be at least {2 * BLOCK}, got {steps}")
     if not (fit.identifiable and fit.adequate):
         raise RuntimeError(f"there is no posterior to sample: {fit.sentence}")
     density, proposal, draw = _target(solution)

@@ -84,7 +84,7 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     check(rs)
     check_spring(spring)
     if not (velocity > 0 and np.isfinite(velocity)):
-        raise ValueError(f"velocity = {velocity} was given: use a positive, finite velocity for steady sliding")
+        raise ValueError(f"velocity must be positive and finite for steady sliding, got {velocity}")
     w = np.log(velocity / rs.v0)
     matrix = rates(slider_of(rs, spring), (w, -w, -w), velocity, 1.0)[1].astype(complex)
     values = np.linalg.eigvals(matrix if rs.b2 > 0 else matrix[:2, :2])

@@ -300,8 +300,8 @@ class Injection(NamedTuple):
         require_positive(flux=self.flux, storage=self.storage, diffusivity=self.diffusivity)
         if not (0 <= self.start < self.stop and np.isfinite(self.at)):
             raise ValueError(
-                f"an injection from {self.start:g} to {self.stop:g} s at {self.at:g} m was given: use a start that is "
-                f"not negative, a later end and a finite place"
+                "an injection needs a start that is not negative, a later end and a finite position, got "
+                f"{self.start:g} to {self.stop:g} s at {self.at:g} m"
             )
 
     @property

@@ -157,8 +157,7 @@ def _parse_columns(text: str | None) -> dict[str, int | str] | None:
     pairs = [[part.strip() for part in item.partition("=")] for item in text.split(",")]
     if not all(name and place for name, _, place in pairs):
         raise ValueError(
-            f"--columns {text!r} was given: use NAME=NUMBER, counted from 0, or "
-            "NAME=HEADING, as in 'time=0,friction=mu2'"
+            f"--columns must be NAME=NUMBER, counted from 0, or NAME=HEADING, as in 'time=0,friction=mu2', got {text!r}"
         )
     return {name: parse_integer(place) if place.isdecimal() else place for name, _, place in pairs}
 

@@ -157,10 +157,7 @@ class DiskArrayScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_loads(self):
         if self.load.disk > self.array.disks:
-            raise ValueError(
-                f"load.disk = {self.load.disk} was given, but there are {self.array.disks} disks: use at most "
-                f"{self.array.disks}"
-            )
+            raise ValueError(f"load.disk must be at most {self.array.disks}, the number of disks, got {self.load.disk}")
         if self.dynamics.watch is not None and self.dynamics.watch not in self.dynamics.loads:
             raise ValueError(
                 f"dynamics.watch = {self.dynamics.watch:g} is not among dynamics.loads {self.dynamics.loads}: use one "

@@ -54,7 +54,7 @@ def paper_scenario(
     which `read_samples` checks.
     """
     if not paper_size and (realizations or samples):
-        raise ValueError("realizations or samples were given, but only the paper's size has them: add paper_size")
+        raise ValueError("realizations and samples require paper_size")
     if paper_size:
         if samples and realizations:
             check_folder(samples)

@@ -272,8 +272,8 @@ def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps
     except ValueError as problem:
         longest = stable_time_step(state, law)
         raise ScenarioError(
-            f"dt = {scenario.dt:g} was given, but the largest stable time step under this stress is {longest:.3g}: "
-            f"use a dt of about {0.1 * longest:.1g}"
+            f"dt = {scenario.dt:g} exceeds the largest stable time step under this stress, {longest:.3g}: use about "
+            f"{0.1 * longest:.1g}"
         ) from problem
     if not outcome.ok:
         raise RuntimeError(f"the run stopped at time {state.time:.4g}: {outcome}")

@@ -213,8 +213,8 @@ def export(scenario: GougeScenario, folder: Path) -> list[Path]:
     """
     if scenario.preparation.steady or any(part.kind == "slide" and part.steady for part in scenario.protocol):
         raise ScenarioError(
-            "--export was given with fault gouge that slides until the measured friction is steady, so that its legs "
-            "cannot be written in advance: set preparation.steady = false and leave steady = true out of slides, or "
+            "--export must know all legs in advance, but this gouge slides until the measured friction is steady: set "
+            "preparation.steady = false and leave steady = true out of slides, or "
             "run stickslip with --engine lammps inside the job"
         )
     require_lammps()
@@ -323,7 +323,7 @@ def simulate_gouge(
         check_folder(samples)
     if device and scenario.engine != "stickslip":
         raise ValueError(
-            f'device = "{device}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
+            f'device = "{device}" does not apply to engine = "{scenario.engine}", which runs elsewhere: give one'
         )
     law = gouge_law(scenario, scenario.law.mu)
     where = open_device(device, law) if device else find_engine(scenario, folder) and None

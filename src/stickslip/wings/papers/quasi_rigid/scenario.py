@@ -105,19 +105,16 @@ class QuasiScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_loading(self):
         if self.loading.collapses and not self.dynamics.drag:
-            raise ValueError(
-                "loading.collapses = true was given with dynamics.drag = 0: a collapse comes to rest by drag; use a "
-                "positive drag"
-            )
+            raise ValueError("loading.collapses = true requires dynamics.drag > 0, as a collapse comes to rest by drag")
         if self.loading.strain and not self.loading.machine:
             raise ValueError(
-                f"loading.strain = {self.loading.strain:g} was given without loading.machine, which imposes it: "
-                "give its stiffness, or leave the strain out"
+                f"loading.strain = {self.loading.strain:g} requires loading.machine, the stiffness of the machine "
+                "that imposes it"
             )
         if self.loading.machine and self.loading.test == "shear":
             raise ValueError(
-                'loading.machine was given with test = "shear": a machine moves a wall; use test = "biaxial", or '
-                "leave it out"
+                'loading.machine moves a wall and does not apply to test = "shear": use test = "biaxial", or leave it '
+                "out"
             )
         return self
 
@@ -126,12 +123,10 @@ class QuasiScenario(ScenarioBase):
         overlap = self.disks.pressure / self.law.kn
         if not overlap <= 0.01:
             raise ValueError(
-                f"disks.pressure / law.kn = {overlap:g} was given, but quasi-rigid grains overlap only slightly: use "
-                f"at most 0.01"
+                "disks.pressure / law.kn must be at most 0.01, as quasi-rigid grains overlap only slightly, got "
+                f"{overlap:g}"
             )
         for name in ("mu", "kt"):
             if getattr(self.law, name) == 0:
-                raise ValueError(
-                    f"law.{name} = 0 was given, but without friction no contact slides or sticks: use a positive {name}"
-                )
+                raise ValueError(f"law.{name} must be positive, as no contact slides or sticks without friction")
         return self

@@ -48,7 +48,7 @@ class Cycle(NamedTuple):
     pressure: np.ndarray  # (T + 1,) [force/length^(dim−1)]
     height: np.ndarray  # (T + 1,) ε_yy, compression positive, which is the volumetric strain
     rearranged: np.ndarray  # (T + 1,) bool, whether dynamics was needed to find the equilibrium
-    energies: np.ndarray  # (T + 1, 9) columns of `Ledger`, over the volume of the sample [energy/length^dim]
+    energies: np.ndarray  # (T + 1, 11) columns of `Ledger`, over the volume of the sample [energy/length^dim]
     busiest: float  # share of the sliding work in that tenth of the contacts that dissipates most
     strong: float  # share of the sliding work in contacts with more than the mean force
     end: State

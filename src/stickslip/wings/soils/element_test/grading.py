@@ -16,8 +16,8 @@ def require_span(smallest: float, largest: float) -> None:
     """Raise ValueError if sizes span more than `WIDEST`."""
     if not largest <= WIDEST * smallest:
         raise ValueError(
-            f"a grading from {smallest:g} to {largest:g} was given: the largest size may be at most {WIDEST:g} times "
-            f"the smallest; cut off the fines"
+            f"a grading may span at most a factor of {WIDEST:g} in size, got {smallest:g} to {largest:g}: cut off the "
+            "fines"
         )
 
 
@@ -47,7 +47,7 @@ def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
     """
     require_positive(d10=d10, d50=d50, d60=d60)
     if not d10 < d50 < d60:
-        raise ValueError(f"D10 = {d10:g}, D50 = {d50:g} and D60 = {d60:g} were given: they must increase")
+        raise ValueError(f"D10, D50 and D60 must increase, got {d10:g}, {d50:g} and {d60:g}")
     require_span(d10, d60)
     low, high = d10 * (d10 / d50) ** (1 / 4), d60 * (d60 / d50) ** 4
     return Grading(np.array([low, d10, d50, d60, high]), np.array([0.0, 0.1, 0.5, 0.6, 1.0]))

@@ -177,7 +177,7 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
     kind = scenario.path.kind
     if scenario.sample.dim == 2 or scenario.units != "SI" or kind == "simple-shear":
         what = "disks" if scenario.sample.dim == 2 else "simple shear" if kind == "simple-shear" else "these units"
-        raise ValueError(f"--compare was given with {what}: it draws tests of spheres along an axis in SI units")
+        raise ValueError(f"--compare does not apply to {what}: it draws tests of spheres along an axis in SI units")
     test = read_test(path)
     pairs = [pair for pair in pairs_of(kind) if set(_named(pair, test)) <= set(test)]
     if not pairs:

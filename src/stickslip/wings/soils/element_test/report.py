@@ -323,7 +323,7 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
     sigma1, sigma3 = np.asarray(sigma1, float), np.asarray(sigma3, float)
     count = len(sigma3)
     if count < 2 or not np.ptp(sigma3) > 1e-6 * np.abs(sigma3).max():
-        raise ValueError(f"{count} Mohr circles with σ₃ from one pressure were given: an envelope needs two pressures")
+        raise ValueError(f"an envelope needs Mohr circles at two pressures, but all {count} have σ₃ from one")
     weight = 1 / (sigma1 + sigma3)
     (n, b), spread = _least_squares(weight[:, None] * np.column_stack([sigma3, np.ones(count)]), weight * sigma1)
     by_phi = np.array([1 / ((n + 1) * np.sqrt(n)), 0.0])  # derivatives by n and b
@@ -386,9 +386,9 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
     """
     p, q, e = (np.asarray(values, float) for values in (p, q, void_ratio))
     if len(p) < 2 or not np.ptp(p) > 1e-6 * np.abs(p).max():
-        raise ValueError(f"{len(p)} critical states at one mean stress were given: a line needs two mean stresses")
+        raise ValueError(f"a critical-state line needs states at two mean stresses, but all {len(p)} have the same")
     if not (p > 0).all():
-        raise ValueError(f"a mean stress of {p.min():.3g} was given: those of a critical-state line are positive")
+        raise ValueError(f"mean stresses of a critical-state line must be positive, got {p.min():.3g}")
     (intercept, fall), spread = _least_squares(np.column_stack([np.ones(len(p)), np.log(p)]), e)
     ratio = estimate(np.abs(q) / p)
     errors = np.sqrt(np.diag(spread))

@@ -132,9 +132,7 @@ def classes(counts: dict[str, dict[str, int]]):
             share = count.get(kind, 0) / total
             axes.barh(row, share, left=left, color=color, height=0.7)
             if share > 0.07:
-                axes.text(
-                    left + share / 2, row, str(count[kind]), ha="center", va="center", color="white", fontsize=6.5
-                )
+                axes.text(left + share / 2, row, str(count[kind]), ha="center", va="center", color="white", fontsize=7)
             left += share
     axes.set_yticks(range(len(counts)), counts)
     axes.tick_params(axis="y", length=0)

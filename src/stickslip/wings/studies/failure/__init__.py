@@ -27,7 +27,7 @@ EXPERIMENT = Experiment(
     **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
     references=references,
-    writes=(r"(curve|pairs|events|contacts|forecasts)\.csv",),
+    writes=(r"(curve|pairs|events|contacts|breaks|forecasts)\.csv",),
     smallest=(SMALLEST,),
     parallel=False,
 )

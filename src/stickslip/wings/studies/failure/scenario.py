@@ -43,8 +43,9 @@ class InputLaw(LawOrFile):
 class Until(ScenarioTable):
     """How the packing is loaded, and until when."""
 
-    until: Literal["first-pair", "first-event"] | Finite = Field(
-        "first-event", description="first-pair, first-event or a strain; a negative one shears back or unloads"
+    until: Literal["first-pair", "first-event", "first-break"] | Finite = Field(
+        "first-event",
+        description="first-pair, first-event, first-break of a bond, or a strain, negative to shear back or unload",
     )
     mode: Literal["simple", "pure", "isotropic", "uniaxial"] = Field(
         "simple", description="simple: shear γ along x; pure: γ = ln(Lx/Ly); isotropic: ε = −ln V; uniaxial: ε = −ln Ly"

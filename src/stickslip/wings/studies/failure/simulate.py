@@ -69,8 +69,6 @@ def read_input(scenario: FailureScenario) -> Packed:
     notes = [*notes, *said]
     if acts := [note.reason for note in notes if isinstance(note, Obstacle)]:
         raise ScenarioError(f"{given.file} cannot be sheared: {'; '.join(acts)}")
-    if state.bonds:
-        raise ScenarioError(f"{given.file} cannot be sheared: its bonds would not break along the path")
     if given.settle:
         state, calm = let_settle(state, its_law)
         notes.append(f"settled: {calm.how}; {calm}")
@@ -84,11 +82,11 @@ def read_input(scenario: FailureScenario) -> Packed:
 
 
 def digest_of(packed: Packed) -> str:
-    """Digest of the grains, the cell, the contacts and the law of a packing."""
+    """Digest of the grains, the cell, the contacts, the bonds and the law of a packing."""
     out = hashlib.sha256(repr(packed.law).encode())
     state, count = packed.state, int(packed.state.contacts.count[0])
     parts = [state.grains.position, state.grains.radius, state.grains.mass, state.cell.vectors]
-    parts += [state.contacts.key[:count], state.contacts.slip[:count], packed.law.table]
+    parts += [state.contacts.key[:count], state.contacts.slip[:count], packed.law.table, *(state.bonds or ())]
     for part in parts:
         out.update(np.ascontiguousarray(part).tobytes())
     return out.hexdigest()[:16]

@@ -149,7 +149,7 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     for stage in result.stages:
         panels[0].text(
             0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
-            fontsize=6.5,
+            fontsize=7,
         )  # fmt: skip
     label_axes(panels[-1], x=("time $t$", "time"))
     panels[-1].set_xlim(0, time[-1])
@@ -217,7 +217,9 @@ def velocity_profile(edges: Series, velocity: _Profile, deviation: _Profile):
     velocity, deviation : (bins, 3) [length/time]
     """
     if not len(velocity) == len(deviation) == len(edges) - 1:
-        raise ValueError(f"{len(velocity)} velocities were given for {len(edges)} edges of bins: give one for each bin")
+        raise ValueError(
+            f"velocity must have one value for each bin, but there are {len(velocity)} values and {len(edges)} edges"
+        )
     figure, axes = column_axes(1, 2.6)
     height = 0.5 * (edges[:-1] + edges[1:])
     axes.errorbar(

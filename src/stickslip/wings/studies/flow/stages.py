@@ -49,7 +49,7 @@ def export(scenario: FlowScenario, folder: Path) -> list[Path]:
     """
     if scenario.law.file is not None:
         raise ScenarioError(
-            f"--export was given with law.file = {scenario.law.file}: LAMMPS has only built-in laws; set law.kind"
+            f"--export does not support law.file = {scenario.law.file}, as LAMMPS has only built-in laws: set law.kind"
         )
     legs = stage_legs(scenario, poured(scenario))
     for leg in legs:

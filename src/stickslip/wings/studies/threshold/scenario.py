@@ -27,7 +27,7 @@ LEGS_AT_LEAST = 40  # time steps of a run
 
 def _require_list(name: str, value, example: str):
     if not isinstance(value, list | tuple) or not value:
-        raise ValueError(f"{name} = {value!r} was given: give a list of one or more numbers, such as {example}")
+        raise ValueError(f"{name} must be a list of one or more numbers, such as {example}, got {value!r}")
     return value
 
 
@@ -113,7 +113,7 @@ class Raise(ScenarioTable):
     @classmethod
     def _check_loads(cls, value):
         if list(value) != sorted(set(value)):
-            raise ValueError(f"load.loads = {list(value)} was given, but loads must rise: sort them")
+            raise ValueError(f"load.loads must increase, got {list(value)}: sort them")
         return value
 
 
@@ -151,15 +151,15 @@ class Kicks(ScenarioTable):
     @classmethod
     def _check_velocities(cls, value):
         if len(set(value)) < len(value):
-            raise ValueError(f"kicks.velocities = {list(value)} was given: give each velocity once")
+            raise ValueError(f"kicks.velocities must be distinct, got {list(value)}")
         return value
 
     @model_validator(mode="after")
     def _check_time_step(self):
         if self.dt is not None and not LEGS_AT_LEAST * self.dt <= self.duration:
             raise ValueError(
-                f"kicks.dt = {self.dt:g} was given for runs of {self.duration:g}: at least {LEGS_AT_LEAST} steps are "
-                f"needed"
+                f"kicks.dt = {self.dt:g} is too large for runs of {self.duration:g}, which need at least "
+                f"{LEGS_AT_LEAST} steps"
             )
         return self
 

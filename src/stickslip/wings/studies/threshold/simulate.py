@@ -98,13 +98,11 @@ def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:
     longest, radius = stable_time_step(state, law), state.grains.radius.min()
     if dt > longest:
         raise ScenarioError(
-            f"kicks.dt = {dt:g} was given, but the largest stable time step of the sample is {longest:.3g}: use a "
-            f"fifth of it, or leave dt out"
+            f"kicks.dt = {dt:g} exceeds the largest stable time step of the sample, {longest:.3g}: use a fifth of "
+            "that, or leave dt out"
         )
     if how.duration / dt > 1e9:
-        raise ScenarioError(
-            f"kicks.duration = {how.duration:g} was given, more than 1e9 time steps of {dt:.3g}: use shorter runs"
-        )
+        raise ScenarioError(f"kicks.duration = {how.duration:g} exceeds 1e9 time steps of {dt:.3g}: use shorter runs")
     if max(how.velocities) * dt > radius:
         raise ScenarioError(
             f"kicks.velocities has {max(how.velocities):g}, with which grains move by more than a radius in a time "
