@@ -84,7 +84,7 @@ def test_many_members_are_confirmed_at_a_terminal(answer, code, tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "--workers and --scheduler were both given"),
+        (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "--workers and --scheduler exclude each other"),
         (["--scheduler", "nonsense"], "no Dask scheduler answers at 'nonsense'"),
         (["--scheduler", "absent.json"], "(there is no such file)"),
     ],
@@ -101,7 +101,7 @@ def test_a_single_run_has_nothing_for_a_cluster(tmp_path):
     scenario = ROOT / "examples" / "rate_state.toml"
     run = stickslip_process("run", scenario, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert run.returncode == 2
-    assert "experiment = 'rate-state' is one run: leave it out" in run.stderr
+    assert "experiment = 'rate-state' is a single one" in run.stderr
 
 
 @pytest.mark.slow

@@ -246,7 +246,7 @@ def refused(tmp_path):
         ("fine", ["--until", "0"], "other than zero"),
         ("fine", ["--until", "nan"], "'first-event', or a finite number"),
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
-        ("fine", ["--until", "1e-3", "--step", "1e-2"], "use one between"),
+        ("fine", ["--until", "1e-3", "--step", "1e-2"], "step must be between"),
         ("fine", ["--step", "-1"], "step"),
         ("fine", ["--step", "10"], "use at most 0.1"),
         ("fine", ["--mode", "torsion"], "simple"),

@@ -56,7 +56,7 @@ WRONG = [
     (lambda p, d: ss.protocols.load_path([0, 1], 0.5, through=[7]), ValueError, "outside the turning points"),
     (lambda p, d: ss.modes.fastest_pair(p, H, rate=-1.0), ValueError, "rate must .*, got -1.0"),
     (lambda p, d: ss.modes.damped_growth(p, H, drag=-1.0), ValueError, "drag must .*, got -1.0"),
-    (lambda p, d: ss.box([np.nan, 1, 1]), ValueError, "size holds NaN or infinity"),
+    (lambda p, d: ss.box([np.nan, 1, 1]), ValueError, "size contains NaN or infinity"),
     (lambda p, d: ss.box([-1, 1, 1]), ValueError, "cell must be positive lengths"),
     (lambda p, d: ss.box(1), ValueError, "cell must be positive lengths"),
 ]  # fmt: skip
@@ -134,7 +134,7 @@ def _measure(
         ({"dim": 4}, "dim must be 2 or 3, got 4"),
         ({"rate": []}, "rate is empty: give at least one entry"),
         ({"tensor": np.eye(4)}, r"tensor has shape \(4, 4\) where \(2, 2\) or \(3, 3\) is needed"),
-        ({"tensor": [[1, np.nan], [0, 1]]}, "tensor holds NaN or infinity"),
+        ({"tensor": [[1, np.nan], [0, 1]]}, "tensor contains NaN or infinity"),
     ],
 )
 def test_annotations_state_ranges_words_and_shapes(wrong, message):

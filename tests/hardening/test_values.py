@@ -79,7 +79,7 @@ def test_a_range_beyond_all_pairs_is_refused():
 @pytest.mark.parametrize(
     ("gradient", "message"),
     [
-        (np.diag([np.nan, 0.0]), "gradient holds NaN or infinity"),
+        (np.diag([np.nan, 0.0]), "gradient contains NaN or infinity"),
         (np.diag([-1.0, 0.0]), "collapses or inverts the cell"),
         (np.diag([-2.0, 0.0]), "collapses or inverts the cell"),
         (np.zeros((2, 2), complex), "got complex numbers"),

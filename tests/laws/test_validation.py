@@ -101,7 +101,7 @@ def test_what_only_the_compiler_refuses_in_a_file_is_reported_with_its_line(line
 
 
 def test_a_force_that_jumps_is_reported_and_a_continuous_one_is_not():
-    with pytest.warns(ss.laws.LawWarning, match="jumps from 0 to 0.5 where grains begin to touch"):
+    with pytest.warns(ss.laws.LawWarning, match="jumps from 0 to 0.5 at first touch"):
         ss.laws.custom(normal_force=lambda overlap: overlap + 0.5)
     with pytest.warns(ss.laws.LawWarning, match=r"at the end of its range \(a gap of 0.1\)"):
         ss.laws.custom(normal_force=lambda overlap: overlap, contact_range=lambda r_eff: 0.1)

@@ -264,7 +264,7 @@ def test_what_has_no_waves_is_reported(disks):
         ss.modes.dispersion(off, law)
     with pytest.raises(ValueError, match="must be 2π times an integer"):
         ss.modes.dispersion(disks, law, [0.1, 0.0])
-    with pytest.raises(ValueError, match="a mode does not decay"):
+    with pytest.raises(ValueError, match="a mode that does not decay"):
         ss.modes.wave_spectrum(disks, law, ss.modes.allowed_wavevectors(disks, 1)).structure_factor([0.1])
 
 

@@ -166,7 +166,7 @@ def test_letters_hide_nothing():
 
 
 @pytest.mark.parametrize("words, message", [
-    (["--format", "eps"], "format 'eps' is not known: use png, pdf, svg"),
+    (["--format", "eps"], "unknown format 'eps': use png, pdf, svg"),
     (["--width", "90"], "--width must be 86 or 178 [mm], got 90"),
     (["--width", "86", "--slides"], "width 86 does not apply to slides, which are 16:9: leave out one of the two"),
 ])  # fmt: skip

@@ -107,7 +107,7 @@ def test_the_spring_is_in_the_jacobian():
 
 def test_a_stiff_spring_shortens_the_time_step():
     assert ss.measure.stable_time_step(slider(8.0), LAW) == pytest.approx(2 / np.sqrt(8.0))
-    with pytest.raises(ValueError, match=r"stable only up to 0.7071"):
+    with pytest.raises(ValueError, match=r"use at most 0.7071"):
         ss.run(slider(8.0), LAW, 10, 0.8)
 
 

@@ -230,7 +230,7 @@ def test_units_of_a_scenario_change_its_text_but_no_number():
 def test_experiments_in_si_refuse_other_units(name):
     tables = read_tables(PACKAGE.parents[1] / "examples" / f"{name}.toml")
     assert ss.scenario(**tables, units="SI").named_units == ss.scenario(**tables).named_units == SI
-    with pytest.raises(ValueError, match="is in SI units by definition: leave units out"):
+    with pytest.raises(ValueError, match="which is always in SI units: leave them out"):
         ss.scenario(**tables, units=MILLIMETRES)
 
 

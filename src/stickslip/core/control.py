@@ -42,8 +42,8 @@ def driven(control: Control, bodies: Bodies, rate: Numbers) -> Control:
 def rigid(control: Control, bodies: Bodies) -> Control:
     """Control in which the given bodies form one rigid body without rotation, such as a plate or a glued layer.
 
-    Along each direction, the rigid body is free, frozen, driven or force-controlled like its members, which must all be
-    alike. Forces on members add up. The velocity at the start of a run is that of the centre of mass.
+    Along each direction, the rigid body is free, frozen, driven or force-controlled like its members, which must all
+    agree. Forces on members add up. The velocity at the start of a run is that of the centre of mass.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def strained_at(control: Control, rate: Annotated[Any, Array(shapes=((2, 2), (3,
 def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, mass: float = 0.0) -> Control:
     """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
-    Targets are absolute, whatever the stress of a state is; the strain starts from the cell of the state.
+    Targets are absolute, independent of the present stress; the strain starts from the cell of the state.
     σ includes the contributions of contacts and of velocity fluctuations; compression is positive. Such a component is
     a degree of freedom in dynamics, in J, and in Newton's method.
 
@@ -129,7 +129,7 @@ def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, m
     ----------
     stress : component -> target value, as in {"xx": p, "yy": p, "zz": p} or {"xy": tau}; the first letter is the
         direction of displacement and force, the second that of the gradient and of the area's normal; or a tensor,
-        (dim, dim), of which the components on and above the diagonal are imposed: all, without rotation of the cell
+        (dim, dim), whose components on and above the diagonal are imposed, so that the cell does not rotate
         [force/length^(dim−1)]
     mass : float, M [mass]; 0: the mass of all grains, for which the cell oscillates about as fast as sound crosses it
 
@@ -233,7 +233,7 @@ def spring_loaded(
     column = control.leads[bodies[0], axis]
     others = control.leads == column
     others[bodies, axis] = False
-    column = -1 if others.any() else column  # keep a course that other bodies follow, too
+    column = -1 if others.any() else column  # keep a course that other bodies also follow
     control = control if column >= 0 else control._replace(course=_add_column(control.course))
     column = column if column >= 0 else control.course.shape[1] - 1
     knots, course = _merge_course(control, times, displacement, column)

@@ -15,7 +15,7 @@ from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
 FAILURES = "", "tension", "shear", "bending", "twisting", "compression"  # loads that break a bond
-MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
+MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius, which has one centre if grains do not overlap
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -72,10 +72,10 @@ class Cell(NamedTuple):
 class Contacts(NamedTuple):
     """Neighbour list: pairs within range, sorted by key, each with its memory. The first `count[0]` rows are valid.
 
-    The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` tells which of them
-    touch. r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` hold r_ij and R_i angle_i + R_j angle_j as they were when
-    `slip` was last committed. `origin` holds the positions of the bodies when the list was built. The list is rebuilt
-    before its next use if a body has moved by half the skin since then, or if it is `stale`.
+    The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` marks pairs that touch.
+    r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` contain r_ij and R_i angle_i + R_j angle_j at the last commit of
+    `slip`. `origin` holds the positions of the bodies when the list was built. The list is rebuilt before its next use
+    if a body has moved by half the skin since then, or if it is `stale`.
     """
 
     i: np.ndarray  # (C,) int32
@@ -90,10 +90,10 @@ class Contacts(NamedTuple):
     origin: np.ndarray  # (N + W, 3) [length]
     skin: float  # [length]
     gap: float  # largest gap across which pairs are listed even without the skin, as some laws require [length]
-    stale: bool  # whether the list does not fit the present positions, for example because the cell was deformed
+    stale: bool  # whether the list is invalid at the present positions, for example after a deformation of the cell
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = (
-        None  # (C, columns) of rotations (7) and of a law's own memory; None if the law has none
+        None  # (C, columns) of rotations (7) and additional memory of the law; None without either
     )
 
     def check_entries(self) -> None:
@@ -142,8 +142,9 @@ class Control(NamedTuple):
 class Bonds(NamedTuple):
     """Bonds between grains, one row each, from `packings.bonded`. Columns of four: tension, shear, bending, twisting.
 
-    A bond acts beside the contact law, and also across a gap. Its forces follow from the present positions and
-    orientations of its two grains and from those of rest, which its memory holds. See `core/contacts/bonds.py`.
+    A bond acts in addition to the contact law, also across a gap. Its forces follow from the present positions and
+    orientations of its two grains and from their rest configuration, stored in its memory. See
+    `core/contacts/bonds.py`.
     """
 
     i: np.ndarray  # (K,) int32, less than j
@@ -151,15 +152,15 @@ class Bonds(NamedTuple):
     image: np.ndarray  # (K, 3) int16
     intact: np.ndarray  # (K,) bool: not broken
     length: np.ndarray  # (K,) at rest [length]
-    arm: np.ndarray  # (K,) share of the distance between j and the point at which the shear force acts
+    arm: np.ndarray  # (K,) fraction of the bond length from j to the point of action of the shear force
     direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
-    turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since rest
+    turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
     angle_j: np.ndarray  # (K, 3) angle of j, likewise [rad]
     stiffness: np.ndarray  # (K, 4) [force/length] twice, [force length] twice
     damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
-    form: np.ndarray  # (K,) int8: how strengths are combined, see `bond_shares`
+    form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
     fading: np.ndarray  # (K,) int8: power of the share of the strength by which loads fade before failure, or 0
     failed: np.ndarray  # (K,) int8: load that broke it, see `FAILURES`; 0 for intact ones, or if it is not known
 
@@ -492,7 +493,7 @@ def check(state: State) -> None:
 
 
 def _check_space(state: State) -> None:
-    """Raise ValueError with a one-sentence message if the cell and the walls are none."""
+    """Raise ValueError with a one-sentence message if cell or walls are degenerate."""
     walls, cell = state.walls, state.cell
     if not len(state.grains.radius):
         raise ValueError("a state needs at least one grain")
@@ -519,7 +520,7 @@ def _check_bonds(bonds: Bonds | None) -> None:
 
 
 def _check_crowding(grains: Grains) -> None:
-    """Raise ValueError if so many grains are in one place that a list of all pairs would exhaust the memory."""
+    """Raise ValueError if the local density of grains is so large that a list of all pairs would exhaust the memory."""
     cells = np.floor(grains.position / grains.radius.min()) % 2.0**20
     _, place, count = np.unique(cells @ [1.0, 2.0**20, 2.0**40], return_index=True, return_counts=True)
     if count.max() > MAX_IN_CUBE:
@@ -612,7 +613,7 @@ def _describe_bonds(bonds: Bonds) -> str:
 
 def _describe_modes(contacts: Contacts) -> str:
     if contacts.stale and not contacts.count[0]:
-        return "contacts not looked for yet"
+        return "contacts not yet searched"
     touching, sliding = _count_contacts(contacts)
     moved = " when last evaluated" if contacts.stale else ""
     return f"{pluralize(touching, 'contact')} ({sliding} sliding){moved}"
@@ -628,7 +629,7 @@ def _contact_rows(contacts: Contacts):
     count = int(contacts.count[0])
     touching, sliding = _count_contacts(contacts)
     if contacts.stale and not count:
-        yield "contacts", "not looked for yet: the first evaluation of forces finds them"
+        yield "contacts", "not yet searched: the first evaluation of forces finds them"
         return
     longest = float(np.linalg.norm(contacts.slip[:count][contacts.mode[:count] != OPEN], axis=1).max(initial=0.0))
     yield "contacts that touch", touching, "", "when last evaluated" if contacts.stale else ""

@@ -27,10 +27,10 @@ from ..core.laws.kinds import Kind
 from ..core.laws.properties import dashpot_coefficients
 from ..core.readable import readable
 
-ROUND_OFF = 2e-12  # of γ_n, for a stiffness, a mass and a diameter of 1
-LONGEST = 100.0  # duration that is integrated, in units in which an elastic collision takes about 3
-MOST_CALLS = 200_000  # evaluations of the force, a hundred times those of a collision
-LEAST = 1e-4  # restitution that is looked for; below, collisions last long, and their final speed is round-off
+ROUND_OFF = 2e-12  # largest γ_n, for a stiffness, a mass and a diameter of 1
+LONGEST = 100.0  # longest integrated duration, in units in which an elastic collision takes about 3
+MOST_CALLS = 200_000  # largest number of force evaluations, a hundred times those of a collision
+LEAST = 1e-4  # smallest restitution; below it, collisions last long, and their final speed is round-off
 DOUBLINGS = 60
 
 
@@ -167,7 +167,7 @@ def with_restitution(
     if not LEAST <= restitution <= 1:
         raise ValueError(f"restitution must be from {LEAST:g} to 1, got {restitution}")
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION):
-        raise ValueError("the law's damping_n is a coefficient of restitution already: give it when you create the law")
+        raise ValueError("damping_n of this law is already a coefficient of restitution: set it when creating the law")
 
     def with_damping(gamma):
         table = law.table.copy()

@@ -1,6 +1,6 @@
 """Statistics of a network of contact forces: chains, the strong network, anisotropies of contacts and forces.
 
-Each takes a state with its law, or measured forces.
+All functions accept a state with its law, or measured forces.
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -17,13 +17,13 @@ from ..core.readable import readable
 from ..core.state import State
 
 ANGLE = 45.0  # largest angle between a chain and the stress of its grains [degrees]
-SHORTEST = 3  # grains of a chain
+SHORTEST = 3  # least number of grains in a chain
 Source = State | Annotated[Any, Result("MeasuredForces", ("position", "pair_i", "force_n", "force_t"))]
 
 
 @readable
 class ForceNetwork(NamedTuple):
-    """Contacts that touch, of grains and with walls, and their forces."""
+    """Touching contacts, including those with walls, and their forces."""
 
     dim: int
     position: np.ndarray  # (N, 3) of grains [length]
@@ -64,7 +64,7 @@ class StrongNetwork(NamedTuple):
     cluster: np.ndarray  # (C,) bool, of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
     clusters: int  # of two grains or more
-    share_of_pressure: float  # that strong contacts bear, 1 if all do
+    share_of_pressure: float  # fraction of the stress borne by strong contacts
 
 
 @readable

@@ -24,11 +24,11 @@ from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiff
 from .linear import FrontalFactor, dissect, one_thread
 from .moduli import check_cell, elastic_moduli, isotropic, with_free_cell
 
-DIRECT_UP_TO = 300  # coordinates up to which each frequency is solved by LAPACK
+DIRECT_UP_TO = 300  # number of coordinates up to which each frequency is solved by LAPACK
 STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
 ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 SOLVED = 1e-8  # largest relative residual of a solution
-WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, beyond which round-off decides
+WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, above which round-off dominates
 
 
 @readable
@@ -61,7 +61,7 @@ class FrequencyResponse(NamedTuple):
 
 
 class ForcedMotion(NamedTuple):
-    """ÿ = −A y − D ẏ + b of the mass-weighted free coordinates, with what couples them to prescribed ones."""
+    """ÿ = −A y − D ẏ + b of the mass-weighted free coordinates, with their coupling to prescribed ones."""
 
     here: LinearisedState
     free: Freedom  # without rattlers
@@ -105,7 +105,7 @@ class ForcedMotion(NamedTuple):
 
 
 def _check_groups(state: State, drive: np.ndarray, name: str) -> None:
-    """Raise ValueError if a drive (k, B, 6) moves prescribed members of a rigid group differently, or turns them."""
+    """Raise ValueError if a drive (k, B, 6) deforms or rotates a prescribed rigid group."""
     motion = np.where(state.control.free, 0.0, drive)
     for members in filter(len, groups(state.control)):
         if motion[:, members, 3:].any() or np.ptp(motion[:, members], axis=1).any():
@@ -128,9 +128,7 @@ def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) 
     here = balanced(state, law)
     state, free = here.state, here.backbone
     if not len(free):
-        raise ValueError(
-            "nothing is held by contacts and free to move: a response needs grains that support each other"
-        )
+        raise ValueError("no free grain is held by contacts: a response needs grains that support each other")
     control = state.control
     everything = state._replace(control=control._replace(free=np.ones_like(control.free)))
     whole = freedom(everything)
@@ -165,8 +163,8 @@ def frequency_response(
     Parameters
     ----------
     drive : (N + W, 6), or (k, N + W, 6) for k drives: forces and torques/R on free components, displacements of
-        prescribed ones (walls, fixed grains). Shaking of a wall along x is a one at [wall, 0], a push on a grain at
-        [grain, 0], and waves come from `plane_wave`
+        prescribed ones (walls, fixed grains). Shaking of a wall along x is a 1 at [wall, 0], a push on a grain a 1 at
+        [grain, 0]; `plane_wave` creates waves
     frequency : ω, or (F,) of them, zero or positive [1/time]
     observe : (N + W, 6) or (m, N + W, 6), weights of the displacements in each observable: see `contact_slip` and
         `stress_change`; default: the displacements of `free`
@@ -241,8 +239,8 @@ def as_patterns(state: State, **named) -> np.ndarray:
     absent[:, 2:5] |= state.cell.dim == 2
     for _, body, axis in np.argwhere((value != 0) & absent):
         raise ValueError(
-            f"{name} is not zero at component {axis} of body {body}, which does not exist: walls do not turn, and "
-            "disks move along x and y and turn about z, components 0, 1 and 5"
+            f"{name} must be zero at component {axis} of body {body}, which does not exist: walls do not rotate, and "
+            "disks have the components 0, 1 and 5 (x, y, rotation about z)"
         )
     return value
 
@@ -397,8 +395,8 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
 def stress_change(state: State, law: Law) -> np.ndarray:
     """(dim², N + W, 6) weights of the change of the stress σ_xx, σ_xy, …, row by row; compression positive.
 
-    They are the derivatives of `measure.stress` to the displacements in the fixed cell, with forces and branch vectors
-    that change and each contact held in its mode.
+    They are the derivatives of `measure.stress` to the displacements in the fixed cell, with changes of forces and
+    branch vectors, and each contact held in its mode.
 
     Raises
     ------
@@ -471,7 +469,7 @@ def complex_moduli(
     ------
     ValueError
         if the forces do not balance; if the state has walls, rigid groups, springs or open sides; if a frequency is
-        negative, or that of a resonance without damping; at ω = 0 where `elastic_moduli` raises it.
+        negative, or that of a resonance without damping; at ω = 0 as in `elastic_moduli`.
 
     Source
     ------

@@ -28,7 +28,7 @@ from .freedom import (
 from .linear import suitable_threads
 from .stability import LEFT_OUT, join_scopes
 
-AT_MOST = 2_500  # coordinates; all modes are computed within minutes
+AT_MOST = 2_500  # number of coordinates for which all modes are computed within minutes
 WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
 LEAST = 3  # smallest default number of spectra, however large the packing
 
@@ -130,7 +130,7 @@ def contact_sensitivity(
 
     Examples
     --------
-    Three disks that loads press together. If any one of their contacts opens, the chain that is left buckles:
+    Three disks that loads press together. If any one of their contacts opens, the remaining chain buckles:
 
     >>> import numpy as np
     >>> import stickslip as ss

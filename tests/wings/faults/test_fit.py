@@ -386,7 +386,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
 @pytest.mark.parametrize(
     ("data", "options", "sentence"),
     [
-        (GOOD, {}, "the stiffness is not known"),
+        (GOOD, {}, "the stiffness is missing"),
         (GOOD, {"law": "slow"}, "law must be 'aging' or 'slip', got 'slow'"),
         (GOOD, {"noise": "pink"}, "noise must be 'correlated' or 'white', got 'pink'"),
         (GOOD, {"fixed": {"k": 1.0}}, "'k' is not a parameter; these are a, b, dc"),
@@ -397,14 +397,14 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD, {"free": ("stiffness",), "windows": ((1, 1.1),)}, "at least 8"),
         (GOOD, {"free": ("stiffness",), "windows": ((2, 1),)}, "its start before its end"),
         (GOOD._replace(friction=np.full(50, 0.4)), {"free": ("stiffness",)}, "friction never changes"),
-        (GOOD._replace(friction=np.full(50, np.nan)), {}, "friction holds NaN or infinity"),
+        (GOOD._replace(friction=np.full(50, np.nan)), {}, "friction contains NaN or infinity"),
         (GOOD._replace(time=GOOD.time[::-1]), {}, "sort the samples"),
         (GOOD._replace(time=GOOD.time * 2), {}, "must cover the data"),
         (GOOD._replace(legs=()), {}, "give exactly one"),
         (GOOD._replace(legs=(LoadStep(6.0, 0.0),)), {}, "give `before`"),
         (GOOD._replace(legs=(), velocity=np.zeros(50)), {}, "must be positive at every sample"),
         (GOOD._replace(sigma=np.zeros(50)), {}, "sigma must be 50 positive"),
-        (GOOD, {"fixed": {"a": 1, "b": 1, "dc": 1, "mu0": 1, "stiffness": 1}}, "nothing is left to fit"),
+        (GOOD, {"fixed": {"a": 1, "b": 1, "dc": 1, "mu0": 1, "stiffness": 1}}, "there is nothing to fit"),
         ([], {}, "there are no data"),
     ],
 )

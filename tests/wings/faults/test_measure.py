@@ -94,7 +94,7 @@ def test_a_hold_lowers_friction_by_what_is_missing_at_its_end():
     ("call", "sentence"),
     [
         (lambda: steady_mean([1.0, 2.0]), "at least 8"),
-        (lambda: steady_mean([1.0] * 9 + [np.nan]), "holds NaN or infinity"),
+        (lambda: steady_mean([1.0] * 9 + [np.nan]), "contains NaN or infinity"),
         (lambda: steady_start(np.ones(40), batch=0), "batch must .*, got 0"),
         (lambda: healing([1, 1, 2], [0, 0, 0]), "three different holds, got 2"),
         (lambda: healing([0, 1, 2], [0, 0, 0]), "positive and finite"),

@@ -45,7 +45,9 @@ def test_a_straight_line_has_no_steps():
 
 
 def test_noise_of_the_load_point_is_told_and_does_not_bias_a_fit():
-    sentence = r'noise of 3e-07; its velocity is taken as "1\.00.*e-06 until 149\.9.*, then 9\.99.*e-06 until 165\.'
+    sentence = (
+        r'noise of 3e-07; its velocity is assumed to be "1\.00.*e-06 until 149\.9.*, then 9\.99.*e-06 until 165\.'
+    )
     with pytest.warns(UserWarning, match=sentence):
         data = record_data(noisy(1))
     assert len(data.legs) == 3
@@ -127,7 +129,7 @@ def test_velocities_can_be_stated():
         ("1e-6 until 150 s, then", "got 'then'"),
         ("1e-6 until 900 s, then 1e-5", "a leg ends at 900 s: it must end after 0 s, and the record ends at 314.9 s"),
         ("1e-6 until 150 s, then 1e-5 until 120 s, then 1", "a leg ends at 120 s: it must end after 150 s"),
-        ("1e-6 until 150 s", "ends at 150 s, the record at 314.9 s: say what follows"),
+        ("1e-6 until 150 s", "ends at 150 s, but the record at 314.9 s: add the rest"),
         ("1e-6 until 150 furlongs, then 1", "expected velocities and times"),
         ("", "got ''"),
     ],

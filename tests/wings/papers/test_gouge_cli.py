@@ -81,7 +81,10 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["run", EXAMPLES / "disk_array.toml", "--engine", "lammps"], 'it applies to "flow" and "gouge" only'),
+        (
+            ["run", EXAMPLES / "disk_array.toml", "--engine", "lammps"],
+            'applies to the experiments "flow" and "gouge" only',
+        ),
         (["run", EXAMPLES / "gouge.toml", "--engine", "yade"], "use stickslip, lammps"),
     ],
 )

@@ -26,7 +26,7 @@ def of(**law):
     ("law", "words"),
     [
         ({}, "law has no damping: give damping_n"),
-        ({"damping_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "both given: give only one of them"),
+        ({"damping_n": 1e4, "restitution": 0.98, "reading": "eq8", **MEETING}, "exclude each other: give only one"),
         ({"restitution": 0.98, **MEETING}, "requires law.reading: give reading"),
         ({"restitution": 0.98, "reading": "eq8", "size": 3e-3}, "requires law.speed"),
         ({"damping_n": 1e4, "speed": 25.0}, "law.speed requires law.restitution"),

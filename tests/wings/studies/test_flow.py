@@ -174,7 +174,7 @@ def test_pouring_leaves_room_and_is_the_same_for_the_same_seed(dim):
         ({"grains": pour(low=[0.0, 0.0, 0.0])}, "grains.low has 3 components, but grains.dim = 2"),
         ({"grains": {"number": 4}}, "grains.low is missing: give it"),
         ({"law": {"mu": 0.5}}, "law.kn is missing"),
-        ({"law": {"kn": 1.0, "young": 1.0, "poisson": 0.3}}, "law.young and law.kn were both given"),
+        ({"law": {"kn": 1.0, "young": 1.0, "poisson": 0.3}}, "law.young and law.kn exclude each other"),
         ({"law": {"young": 1.0, "poisson": 0.3}}, "use kind = \"hertz_mindlin_reff\""),
         ({"law": {"kn": 1.0, "restitution": 0.5, "damping_n": 1.0}}, "law.restitution and damping coefficients"),
         ({"law": {"kn": 1.0, "kind": "hertz_mindlin", "restitution": 0.5}}, "law.restitution requires law.speed"),

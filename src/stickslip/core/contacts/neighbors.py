@@ -149,7 +149,7 @@ def without_walls(state: State, walls: Bodies) -> State:
     )
 
 
-# ---- what some laws require of the neighbour list: pairs across gaps, and rows for memory
+# ---- requirements of some laws: pairs across gaps, and rows for memory
 
 
 def gap_of_bonds(state: State) -> float:
@@ -176,7 +176,7 @@ def with_range(state: State, law: Law) -> Contacts:
 
 
 def with_own_memory(contacts: Contacts, law: Law) -> Contacts:
-    """List with a row of memory for each pair, if the law has one for rotations or of its own."""
+    """List with a row of memory for each pair, if the law has rotational or user-defined memory."""
     row = np.append(np.zeros(angular_columns(law)), [*own_memory(law.kind).values()])
     if not len(row) or (contacts.rolling is not None and contacts.rolling.shape[1] == len(row)):
         return contacts

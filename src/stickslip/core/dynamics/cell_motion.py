@@ -28,7 +28,9 @@ class Flow(NamedTuple):
     # dashpots; A; effect of half a step of L on a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of
     # free components
     matrix: np.ndarray
-    factor: np.ndarray  # (2, C + 1) of courses, mean over the step and at its end; the last is 1, for none
+    factor: (
+        np.ndarray
+    )  # (2, C + 1) values of courses, mean over the step and at its end; the last is 1, for rates without a course
     rate: np.ndarray  # (B, 6) of bodies, in the order of memory
     follows: np.ndarray  # (B, 6)
 

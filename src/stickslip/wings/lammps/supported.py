@@ -1,4 +1,4 @@
-"""What LAMMPS can run, and one sentence for each thing that it cannot."""
+"""Conditions that LAMMPS can run, and a one-sentence message for each one that it cannot."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ...kit import (
 )
 from .cell import inertia_factor, is_held, leg_course, members_of, needs_forces, tilts_of
 
-MAX_KNOTS = 64  # of the course of a velocity within one leg
+MAX_KNOTS = 64  # largest number of knots of a varying velocity in a leg
 STAY = 'or use engine = "stickslip"'
 
 
@@ -51,7 +51,7 @@ def check_law(law: Law, state: State) -> None:
 
 
 def name_with_radius(law: Law) -> str:
-    """Name of a law, with √R_eff if that is what it lacks."""
+    """Name of a law, with √R_eff if it lacks this factor."""
     name = BUILTIN_LAWS[law.kind].name
     return name.replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else name
 
@@ -135,8 +135,8 @@ def check_leg(leg: Leg) -> None:
         raise ScenarioError(f"samples must be at least 1, got {leg.samples}")
     if leg.samples > leg.steps and not leg.every:
         raise ScenarioError(
-            f"{leg.samples} samples in {leg.steps} steps were requested, but LAMMPS writes at most one a step: use "
-            f"fewer samples or a smaller dt"
+            f"{leg.samples} samples do not fit into {leg.steps} steps, as LAMMPS writes at most one per step: use "
+            "fewer samples or a smaller dt"
         )
 
 
@@ -176,8 +176,8 @@ def _check_cell(leg: Leg) -> None:
     for k in np.flatnonzero(cell.periodic[: cell.dim]):
         if cell.vectors[k, k] < reach:
             raise ScenarioError(
-                f"LAMMPS tells images of a grain apart by its number only, and the cell is {cell.vectors[k, k]:.3g} "
-                f"long along {'xyz'[k]}: use a cell at least two diameters long"
+                f"LAMMPS does not distinguish images of a grain, but the cell is only {cell.vectors[k, k]:.3g} long "
+                f"along {'xyz'[k]}: use a cell at least two diameters long"
             )
 
 

@@ -12,7 +12,7 @@ small, of the order of the overlap over the radius.
 
 In three dimensions, t is along the slip and t′ = n × t across it: F and V have three components, D_t is the length of
 the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
-geometric stiffness, which is the same for all statuses, is what the Jacobian has beyond c K S cᵀ.
+geometric stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
 
 Walls may rotate, with one additional coordinate each, arm × angle about its point. A disk at x_i and a wall with point
 p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point is at R − δ from
@@ -157,7 +157,7 @@ def linear_system(
 
 
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
-    """(B,) mask of the grains to exclude; contacts in the rows `parted` support nothing."""
+    """(B,) mask of the grains to exclude; contacts in the rows `parted` do not support grains."""
     n, loose = len(state.grains.radius), np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (n,):

@@ -38,15 +38,15 @@ from .matrices import LinearSystem, linear_system
 from .status import Verdict
 from .system import driven_motions, external_force, pinned_coordinates, regular_stiffness
 
-SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
+SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
-PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
+PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
-COLLAPSE, PASSES = "collapse", "dynamics goes on without a collapse"
+COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
 OFFSET = 1e-4  # of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
-JUMP = 10.0  # motion over that before, for the same change of the load, from which it is a collapse
-PARTED = 1e-9  # share of a radius beyond which contacts at the apex have parted, the uncertainty of positions
-AGAIN = 5  # times that a disk is wedged on a path from which the path counts as dependent on the increment
+JUMP = 10.0  # motion over the previous one for the same change of the load, above which it is a collapse
+PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
+AGAIN = 5  # number of times that a disk is wedged on a path above which the path counts as dependent on the increment
 
 
 class PathPoint(NamedTuple):
@@ -96,9 +96,9 @@ class LoadPath(NamedTuple):
                 f"on the increment: compare several, or slow dynamics"
             )
         if forks := len(self.alternatives):
-            end += f"; other statuses were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
+            end += f"; other statuses were also consistent at {forks} load{'s'[: forks > 1]}: see `alternatives`"
         if self.unchecked:
-            end += f"; {self.unchecked} times it is not known whether other statuses were consistent"
+            end += f"; {self.unchecked} times it is unknown whether other statuses were consistent"
         return end
 
     @property
@@ -120,8 +120,8 @@ def load_path(
     """Follow a packing while its control changes linearly from one given control to the next.
 
     The first leg begins at the control of the state. Loads are those of the given controls: absolute, not increments.
-    Where no stable equilibrium continues, the path ends or, if a `drag` is given, damped dynamics under a load that is
-    held leads to the next equilibrium, from which the path goes on. Loads are dead; the load points of springs may move
+    If no stable equilibrium continues the path, it ends or, if `drag` is given, damped dynamics under a constant load
+    leads to the next equilibrium, from which the path continues. Loads are dead; the load points of springs may move
     instead, and a stiff spring drives a displacement (`with_machine`).
 
     Slow dynamics in 200 steps of the load moved the lid as the path did, within 0.1 % (median) and 0.9 % (largest), and

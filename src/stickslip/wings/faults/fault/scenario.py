@@ -76,7 +76,7 @@ class FaultFriction(ScenarioTable):
 
 
 class FluidInjection(ScenarioTable):
-    """Fluid that is injected into the fault at one depth and spreads along it, which lowers the normal stress."""
+    """Fluid injected into the fault at one depth, which spreads along it and lowers the normal stress."""
 
     flux: NotNegative = Field(
         0.0, description="volume per time and cross-section of the fault, half of it to each side; 0: none [m/s]"
@@ -125,8 +125,8 @@ class Loading(ScenarioTable):
     velocity: Positive | None = Field(None, description="slip velocity at the start; default: plate_rate [m/s]")
     stress: Literal["steady"] | Profile | None = Field(
         None,
-        description="shear stress at the start, a number, pairs [depth, value], or steady: that of steady sliding of "
-        "each cell; default: the steady stress of the deepest cell everywhere [Pa]",
+        description="initial shear stress: a number, pairs [depth, value], or steady for steady sliding of each cell; "
+        "default: the steady stress of the deepest cell everywhere [Pa]",
     )
 
 
@@ -171,7 +171,7 @@ class FaultScenario(ScenarioBase):
     run: FaultRun = FaultRun()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over cells, points and profiles; an event is taken to last as long as a shear wave needs."""
+        """Iterate over cells, points and profiles; events are assumed to last as long as a shear wave travels."""
         line, run = self.line, self.run
         points, quiet = line.width / run.spacing, run.years / run.interval
         seismic = line.width / self.medium.wave_speed / run.seismic_interval

@@ -24,7 +24,7 @@ from .stress_transfer import (
 SHEARS = ("antiplane", "in-plane")
 SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
 MOST_CELLS = 1_000_000
-MOST_ENTRIES = 1e7  # of a table of the effect of the surface on a dipping fault
+MOST_ENTRIES = 1e7  # size of a table of the effect of the surface on a dipping fault
 LONGEST_CELL = 1 / 3  # over the cohesive length
 SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
 
@@ -108,7 +108,7 @@ class Fault(NamedTuple):
         return self.b / self.dc + self.b2 / np.asarray(self.dc2)
 
     def sliding_at(self, velocity: float) -> "Fault":
-        """Fault without cut-off velocities that has the same slopes of friction in steady sliding at V [m/s].
+        """Fault without cut-off velocities with the same slopes of friction in steady sliding at V [m/s].
 
         Its direct effect is A = ∂μ/∂ln V = a/(1 + V/V1), its evolution effects are B = ∂μ/∂ln θ = b/(1 + V/V2) and
         b2/(1 + V/V2).
@@ -165,7 +165,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     cell : length of a cell; the width must be a whole number of them [m]
     a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
         interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
-        `b2` and `dc2`, for which both must be given, belong to a second state variable, see `RateState`
+        `b2` and `dc2`, which must be given together, belong to a second state variable, see `RateState`
     more : the other fields of `Fault`
 
     Raises
@@ -233,7 +233,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 
 
 def check_fault(fault: Fault) -> None:
-    """Raise ValueError with one sentence if a fault is not valid, or if its cells are too long."""
+    """Raise ValueError with a one-sentence message if a fault is invalid, or if its cells are too long."""
     fault.check_entries()
     for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)

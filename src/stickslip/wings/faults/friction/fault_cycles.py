@@ -36,7 +36,7 @@ class Energy(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Loading minus the other terms, over loading or dissipation: the error of the integration."""
+        """Loading minus the other terms, over loading or dissipation: the integration error."""
         largest = max(abs(self.loading), self.frictional + self.radiated)
         return (self.loading - self.frictional - self.radiated - self.elastic) / largest
 
@@ -96,7 +96,7 @@ def simulate_fault(
     ----------
     years : the simulation ends with the first step after this time of 365.25 days that is not in an event
     start : default: `initial_state(fault)`; with the `state` of a history, that simulation is continued bit for bit
-    recording : what is recorded; default: no stations, profiles of slip every 5 years and every second of an event
+    recording : recorded quantities; default: no stations, profiles of slip every 5 years and every second during events
     tolerance : error of each step in slip over D_c, and in ln θ
     report : called as report(stage, share done, text)
 
@@ -154,7 +154,7 @@ def check_recording(fault: Fault, recording: Recording) -> None:
 
 
 def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder, tolerance: float, report):
-    """Take steps to the end; return the last state and the numbers of steps and of rejected ones."""
+    """Integrate to the end; return the last state and the numbers of steps and of rejected steps."""
     machine = Machine(fault, state.prestress)
     y, w = state.unknowns, state.log_velocity.copy()
     stages, powers = np.empty((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3))
@@ -163,7 +163,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
     now = _moment(fault, state)
-    # steps end where the normal stress is not smooth; the last one is infinite
+    # times at which steps end because the normal stress is not smooth; the last one is infinite
     breaks = np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
     longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
     while time < until or recorder.event is not None:
@@ -238,7 +238,7 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
 
 
 def join_histories(parts: list[FaultHistory]) -> FaultHistory:
-    """Join consecutive histories, each of which continued the one before it."""
+    """Join consecutive histories, each of which continues the previous one."""
     first, last = parts[0], parts[-1]
     along = {
         name: np.concatenate([getattr(part, name) for part in parts])

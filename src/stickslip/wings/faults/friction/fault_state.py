@@ -273,7 +273,7 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
     Raises
     ------
     ValueError
-        if the state is not one of this fault, or if no θ balances the stress.
+        if the state does not belong to this fault, or if no θ balances the stress.
     """
     check_state(fault, state)
     if np.ndim(log_velocity):
@@ -296,19 +296,21 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
 
 
 def check_state(fault: Fault, state: FaultState) -> None:
-    """Raise ValueError with one sentence if a state is not one of this fault."""
+    """Raise ValueError with a one-sentence message if a state does not belong to this fault."""
     cells, states = len(fault.depth), 1 if state.log_state2 is None else 2
     if len(state.excess_slip) != cells:
-        raise ValueError(f"the state has {len(state.excess_slip)} cells, and the fault {cells}: use one of this fault")
+        raise ValueError(
+            f"the state has {len(state.excess_slip)} cells, but the fault {cells}: use a state of this fault"
+        )
     if states != fault.states:
         raise ValueError(
-            f"the state has {states} state variable{'s' * (states > 1)}, and the fault {fault.states}: use one of this "
-            f"fault"
+            f"the state has {states} state variable{'s' * (states > 1)}, but the fault {fault.states}: use a state of "
+            "this fault"
         )
     if state.kernel != KERNEL:
         raise ValueError(
-            f"the state has slip that is {state.kernel} in each cell, and faults now have {KERNEL} slip, which changes "
-            f"their stress: start from one of initial_state, or use the version of stickslip that saved it"
+            f"the state has {state.kernel} slip in each cell, but faults now have {KERNEL} slip, which changes their "
+            "stress: start from initial_state, or use the version of stickslip that saved the state"
         )
     for name in ("excess_slip", "log_state", "log_state2", "log_velocity", "prestress"):
         values = getattr(state, name)

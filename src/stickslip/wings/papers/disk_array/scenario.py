@@ -171,7 +171,7 @@ class DiskArrayScenario(ScenarioBase):
         if overlap > 0.2 * min(radius):
             raise ValueError(
                 f"load.press = {self.load.press:g} makes disks overlap the substrate by {overlap:.3g}, more than a "
-                f"fifth of a radius, where contact laws do not hold: use a smaller press or a larger kn"
+                "fifth of a radius, where contact laws are invalid: use a smaller press or a larger kn"
             )
         low, high = min(self.load.push), max(self.load.push)
         for table in ("dynamics", "sliding"):

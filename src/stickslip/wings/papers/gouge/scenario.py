@@ -1,7 +1,7 @@
 """Scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring, in SI units.
 
 x is the direction of shear, y that of the normal stress, and z the transverse direction; the cell is periodic along x
-and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with a key of its own.
+and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with its own key.
 """
 
 from collections.abc import Iterator
@@ -201,8 +201,7 @@ class Slide(ScenarioTable):
         ends = (self.slip is not None) + (self.time is not None)
         if ends != 1:
             raise ValueError(
-                "a slide ends after a given slip or a given time: give only one of them, "
-                "which must be slip if steady = true"
+                "a slide ends after a given slip or a given time: give only one, which must be slip if steady = true"
             )
         if self.velocity == 0 and self.time is None:
             raise ValueError("a slide at velocity = 0 never reaches a slip: give its time")

@@ -50,17 +50,18 @@ class Loading(ScenarioTable):
     )
     collapses: bool = Field(
         False,
-        description="whether dynamics with the drag `dynamics.drag` carries the sample through collapses to its next "
-        "equilibrium, from which the path goes on",
+        description="whether dynamics with the drag `dynamics.drag` leads through collapses to the next equilibrium, "
+        "from which the path continues",
     )
     unload: bool = Field(
-        False, description="whether to unload, starting from the share `turn` of the load at which the path ends"
+        False, description="whether to unload, starting from the fraction `turn` of the load at which the path ends"
     )
     turn: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.5, description="share of the last load of the path at which unloading begins, see `unload`"
+        0.5, description="fraction of the last load of the path at which unloading begins, see `unload`"
     )
     increment: Share = Field(
-        0.005, description="load increment as a share of the whole load; the geometry is updated after each increment"
+        0.005,
+        description="load increment as a fraction of the whole load; the geometry is updated after each increment",
     )
     geometric: bool = Field(True, description="whether to include the geometric stiffness")
 
@@ -75,7 +76,7 @@ class Slow(ScenarioTable):
         0.02, description="drag on translations and rotations, in addition to the law's dashpots [1/time]"
     )
     beyond: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.1, description="how far runs continue beyond the last load of the path, as a share of that load"
+        0.1, description="continuation of runs beyond the last load of the path, as a fraction of that load"
     )
 
 

@@ -39,8 +39,8 @@ class Shear(ScenarioTable):
     )
     drag: Positive | None = Field(
         None,
-        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow in spite of "
-        "it count as unstable [1/time]",
+        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow despite it "
+        "count as unstable [1/time]",
     )
 
     @model_validator(mode="after")

@@ -65,4 +65,4 @@ class CyclicShearScenario(SampleScenario):
     def sizes(self) -> Iterator[Size]:
         """Iterate over the steps of the cycles."""
         count = len(self.cycles.amplitudes) * self.cycles.number * self.cycles.steps
-        yield Size("cycles.amplitudes, number and steps ask for", count, "load steps", "use fewer of them")
+        yield Size("cycles.amplitudes, number and steps require", count, "load steps", "use fewer of them")

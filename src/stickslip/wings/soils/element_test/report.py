@@ -31,7 +31,7 @@ from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
-COMPARED = {  # measures that half the step may change, of which the first that a path gives counts: words, digits, unit
+COMPARED = {  # measures compared at half the step (the first available one is used): words, digits, unit
     "phi_peak": ("peak angle", 2, " degrees"), "compression_index": ("compression index", 4, ""),
     "swelling_index": ("swelling index", 4, ""),
 }  # fmt: skip
@@ -120,7 +120,7 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
 
 
 def sentences(result: ElementTestResult) -> list[str]:
-    """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
+    """Remarks on the numbers: scatter, states not reached by the path, rate, and halved steps."""
     parts = (_first_failure, _scatter, _missing, _fluid, _quasi_static, _finer)
     return [sentence for part in parts for sentence in part(result)]
 
@@ -138,7 +138,7 @@ def _first_failure(result: ElementTestResult) -> list[str]:
     if here is None:
         last = sign * run.probes[-1].load
         return [
-            f"No direction was seen in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
+            f"No direction was found in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
             *unanswered,
         ]
     numbers = SAMPLE.of(LoadedSample(run, scenario))
@@ -146,8 +146,8 @@ def _first_failure(result: ElementTestResult) -> list[str]:
     where = describe_direction(here.failing, scenario.path, scenario.sample.dim, scenario.sign)
     peak = f"; the peak angle is at {top:.3g}" if np.isfinite(top := numbers["strain_at_peak"]) else ""
     return [
-        f"Sample {run.seed} wanted to fail in the direction {where} first at a strain of {sign * here.load:.3g}, where "
-        f"{why}{peak}.",
+        f"Sample {run.seed} first tended to fail at a strain of {sign * here.load:.3g}, in the direction {where}, "
+        f"where {why}{peak}.",
         *unanswered,
     ]
 
@@ -171,8 +171,8 @@ def _missing(result: ElementTestResult) -> list[str]:
     rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
     if rigid < len(result.runs):
         out.append(
-            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
-            f"nothing resists, or they have more than {MODULI_UP_TO} grains."
+            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives unresisted "
+            f"motions, or they have more than {MODULI_UP_TO} grains."
         )
     samples = [LoadedSample(run, result.scenario) for run in result.runs]
     last = sum(sample.sheared and sample.top == len(sample.first.load) - 1 for sample in samples)
@@ -212,7 +212,7 @@ def _quasi_static(result: ElementTestResult) -> list[str]:
             f"mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
         ]
     share = numbers["rearranged_share"].mean if "rearranged_share" in numbers else 0.0
-    return [f"Grains rearranged in {share:.0%} of the steps, whose equilibria were found by damped dynamics."]
+    return [f"Grains rearranged in {share:.0%} of the steps, in which equilibria were found by damped dynamics."]
 
 
 def _finer(result: ElementTestResult) -> list[str]:
@@ -223,7 +223,7 @@ def _finer(result: ElementTestResult) -> list[str]:
     both = SAMPLE.columns(pair)
     name = next((name for name in COMPARED if np.isfinite(both[name]).all()), None)
     if name is None:
-        return [f"The path gives no number in which half the {what} could be compared."]
+        return [f"The path gives no number for a comparison with half the {what}."]
     (before, after), (words, digits, unit) = both[name], COMPARED[name]
     scatter = MEASURES.of(result)[name].scatter
     change = (
@@ -256,12 +256,12 @@ def numbers(result: ElementTestResult) -> dict:
 
 
 def show(result: ElementTestResult) -> None:
-    """Print the numbers of a test with their intervals, and what limits them."""
+    """Print the numbers of a test with their intervals and limitations."""
     scenario = result.scenario
     title = f"{scenario.path.kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
     MEASURES.show(result, title=title, readable=for_engineers)
     if result.runs[0].probes:
-        # the strain at which each sign of failure is first seen
+        # the strain at which each sign of failure first appears
         run, sign = result.runs[0], result.scenario.strain_sign
         table = new_table("", "first at", "", title=f"Signs of failure of sample {run.seed}", left=("",))
         for name, each in first_seen(run.probes).items():
@@ -424,7 +424,7 @@ def compare(members: list[SweepMember]) -> Comparison:
 
     Circles are those at the peak and at the critical state. If fewer than two pressures lead to a critical state, the
     circles over the last third of the paths are drawn instead, and no line. Members that differ in other swept keys
-    have envelopes and lines of their own, unless these vary with the pressure alone.
+    have separate envelopes and lines, unless these keys vary with the pressure only.
     """
     members = [member for member in members if PRESSURE in member.values and "sigma1_peak" in member.measures]
     if not members:

@@ -254,7 +254,7 @@ class Loading(ScenarioTable):
         if self.fluid_modulus is not None and self.kind != "undrained":
             raise ValueError("path.fluid_modulus does not apply to this path: only undrained paths have a pore fluid")
         if self.inertial_number is not None and self.rate is not None:
-            raise ValueError("path.inertial_number and path.rate were both given: give only one of them")
+            raise ValueError("path.inertial_number and path.rate exclude each other: give only one")
         if self.integrator == "quasi-static" and (self.inertial_number or self.rate):
             name = "rate" if self.rate else "inertial_number"
             raise ValueError(f'path.{name} does not apply to integrator = "quasi-static": leave it out')
@@ -310,7 +310,7 @@ class ElementTestScenario(SampleScenario):
     )
     probes: Probing | None = None
     engine: Literal["stickslip", "lammps"] = Field(
-        "stickslip", description="what moves the grains of a dynamic test; samples are always made by stickslip"
+        "stickslip", description="engine of a dynamic test; samples are always made by stickslip"
     )
     ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
 
@@ -321,7 +321,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def strain_sign(self) -> int:
-        """Sign of the imposed strain in tables and figures; γ has always its own."""
+        """Sign of the imposed strain in tables and figures; γ always has its own sign."""
         return 1 if self.path.kind == "simple-shear" else self.sign
 
     @property
@@ -376,7 +376,7 @@ class ElementTestScenario(SampleScenario):
         if self.path.kind == "isotropic":
             raise ValueError('probes do not apply to path.kind = "isotropic": choose a path with a strain')
         if self.probes.strains is not None and self.probes.states is not None:
-            raise ValueError("probes.strains and probes.states were both given: give only one of them")
+            raise ValueError("probes.strains and probes.states exclude each other: give only one")
         turn = self.path.turns[0]
         for strain in self.probes.strains or ():
             if not 0 <= strain / turn <= 1:

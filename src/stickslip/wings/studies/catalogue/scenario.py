@@ -14,8 +14,8 @@ class EventShear(ScenarioTable):
     drag: Positive = Field(
         description=(
             "drag of the dynamics that lead from the last stable state to the end of an event, over the largest "
-            "frequency of the packing (2/dt of its largest stable time step); there is no default, because it decides "
-            "which oscillations matter"
+            "frequency of the packing (2/dt of its largest stable time step); there is no default, because it "
+            "determines the unstable oscillations"
         )
     )
     strain: Positive = Field(0.4, description="largest strain of each packing")

@@ -38,7 +38,7 @@ class Poured(NamedTuple):
 
     @property
     def loose(self) -> np.ndarray:
-        """Indices of the grains that belong to no plate."""
+        """Indices of the grains outside plates."""
         return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
 
 

@@ -170,7 +170,7 @@ class Plate(ScenarioTable):
 
 
 class Stage(ScenarioTable):
-    """A part of the run, and the changes at its start; everything else stays as it was."""
+    """A part of the run, and the changes at its start; everything else is unchanged."""
 
     name: Name = Field(description="name in progress messages and files")
     duration: Positive = Field(description="duration, or maximum duration with `until` [time]")

@@ -20,7 +20,7 @@ from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 
 
 def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Engine:
-    """Return LAMMPS as an engine; it reads what ran elsewhere if the folder was written by `export`.
+    """Return LAMMPS as an engine; in a folder written by `export`, it reads results of runs elsewhere.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Scenario of the kinetic threshold of a sample: an array of disks, a periodic packing, or gouge between plates.
 
-The load is the macroscopic friction, shear force over normal force, whatever the sample.
+For every sample, the load is the macroscopic friction, shear force over normal force.
 """
 
 from collections.abc import Iterator
@@ -78,7 +78,7 @@ class GougeSample(ScenarioTable):
 
     @property
     def recipe(self) -> GougeScenario:
-        """Scenario by which the gouge experiment prepares the sample; what it would do afterwards is not run."""
+        """Scenario of the gouge experiment that prepares the sample, without its further tests."""
         later = Preparation(velocity=self.grains.mean / self.dt * 1e-6, **self.preparation.model_dump())
         return GougeScenario(
             grains=self.grains, law=self.law, cell=self.cell, load=GougeLoad(normal_stress=self.normal_stress),
@@ -126,7 +126,9 @@ class Kicks(ScenarioTable):
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         10, description="runs at each load and velocity, which differ in their random numbers"
     )
-    duration: Positive = Field(40_000.0, description="of a run; one that slides continues for as long again [time]")
+    duration: Positive = Field(
+        40_000.0, description="of a run; one that slides continues for the same duration again [time]"
+    )
     dt: Positive | None = Field(None, description="time step; default: a fifth of the largest stable one [time]")
     drag: NotNegative = Field(0.0, description="drag on translations and rotations per unit mass [1/time]")
     distance: Positive = Field(
