@@ -252,6 +252,15 @@ def test_snapshots_show_where_grains_are_and_how_fast(panels):
         assert sorted(left) == [(kind, shift) for kind in (False, True) for shift in (-10, 0, 10)]
 
 
+def test_lengths_are_diameters_where_their_mean_is_one(monkeypatch):
+    monkeypatch.setattr(f"{__name__}.RADIUS", np.array([0.5, 0.45, 0.55, 0.6]))
+    shown, bar = snapshots_of_fall()
+    assert labels(shown[-1])[0] == "$x$ [diameters]" and bar.get_xlabel() == "speed [diameters / time unit]"
+    with ss.io.units_in_use("mm, g, s"):
+        shown, bar = snapshots_of_fall()
+    assert labels(shown[-1])[0] == "$x$ [mm]" and bar.get_xlabel() == "speed [mm/s]"
+
+
 def test_snapshots_are_enlarged_around_the_median():
     for axes, t in zip(snapshots_of_fall(zoom=4)[0], SHOWN, strict=True):
         (low, high), place = axes.get_xlim(), SEEN - [0, 0.01 * t]
@@ -273,8 +282,9 @@ def test_snapshots_have_walls_times_and_units(panels):
         assert axes.get_ylim()[0] < -0.2 and axes.get_ylim()[1] > 4.4  # all of every grain
     shown, bar = panels
     assert [axes.get_title() for axes in shown] == [f"$t$ = {t:g} time units" for t in SHOWN]
-    assert {labels(axes) for axes in shown} <= {(x, y) for x in ("", "$x$ [units of length]") for y in ("", "$y$ [units of length]")}
-    assert labels(shown[0])[1] == "$y$ [units of length]" and labels(shown[-1])[0] == "$x$ [units of length]"
+    x, y = (f"${name}$ [units of length]" for name in "xy")
+    assert {labels(axes) for axes in shown} <= {("", ""), (x, ""), ("", y), (x, y)}
+    assert labels(shown[0])[1] == y and labels(shown[-1])[0] == x
     assert bar.get_xlabel() == "speed [units of length/time]"
 
 
