@@ -40,6 +40,7 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#56B4E9",
     "#000000",
 )
+BOND, BROKEN = "#C9A66B", PURPLE  # lines of bonds, under those of contacts
 COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
 STYLE = {
     "figure.dpi": 200,
