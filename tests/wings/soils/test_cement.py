@@ -47,7 +47,9 @@ def test_bonds_have_the_stiffness_and_the_scatter_of_potyondy_and_cundall():
         assert np.mean(share) == pytest.approx(1, abs=5 * 0.2 / len(share) ** 0.5)
         assert np.std(share) == pytest.approx(0.2, abs=5 * 0.2 / (2 * len(share)) ** 0.5)
     tension, shear = (bonds.strength[:, k] / bonds.strength[:, k].mean() for k in (0, 1))
-    np.testing.assert_allclose(bonds.strength[:, 2:] / bonds.strength[:, 2:].mean(axis=0), np.stack([tension, shear], 1))
+    np.testing.assert_allclose(
+        bonds.strength[:, 2:] / bonds.strength[:, 2:].mean(axis=0), np.stack([tension, shear], 1)
+    )
     assert abs(np.corrcoef(tension, shear)[0, 1]) < 5 / len(shear) ** 0.5
 
 
@@ -60,7 +62,8 @@ def test_a_break_has_the_mode_and_the_energy_of_its_loads(way, turn, tension):
     made = with_cement(pair, Cement(tensile_strength=1e-3, shear_strength=1e-3), 1.0, seed=0)
     signs = [1, 1] if any(way) else [1, -1]
     grains = made.grains._replace(
-        position=made.grains.position + np.array([[0, 0, 0], way]), angle=np.array([[0, 0, turn * s] for s in signs], float)
+        position=made.grains.position + np.array([[0, 0, 0], way]),
+        angle=np.array([[0, 0, turn * s] for s in signs], float),
     )
     moved = made._replace(grains=grains)
     k = made.bonds.stiffness[0]

@@ -357,7 +357,9 @@ class LoadedSample:
         if rows.sum() < 2 or not np.ptp(leg.load[rows]) > 0:
             return NAN, NAN
         slope = np.polyfit(leg.load[rows], np.column_stack([leg.q, leg.strain])[rows], 1)[0]
-        return tuple(float(each) + 0.0 for each in (slope[0] / slope[1 + axis], -slope[1:][:axis].mean() / slope[1 + axis]))
+        return tuple(
+            float(each) + 0.0 for each in (slope[0] / slope[1 + axis], -slope[1:][:axis].mean() / slope[1 + axis])
+        )
 
     @property
     def small(self) -> tuple[float, float]:

@@ -458,7 +458,7 @@ class ElementTestScenario(SampleScenario):
             raise ValueError("cement was given with probes, which do not know bonds yet: leave one of them out")
         if self.contact_modulus is None:
             raise ValueError(
-                'cement was given with a law without modulus, over which cement.modulus is given: use law.kind = '
+                "cement was given with a law without modulus, over which cement.modulus is given: use law.kind = "
                 '"hertz_mindlin_reff" with young, or "linear" with kn'
             )
         return self
