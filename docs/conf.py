@@ -59,6 +59,7 @@ html_theme_options = {
         {"name": name, "url": url, "html": name, "class": ""} for name, url in METADATA.get("urls", {}).items()
     ]
 }
+html_favicon = "_static/icon.svg"
 html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 html_title = f"stickslip {version}"

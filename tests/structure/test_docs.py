@@ -224,6 +224,7 @@ def served(folder: Path):
             pass
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Silent, directory=folder))
+    server.handle_error = lambda *of: None  # a browser that leaves a page breaks its connections
     Thread(target=server.serve_forever, daemon=True).start()
     try:
         yield f"http://127.0.0.1:{server.server_port}"

@@ -14,6 +14,7 @@ from ..solve.waves import Dispersion
 from .style import (
     BLACK,
     BLUE,
+    BROKEN,
     COLORS,
     GREEN,
     ORANGE,
@@ -61,8 +62,12 @@ def failure_path(found: _Failure):
     }
     for k, (axes, (value, color, label)) in enumerate(zip(panels, rows, strict=True)):
         axes.plot(broken["strain"], broken[k], marker="." if len(strain) <= MARKED else None, ms=3, color=color)
-        for first, event in enumerate(found.events):
-            axes.axvline(event.strain, color=RED, lw=0.8, label=None if first else "event")
+        for name, color, events in (
+            ("event", RED, [e for e in found.events if not len(e.broken)]),
+            ("bond breaks", BROKEN, [e for e in found.events if len(e.broken)]),
+        ):
+            for first, event in enumerate(events):
+                axes.axvline(event.strain, color=color, lw=0.8, label=None if first else name)
         if found.onset:
             axes.axvline(found.onset.load, color=ORANGE, ls="--", lw=0.8, label="first pair")
         for one in found.forecasts:
@@ -136,7 +141,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
                 axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
     axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="load at which half slide, 95 %")
     axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
-    axes.plot([], [], "o-", color=BLACK, ms=3, label="and on for as long again")
+    axes.plot([], [], "o-", color=BLACK, ms=3, label="slid for as long again")
     if len(found.arrest):
         axes.axvspan(
             *np.clip(found.arrest_range, loads[0], top), color=BLACK, alpha=0.2, lw=0, label="stops at a lower load"

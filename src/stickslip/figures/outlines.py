@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..core.arguments import Requirement, require_shape
+from ..core.contacts.bonds import bond_vectors
 from ..core.measure import wrapped
 from ..core.readable import pluralize
 from ..core.state import SLIDE
@@ -17,6 +18,7 @@ ASIDE = 0.05  # largest share of the grains that may be out of view at each side
 FEW = 10  # number of grains below which all are in view
 APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
 FAR = 3.0  # distance from the middle half of the grains, in widths of that half, beyond which they also may
+PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which it is not drawn
 ZOOMS = (0.01, 1000.0)  # least and greatest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
 DISPLACEMENT = "mode displacement"
@@ -75,6 +77,17 @@ def outside(place: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 def outside_words(count: int) -> str:
     """Sentence on grains outside a view."""
     return f"{pluralize(count, 'grain')} {'is' if count == 1 else 'are'} outside the view"
+
+
+def drawn_bonds(frame: Frame) -> dict[str, np.ndarray]:
+    """Columns i, j, branch and intact of the bonds of a frame; broken ones only while their grains are near."""
+    state, bonds = frame.state, frame.state.bonds
+    if not bonds:
+        nothing = np.zeros(0, np.int32)
+        return {"i": nothing, "j": nothing, "branch": np.zeros((0, 3)), "intact": np.zeros(0, bool)}
+    branch = bond_vectors(bonds, state.grains.position, state.cell.vectors)
+    rows = bonds.intact | (np.linalg.norm(branch, axis=1) <= PARTED * bonds.length)
+    return {"i": bonds.i[rows], "j": bonds.j[rows], "branch": branch[rows], "intact": bonds.intact[rows]}
 
 
 def cell_edges(frame: Frame) -> np.ndarray:

@@ -40,6 +40,7 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#56B4E9",
     "#000000",
 )
+BOND, BROKEN = "#C9A66B", PURPLE  # lines of bonds, under those of contacts
 COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
 STYLE = {
     "figure.dpi": 200,
@@ -69,7 +70,7 @@ STYLE = {
 }
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
 STRESS = "force/length^(dim-1)"  # without named units
-DIMENSION = re.compile(r"\b(length|time|mass|force|energy|stress)\b")
+DIMENSIONS = re.compile(r"(?:(?:length|time|mass|force|energy|stress)\b|[\d^²³()/ ])+")
 POWERS = (-3, 4)  # powers of ten up to and from which the power moves from the numbers of an axis to its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
 DIGIT = 0.65  # width of a digit over the size of the font
@@ -214,7 +215,7 @@ def label_axes(
             continue
         quantity, unit = (label, "") if isinstance(label, str) else label
         unit = unit_name(unit).replace(STRESS, "stress")
-        if current_units() is None and DIMENSION.search(unit):
+        if current_units() is None and DIMENSIONS.fullmatch(unit) and unit != "1":
             unit = f"units of {unit}"
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))

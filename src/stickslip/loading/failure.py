@@ -268,7 +268,7 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
         )
     if not isinstance(until, str):
         if not (np.isfinite(until) and until):
-            raise ValueError(f"until must be a nonzero strain, first-pair or first-event, got {until:g}")
+            raise ValueError(f"until must be a nonzero strain, first-pair, first-event or first-break, got {until:g}")
         if limit is not None or reverse:
             raise ValueError("limit and reverse do not apply if until is a strain, whose size and sign state both")
         limit, reverse = abs(until), until < 0

@@ -3,6 +3,7 @@
 The cell may follow the stress.
 """
 
+from collections.abc import Callable
 from math import ceil
 from typing import Literal, NamedTuple
 
@@ -20,7 +21,7 @@ from ..core.progress import NotInEquilibriumError, Outcome, Report, silent
 from ..core.readable import readable
 from ..core.state import Control, State
 from ..solve.equilibrate import breaking, patience_for
-from ..solve.newton import Factorisation, approach, at_rest, newton
+from ..solve.newton import Factorisation, approach, at_rest
 from ..solve.shear_response import XY
 from .compression import Scales, critical_mass, stopped
 from .packing import shear_strain
@@ -40,7 +41,10 @@ STEPS = 500  # number of steps of the load in slow dynamics
 SHARE = 0.1  # time step of slow dynamics over the stable one
 
 
-def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Factorisation) -> tuple[State, Outcome]:
+def settle(
+    state: State, law: Law, scales: Scales, *, tolerance: float, keep: Factorisation,
+    broke: Callable[[State, State], None] = lambda before, after: None,
+) -> tuple[State, Outcome]:  # fmt: skip
     """Equilibrium after a step of the load: by Newton's method or, where grains rearrange, by damped dynamics first.
 
     The drag is that of `compressed`, on the time scale on which the pressure moves a grain. Where Newton's method
@@ -50,6 +54,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
     Parameters
     ----------
     tolerance : largest unbalanced force or torque/R [force]
+    broke : called as broke(before, after) with the equilibrium in which a bond breaks, and the state without it
 
     Returns
     -------
@@ -71,7 +76,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
         end, outcome = _come_to_rest(without_failure(here), law, scales, tolerance)
         return with_strength_of(end, here), outcome
 
-    return breaking(find, state, keep)
+    return breaking(find, state, keep, broke)
 
 
 def strain_step(
@@ -116,8 +121,9 @@ def _come_to_rest(
         if not outcome.ok:
             raise NotInEquilibriumError("the sample does not come to rest", outcome)
         rest = stopped(here)._replace(time=state.time)
-        end, solved = newton(rest, law, tolerance=tolerance, patience=patience_for(state))
+        point, solved = approach(rest, law, tolerance=tolerance, patience=patience_for(state), keep=Factorisation())
         if solved.ok:
+            end = at_rest(point)
             if account:
                 account.stop(rest)
                 account.post(end)

@@ -215,6 +215,8 @@ def _describe_view(shown: PageContent) -> str:
     else:
         sentences.append("The view shows the packing.")
     sentences.append("Lines are contacts, wider for larger forces; blue ones stick, vermilion ones slide.")
+    if any(frame.state.bonds for frame in shown.frames):
+        sentences.append("Sand-coloured bands are bonds, and purple ones are broken.")
     return " ".join(sentences)
 
 

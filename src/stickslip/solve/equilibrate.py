@@ -132,10 +132,17 @@ def equilibrate(
     return end, outcome
 
 
-def breaking(find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation):
-    """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each."""
+def breaking(
+    find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation,
+    broke: Callable[[State, State], None] = lambda before, after: None,
+):  # fmt: skip
+    """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each.
+
+    `broke` is called with that equilibrium and with the same state without the bond.
+    """
     end, outcome = find(state, keep)
     while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
+        broke(end, weaker)
         end, outcome = find(weaker, Factorisation())
     lost = int((state.bonds.intact & ~end.bonds.intact).sum()) if state.bonds else 0
     if lost:

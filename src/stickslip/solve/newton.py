@@ -145,6 +145,9 @@ def approach(
     free, control, n = freedom(state), state.control, len(state.grains.radius)
     acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
     loose = ~acted & control.free[:n, : state.cell.dim].all(axis=1)  # free to move, and only contacts act
+    if state.bonds:  # bonded grains are not loose
+        held = state.bonds.intact
+        loose[np.append(state.bonds.i[held], state.bonds.j[held])] = False
     least = least_supports(law, state.cell.dim)
     here = _evaluate(with_neighbor_list(state, law), law, free)
     before = keep.factorisations

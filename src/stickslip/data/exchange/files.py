@@ -40,7 +40,7 @@ from ..sample import (
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .columns import at_rest, is_matlab, mass_note
 from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, placed_state, read_content
-from .frame import Frame, frame_of, write_graph
+from .frame import Frame, frame_of, with_bonds, write_graph
 
 if TYPE_CHECKING:
     from .lammps_file import Pairs
@@ -141,6 +141,7 @@ def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]
 
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
+SHOWN = (".vtu", ".graphml")  # formats whose lines and edges show bonds
 SERIES = {".gsd": _here("gsd_file.write_gsd"), ".vtu": _here("vtk_file.write_vtk")}
 SERIES |= dict.fromkeys((".xyz", ".extxyz"), _here("table_file.write_xyz"))
 SINGLE = {".npz": write_npz, ".csv": _here("table_file.write_csv"), ".graphml": write_graph}
@@ -402,6 +403,8 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
     frames: list[Frame] = list(states)
     if suffix in (*ARCHIVE, ".gsd") or not any(frame.state.bonds for frame in frames):
         return _write(path, suffix, frames)
+    if suffix in SHOWN:
+        return [*_write(path, suffix, frames), f"{suffix} shows bonds, but not their laws and memory"]
     return [*_write(path, suffix, [_without_bonds(frame) for frame in frames]), f"{suffix} does not store bonds"]
 
 
@@ -433,7 +436,9 @@ def output_files(to: Path, frames: list[Frame]) -> list[Path]:
         from .vtk_file import vtk_paths
 
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
-        return [path for (grains, lines), f in pairs for path in (grains, *([lines] if len(f.contacts["i"]) else []))]
+        return [
+            path for (grains, lines), f in pairs for path in (grains, *([lines] if len(with_bonds(f)["i"]) else []))
+        ]
     if to.suffix.lower() == ".csv":
         from .table_file import contact_table_path
 

@@ -10,14 +10,16 @@ import numpy as np
 
 from ...builtin_laws import NAMES
 from ...core.arguments import checked, knows_bonds, require_shape
+from ...core.contacts.bonds import bond_vectors
 from ...core.contacts.forces import forces
+from ...core.fields import pack_keys
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.kinds import Kind, describe_law, restore_kind
 from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
 from ...core.progress import STATE, Size, require_sizes
 from ...core.readable import pluralize, readable
 from ...core.reading import read_arrays
-from ...core.state import SLIDE, State
+from ...core.state import OPEN, SLIDE, State
 from ...extras import require
 from ..run_files import replace_atomically
 from ..sample import HUGE, PackingError
@@ -73,12 +75,36 @@ def frame_of(state: State, law: Law) -> Frame:
     return Frame(state, law, grains, contacts)
 
 
+def with_bonds(frame: Frame) -> dict[str, np.ndarray]:
+    """Columns of contacts, then of bonds; without bonds those of contacts alone.
+
+    The column `bond` is 0 for contacts, 1 for bonds and 2 for broken ones, and `failed` the index in `FAILURES` of the
+    load that broke them. Where grains touch, the contact has the force of both, and the bond has none.
+    """
+    state, c = frame.state, frame.contacts
+    if not state.bonds:
+        return c
+    bonds, touch = state.bonds, c["mode"] != OPEN
+    across = np.isin(pack_keys(bonds.i, bonds.j, bonds.image), pack_keys(c["i"], c["j"], c["image"])[~touch])
+    rest = ~(across & bonds.intact)
+    branch = bond_vectors(bonds, state.grains.position, state.cell.vectors)
+    more = {name: getattr(bonds, name)[rest] for name in ("i", "j", "image")} | {"branch": branch[rest]}
+    out = {
+        name: np.concatenate([column, more.get(name, np.zeros((rest.sum(), *column.shape[1:]), column.dtype))])
+        for name, column in c.items()
+    }
+    out["bond"] = np.concatenate([np.where(touch, 0, 1), np.where(bonds.intact[rest], 1, 2)]).astype(np.int32)
+    out["failed"] = np.concatenate([np.zeros(len(touch), np.int32), bonds.failed[rest]]).astype(np.int32)
+    return out
+
+
 def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
     """Columns of the contacts between grains, and a note on contacts with walls."""
-    between = frame.contacts["j"] < len(frame.state.grains.radius)
+    columns = with_bonds(frame)
+    between = columns["j"] < len(frame.state.grains.radius)
     walls = int((~between).sum())
     notes = [f"{pluralize(walls, 'contact')} with walls are not written, as they have no second grain"] if walls else []
-    return {name: column[between] for name, column in frame.contacts.items()}, notes
+    return {name: column[between] for name, column in columns.items()}, notes
 
 
 def law_to_dict(law: Law) -> dict:
@@ -251,6 +277,7 @@ def _displaced(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -
 
 
 @checked
+@knows_bonds
 def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     """Network of the touching contacts of an accepted state.
 
@@ -263,7 +290,8 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     -------
     networkx.MultiGraph
         Nodes are bodies, walls after grains, with `wall`, `radius`, x, y, z [length]. Edges are contacts, several
-        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`
+        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`; of a
+        cemented packing also bonds, with `bond`: 0 for contacts, 1 for bonds, 2 for broken ones
 
     Examples
     --------
@@ -286,13 +314,14 @@ def write_graph(path: str | Path, frame: Frame) -> list[str]:
 
 def _graph_of(frame: Frame) -> "networkx.MultiGraph":
     """Graph of the columns of a frame."""
-    graph, columns, state = require("networkx", "exchange").MultiGraph(), frame.contacts, frame.state
+    graph, columns, state = require("networkx", "exchange").MultiGraph(), with_bonds(frame), frame.state
     n = len(state.grains.radius)
     places = [*state.grains.position.tolist(), *state.walls.point.tolist()]
     sizes = [*state.grains.radius.tolist(), *[0.0] * len(state.walls.mass)]
     for body, (place, radius) in enumerate(zip(places, sizes, strict=True)):
         graph.add_node(body, wall=body >= n, radius=radius, **dict(zip("xyz", place, strict=True)))
     names = "i", "j", "force_n", "force_t", "mode"
-    for i, j, force_n, force_t, mode in zip(*(columns[name].tolist() for name in names), strict=True):
-        graph.add_edge(i, j, force_n=force_n, force_t=force_t, slides=mode == SLIDE)
+    more = [{"bond": bond} for bond in columns["bond"].tolist()] if "bond" in columns else [{}] * len(columns["i"])
+    for about, i, j, force_n, force_t, mode in zip(more, *(columns[name].tolist() for name in names), strict=True):
+        graph.add_edge(i, j, force_n=force_n, force_t=force_t, slides=mode == SLIDE, **about)
     return graph

@@ -25,6 +25,7 @@ from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_wall
 SCHEMA = 2  # schema of the chunks under stickslip/; earlier ones are read
 PREFIX = "stickslip/"
 CONTACTS = ("sticking", "sliding")  # types of the bonds that show contacts
+CEMENT = ("bond", "broken bond")  # and of those that show bonds
 META = f"{PREFIX}meta"
 ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # of the file index
 ENTRY.names = "frame", "rows", "at", "columns", "id", "type", "flags"
@@ -76,9 +77,12 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
     p.angmom = 2 * quaternion_product(turn, np.pad(grains.inertia[:, None] * grains.spin, ((0, 0), (1, 0))))
     p.types, p.typeid = [f"material {k}" for k in range(kinds)], grains.material
     pairs, notes = without_walls(frame)
-    out.bonds.N, out.bonds.types = len(pairs["i"]), [*CONTACTS]
+    out.bonds.N, out.bonds.types = len(pairs["i"]), [*CONTACTS, *(CEMENT if "bond" in pairs else ())]
     out.bonds.group = np.stack([pairs["i"], pairs["j"]], axis=1)
-    out.bonds.typeid = (pairs["mode"] == core.SLIDE).astype(np.uint32)
+    kind = (pairs["mode"] == core.SLIDE).astype(np.uint32)
+    out.bonds.typeid = (
+        np.where(pairs["bond"] > 0, pairs["bond"] + 1, kind).astype(np.uint32) if "bond" in pairs else kind
+    )
     out.log["time"] = np.array([state.time])
     columns = {"spin": grains.spin, **frame.grains}
     out.log |= {f"particles/{name}": _exported(column) for name, column in columns.items()}
@@ -248,7 +252,7 @@ def _read_foreign(frame):
     }  # fmt: skip
     notes = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
     for name in ("bonds", "angles", "dihedrals", "impropers"):
-        if getattr(frame, name).N and tuple(getattr(frame, name).types or ()) != CONTACTS:
+        if getattr(frame, name).N and tuple(getattr(frame, name).types or ())[:2] != CONTACTS:
             notes += account_for("part of a GSD file", [name], "the file")
     if p.charge is not None and np.any(p.charge):
         notes += account_for("column of a dump", ["q"], "the file")

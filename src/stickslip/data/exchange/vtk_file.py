@@ -1,8 +1,9 @@
 """VTK files for ParaView: grains as points with radii, contacts as lines with their forces, one file each.
 
-NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-contacts.vtu contains the lines. Several
-frames become NAME_0000.vtu and so on, which ParaView opens as a series. Legacy files and XML files (.vtu and .vtp), as
-written by ParaView, YADE and VTK itself, are read without a library.
+NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-contacts.vtu contains the lines. Their
+column `bond` is 1 for bonds and 2 for broken ones. Several frames become NAME_0000.vtu and so on, which ParaView opens
+as a series. Legacy files and XML files (.vtu and .vtp), as written by ParaView, YADE and VTK itself, are read without
+a library.
 
 Source: Kitware, VTK XML file formats, https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html.
 """
@@ -25,7 +26,7 @@ from ..run_files import name_file_in_errors
 from ..sample import Assumption, PackingError
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state, read_content
-from .frame import Frame, exported, list_losses, wrapped_into
+from .frame import Frame, exported, list_losses, with_bonds, wrapped_into
 
 MARK, END = b"<VTKFile", b"</VTKFile>"
 TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
@@ -149,13 +150,13 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
             for target, write in zip(targets, (_write_grains, _write_lines), strict=True):
-                if write is _write_lines and not len(frame.contacts["i"]):
+                if write is _write_lines and not len(with_bonds(frame)["i"]):
                     continue  # pyevtk cannot write an empty file
                 made.append((Path(write(hl, str(Path(folder) / target.stem), frame)), target))
         for part, target in made:
             part.replace(target)
     lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
-    bare = sum(not len(frame.contacts["i"]) for frame in frames)
+    bare = sum(not len(with_bonds(frame)["i"]) for frame in frames)
     notes = [f"{pluralize(bare, 'frame')} without contacts: no line file was written"] if bare else []
     return [*notes, f"VTK does not store {', '.join(lost)}"]
 
@@ -178,7 +179,7 @@ def _write_grains(hl, path: str, frame: Frame) -> str:
 
 def _write_lines(hl, path: str, frame: Frame) -> str:
     """Write lines from i along the branch vector to j, or to the surface of a wall, even across the box boundary."""
-    c = frame.contacts
+    c = with_bonds(frame)
     start = _positions(frame)[c["i"]]
     ends = np.stack([start, start - c["branch"]], axis=1).reshape(-1, 3)
     columns = {name: column for name, column in c.items() if name != "image"}

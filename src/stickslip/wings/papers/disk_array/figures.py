@@ -243,7 +243,7 @@ def transition_movie(
     times = np.linspace(max(start, data.time[0]), stop, frames)
     length, n = result.pressed.cell.vectors[0, 0], len(radius)
     with style.common_style(**{"savefig.dpi": "figure"}):
-        figure = style.OwnFigure(figsize=(6.4, 1.6), dpi=110)
+        figure = style.OwnFigure(figsize=(6.4, 1.6), dpi=150)
         axes = figure.add_axes([0.02, 0.2, 0.96, 0.62])
         axes.set(xlim=(-0.1, length + 0.1), ylim=(-0.15, 2.3 * radius.max()), aspect="equal")
         axes.axis("off")

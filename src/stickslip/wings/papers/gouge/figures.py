@@ -88,7 +88,7 @@ def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float 
     ratios, creep : one `Curve` per damping
     sliding : kinetic over elastic energy in steady sliding before the holds, if it is to be drawn
     """
-    figure, (above, below) = style.column_axes(2, 3.6, sharex=True)
+    figure, (above, below) = style.column_axes(2, 4.4, sharex=True)
     for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
         color = (style.BLUE, style.ORANGE, style.RED)[number % 3]
         above.plot(ratio.x, ratio.mean, color=color)

@@ -128,6 +128,22 @@ def contacts(tables: list[_Table], strain: str):
 
 
 @styled
+def broken_bonds(tables: list[_Table], strain: str, unit: str):
+    """Deviatoric stress, and numbers of bonds that broke in tension and in shear, against strain."""
+    figure, (above, below) = column_axes(2, 3.8, sharex=True)
+    _lines(above, tables, strain, "q")
+    for color, mode in ((RED, "tension"), (BLUE, "shear")):
+        for k, table in enumerate(tables):
+            label = f"in {mode}" if k == 0 else None
+            below.plot(table[strain], table[f"broken_{mode}"], color=color, drawstyle="steps-post", label=label)
+    label_axes(above, y=_axis("q", unit))
+    label_axes(below, x=SERIES[strain].axis, y="broken bonds")
+    below.legend()
+    legend_above(above)
+    return figure
+
+
+@styled
 def grading(curve: _Curve, diameter: np.ndarray, dim: int):
     """Grading curve: passing by mass, prescribed and of the grains."""
     figure, axes = column_axes()
@@ -183,7 +199,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
     high = 0.62 * factor * max((each.sigma1 - each.sigma3).max() for each in circles)
     least = min(0.0, *(-factor * each.envelope.cohesion / np.tan(np.radians(each.envelope.phi)) for each in circles
                        if each.envelope.phi > 0))  # fmt: skip
-    least = max(least, -0.25 * most)
+    least = min(max(least, -0.25 * most), 1.06 * factor * min(each.sigma3.min() for each in circles))
     wide = PAGE if columns > 1 else WIDTH
     panel = (wide / columns - 0.5) * high / (most - least) + 0.5
     figure, grid = subplots(

@@ -21,6 +21,8 @@ PEAK = 0.1  # largest fraction of the leg, on each side of the peak, for fitting
 BINS = 20  # number of strain bins in which stress ratio and dilatancy are averaged for Rowe's relation
 PARTS = 10  # number of parts of the logarithm of pressure, from whose means the slope of the void ratio is fitted
 FEW = 5  # rows that a slope needs
+HALF = 0.4, 0.6  # of the strength, in which the tangent at half of it is fitted
+MODES = {"tension": True, "shear": False}  # of breaks
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
 
@@ -68,7 +70,8 @@ def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:
     """
     principal = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim])
     least, most = principal[:, 0], principal[:, -1]
-    return np.degrees(np.arcsin(np.clip((most - least) / (most + least), -1, 1)))
+    whole = np.where(most + least > 0, most + least, NAN)  # without an angle in tension
+    return np.degrees(np.arcsin(np.clip((most - least) / whole, -1, 1)))
 
 
 def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
@@ -171,9 +174,11 @@ class LoadedSample:
         self.stress = face_stress(self.series.stress, self.kind)
         self.legs = legs_of(self.series, self.dim, self.kind)
         self.first, self.last = self.legs[0], self.legs[-1]
-        self.top = int(self.first.angle.argmax())  # row of the peak
+        self.cement, self.breaks = scenario.cement, run.breaks
+        rise = np.abs(self.first.q - self.first.q[0])
+        self.top = int((rise if self.cement else self.first.angle).argmax())  # row of the peak
         self.compressed = self.kind in ("isotropic", "oedometric")
-        self.sheared = not self.compressed
+        self.sheared = not self.compressed and not self.cement  # of friction alone, up to a critical state
 
     def signed(self, values: np.ndarray) -> np.ndarray:
         """Values with the sign of the scenario, without negative zeros."""
@@ -223,7 +228,7 @@ class LoadedSample:
         reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
         near = np.abs(leg.load - leg.load[self.top]) <= reach * (1 + 1e-9)
         rate = leg.slope(leg.strain, near) * np.sign(length)
-        return dilatancy_angle(rate, self.dim) if self.sheared and np.isfinite(rate).all() else NAN
+        return dilatancy_angle(rate, self.dim) if not self.compressed and np.isfinite(rate).all() else NAN
 
     @property
     def secant(self) -> float:
@@ -261,7 +266,7 @@ class LoadedSample:
     @property
     def principal_stresses(self) -> dict[str, tuple[float, float]]:
         """Major and minor principal stress at the peak, at the critical state (NaN if it was not reached), and late."""
-        if not self.sheared:
+        if self.compressed:
             return {}
         stress = self.stress[:, : self.dim, : self.dim]
         values = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2)))[:, [-1, 0]].T
@@ -346,6 +351,64 @@ class LoadedSample:
         varies = min(np.ptp(ratio), np.ptp(dilatancy)) > 1e-9
         return angle, float(np.corrcoef(ratio, dilatancy)[0, 1]) if varies else NAN
 
+    def elastic(self, rows: np.ndarray) -> tuple[float, float]:
+        """Young's modulus and Poisson's ratio of a line through some rows of the first leg of a triaxial path."""
+        leg, axis = self.first, self.dim - 1
+        if rows.sum() < 2 or not np.ptp(leg.load[rows]) > 0:
+            return NAN, NAN
+        slope = np.polyfit(leg.load[rows], np.column_stack([leg.q, leg.strain])[rows], 1)[0]
+        return tuple(
+            float(each) + 0.0 for each in (slope[0] / slope[1 + axis], -slope[1:][:axis].mean() / slope[1 + axis])
+        )
+
+    @property
+    def small(self) -> tuple[float, float]:
+        """E and ν between the first two rows."""
+        return self.elastic(np.arange(len(self.first.load)) < 2)
+
+    @property
+    def half(self) -> tuple[float, float]:
+        """E and ν at half of the strength: a line through the rows before the peak within `HALF` of the strength."""
+        rise = np.abs(self.first.q - self.first.q[0])
+        share = rise / (rise[self.top] or 1.0)
+        return self.elastic((np.arange(len(share)) <= self.top) & (share >= HALF[0]) & (share <= HALF[1]))
+
+    @property
+    def failed(self) -> bool:
+        """Whether the deviatoric stress of a cemented sample has fallen so far that its path ended."""
+        rise = np.abs(self.last.q - self.first.q[0])
+        return bool(self.cement and rise[-1] <= self.cement.until * self.strength)
+
+    @property
+    def strength(self) -> float:
+        """Largest change of the deviatoric stress."""
+        return float(abs(self.first.q[self.top] - self.first.q[0]))
+
+    def uniaxial(self, sign: int) -> float:
+        """Strength of a sample without confining pressure, in compression (1) or tension (-1); NaN in other tests."""
+        if not self.cement or self.cement.confining or self.first.load[-1] * sign <= 0:
+            return NAN
+        return self.strength
+
+    def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:
+        """Number of bonds that broke in tension or in shear, before the test and up to some rows."""
+        rows = np.sort(self.breaks.row[self.breaks.tension == tension])
+        return np.searchsorted(rows, row, side="right")
+
+    @property
+    def crack_initiation(self) -> float:
+        """Change of the deviatoric stress at which 1 % of the bonds that break until the peak have broken.
+
+        Source
+        ------
+        Potyondy & Cundall, doi:10.1016/j.ijrmms.2004.09.011.
+        """
+        count = self.broken(np.arange(self.top + 1), True) + self.broken(np.arange(self.top + 1), False)
+        if count[-1] == count[0]:
+            return NAN
+        first = int((count - count[0] >= 0.01 * (count[-1] - count[0])).argmax())
+        return float(abs(self.first.q[max(first, 1)] - self.first.q[0]))
+
     @property
     def cone(self) -> ProbedState | None:
         """First state in which second-order work is negative in some direction."""
@@ -373,9 +436,14 @@ SERIES = Quantities([
              "series.fabric_anisotropy", "fabric\nanisotropy"),
     Quantity("sliding_fraction", "1", "fraction of contacts at the Coulomb limit", "series.sliding_fraction",
              "share of\nsliding contacts"),
-    Quantity("phi", "degrees", "mobilised angle of friction", lambda t: friction_angle(t.stress, t.dim)),
+    Quantity("phi", "degrees", "mobilised angle of friction",
+             lambda t: None if t.cement else friction_angle(t.stress, t.dim)),
     Quantity("work", "energy/length^dim", "work done on the sample", lambda t: work(t.series)),
     Quantity("unbalanced", "1", "mean unbalanced force over mean contact force", "series.unbalanced"),
+    *(Quantity(f"broken_{mode}", "1", f"bonds that broke in {mode}",
+               lambda t, tension=tension: t.broken(np.arange(len(t.series.load)), tension) if t.cement else None,
+               f"in {mode}")
+      for mode, tension in MODES.items()),
 ])  # fmt: skip
 
 SAMPLE = Quantities([
@@ -386,14 +454,34 @@ SAMPLE = Quantities([
     Quantity("G0", STRESS, "shear modulus at small strain", "run.elastic.shear", partial=True),
     Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
     Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
+    *(Quantity(f"{name}{end}", unit, f"{words} {where}",
+               lambda t, of=of, k=k: getattr(t, of)[k] if t.cement else None)
+      for of, end, where in (("small", "", "along the axis, tangent of the first step"),
+                             ("half", "_half", "along the axis, tangent at half of the strength"))
+      for k, (name, unit, words) in enumerate((("E", STRESS, "Young's modulus"), ("nu", "1", "Poisson's ratio")))),
+    Quantity("UCS", STRESS, "uniaxial compressive strength", lambda t: t.uniaxial(1) if t.cement else None),
+    Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else None),
+    Quantity("strength", STRESS, "largest change of q of a cemented sample",
+             lambda t: t.strength if t.cement else None),
+    Quantity("crack_initiation", STRESS, "change of q with 1 % of the bonds broken that break until the peak",
+             lambda t: t.crack_initiation if t.cement else None),
+    Quantity("bonds", "1", "bonds of the cemented sample",
+             lambda t: len(t.run.end.bonds.i) if t.cement else None),
+    Quantity("broken_before", "1", "bonds that broke before the test",
+             lambda t: int((t.breaks.row == 0).sum()) if t.cement else None),
+    *(Quantity(f"broken_{mode}{end}", "1", f"bonds that broke in {mode}, {where}",
+               lambda t, tension=tension, row=row: int(t.broken(row(t), tension)) if t.cement else None)
+      for end, where, row in (("_peak", "up to the peak", lambda t: t.top),
+                              ("", "up to the end", lambda t: len(t.series.load)))
+      for mode, tension in MODES.items()),
     Quantity("E50", STRESS, "secant modulus at half of the largest q", "secant"),
     Quantity("phi_peak", "degrees", "largest angle of friction",
              lambda t: t.at_peak(t.first.angle) if t.sheared else NAN),
     Quantity("strain_at_peak", "1", "strain at the peak",
-             lambda t: t.at_peak(np.abs(t.first.load - t.first.load[0])) if t.sheared else NAN),
+             lambda t: NAN if t.compressed else t.at_peak(np.abs(t.first.load - t.first.load[0]))),
     Quantity("psi", "degrees", "angle of dilatancy at the peak"),
     *(Quantity(f"sigma{name}_{state}", STRESS, f"{words} principal stress at the {where}",
-               lambda t, k=k, state=state: t.principal_stresses[state][k] if t.sheared else NAN)
+               lambda t, k=k, state=state: NAN if t.compressed else t.principal_stresses[state][k])
       for state, where in (("peak", "peak"), ("critical", "critical state"), ("end", "end, over the last third"))
       for k, (name, words) in enumerate((("1", "major"), ("3", "minor")))),
     Quantity("critical_reached", "1", "1 if the sample is in a critical state at the end",

@@ -4,6 +4,7 @@ The axial direction is the last one, y for disks and z for spheres. Strains and 
 """
 
 from collections.abc import Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from ....kit import (
 )
 from ....packings import compressed
 from ....results import Factorisation, PackingInfo
-from .scenario import ElementSample, Loading
+from .scenario import Cement, ElementSample, Loading
 
 AXES = "xyz"
 
@@ -87,9 +88,17 @@ def strain_of(cell: np.ndarray, start: np.ndarray) -> np.ndarray:
 AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 
 
-def check_pressures(sample: ElementSample, law: Law, kept: Checkpoint | None, *, path: Iterable[float] = ()) -> None:
-    """Raise ScenarioError, before anything is saved, if the law cannot carry the pressures of a sample and a path."""
-    for key, pressure in (("sample.pressure", sample.pressure), *(("path.pressures", p) for p in path)):
+def check_pressures(
+    sample: ElementSample, law: Law, kept: Checkpoint | None, *, path: Iterable[float] = (),
+    cement: Cement | None = None,
+) -> None:  # fmt: skip
+    """Raise ScenarioError, before anything is saved, if the law cannot carry the pressures of a test or its cement."""
+    stresses = [("sample.pressure", sample.pressure), *(("path.pressures", p) for p in path)]
+    if cement:
+        weaker = min("tensile_strength", "shear_strength", key=partial(getattr, cement))
+        more = [(f"cement.{name}", getattr(cement, name)) for name in ("confining", weaker)]
+        stresses += [(key, stress) for key, stress in more if stress > sample.pressure]
+    for key, pressure in stresses:
         try:
             check_pressure(law, pressure, radius=0.5 * sample.diameters, mass=sample.masses, dim=sample.dim)
         except ValueError as problem:

@@ -264,6 +264,39 @@ class Loading(ScenarioTable):
         return self
 
 
+class Cement(ScenarioTable):
+    """Cement between the grains: parallel bonds of Potyondy & Cundall, made under the pressure of the sample.
+
+    The cemented sample is then unloaded to the confining pressure of the test.
+    """
+
+    tensile_strength: Positive = Field(description="mean tensile strength of the bonds [force/length^(dim−1)]")
+    shear_strength: Positive = Field(description="mean shear strength of the bonds [force/length^(dim−1)]")
+    scatter: Annotated[float, Field(ge=0, le=0.3)] = Field(
+        0.0,
+        description="standard deviation of both strengths over their means; they are normally distributed, cut off at "
+        "three standard deviations",
+    )
+    modulus: Positive = Field(
+        1.0,
+        description="Young's modulus of the cement over that of the contacts: of the grains, or kn/D50^(dim−2) of "
+        "linear springs",
+    )
+    stiffness_ratio: Positive = Field(2.5, description="normal over shear stiffness of the bonds")
+    radius: Positive = Field(1.0, description="radius of a bond over that of the smaller grain")
+    gap: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.01, description="gap up to which grains are bonded, over the mean diameter"
+    )
+    confining: NotNegative = Field(
+        0.0,
+        description="confining pressure; 0: uniaxial compression, or direct tension with a negative strain "
+        "[force/length^(dim−1)]",
+    )
+    until: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.7, description="deviatoric stress over its peak at which the path ends after the peak"
+    )
+
+
 class Probing(ScenarioTable):
     """Small probes of the first sample along its path, which show in which directions it can fail."""
 
@@ -309,6 +342,7 @@ class ElementTestScenario(SampleScenario):
         False, description="whether the first sample is loaded again in steps, or at a rate, half as large"
     )
     probes: Probing | None = None
+    cement: Cement | None = None
     engine: Literal["stickslip", "lammps"] = Field(
         "stickslip", description="engine of a dynamic test; samples are always made by stickslip"
     )
@@ -350,6 +384,30 @@ class ElementTestScenario(SampleScenario):
         return (law.young * size ** (3 - dim) / (1 - law.poisson**2) / sample.pressure) ** (2 / 3)
 
     @property
+    def contact_modulus(self) -> float | None:
+        """Young's modulus of the grains, kn/D50^(dim−2) of linear springs; None for other laws [force/length^(dim−1)].
+
+        Disks bear a force per length, E D50.
+        """
+        law, dim, size = self.law, self.sample.dim, float(self.sample.grading.curve().size_at(0.5))
+        if law.kind == "linear":
+            return law.kn and law.kn / size ** (dim - 2)
+        return law.young and law.young * size ** (3 - dim)
+
+    @property
+    def confining(self) -> float:
+        """Isotropic pressure at which the path begins [force/length^(dim−1)]."""
+        return self.sample.pressure if self.cement is None else self.cement.confining
+
+    @property
+    def stress_scale(self) -> float:
+        """Stress of the order of those along the path, in which tolerances are stated [force/length^(dim−1)]."""
+        cement, pressure = self.cement, self.sample.pressure
+        if cement is None:
+            return pressure
+        return max(pressure, cement.confining, min(cement.tensile_strength, cement.shear_strength))
+
+    @property
     def rate(self) -> float:
         """Strain rate of the dynamic integrator [1/time]."""
         return self.path.rate or (self.path.inertial_number or 1e-4) / self.time
@@ -381,6 +439,28 @@ class ElementTestScenario(SampleScenario):
         for strain in self.probes.strains or ():
             if not 0 <= strain / turn <= 1:
                 raise ValueError(f"probes.strains must be from 0 to {turn:g}, where the path turns, got {strain:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_cement(self):
+        if self.cement is None:
+            return self
+        if self.path.kind != "triaxial":
+            raise ValueError(
+                f'cement was given with path.kind = "{self.path.kind}": cemented samples are loaded with "triaxial", '
+                f"also for uniaxial compression and tension (cement.confining = 0)"
+            )
+        if self.path.integrator == "dynamic":
+            raise ValueError(
+                'cement was given with path.integrator = "dynamic": use "quasi-static", in which bonds break one by one'
+            )
+        if self.probes is not None:
+            raise ValueError("cement was given with probes, which do not know bonds yet: leave one of them out")
+        if self.contact_modulus is None:
+            raise ValueError(
+                "cement was given with a law without modulus, over which cement.modulus is given: use law.kind = "
+                '"hertz_mindlin_reff" with young, or "linear" with kn'
+            )
         return self
 
     @model_validator(mode="after")
