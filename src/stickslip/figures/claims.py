@@ -33,13 +33,13 @@ class Row(NamedTuple):
     group: str  # figure of the paper
     verdict: str
     deviation: tuple[float, ...]  # of the measurement, in tolerances: one number, two ends of a window, or empty
-    error: float  # in tolerances; 0 if there is none
+    error: float  # in tolerances; 0 without one
     measured: str
     paper: str
     beside_reference: bool  # True if deviation and value refer to a reference instead of the paper
     unit: str = ""
     own: bool = True  # False for a variant of the paper's model, which counts separately
-    instead: str = ""  # drawn in place of a deviation: the answer to a statement, or why there is no value
+    instead: str = ""  # drawn in place of a deviation: the answer to a statement, or the reason for a missing value
 
 
 @styled
@@ -79,7 +79,7 @@ def _label(groups: list[str], k: int, row: Row) -> str:
 
 def _draw_row(axes, k: int, row: Row) -> None:
     if row.verdict not in MARKS:
-        raise ValueError(f"the verdict {row.verdict!r} was given: use {', '.join(MARKS)}")
+        raise ValueError(f"a verdict must be one of {', '.join(MARKS)}, got {row.verdict!r}")
     color, marker, filled = MARKS[row.verdict]
     face = color if filled else "white"
     style = {"marker": marker, "ms": 4, "color": color, "mfc": face, "mew": 0.9, "ls": "", "clip_on": False}

@@ -21,7 +21,7 @@ _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error",
 LOAD = r"push $F_x$"
 DIAMETER = "diameters"
 SPEED = "diameters / time unit"
-STRAIGHT = 1e-3  # probability of so large a χ² below which a front has no single speed, and no line is drawn
+STRAIGHT = 1e-3  # probability of a larger χ² below which a front has no single speed, so that no line is drawn
 MOVED = (r"$\Delta C^x_\mathrm{mass}$", DIAMETER)
 
 
@@ -96,7 +96,7 @@ def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: in
             (first - 150, first),
             f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact\nreaches the Coulomb limit",
         ),
-        ((first, end), "from there until its contact with the\nsubstrate reaches it"),
+        ((first, end), "from there until its contact with the\nsubstrate is broken"),
     )
     for axes, ((start, stop), title) in zip(panels, windows, strict=True):
         shown = (data.time >= start) & (data.time <= max(stop, start + 150))
@@ -111,7 +111,7 @@ def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: in
 
 
 def _plot_front(axes, front, color, name: str) -> None:
-    """Plot the delays of a front, and the line of its speed unless χ² refuses one speed for all of it."""
+    """Plot the delays of a front, and the line of its speed unless χ² rejects a single speed."""
     known = front.error > 0
     degrees = max(np.count_nonzero(known) - 1, 1)
     squares = float((((front.distance / front.speed - front.delay)[known] / front.error[known]) ** 2).sum())
@@ -129,7 +129,7 @@ def _plot_front(axes, front, color, name: str) -> None:
 def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | None, threshold: float):
     """Mean times of breaching (forward) and of sliding (backward), with the fitted speeds if they fit (Fig 5).
 
-    χ² is that of the delays about the fitted line, for so many degrees of freedom.
+    χ² of the delays about the fitted line, and its degrees of freedom.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def mode_shape(spectrum: Spectrum, index: int):
         axes.bar(k * n + 1 + np.arange(len(part)), part, color=color, label=name, width=0.8)
     axes.axhline(0, color=style.BLACK, lw=0.5)
     share = spectrum.shares()[index]
-    axes.set_title(rf"$\omega$ = {spectrum.frequency[index]:.4f}, share in $y$ {share[1]:.3f}")
+    axes.set_title(rf"$\omega$ = {spectrum.frequency[index]:.4f}, fraction in $y$ {share[1]:.3f}")
     style.label_axes(axes, x=r"degree of freedom $q_\ell$", y="mass-weighted component", whole="x")
     axes.legend(ncol=3, loc="best")
     return figure
@@ -194,7 +194,7 @@ def center_of_mass(
     printed : (slope, intercept) shown in the paper's figure, drawn dashed
     """
     if load not in result.free_runs:
-        raise ValueError(f"load = {load} was given: there are runs at {', '.join(map(str, result.free_runs))}")
+        raise ValueError(f"there is no run at load = {load}: there are runs at {', '.join(map(str, result.free_runs))}")
     rows = 2 + bool(result.sliding) + bool(line)
     figure, panels = style.column_axes(rows, 0.4 + 1.7 * rows)
     free, left = result.free_runs[load], list(panels[2:])

@@ -180,7 +180,7 @@ def _plot_stress_and_contacts(axes, run) -> None:
 
 @style.styled
 def births_by_law(laws: list, packings: list):
-    """Strain of the first pair of every packing, one line for each law: the share of packings that have had a pair.
+    """Strain of the first pair of every packing, one line for each law: the fraction of packings that have had a pair.
 
     Parameters
     ----------

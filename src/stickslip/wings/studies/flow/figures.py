@@ -225,7 +225,9 @@ def velocity_profile(edges: Series, velocity: _Profile, deviation: _Profile):
     velocity, deviation : (bins, 3) [length/time]
     """
     if not len(velocity) == len(deviation) == len(edges) - 1:
-        raise ValueError(f"{len(velocity)} velocities were given for {len(edges)} edges of bins: give one for each bin")
+        raise ValueError(
+            f"velocity must have one value for each bin, but there are {len(velocity)} values and {len(edges)} edges"
+        )
     figure, axes = column_axes(1, 2.6)
     height = 0.5 * (edges[:-1] + edges[1:])
     axes.errorbar(
