@@ -243,7 +243,7 @@ def response_envelopes(
     right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
     right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")
     if labels:
-        right.legend(loc="best", fontsize="small")
+        right.legend(loc="best", fontsize=7)
     return figure
 
 
