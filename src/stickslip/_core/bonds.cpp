@@ -93,7 +93,7 @@ T length_of(Vec<T> v) {  // its derivative at zero counts as zero
 
 struct Bond {
   const double *stiffness, *damping, *strength;
-  double length, arm;  // at rest; share of r between j and the point at which the force acts
+  double length, arm;  // at rest; fraction of r from j to the point at which the force acts
   int64_t form, fading;
   Vec<double> direction;
   Turn<double> turn;
@@ -209,7 +209,8 @@ BondLoad<T> scaled(T factor, BondLoad<T> load) {
   return {factor * load.force, factor * load.moment_i, factor * load.moment_j, load.share};
 }
 
-// Elastic loads: with the shear u and the force k_s u × n on j, whose point of action is a share `arm` of r from j.
+// Elastic loads: with the shear u and the force k_s u × n on j, whose point of action is at a fraction `arm` of r from
+// j.
 template <class T>
 BondLoad<T> load_of(const Bond &bond, const Deformed<T> &at) {
   const Springs<T> load = springs_of(bond, at);

@@ -17,7 +17,7 @@ struct BondSweep {
   double *virial;  // to which f ⊗ r is added: of all forces in row i if it is `by_body`, else of elastic ones; or null
   bool by_body;
   double *share;         // (K,) of the strength, or null
-  bool commits, breaks;  // the memory follows the rotations; what reaches its strength breaks
+  bool commits, breaks;  // the memory follows the rotations; bonds that reach their strength break
   void (*broken)(const void *context, const Bonds &bonds, int64_t k, const double *place);  // or null
   const void *context;
 };

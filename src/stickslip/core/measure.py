@@ -21,11 +21,13 @@ from .state import OPEN, State, grain_volumes, groups, volume
 
 HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
 
-ROUND_OFF = 1e-9  # share of the radius by which positions are uncertain: pairs that are closer to contact may do either
+ROUND_OFF = (
+    1e-9  # fraction of the radius by which positions are uncertain, so that pairs closer to contact may touch or not
+)
 
 
 def require_committed(name: str, state: State) -> None:
-    """Raise ValueError if the memory of contacts does not tell which bodies touch at the positions of the state.
+    """Raise ValueError if the contact memory does not belong to the positions of the state.
 
     Pairs within the range of a law may be in contact across a gap.
     """
@@ -251,12 +253,12 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
     Parameters
     ----------
     least : int, see `least_supports`
-    known : (N,) bool, grains known to be rattlers, whatever they touch
+    known : (N,) bool, grains known to be rattlers, irrespective of contacts
     """
     n, rows = len(state.grains.radius), touching(state)
     unit, number = supports(state)
     i, j = unit[state.contacts.i[rows]], unit[state.contacts.j[rows]]
-    if state.bonds:  # a beam alone holds a grain
+    if state.bonds:  # a single beam can hold a grain
         bonds = state.bonds
         beams = is_beam(bonds, state.cell.dim)
         i = np.append(i, np.repeat(unit[bonds.i[beams]], least))
@@ -279,7 +281,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
 def coordination(state: Committed, least: int = 2) -> float:
     """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none.
 
-    Contacts with rattlers do not count, those with walls do. `least` is that of `rattlers`.
+    Contacts with rattlers are excluded, those with walls included. `least` is that of `rattlers`.
     """
     n, rows = len(state.grains.radius), touching(state)
     held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))

@@ -36,9 +36,9 @@ from .style import BLACK, BLUE, BOND, BROKEN, PURPLE, RED, WIDTH, label_axes, st
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
-SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front: what is in front hides the rest
-PIECES = 6  # most pieces of the line of a contact, each in its own slab
-SHINING = 2000  # grains up to which balls have a highlight: it would not be seen on smaller ones
+SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front
+PIECES = 6  # largest number of pieces of a contact line, each in its own slab
+SHINING = 2000  # number of grains up to which balls have a highlight, which would be invisible on smaller balls
 SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
@@ -79,12 +79,12 @@ def packing(
     Parameters
     ----------
     state : accepted state
-    law : contact law; without it, forces are not known, and all contacts have the same width
+    law : contact law; without it, forces are unknown, and all contacts have the same width
     mode : translation, rotation and exponent, as returned by `read_mode`
     colour : one of `quantities`; without it, rattlers are white and other grains grey
     width : width of the figure [inches]
-    zoom : enlargement of the view on the grains. A few that have left the others, at most 5 % at each side, are outside
-        the view, and the figure says so; "all" shows every grain
+    zoom : enlargement of the view on the grains. A few grains that have left the others, at most 5 % at each side, are
+    outside the view, as the figure notes; "all" shows every grain
 
     Returns
     -------
@@ -104,7 +104,7 @@ def packing(
     ''
     """
     if width > WIDEST:
-        raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
+        raise ValueError(f"width must be at most {WIDEST:g} inches, got {width:g}")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
     layout = layout_of([frame], colour=colour, mode=mode, zoom=zoom)
     wide, tall = layout.high - layout.low
@@ -120,7 +120,7 @@ def packing(
 
 
 def bare_frame(state: State) -> Frame:
-    """Frame of a state whose law is not known, with contacts but without forces."""
+    """Frame of a state with unknown law: contacts without forces."""
     c, rows = state.contacts, touching(state)
     contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branch_vectors(state)[rows]}
     ends = np.concatenate([contacts["i"], contacts["j"]])
@@ -144,7 +144,7 @@ def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | No
         if colour == "displacement" and frame is frames[0] and len(frames) > 1:
             continue
         if colour not in fields:
-            raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(fields)}")
+            raise ValueError(f"the colour {colour!r} is not available: these grains have {', '.join(fields)}")
         values.append(fields[colour][0])
         units = fields[colour][1]
     every = np.concatenate(values)
@@ -194,10 +194,10 @@ def draw(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
     axes.axis("off")
-    margin = high[1] - layout.high[1]  # white covers grains below the view, and the row of pixels where they are cut
+    margin = high[1] - layout.high[1]  # white covers grains below the view, and the row of pixels at the cut
     below = low[1] - 0.5 * margin, layout.low[1] - margin
     axes.axhspan(*below, facecolor="white", lw=0, zorder=60, clip_on=False)
-    long = 2 * float(state.grains.radius.mean())  # of the scale bar
+    long = 2 * float(state.grains.radius.mean())  # width of the scale bar
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
     away = int(outside(place[:, :2], layout.low, layout.high).sum())
@@ -226,7 +226,7 @@ def _draw_balls(axes, place: np.ndarray, radius: np.ndarray, colors, *, zorder: 
 
 
 def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zorder: float, **style) -> None:
-    """Draw lines (E, 2, 3); in space, in pieces among the balls, which have these depths."""
+    """Draw lines (E, 2, 3); in three dimensions in pieces between the balls, which have given depths."""
     if dim == 2 or not len(lines):
         axes.add_collection(LineCollection(lines[..., :2], zorder=zorder, **style), autolim=False)
         return
@@ -240,7 +240,7 @@ def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zord
 
 
 def _visible_pieces(frame: Frame, i, j, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray):
-    """Pieces of the lines between the surfaces of drawn balls, which have depths of their own."""
+    """Pieces of the lines between the surfaces of drawn balls, each with its own depth."""
     radius = BALL[3] * frame.state.grains.radius
     long = np.linalg.norm(ends - start, axis=1)
     other = np.where(j < len(radius), radius[np.minimum(j, len(radius) - 1)], 0.0)
@@ -254,7 +254,7 @@ def _visible_pieces(frame: Frame, i, j, start: np.ndarray, ends: np.ndarray, wid
 
 
 def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray) -> EllipseCollection:
-    """Line segments as ellipses of no height, with one path for all: a `LineCollection` makes a path for each."""
+    """Line segments as ellipses of zero height with a common path; a `LineCollection` makes a path for each."""
     along = ends - start
     angle = np.degrees(np.arctan2(along[:, 1], along[:, 0]))
     lines = EllipseCollection(
@@ -393,9 +393,9 @@ def _places(frame: Frame) -> np.ndarray:
 
 
 def _drawing_limits(frame: Frame, hidden: float) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the drawing: those of grains and cell, and walls as far as they are near.
+    """Corners of the drawing: those of grains, cell, and nearby parts of walls.
 
-    A share `hidden` of the grains may be outside at each side if they have left the others.
+    At most a fraction `hidden` of the grains may be outside at each side, if they have left the others.
     """
     basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius
     place = _places(frame)

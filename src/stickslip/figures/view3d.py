@@ -37,9 +37,14 @@ from .outlines import (
 )
 from .style import BLUE, BOND, BROKEN, COLORS, RED
 
-SMOOTH = 3000  # largest number of grains with antialiasing, which takes most of the time without a graphics card
+SMOOTH = 3000  # largest number of grains with antialiasing, which is slow without a graphics card
 MOST = 24e6  # size of the frames in a page, before compression [bytes]
-WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, for force over its mean up to each value; the last one for all above
+WIDTHS = (
+    0.5,
+    1.0,
+    2.0,
+    4.0,
+)  # widths of contact lines, for force over its mean up to each value; the last for all above
 LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
 LINES = {"stick": BLUE, "slide": RED, "bond": BOND, "broken": BROKEN}  # names and colours of lines
 CEMENT = 2  # number of the width of bonds
@@ -153,7 +158,7 @@ def _select_frames(frames: list[Frame]) -> list[int]:
 
 
 def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:
-    """Name, unit and range of a quantity; for the material, also `kinds`, values with separate colours."""
+    """Name, unit and range of a quantity; for the material also `kinds`, the values with separate colours."""
     values = np.concatenate([v for v, _ in series]).astype(float)
     low, high = float(values.min()), float(values.max())
     if name == "material":
@@ -198,7 +203,7 @@ def _choose_quantity(data: dict, colour: str | None) -> int:
 
 def _plot(data: dict, shown: int, height: int):
     """K3D plot of the first frame."""
-    import k3d  # takes a third of a second, and only this function needs it
+    import k3d  # the import takes a third of a second, and only this function needs it
 
     frame = data["frames"][0]
     position = _decode(frame["position"]).reshape(-1, 3)
@@ -248,7 +253,7 @@ def _camera(data: dict) -> list[float]:
 
 
 def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
-    """(2, 3) corners of the box that the camera shows: grains that are together, and cells, in all frames."""
+    """(2, 3) corners of the box shown by the camera: grains that are together, and cells, in all frames."""
     share, places, corners = 0.0 if zoom == "all" else ASIDE, [], []
     for frame in frames:
         place, radius = wrapped(frame.state), frame.state.grains.radius.max()
@@ -259,7 +264,7 @@ def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
 
 
 def count_out_of_view(frames: list[Frame], zoom: Zoom = 1.0) -> int:
-    """Number of grains that are outside of the box in a frame."""
+    """Number of grains outside the box in a frame."""
     box = view_box(frames, zoom)
     return int(np.any([outside(wrapped(frame.state), *box) for frame in frames], axis=0).sum())
 

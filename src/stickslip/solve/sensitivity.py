@@ -28,7 +28,7 @@ from .freedom import (
 from .linear import suitable_threads
 from .stability import LEFT_OUT, join_scopes
 
-AT_MOST = 2_500  # coordinates; all modes are computed within minutes
+AT_MOST = 2_500  # number of coordinates for which all modes are computed within minutes
 WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
 LEAST = 3  # smallest default number of spectra, however large the packing
 
@@ -130,7 +130,7 @@ def contact_sensitivity(
 
     Examples
     --------
-    Three disks that loads press together. If any one of their contacts opens, the chain that is left buckles:
+    Three disks that loads press together. If any one of their contacts opens, the remaining chain buckles:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -149,7 +149,7 @@ def contact_sensitivity(
     if not len(free):
         raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
-        raise ValueError(f"{len(free)} coordinates were given: sensitivities need all modes and take at most {AT_MOST}")
+        raise ValueError(f"sensitivities need all modes, of at most {AT_MOST} coordinates, got {len(free)}")
     if (residual := force_imbalance(here)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with suitable_threads(len(free)):
@@ -219,7 +219,7 @@ def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):
     if not len(pairs) and pair == 0:
         return None, np.nan, np.zeros(0, complex)
     if not 0 <= pair < len(pairs):
-        raise ValueError(f"pair = {pair} was given: this packing has {len(pairs)} pairs, counted from 0")
+        raise ValueError(f"pair {pair} does not exist: this packing has {len(pairs)} pairs, numbered from 0")
     p = pairs[pair]
     left, right = modes.left[p] @ modes.incidence, modes.right[:, p] @ modes.incidence
     left, right = (x.reshape(len(modes.blocks), -1)[rows] for x in (left, right))

@@ -12,7 +12,7 @@ from .bonds import BondLimits, add_bond_loads, bond_gap, bond_vectors, judge_loa
 from .forces import bodies
 from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
-AMBIGUOUS = 1e-9  # distance from half a box, in boxes
+AMBIGUOUS = 1e-9  # tolerance around half a box, in boxes
 
 
 @checked
@@ -24,9 +24,9 @@ def bonded(
     within: NotNegative = 0.0,
     pairs: Annotated[np.ndarray, Array((2,), "iu")] | None = None,
 ) -> State:
-    """State whose grains are bonded; at rest each bond is as long as now, and its grains are not turned.
+    """State with bonded grains; the rest length and orientation of each bond are the present ones.
 
-    Bonds act beside the contact law, also across a gap. Where one breaks, the contact law alone is left.
+    Bonds act in addition to the contact law, also across a gap. After a bond breaks, only the contact law acts.
 
     Parameters
     ----------
@@ -37,8 +37,8 @@ def bonded(
     Raises
     ------
     ValueError
-        if a pair names one grain twice, a wall, a grain that does not exist or a pair that is bonded already, or if
-        two of its images are equally near.
+        if a pair contains a grain twice, a wall, a grain that does not exist, or is already bonded, or if two of its
+        images are equally near.
 
     Examples
     --------
@@ -52,13 +52,13 @@ def bonded(
 
 
 def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None, turn=None) -> State:
-    """State whose grains are bonded as by `bonded`, with another reference.
+    """State with grains bonded as in `bonded`, with a given reference.
 
     Parameters
     ----------
     pairs : (K, 2) numbers of the grains, the smaller one first
-    length : (K,) at rest [length]; as now by default, and where it is zero
-    direction, turn : (K, 3) and (K, 4) as in `Bonds`; not turned by default, and where they are zero
+    length : (K,) rest lengths [length]; present ones by default, and where zero
+    direction, turn : (K, 3) and (K, 4) as in `Bonds`; unrotated by default, and where zero
     """
     new = _make(state, bond, *_given_pairs(state, pairs), length)
     if turn is not None:
@@ -68,11 +68,11 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
 
 
 def _with(state: State, new: Bonds) -> State:
-    """State with more bonds, each pair once; its list of contacts reaches them."""
+    """State with additional bonds, each pair once, and a contact list that includes them."""
     bonds = _joined(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
-        raise ValueError("a pair of grains was given that is bonded already: bond each pair once")
+        raise ValueError("a pair of grains is already bonded: bond each pair only once")
     return _listed(state._replace(bonds=bonds, instant=None))
 
 
@@ -84,7 +84,7 @@ def without_bonds(state: State) -> State:
 
 
 def _listed(state: State) -> State:
-    """State whose list of contacts, if it is valid, has a row for each bond."""
+    """State with a row for each bond in its contact list, if the list is valid."""
     contacts, x, radius = state.contacts, body_positions(state), body_radii(state)
     gap = bond_gap(state.bonds, state.grains.position, radius, state.cell.vectors, contacts.skin)
     if gap <= contacts.gap or needs_rebuild(x, contacts):
@@ -105,7 +105,7 @@ def _make(state: State, bond: Bond, i, j, image, rest=None) -> Bonds:
     length = np.linalg.norm(way, axis=1)
     if k and not length.min() > 0:
         a = length.argmin()
-        raise ValueError(f"grains {i[a]} and {j[a]} are in one place: a bond needs a length")
+        raise ValueError(f"grains {i[a]} and {j[a]} have the same position: a bond needs a length")
     rest = length if rest is None else np.where(rest > 0, rest, length)
     stiffness, damping, strength, arm = coefficients(bond, state.cell.dim, radius[i], radius[j], rest)
     return bonds._replace(
@@ -140,14 +140,14 @@ def _given_pairs(state: State, pairs: np.ndarray):
     """Pairs with i < j, and their nearest images."""
     n, cell = len(state.grains.radius), state.cell
     if pairs.shape[1:] != (2,):
-        raise ValueError(f"pairs of shape {pairs.shape} were given: (K, 2) numbers of grains are needed")
+        raise ValueError(f"pairs must have shape (K, 2), two grain numbers per row, got {pairs.shape}")
     for a, b in pairs:
         if a == b:
-            raise ValueError(f"a bond of grain {a} with itself was given: name two grains")
+            raise ValueError(f"grain {a} cannot be bonded to itself: give two grains")
         if not (min(a, b) >= 0 and max(a, b) < n):
             raise ValueError(
-                f"a bond of {a} with {b} was given, but grains are numbered 0 to {n - 1}: bonds hold grains, not "
-                f"walls; fix a grain in place of a wall"
+                f"a bond joins two grains, numbered 0 to {n - 1}, got {a} and {b}; to bond a grain to a wall, bond it "
+                "to a fixed grain instead"
             )
     i, j = np.sort(pairs, axis=1).T
     apart = (state.grains.position[i] - state.grains.position[j]) @ grid_of(cell).inverse
@@ -165,7 +165,7 @@ def _given_pairs(state: State, pairs: np.ndarray):
 @checked
 @knows_bonds
 def bond_shares(state: State) -> np.ndarray:
-    """Share of its strength that each bond bears, (K,): it breaks at 1. Zero for broken bonds and without strength."""
+    """Load of each bond over its strength, (K,): it breaks at 1. Zero for broken and unbreakable bonds."""
     if state.bonds is None:
         return np.zeros(0)
     nothing = np.zeros((state.n_bodies, 3))
@@ -186,7 +186,7 @@ def limits(state: State, way: np.ndarray | None = None) -> BondLimits:
 
 
 def without_failure(state: State) -> State:
-    """State whose bonds do not break in a run, unless they have faded by then; `with_strength_of` restores them."""
+    """State whose bonds do not break in a run, unless already faded; `with_strength_of` restores their strength."""
     if not state.bonds:
         return state
     strength = np.where(state.bonds.fading[:, None] > 0, state.bonds.strength, UNBREAKABLE)
@@ -194,7 +194,7 @@ def without_failure(state: State) -> State:
 
 
 def with_strength_of(state: State, before: State, *, mended: bool = False) -> State:
-    """State whose bonds have the strength that they had before and, if `mended`, are intact if they were."""
+    """State whose bonds have their previous strength and, if `mended`, are intact if they were before."""
     if not state.bonds:
         return state
     kept = before.bonds if mended else state.bonds
@@ -203,7 +203,7 @@ def with_strength_of(state: State, before: State, *, mended: bool = False) -> St
 
 
 def with_weakest_broken(state: State) -> State:
-    """State whose bond with the largest share of its strength is broken if that is 1 or more; else the same state."""
+    """State with the bond of the largest load over strength broken if this is at least 1; otherwise unchanged."""
     share = bond_shares(state) if state.bonds else np.zeros(0)
     if not share.max(initial=0.0) >= 1.0:
         return state

@@ -66,7 +66,7 @@ class Linearisation(NamedTuple):
 
     @property
     def bearing(self) -> np.ndarray:
-        """(C,) |F_n|, or |F_n n + F| where bonds bear F [force]."""
+        """(C,) |F_n|, or |F_n n + F| with bond forces F [force]."""
         if not self.bond.any():
             return np.abs(self.force_n)
         return np.linalg.norm(self.force_n[:, None] * self.normal + self.bond, axis=1)

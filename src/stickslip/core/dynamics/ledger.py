@@ -31,7 +31,7 @@ from .coefficients import Plan
 
 COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "rolling", "viscous", "drag", "nonpotential",
            "bonded", "broken")  # fmt: skip
-UNBALANCED = 1e-2  # largest defect of a small step, over the energies that it changes
+UNBALANCED = 1e-2  # largest defect of a small step, over its energy changes
 _STORED = [COLUMNS.index(name) for name in ("kinetic", "normal", "tangential", "bonded")]  # not sums over steps
 
 
@@ -148,8 +148,8 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
     """Energy dissipated by each pair in the list of `after` between two accepted states that are one small step apart.
 
     Sliding dissipates the mean of |F_t| without dashpots at both ends of the step, times the distance slid: the slip
-    that the motion would have made less the slip that is kept. Dashpots dissipate (F_n − F_n,spring) and (F_t −
-    F_t,spring) times the relative velocities at the ends, averaged, times dt.
+    implied by the motion less the remaining slip. Dashpots dissipate (F_n − F_n,spring) and (F_t − F_t,spring) times
+    the relative velocities at the ends, averaged, times dt.
 
     The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers of all contacts.
 
@@ -171,13 +171,15 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
     array([0.])
     """
     if before.n_bodies != after.n_bodies:
-        raise ValueError(f"states of {before.n_bodies} and {after.n_bodies} bodies were given: give two of one sample")
+        raise ValueError(
+            f"the states have {before.n_bodies} and {after.n_bodies} bodies: give two states of the same sample"
+        )
     check_materials(after, law)
     return _post(np.zeros(len(COLUMNS)), before, after, law, dt=dt)
 
 
 def _post(row: np.ndarray, before: State, after: State, law: Law, *, dt: float = 0.0, first: bool = False):
-    """Add a step between two accepted states to a row, without kinetic energy; what each contact dissipates in it."""
+    """Add a step between accepted states to a row, without kinetic energy; return the dissipation of each contact."""
     ends, still = [bodies_of(before), bodies_of(after)], np.zeros((after.n_bodies, 3))
     shares, none = np.zeros((len(after.contacts.i), 2)), np.zeros(after.n_bodies)
     row[_STORED] = 0.0
@@ -204,19 +206,19 @@ class PathLedger:
         self.here = end
 
     def balances(self, end: State) -> bool:
-        """Whether the energies of a step balance, as those of small steps do unless they lead past an instability."""
+        """Return True if the energies of a step balance, as in small steps that do not cross an instability."""
         row = self.row.copy()
         _post(row, self.here, end, self.law)
         defect = Ledger(*np.array([self.row, row]).T).defect[1]
         return bool(abs(defect) <= UNBALANCED * np.abs(row - self.row).sum())
 
     def post_run(self, end: State, ledger: Ledger) -> None:
-        """Post a run from the present state, sampled at its end; a drag may then take what is left of its motion."""
+        """Post a run from the present state, sampled at its end; drag may then dissipate its remaining motion."""
         self.row[_STORED], self.here = 0.0, end
         self.row += [column[-1] for column in ledger]
 
     def stop(self, end: State) -> None:
-        """Post that the present state is brought to rest."""
+        """Post the removal of the kinetic energy of the present state."""
         self.row[COLUMNS.index("drag")] += self.row[0]
         self.row[0], self.here = 0.0, end
 

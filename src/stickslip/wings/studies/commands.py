@@ -48,7 +48,7 @@ def shear(
         typer.Option(
             "--until",
             metavar="WHEN",
-            help="first-pair, first-event, first-break or a strain; a negative one shears back or unloads.",
+            help="first-pair, first-event, first-break or a strain; a negative one reverses the shear or unloads.",
             autocompletion=complete_from(UNTIL),
         ),
     ] = "first-event",
@@ -69,7 +69,7 @@ def shear(
         number_option("--drag", help="Drag that decides over events [1/time]; default: 0.1 of the highest frequency."),
     ] = None,
     settle: Annotated[
-        bool, typer.Option("--settle", help="Let it come to rest under this law first; shear that state.")
+        bool, typer.Option("--settle", help="First let it come to rest under this law; shear that state.")
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/shear-FILE.")] = None,
     overwrite: Overwrite = False,
@@ -110,9 +110,8 @@ def _strain(word: str) -> float:
     try:
         return parse_number(word)
     except ValueError:
-        raise ValueError(
-            f"--until {word!r} was given: use first-pair, first-event, first-break or a strain such as 1e-3"
-        ) from None
+        allowed = "first-pair, first-event, first-break or a strain such as 1e-3"
+        raise ValueError(f"--until must be {allowed}, got {word!r}") from None
 
 
 def _tables(file: Path, options: PackingOptions, settle: bool) -> dict:

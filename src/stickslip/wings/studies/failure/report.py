@@ -33,9 +33,9 @@ from .simulate import FailureResult
 STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
 SHOWN = 12  # events in a table for people
 RECORD = (
-    "An interval is meant to contain 80 % of the events that come. Many that are announced do not come, above all with "
-    "friction; the softest eigenvalue announces few at usual steps, and forecasts of pairs were no better than their "
-    "last spacing. stickslip docs failure has the record."
+    "An interval should contain 80 % of the events that occur. Many predicted events do not occur, above all "
+    "with friction; the softest eigenvalue predicts few at usual steps, and forecasts of pairs were no better than "
+    "their last spacing: see stickslip docs failure."
 )
 CURVE = Quantities([
     Quantity("strain", "1", "strain from the first state"),
@@ -48,13 +48,13 @@ CURVE = Quantities([
     Quantity("negative", "1", "directions of negative stiffness"),
     Quantity("touching", "1", "contacts"),
     Quantity("sliding", "1", "contacts at the Coulomb limit"),
-    Quantity("loss ahead", "1", "strain to the loss of a contact that leaves an unstable state", "loss_ahead"),
+    Quantity("loss ahead", "1", "strain to the loss of a contact that causes instability", "loss_ahead"),
     Quantity("verdict", "1", "on the motion without drag"),
     Quantity("bonds", "1", "intact bonds"),
     Quantity("bond share", "1", "largest share of its strength that a bond bears", "bond_share"),
 ])  # fmt: skip
 LIVES = Quantities([
-    Quantity("born below", "1", "strain at which the pair is not there yet", "born_below"),
+    Quantity("born below", "1", "strain at which the pair does not yet exist", "born_below"),
     Quantity("born", "1", "strain at which it is there"),
     Quantity("died", "1", "last strain at which it is there"),
     Quantity("died above", "1", "strain at which it is gone", "died_above"),
@@ -78,7 +78,7 @@ EVENTS = Quantities([
 CONTACTS = Quantities([
     Quantity("above", "1", "strain before the step", lambda row: row[0]),
     Quantity("strain", "1", "strain after it", lambda row: row[1]),
-    Quantity("what", "1", "what the contact does", lambda row: row[2]),
+    Quantity("what", "1", "change of the contact", lambda row: row[2]),
     Quantity("i", "1", "grain", lambda row: row[3]),
     Quantity("j", "1", "other grain", lambda row: row[4]),
     Quantity("event", "1", "1 in a step with an event", lambda row: row[5]),
@@ -93,7 +93,7 @@ BREAKS = Quantities([
 FORECASTS = Quantities([
     Quantity("made at", "1", "strain at which the forecast was made", "made"),
     Quantity("of", "1", "next event or next pair", "of"),
-    Quantity("from", "1", "what it rests on", "basis"),
+    Quantity("from", "1", "basis of the forecast", "basis"),
     Quantity("strain", "1", "forecast strain"),
     Quantity("low", "1", "lower end of the interval"),
     Quantity("high", "1", "upper end of the interval"),
@@ -157,7 +157,7 @@ def _contact_rows(found) -> list[tuple]:
 
 
 def decisive_points(found) -> dict[str, PathStep]:
-    """Steps whose states are stored: the ends of the path, and those on both sides of the first pair and of events."""
+    """Steps whose states are stored: the ends of the path, and both sides of the first pair and of events."""
     steps = found.steps
     chosen = {0, len(steps) - 1}
     born = next((k for k, step in enumerate(steps) if step.pairs), 0)
@@ -186,10 +186,10 @@ def numbers(result: FailureResult) -> dict:
 
 
 def sentences(result: FailureResult) -> list[str]:
-    """Return what became of the packing, the verdict, forecasts and notes, a sentence each."""
+    """Return sentences on the outcome, the verdict, forecasts and notes."""
     found = result.found
     out = [f"{found.end[0].upper()}{found.end[1:]}.", f"Verdict on the last state: {found.verdict}."]
-    out += [f"{one}." for one in found.forecasts] or ["No forecast: nothing approaches zero on the last steps."]
+    out += [f"{one}." for one in found.forecasts] or ["No forecast: no quantity approaches zero in the last steps."]
     return [*out, *result.notes]
 
 
@@ -222,7 +222,7 @@ def _decisive_head() -> tuple[str, ...]:
 
 
 def show(result: FailureResult) -> None:
-    """Print what became of the packing."""
+    """Print the outcome of the packing."""
     found = result.found
     for line in sentences(result):
         console.print(line)

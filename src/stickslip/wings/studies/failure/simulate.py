@@ -30,7 +30,7 @@ from .scenario import FailureScenario
 
 
 class Packed(NamedTuple):
-    """A packing with its law, as it was read."""
+    """A packing with its law, as read."""
 
     state: State
     law: Law
@@ -42,7 +42,7 @@ class FailureResult(NamedTuple):
     """Result of a failure scenario."""
 
     scenario: FailureScenario
-    notes: tuple[str, ...]  # on what was read
+    notes: tuple[str, ...]  # on the input
     found: Failure
 
     @property
@@ -52,7 +52,7 @@ class FailureResult(NamedTuple):
 
 
 def read_input(scenario: FailureScenario) -> Packed:
-    """Read the packing of a scenario, and let it come to rest if asked for; refuse one that cannot be sheared.
+    """Read the packing of a scenario, and let it come to rest if requested; reject one that cannot be sheared.
 
     Raises
     ------
@@ -109,9 +109,9 @@ def simulate_failure(
 
     Parameters
     ----------
-    folder : run folder, in which the packing and each strain step are saved as soon as they are finished; a run that
-        was killed continues with the same bits
-    workers : not used, since each step begins where the one before ended
+    folder : run folder, in which the packing and each strain step are saved as soon as they are finished; a killed run
+    continues bitwise identically
+    workers : not used, since each step starts from the previous one
     report : called as report(stage, share done, text)
     """
     kept = _kept(folder, scenario)
