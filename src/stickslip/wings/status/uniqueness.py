@@ -296,9 +296,7 @@ def _verify_motion(
     size = np.linalg.norm(system.right)
     if np.abs(k @ v).max() > small or np.abs(k.T @ u).max() > small or not abs(power) > NULL * size:
         return None
-    whole = np.zeros((2, len(system.load)))
-    whole[:, system.kept] = v, u
-    return UnresistedMotion(*whole, power / size, slides)
+    return UnresistedMotion(system.expand(v), system.expand(u), power / size, slides)
 
 
 class IdleMotions(NamedTuple):
@@ -310,7 +308,7 @@ class IdleMotions(NamedTuple):
 
 def find_idle_motions(system: StatusSolver) -> IdleMotions | None:
     """Find null vectors of k₀ that are null vectors of every k(S); None if this cannot be decided."""
-    if not 0 < len(system.kept) <= DENSE_UP_TO:
+    if not 0 < len(system.kept) <= DENSE_UP_TO or system.basis is not None:
         return None
     k = system.stuck.toarray()
     scale = np.abs(k).max()
