@@ -70,8 +70,9 @@ def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:
     """
     principal = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim])
     least, most = principal[:, 0], principal[:, -1]
-    whole = np.where(most + least > 0, most + least, NAN)  # without an angle in tension
-    return np.degrees(np.arcsin(np.clip((most - least) / whole, -1, 1)))
+    whole = most + least
+    sine = np.divide(most - least, whole, out=np.zeros_like(whole), where=whole != 0)
+    return np.degrees(np.arcsin(np.clip(sine, -1, 1)))
 
 
 def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
@@ -356,7 +357,8 @@ class LoadedSample:
         if rows.sum() < 2 or not np.ptp(leg.load[rows]) > 0:
             return NAN, NAN
         slope = np.polyfit(leg.load[rows], np.column_stack([leg.q, leg.strain])[rows], 1)[0]
-        return tuple(float(each) + 0.0 for each in (slope[0] / slope[1 + axis], -slope[1:][:axis].mean() / slope[1 + axis]))
+        stiffness, axial, lateral = slope[0], slope[1 + axis], slope[1 : 1 + axis].mean()
+        return float(stiffness / axial), float(-lateral / axial)
 
     @property
     def small(self) -> tuple[float, float]:
@@ -365,10 +367,17 @@ class LoadedSample:
 
     @property
     def half(self) -> tuple[float, float]:
-        """E and ν at half of the strength: a line through the rows before the peak within `HALF` of the strength."""
-        rise = np.abs(self.first.q - self.first.q[0])
-        share = rise / (rise[self.top] or 1.0)
-        return self.elastic((np.arange(len(share)) <= self.top) & (share >= HALF[0]) & (share <= HALF[1]))
+        """E and ν at half of the strength: a line through the two rows around it, and those within `HALF` of it.
+
+        Only rows up to the peak count.
+        """
+        rise = np.abs(self.first.q - self.first.q[0])[: self.top + 1]
+        share = rise / (rise[-1] or 1.0)
+        first = int((share >= 0.5).argmax())
+        around = np.arange(len(self.first.q))
+        near = (around >= first - 1) & (around <= first)
+        near[: len(share)] |= (share >= HALF[0]) & (share <= HALF[1])
+        return self.elastic(near)
 
     @property
     def failed(self) -> bool:
