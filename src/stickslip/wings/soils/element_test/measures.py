@@ -461,22 +461,22 @@ SAMPLE = Quantities([
     Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
     Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
     *(Quantity(f"{name}{end}", unit, f"{words} {where}",
-               lambda t, of=of, k=k: getattr(t, of)[k] if t.cement else None)
+               lambda t, of=of, k=k: getattr(t, of)[k] if t.cement else NAN)
       for of, end, where in (("small", "", "along the axis, tangent of the first step"),
                              ("half", "_half", "along the axis, tangent at half of the strength"))
       for k, (name, unit, words) in enumerate((("E", STRESS, "Young's modulus"), ("nu", "1", "Poisson's ratio")))),
-    Quantity("UCS", STRESS, "uniaxial compressive strength", lambda t: t.uniaxial(1) if t.cement else None),
-    Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else None),
+    Quantity("UCS", STRESS, "uniaxial compressive strength", lambda t: t.uniaxial(1) if t.cement else NAN),
+    Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else NAN),
     Quantity("strength", STRESS, "largest change of q of a cemented sample",
-             lambda t: t.strength if t.cement else None),
+             lambda t: t.strength if t.cement else NAN),
     Quantity("crack_initiation", STRESS, "change of q with 1 % of the bonds broken that break until the peak",
-             lambda t: t.crack_initiation if t.cement else None),
+             lambda t: t.crack_initiation if t.cement else NAN),
     Quantity("bonds", "1", "bonds of the cemented sample",
-             lambda t: len(t.run.end.bonds.i) if t.cement else None),
+             lambda t: len(t.run.end.bonds.i) if t.cement else NAN),
     Quantity("broken_before", "1", "bonds that broke before the test",
-             lambda t: int((t.breaks.row == 0).sum()) if t.cement else None),
+             lambda t: int((t.breaks.row == 0).sum()) if t.cement else NAN),
     *(Quantity(f"broken_{mode}{end}", "1", f"bonds that broke in {mode}, {where}",
-               lambda t, tension=tension, row=row: int(t.broken(row(t), tension)) if t.cement else None)
+               lambda t, tension=tension, row=row: int(t.broken(row(t), tension)) if t.cement else NAN)
       for end, where, row in (("_peak", "up to the peak", lambda t: t.top),
                               ("", "up to the end", lambda t: len(t.series.load)))
       for mode, tension in MODES.items()),

@@ -261,7 +261,7 @@ def _finer(result: ElementTestResult) -> list[str]:
         return [f"It was not checked whether half the {what} gives the same: use check = true."]
     pair = (LoadedSample(run, result.scenario) for run in (result.runs[0], result.checked))
     both = SAMPLE.columns(pair)
-    name = next((name for name in COMPARED if np.isfinite(both[name]).all()), None)
+    name = next((name for name in COMPARED if name in both and np.isfinite(both[name]).all()), None)
     if name is None:
         return [f"The path gives no number in which half the {what} could be compared."]
     (before, after), (words, digits, unit) = both[name], COMPARED[name]
