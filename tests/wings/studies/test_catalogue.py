@@ -60,7 +60,10 @@ BAD = [
     ({"shear": {"drag": -1}}, "shear.drag"),
     ({"shear": {"drag": float("nan")}}, "got nan"),
     ({"shear": {"drag": "0.1"}}, "got '0.1'"),
-    ({"shear": {"drag": 0.1, "resolution": 1e-3}}, "shear.resolution must be smaller than shear.step = 0.001"),
+    (
+        {"shear": {"drag": 0.1, "resolution": 1e-3}},
+        "shear.resolution must be smaller than shear.step = 0.0004, got 0.001",
+    ),
     ({"shear": {"drag": 0.1, "step": 0.5}}, "shear.step must be smaller than the largest strain"),
     ({"shear": {"drag": 0.1, "step": 1e-6, "resolution": 1e-9}}, "400000 load steps"),
     ({"shear": {"drag": 0.1, "window": 1e-4}}, "shear.window must be at least"),

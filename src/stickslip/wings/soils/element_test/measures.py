@@ -404,7 +404,7 @@ class LoadedSample:
 
     @property
     def crack_initiation(self) -> float:
-        """Change of the deviatoric stress at which 1 % of the bonds that break until the peak have broken.
+        """Change of the deviatoric stress at which one in a hundred of the bonds that break up to the peak has broken.
 
         Source
         ------
@@ -470,7 +470,7 @@ SAMPLE = Quantities([
     Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else NAN),
     Quantity("strength", STRESS, "largest change of q of a cemented sample",
              lambda t: t.strength if t.cement else NAN),
-    Quantity("crack_initiation", STRESS, "change of q with 1 % of the bonds broken that break until the peak",
+    Quantity("crack_initiation", STRESS, "change of q when 1 % of the bonds that break up to the peak have broken",
              lambda t: t.crack_initiation if t.cement else NAN),
     Quantity("bonds", "1", "bonds of the cemented sample",
              lambda t: len(t.run.end.bonds.i) if t.cement else NAN),

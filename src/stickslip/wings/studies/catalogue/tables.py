@@ -25,12 +25,17 @@ _SPREAD = re.compile(r"(\w+)_(\d+)")
 
 
 def event_table(samples) -> Table:
-    """Return one row for each event of several samples: sample, kind, and the other fields of `Event`."""
+    """Return one row for each event of several samples: sample, kind, and the other fields of `Event` except `broken`.
+
+    The packings of a catalogue have no bonds.
+    """
     rows = [(sample.seed, event) for sample in samples for event in sample.found.events]
     events = [event for _, event in rows]
     places = [_places(event.distances, sample.found.step) for sample in samples for event in sample.found.events]
     out: Table = {"sample": np.array([seed for seed, _ in rows], int)}
     for name in Event._fields:
+        if name == "broken":
+            continue
         values = [getattr(event, name) for event in events]
         if name == "kind":
             out[name] = np.array([kind.name.lower() for kind in values], str)
