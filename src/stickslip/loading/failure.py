@@ -238,7 +238,7 @@ def shear_to_failure(
 
 
 def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterator[PathStep]:
-    """Steps of a path up to its largest strain, each loaded, or computed and saved."""
+    """Steps of a path up to its largest strain, each loaded from a file, or computed and saved."""
     before = None
     for k in range(int(np.ceil(round(how.limit / how.step, 9))) + 1):
         goal = min(how.limit, k * how.step)

@@ -226,7 +226,7 @@ def _check_walls(leg: Leg) -> None:
 
 
 def _check_course(leg: Leg, column: int) -> None:
-    """Raise ScenarioError if the course of a velocity has too many knots for a formula."""
+    """Raise ScenarioError if a varying velocity has too many knots for a formula."""
     if column < 0 or column in leg.waves:
         return
     inside = len(leg_course(leg, column, leg.steps * leg.dt)[0]) - 2

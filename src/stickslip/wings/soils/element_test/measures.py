@@ -21,8 +21,8 @@ PEAK = 0.1  # largest fraction of the leg, on each side of the peak, for fitting
 BINS = 20  # number of strain bins in which stress ratio and dilatancy are averaged for Rowe's relation
 PARTS = 10  # number of parts of the logarithm of pressure, from whose means the slope of the void ratio is fitted
 FEW = 5  # rows that a slope needs
-HALF = 0.4, 0.6  # of the strength, in which the tangent at half of it is fitted
-MODES = {"tension": True, "shear": False}  # of breaks
+HALF = 0.4, 0.6  # range, over the strength, of the fit of the tangent at half of the strength
+MODES = {"tension": True, "shear": False}  # modes of breaking
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
 
@@ -177,9 +177,9 @@ class LoadedSample:
         self.first, self.last = self.legs[0], self.legs[-1]
         self.cement, self.breaks = scenario.cement, run.breaks
         rise = np.abs(self.first.q - self.first.q[0])
-        self.top = int((rise if self.cement else self.first.angle).argmax())  # row of the peak
+        self.top = int((rise if self.cement else self.first.angle).argmax())  # index of the peak
         self.compressed = self.kind in ("isotropic", "oedometric")
-        self.sheared = not self.compressed and not self.cement  # of friction alone, up to a critical state
+        self.sheared = not self.compressed and not self.cement  # sheared without cement, up to a critical state
 
     def signed(self, values: np.ndarray) -> np.ndarray:
         """Values with the sign of the scenario, without negative zeros."""
@@ -382,7 +382,7 @@ class LoadedSample:
 
     @property
     def failed(self) -> bool:
-        """Whether the deviatoric stress of a cemented sample has fallen so far that its path ended."""
+        """Return True if the path of a cemented sample ended because its deviatoric stress had fallen."""
         rise = np.abs(self.last.q - self.first.q[0])
         return bool(self.cement and rise[-1] <= self.cement.until * self.strength)
 
@@ -398,7 +398,7 @@ class LoadedSample:
         return self.strength
 
     def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:
-        """Number of bonds that broke in tension or in shear, before the test and up to some rows."""
+        """Number of bonds that broke in tension or in shear up to given rows, including those before the test."""
         rows = np.sort(self.breaks.row[self.breaks.tension == tension])
         return np.searchsorted(rows, row, side="right")
 

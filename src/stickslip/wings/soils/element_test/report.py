@@ -315,7 +315,7 @@ def show(result: ElementTestResult) -> None:
         console.print(f"  {sentence}", soft_wrap=True)
 
 
-PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first that is swept counts
+PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first swept key counts
 STATES = {  # ends of the names of stresses, and words
     "peak": "at the peak", "critical": "at the critical state", "end": "over the last third of the path, not steady",
 }  # fmt: skip
@@ -559,7 +559,7 @@ def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
     """Circles of the members that have a state; None if they have less than two pressures."""
     pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
     sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
-    pressed = sigma1 > -sigma3  # not in tension
+    pressed = sigma1 > -sigma3  # excludes tension
     try:
         return Circles(name, state, sigma1, sigma3, len(group), fit_envelope(sigma1[pressed], sigma3[pressed]))
     except ValueError:

@@ -447,8 +447,8 @@ class ElementTestScenario(SampleScenario):
             return self
         if self.path.kind != "triaxial":
             raise ValueError(
-                f'cement was given with path.kind = "{self.path.kind}": cemented samples are loaded with "triaxial", '
-                f"also for uniaxial compression and tension (cement.confining = 0)"
+                f'cement requires path.kind = "triaxial", which includes uniaxial compression and tension '
+                f'(cement.confining = 0), got "{self.path.kind}"'
             )
         if len(self.path.turns) > 1:
             raise ValueError(
@@ -456,13 +456,13 @@ class ElementTestScenario(SampleScenario):
             )
         if self.path.integrator == "dynamic":
             raise ValueError(
-                'cement was given with path.integrator = "dynamic": use "quasi-static", in which bonds break one by one'
+                'cement requires path.integrator = "quasi-static", in which bonds break one by one, got "dynamic"'
             )
         if self.probes is not None:
-            raise ValueError("cement was given with probes, which do not know bonds yet: leave one of them out")
+            raise ValueError("cement and probes exclude each other: probes do not support bonds yet")
         if self.contact_modulus is None:
             raise ValueError(
-                "cement was given with a law without modulus, over which cement.modulus is given: use law.kind = "
+                "cement.modulus is relative to the modulus of the law, which this law lacks: use law.kind = "
                 '"hertz_mindlin_reff" with young, or "linear" with kn'
             )
         return self

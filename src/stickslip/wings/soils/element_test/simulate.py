@@ -131,7 +131,7 @@ class Rig(NamedTuple):
 
     scenario: ElementTestScenario
     law: Law
-    start: State  # the isotropic sample, cemented if the scenario asks for it
+    start: State  # the isotropic sample, cemented if the scenario requires it
     drive: Drive
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
@@ -287,7 +287,7 @@ def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
 
 
 def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
-    """Series along the path, its last state, why it ended early, the probed states, and the bonds that broke."""
+    """Series along the path, its last state, reason of an early end, the probed states, and the broken bonds."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}", Piece))
