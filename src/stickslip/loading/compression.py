@@ -309,7 +309,7 @@ class _Scales(NamedTuple):
     """Units of a packing of disks, all 1 by default."""
 
     length: float  # sum of the smallest and the largest radius [length]
-    mass: float  # of a disk of that diameter [mass]
+    mass: float  # mass of a disk of that diameter [mass]
     time: float  # √(mass/kn) [time]
 
 

@@ -300,7 +300,7 @@ class Growth(NamedTuple):
     frequency: float  # ω_r [1/time]
     start: float  # window of the fit [time]
     stop: float  # [time]
-    decades: float  # of M inside the window
+    decades: float  # decades of M inside the window
 
 
 @checked

@@ -133,7 +133,7 @@ def last_error(*texts: str) -> str:
 
 
 WAIT = 0.02  # between looks at the log [s]
-LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # of thermodynamic output
+LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of thermodynamic output
 
 
 @checked

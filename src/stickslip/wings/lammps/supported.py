@@ -31,7 +31,7 @@ def lacks_radius(law: Law) -> bool:
 
 
 def check_law(law: Law, state: State) -> None:
-    """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
+    """Raise ScenarioError if LAMMPS has no pair style equivalent to this law."""
     if isinstance(law.kind, Kind) or name_with_radius(law) not in lammps_laws.MODELS:
         raise ScenarioError(f"LAMMPS does not have this law in stickslip's form: {STAY[3:]}")
     if law.coulomb != builtin.SHARP:

@@ -57,7 +57,7 @@ def stress_strain(
 ):  # fmt: skip
     """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
 
-    Compressions have the mean or the axial stress, and the void ratio.
+    For compression tests, void ratio against mean or axial stress.
 
     Parameters
     ----------

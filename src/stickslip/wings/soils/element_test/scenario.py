@@ -293,7 +293,7 @@ class Cement(ScenarioTable):
         "[force/length^(dim−1)]",
     )
     until: Annotated[float, Field(ge=0, lt=1)] = Field(
-        0.7, description="deviatoric stress over its peak at which the path ends after the peak"
+        0.8, description="deviatoric stress over its peak at which the path ends after the peak"
     )
 
 
@@ -449,6 +449,10 @@ class ElementTestScenario(SampleScenario):
             raise ValueError(
                 f'cement was given with path.kind = "{self.path.kind}": cemented samples are loaded with "triaxial", '
                 f"also for uniaxial compression and tension (cement.confining = 0)"
+            )
+        if len(self.path.turns) > 1:
+            raise ValueError(
+                f"cement was given with path.strain = {list(self.path.turns)}: give one strain, beyond failure"
             )
         if self.path.integrator == "dynamic":
             raise ValueError(

@@ -108,8 +108,8 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
-    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario requests them
-    breaks: Breaks | None = None  # bonds of a cemented sample that broke
+    probes: tuple[ProbedState, ...] = ()  # probes of the first sample, if the scenario requests them
+    breaks: Breaks | None = None  # broken bonds of a cemented sample
 
 
 class Piece(NamedTuple):
@@ -135,9 +135,9 @@ class Rig(NamedTuple):
     drive: Drive
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
-    engine: Engine | None  # of a dynamic test, if it is not `run`
+    engine: Engine | None  # engine of a dynamic test, if it is not `run`
     probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
-    breaks: Breaks | None = None  # of a cemented sample, before its path
+    breaks: Breaks | None = None  # broken bonds of a cemented sample before its path
 
     @property
     def dim(self) -> int:

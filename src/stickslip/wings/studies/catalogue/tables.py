@@ -141,7 +141,7 @@ PREDICTORS = {
 }
 LARGEST = 1e300  # replaces infinite values, so that they are equal to each other
 RESAMPLES = 1000
-LEVEL = 0.95  # of intervals and bands
+LEVEL = 0.95  # level of intervals and bands
 GRID = np.linspace(0, 1, 101)  # fractions of false alarms at which bands are computed
 
 
