@@ -93,9 +93,9 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     >>> cement = ss.laws.parallel_bond(3.0, 1.0, 0.002, 0.004)
     >>> cemented = ss.packings.bonded(state, cement, within=0.05)
     >>> law = ss.laws.hertz_mindlin(mu=0.5)
-    >>> gradient = [[0, 1, 0], [0, 0, 0], [0, 0, 0]]
-    >>> ss.modes.first_break(cemented, law, strain=gradient).mode
-    'tension'
+    >>> shear = [[0, 1, 0], [0, 0, 0], [0, 0, 0]]
+    >>> ss.modes.first_break(cemented, law, strain=shear).mode
+    'bending'
     """
     here, dim = _cemented(state, law), state.cell.dim
     if (strain is None) == (stress is None):
