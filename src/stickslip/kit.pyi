@@ -81,6 +81,7 @@ from .core.reading import check_matlab as check_matlab
 from .core.reading import read_bytes as read_bytes
 from .core.scales import clear_round_off as clear_round_off
 from .core.scales import natural_scales as natural_scales
+from .core.state import FAILURES as FAILURES
 from .core.state import reset_reached as reset_reached
 from .core.state import resting as resting
 from .core.tables import format_table as format_table

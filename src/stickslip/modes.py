@@ -12,6 +12,10 @@ Complex pairs
     verdict_probability  how sure the verdict is if positions have errors
     birth_form          what follows the instability: bursts, runaway, or a contact that is lost
 
+Bonds
+    decisive_bonds      bonds on which the growing or softest mode depends most
+    first_break         first bond to break under a strain or a stress, by linear response
+
 With dashpots and drag
     damped_growth       exponents with drag
 

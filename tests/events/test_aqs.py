@@ -97,5 +97,5 @@ def test_sphere_shear_counts_such_steps():
     (sheared,) = ss.simulate(scenario, workers=1).paths
     assert sheared.unstable == int(((sheared.pairs > 0) | (sheared.negative > 0)).sum())
     assert 0 <= sheared.left <= 4
-    with pytest.raises(ValueError, match=r"without shear\.drag"):
+    with pytest.raises(ValueError, match=r"requires shear\.drag"):
         ss.scenario(experiment="sphere-shear", shear={"on_instability": "follow-dynamics"})

@@ -50,9 +50,13 @@ def test_what_stickslip_writes_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b'type="UnstructuredGrid"', b'type="ImageData"', "VTK of type ImageData: UnstructuredGrid and PolyData are"),
+        (
+            b'type="UnstructuredGrid"',
+            b'type="ImageData"',
+            "unsupported VTK type ImageData: UnstructuredGrid and PolyData are",
+        ),
         (b"radii", b"size", "no radii among them"),
-        (b"</Piece>", b"", "no complete XML"),
+        (b"</Piece>", b"", "incomplete XML"),
         (b"AAAA", b"A!AA", "truncated, or not VTK of points"),
     ],
 )

@@ -321,4 +321,4 @@ def test_bytes_of_a_file_are_bounded(tmp_path):
     with (tmp_path / "sparse").open("wb") as file:
         file.truncate(2**40)
     with answered(2), pytest.raises(ValueError, match=r"GB: at most 8\.59 are read"):
-        read_bytes(tmp_path / "sparse", remedy="give a part of it")
+        read_bytes(tmp_path / "sparse", remedy="exceeds the cell")

@@ -87,8 +87,9 @@ class Compiler(NamedTuple):
         if not self.is_zig:
             return [*self.command, *_apple(), *FLAGS, *_MARCH[level]]
         march = [re.sub("^-march=x86-64-?", "-mcpu=x86_64_", flag).rstrip("_") for flag in _MARCH[level]]
+        own = ["-D_USE_MATH_DEFINES"] if sys.platform == "win32" else []  # M_PI in standard C++
         # without a target it compiles for the processor at hand
-        return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, "-fno-sanitize=undefined", "-g0"]
+        return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, *own, "-fno-sanitize=undefined", "-g0"]
 
     def link(self, sanitize: str = "") -> list[str]:
         """Return the command and flags that link objects into a library, without those that change floating point."""

@@ -65,9 +65,7 @@ def _require_signature(name: str, value: Callable) -> None:
     try:
         inspect.signature(value).bind("stage", 0.0, "text")
     except TypeError:
-        raise ValueError(
-            f"{name} was given a function of other arguments: it is called as {name}(stage, share done, text)"
-        ) from None
+        raise ValueError(f"{name} has the wrong arguments: it is called as {name}(stage, share done, text)") from None
     except ValueError:  # a compiled function does not say what it takes
         return
 

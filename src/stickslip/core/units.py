@@ -109,7 +109,9 @@ def units_from(given, dim: int = 3) -> Units:
     names = names if isinstance(names, list | tuple) else ()
     good = len(names) == 3 and all(isinstance(name, str) and name.isalpha() and len(name) <= 12 for name in names)
     if not good or len(set(names)) < 3:
-        raise ValueError(f"units = {quoted(given)} was given: use {EXAMPLE}, three different words of up to 12 letters")
+        raise ValueError(
+            f"units must be three different words of up to 12 letters, as in {EXAMPLE}, got {quoted(given)}"
+        )
     return Units(*names, dim=dim)
 
 

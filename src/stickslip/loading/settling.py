@@ -28,12 +28,15 @@ from .packing import shear_strain
 
 # unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
-REST, MORE = 1e-6, 20_000  # where it fails at all of them: the force at which dynamics ends, and its most steps
-SETTLING_DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
+REST, MORE = (
+    1e-6,
+    20_000,
+)  # if it fails at all of them: the force at which dynamics ends, and its largest number of steps
+SETTLING_DRAG = 2.0  # drag times the time scale: the softest motions come to rest soonest at critical drag
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
-BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two looks at the forces, and largest number in a step
+BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two checks of the forces, and largest number in a load step
 POSTED = 20  # steps of dynamics between two entries in a ledger
-SLOW = 3.0  # times the time scale: duration of a step of the strain that dynamics makes
+SLOW = 3.0  # duration of a strain step made by dynamics, over the time scale
 STEPS = 500  # of the load in slow dynamics
 SHARE = 0.1  # time step of slow dynamics over the stable one
 
@@ -45,7 +48,8 @@ def settle(
     """Equilibrium after a step of the load: by Newton's method or, where grains rearrange, by damped dynamics first.
 
     The drag is that of `compressed`, on the time scale on which the pressure moves a grain. Where Newton's method
-    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`. Bonds break as there.
+    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`. Bonds break as in
+    `equilibrate`.
 
     Parameters
     ----------
@@ -81,9 +85,8 @@ def strain_step(
 ) -> tuple[State, Outcome]:  # fmt: skip
     """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
 
-    Where Newton's method stalls, or ends on another branch, so that energies do not balance, dynamics strains the cell
-    at a constant rate within a few time scales, so that grains rearrange under the stress that they bear, and then
-    brings the sample to rest.
+    If Newton's method stalls, or ends on another branch so that energies do not balance, dynamics strains the cell at a
+    constant rate within a few time scales, so that grains rearrange under stress, and then brings the sample to rest.
 
     Parameters
     ----------
@@ -110,7 +113,7 @@ def strain_step(
 def _come_to_rest(
     state: State, law: Law, scales: Scales, tolerance: float, account: PathLedger | None = None
 ) -> tuple[State, Outcome]:
-    """Equilibrium that damped dynamics leads to."""
+    """Equilibrium reached by damped dynamics."""
     here, spent = state, 0
     for share in LEVELS:
         here, outcome, steps = _damp(here, law, scales, share * scales.force, LONGEST - spent, account)
@@ -158,9 +161,9 @@ def _advance(
 
 
 def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0) -> float:
-    """Mass of a cell that follows the stress to within `OFFSET` of the pressure while it deforms at a rate [mass].
+    """Mass of a cell whose stress stays within `OFFSET` of the pressure during deformation at a rate [mass].
 
-    Under the drag ν the stress exceeds the wanted one by M ℓ² ν L/V. The mass is at most the critical one.
+    Under the drag ν, the stress exceeds its target by M ℓ² ν L/V. The mass is at most the critical one.
     """
     dim, drag, most = state.cell.dim, SETTLING_DRAG / scales.time, critical_mass(state, pressure, scales)
     return min(OFFSET * pressure * volume(state) ** (1 - 2 / dim) / (drag * rate), most) if rate else most
@@ -182,7 +185,7 @@ def slow_dynamics(
 ) -> SlowRun:
     """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 
-    The first leg begins at the control of the state, which may move. Loads are absolute, not increments.
+    The first leg begins at the control of the state, which may be in motion. Loads are absolute, not increments.
 
     Parameters
     ----------
@@ -198,7 +201,7 @@ def slow_dynamics(
         if a position is not a number.
     """
     if not 0 < until <= len(legs):
-        raise ValueError(f"until = {until} was given for {len(legs)} legs: it must be above 0 and at most {len(legs)}")
+        raise ValueError(f"until must be above 0 and at most {len(legs)} for {len(legs)} legs, got {until}")
     dt = SHARE * stable_time_step(state, law)
     points, here, loads, states, energy = (state.control, *legs), state, [], [], []
     steps = max(1, round(time * until / STEPS / dt))
@@ -233,7 +236,7 @@ class Deformation(NamedTuple):
 
     mode: Mode
     gradient: np.ndarray  # (3, 3) G, displacement gradient for a small unit strain
-    sign: int  # −1 if the strain falls along the path: it is then counted downwards
+    sign: int  # −1 if the strain falls along the path
 
     def finite(self, strain: float) -> np.ndarray:
         """(3, 3) exp(G ε) − 1; G is nilpotent or diagonal."""
@@ -245,7 +248,7 @@ class Deformation(NamedTuple):
         return strained(state, self.finite(strain), slip=slip)
 
     def place(self, state: State) -> float:
-        """Strain of the cell, from an origin of its own."""
+        """Strain of the cell, from an arbitrary origin."""
         across, along = np.abs(state.cell.vectors[: state.cell.dim, :2]).sum(axis=0)
         if self.mode == "simple":
             return self.sign * shear_strain(state)

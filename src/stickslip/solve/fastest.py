@@ -1,8 +1,8 @@
 """Fastest growing complex pair of a large system: windows from the bottom of the spectrum, then random probes above.
 
 Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
-modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. What lies
-higher is searched by tangent dynamics: random probes in a linear leapfrog, and growing peaks of their power spectra.
+modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
+modes are searched by tangent dynamics: random probes in a linear leapfrog, and growing peaks of their power spectra.
 
 The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
 √λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import scipy  # scipy.ndimage is imported on first use: that takes a tenth of a second
+import scipy  # scipy.ndimage is imported on first use, as this takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 from scipy.sparse.linalg import eigsh
@@ -29,21 +29,21 @@ from .linear import Dissection, FrontalFactor, count_below, dissect, suitable_th
 from .spectrum import REAL_BELOW
 
 ROWS = 3  # rows of a block: three displacements, three rotations, or both kinds in two dimensions
-LANES = 16  # vectors that are advanced together: one register of AVX-512, two of AVX2, four of NEON
+LANES = 16  # vectors advanced together: one AVX-512 register, two AVX2 or four NEON registers
 SPANS = 8  # power spectra per run; growth is measured relative to the first
 BUCKETS = 16  # random sums of coordinates recorded for each probe
-BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
-# vectors of the subspace at the bottom of the spectrum; of other windows, and of those that turn out too narrow
+BLOCK = 8  # vectors solved for together, which resolves multiplicities up to this number
+# subspace dimensions: at the bottom of the spectrum, in other windows, and in windows found too narrow
 BOTTOM, SUBSPACES = 560, (240, 560)
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
-# steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the one before
+# steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
 SHORTEST, LONGER = 256, 16
 WINDOWS = 8  # largest number of windows at the end of a run; their factorisations dominate the time
-FEW, PATIENCE = 2, 2  # with more peaks than FEW at its end, a run goes on until PATIENCE times its duration
+FEW, PATIENCE = 2, 2  # with more peaks than FEW at its end, a run continues up to PATIENCE times its duration
 GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree
-ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
+ZERO_MODES = 1e-6  # fraction of the largest λ below which a mode counts as a zero mode
 FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
-DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
+DENSE_BELOW = 1500  # number of coordinates for which LAPACK takes two seconds
 
 
 def time_step(norm: float) -> float:
@@ -55,7 +55,7 @@ class ProbeRun:
     """Probes advanced by the leapfrog, and power spectra of random sums of their coordinates."""
 
     def __init__(self, matrix, norm: float, span: int, probes: int, rng):
-        size = -(-matrix.shape[0] // ROWS) * ROWS  # rows of zeros are added, where nothing moves
+        size = -(-matrix.shape[0] // ROWS) * ROWS  # padding rows of zeros do not move
         self.dt, self.span, self.spectra, self.log_scale = time_step(norm), span, [], 0.0
         # single precision halves the memory traffic of each product and perturbs λ by 1e-7 of the largest
         pull = sparse.csr_array((-(self.dt**2)) * matrix)
@@ -81,7 +81,7 @@ class ProbeRun:
         size = max(sizes)
         if not self.log_scale + np.log(size) < 300:  # its square is at the limit of double precision
             raise FloatingPointError(
-                "the probes overflow because of a growing mode that no window found: use `spectrum` instead"
+                "the probes overflow because of a growing mode outside all windows: use `spectrum` instead"
             )
         self.spectra.append(sum(powers) * np.exp(2 * self.log_scale))
         if size > 1e3:
@@ -97,7 +97,7 @@ class ProbeRun:
         taper = np.hanning(self.span + 1)[:-1].astype(np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # `advance` checks the size
             power = np.zeros(self.span // 2 + 1)
-            for k in range(BUCKETS):  # one at a time: spectra of all together would need several times the memory
+            for k in range(BUCKETS):  # one at a time, as spectra of all together would need several times the memory
                 power += (np.abs(np.fft.rfft(record[:, k] * taper[:, None], axis=0)).astype(float) ** 2).sum(axis=1)
             return power, float(np.abs(q).max())
 
@@ -130,7 +130,7 @@ class ShiftWindow(NamedTuple):
     """Eigenvalues of A nearest to a shift."""
 
     shift: complex  # real, unless a pair far from the real axis is expected [1/time²]
-    radius: float  # all eigenvalues within it were computed, provided that the iteration missed none [1/time²]
+    radius: float  # all eigenvalues within this radius were computed, unless the iteration missed some [1/time²]
     expected: float  # growth rate suggested by the leapfrog; 0 for the window at the bottom [1/time]
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
 
@@ -141,12 +141,12 @@ class ShiftWindows:
     def __init__(self, matrix, norm: float, order: Dissection, rng):
         self.matrix, self.norm, self.order, self.rng = matrix, norm, order, rng
         self.done: list[ShiftWindow] = []
-        # values, and their uncertainties, for which a window was made that is too narrow to contain them
+        # values, with uncertainties, for which a window proved too narrow
         self.narrow: list[tuple[complex, float]] = []
         self.growth, self.residual, self.value, self.vector = 0.0, 0.0, None, None
 
     def covers(self, value: complex) -> bool:
-        """Return True if a window would have contained an eigenvalue at this value, or was made for it in vain."""
+        """Return True if a window contains this value, or was made for it in vain."""
         discs = [(w.shift, 0.9 * w.radius) for w in self.done] + self.narrow
         return any(abs(value - centre) < radius for centre, radius in discs)
 
@@ -246,7 +246,7 @@ class KrylovSubspace:
             adjoint, image = known.conj().T, self.apply(self.next)
             H[: k + BLOCK, own] = adjoint @ image
             q, r = np.linalg.qr(image - known @ H[: k + BLOCK, own])
-            # also if the subspace is exhausted, and q is what round-off makes of it
+            # also if the subspace is exhausted and q consists of round-off
             again = adjoint @ q
             H[: k + BLOCK, own] += again @ r
             self.next, r_again = np.linalg.qr(q - known @ again)
@@ -261,7 +261,7 @@ class Bottom(NamedTuple):
     limit: float  # all λ with Re λ below it are known if the count is confirmed; inf if all were computed [1/time²]
     found: int  # eigenvalues found below it
     expected: int  # eigenvalues of the symmetric part S below it, by Sylvester's law of inertia
-    zero: bool  # whether both numbers leave out zero modes, of which only some are found if there are many
+    zero: bool  # whether both numbers exclude zero modes, of which only some are found if there are many
     above: float  # ‖K‖/(2√limit) ≥ growth rate of any pair above it, with the skew part K [1/time]
 
     @property
@@ -271,7 +271,7 @@ class Bottom(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """How thoroughly the fastest pair is sought; see `fastest_pair`."""
+    """Settings of the search for the fastest pair; see `fastest_pair`."""
 
     amplification: float = 3.0  # exponent up to which modes are sought
     rate: float = 1e-4  # slowest growth rate sought above the bottom [1/time]
@@ -285,7 +285,7 @@ EFFORT = Effort()
 
 @readable
 class FastestPair(NamedTuple):
-    """Fastest growing eigenvalue that was found, and what the search guarantees; `str` describes both."""
+    """Fastest growing eigenvalue found, and the guarantee of the search; `str` describes both."""
 
     eigenvalue: complex | None  # Im λ > 0, or λ < 0 (buckling); None if none was found [1/time²]
     mode: np.ndarray | None  # (n,) complex, generalised displacement of unit mass-weighted norm
@@ -297,7 +297,7 @@ class FastestPair(NamedTuple):
     duration: float  # duration of the tangent dynamics; inf if all eigenvalues were computed [time]
     probes: int  # random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]
-    unverified: int  # peaks of the spectra that no window verified, or only in part
+    unverified: int  # peaks of the spectra that were not, or only partly, verified by windows
     free: Freedom
 
     @property
@@ -307,7 +307,7 @@ class FastestPair(NamedTuple):
 
     @property
     def guarantee(self) -> str:
-        """What is known about pairs other than the one found, in words."""
+        """Guarantee on pairs other than the one found, in words."""
         low, none = self.bottom, "no pair" if self.eigenvalue is None else "no other pair"
         faster = "grows" if self.eigenvalue is None else "grows faster"
         if np.isinf(low.limit):
@@ -322,8 +322,8 @@ class FastestPair(NamedTuple):
             )
         seen = max(self.looked, self.growth_rate)
         above = (
-            f"above, tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes saw none "
-            f"faster than {seen:.3g}, which is not a proof; none can exceed {low.above:.2g}"
+            f"above, tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes found "
+            f"none faster than {seen:.3g}, which is not a proof; none can exceed {low.above:.2g}"
         )
         if self.unverified:
             above += f"; {self.unverified} peaks of its spectra were not verified"
@@ -351,10 +351,10 @@ def fastest_pair(
 ) -> FastestPair:
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system.
 
-    The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs lie low. All modes at the bottom of the spectrum are
-    computed by shift and invert, and their number is compared with that of the symmetric part of the matrix. For what
-    lies higher, random probes run until the time `amplification`/`rate`, or until a verified mode has grown by
-    exp(`amplification`), by which time any faster mode would stand out. Peaks of growing power are verified by
+    The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs have low frequencies. All modes at the bottom of the
+    spectrum are computed by shift and invert, and their number is compared with that of the symmetric part of the
+    matrix. For higher modes, random probes run until the time `amplification`/`rate`, or until a verified mode has
+    grown by exp(`amplification`), when any faster mode would stand out. Peaks of growing power are verified by
     shift-invert windows, which distinguish pairs from nearly degenerate real modes.
 
     Parameters
@@ -369,8 +369,8 @@ def fastest_pair(
 
     Notes
     -----
-    `FastestPair.guarantee` says what is known about other pairs. That the symmetric part has as many eigenvalues below
-    a limit as were found is a check of completeness as long as the skew part is weak; it is not a proof. In single
+    `FastestPair.guarantee` describes the knowledge about other pairs. If the symmetric part has as many eigenvalues
+    below a limit as were found, this indicates completeness for a weak skew part, but does not prove it. In single
     precision, `rate` must be above about 1e-6 of the largest frequency. The windows are in double precision.
 
     Source
@@ -386,7 +386,7 @@ def find_fastest(state: State, free: Freedom, matrix, report: Report, effort: Ef
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros
     if not len(touched):
         raise ValueError(
-            "no contact resists a free coordinate: growth rates need a packing with contacts and free coordinates"
+            "no contact resists the free coordinates: growth rates need a packing with contacts and free coordinates"
         )
     matrix = sparse.csr_array(matrix[touched][:, touched])
     rng = np.random.default_rng(effort.seed)
@@ -419,7 +419,7 @@ def _search_bottom(windows: ShiftWindows, symmetric, order) -> Bottom:
     top = windows.done[0].shift + windows.done[0].radius
     skew = float(abs(windows.matrix - windows.matrix.T).sum(axis=1).max()) / 2  # row sums bound the norm
     floor = ZERO_MODES * windows.norm
-    zero = int((np.abs(values) < floor).sum()) >= BLOCK  # then some may be missing: count without zero modes
+    zero = int((np.abs(values) < floor).sum()) >= BLOCK  # then some may be missing, so count without zero modes
     beside = count_below(symmetric, floor, order) - count_below(symmetric, -floor, order) if zero else 0
     tried = []
     for limit in _widest_gaps(values, top)[:GAPS]:
@@ -466,7 +466,7 @@ def _steps_needed(windows: ShiftWindows, effort: Effort) -> float:
 
 
 def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longest: float, report) -> int:
-    """Run the probes once; return the number of hopeful peaks at the end that no window has verified."""
+    """Run the probes once; return the number of promising peaks at the end that no window has verified."""
     ends = np.inf
     # a much longer run resolves more
     windows.narrow = [(value, width) for value, width in windows.narrow if width < 4 * run.resolution(value)]
@@ -478,7 +478,7 @@ def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longe
             continue
         peaks = _hopeful_peaks(run, windows)
         if windows.growth * run.time < amplification and peaks and peaks[0][1] * run.time >= amplification:
-            _verify_peak(run, windows, *peaks[0])  # it tells whether the run may end early
+            _verify_peak(run, windows, *peaks[0])  # it decides whether the run may end early
             peaks = _hopeful_peaks(run, windows)
         if windows.growth * run.time < amplification:
             if len(run.spectra) < SPANS:
@@ -509,5 +509,5 @@ def _verify_peak(run: ProbeRun, windows: ShiftWindows, value: complex, growth: f
     near = abs(value.imag) < 4 * width
     reach = abs(value.imag) + width if near else abs(value.imag) / 2 + width
     windows.search(value.real if near else value, growth, reach)
-    if windows.done[-1].radius < reach:  # the subspace was too small: do not ask again
+    if windows.done[-1].radius < reach:  # the subspace was too small: do not try again
         windows.narrow.append((value, width))

@@ -12,7 +12,7 @@ small, of the order of the overlap over the radius.
 
 In three dimensions, t is along the slip and t′ = n × t across it: F and V have three components, D_t is the length of
 the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
-geometric stiffness, which is the same for all statuses, is what the Jacobian has beyond c K S cᵀ.
+geometric stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
 
 Walls may rotate, with one additional coordinate each, arm × angle about its point. A disk at x_i and a wall with point
 p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point is at R − δ from
@@ -115,10 +115,10 @@ def linear_system(
     """
     if law.coulomb == builtin.SMOOTH:
         raise ValueError(
-            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
+            "contact status needs coulomb='sharp', as contacts under smooth friction neither stick nor slide"
         )
     if resists_rolling(law):
-        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
+        raise ValueError("contact status does not support rolling resistance: use a law without it")
     rows, modes = touching(state), np.minimum(state.contacts.mode, STICK)
     stuck = state._replace(contacts=state.contacts._replace(mode=modes))
     line = linearise(stuck, law)
@@ -157,12 +157,12 @@ def linear_system(
 
 
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
-    """(B,) mask of the grains to exclude; contacts in the rows `parted` support nothing."""
+    """(B,) mask of the grains to exclude; contacts in the rows `parted` do not support grains."""
     n, loose = len(state.grains.radius), np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (n,):
             raise ValueError(
-                f"rattlers of shape {np.shape(rattlers)} was given: True, False, or one bool for each grain is needed"
+                f"rattlers must be True, False, or one bool for each grain, got shape {np.shape(rattlers)}"
             )
         loose[:n] = rattlers
     elif not rattlers:
@@ -271,7 +271,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
     if sliding.shape != (matrix.count,):
         raise ValueError(
-            f"statuses of shape {sliding.shape} were given for {matrix.count} contacts: one for each contact is needed"
+            f"sliding must have one status for each of the {matrix.count} contacts, got shape {sliding.shape}"
         )
     return sliding
 
@@ -343,14 +343,12 @@ def append_wall_rotations(state: State, matrix, arm: float):
 def _check_walls(state: State) -> None:
     n = len(state.grains.radius)
     if state.cell.dim != 2:
-        raise ValueError(
-            "wall_arm was given for a packing in three dimensions, where walls only translate: leave it out"
-        )
+        raise ValueError("wall_arm does not apply in three dimensions, where walls only translate: leave it out")
     if not len(state.walls.mass):
-        raise ValueError("wall_arm was given for a packing without walls: leave it out")
+        raise ValueError("wall_arm does not apply, as the packing has no walls: leave it out")
     if state.cell.periodic.any():
-        raise ValueError("wall_arm was given in a periodic cell, where a wall cannot rotate: leave it out")
+        raise ValueError("wall_arm does not apply in a periodic cell, where a wall cannot rotate: leave it out")
     if (state.control.group[n:] >= 0).any():
         raise ValueError(
-            "wall_arm was given for a wall in a rigid group, which cannot rotate: remove the wall from the group"
+            "wall_arm requires a wall that can rotate, unlike one in a rigid group: remove the wall from the group"
         )

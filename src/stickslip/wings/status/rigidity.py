@@ -105,17 +105,13 @@ def rigid_clusters(
     (array([ 0,  0,  0, -1]), 4)
     """
     if method == "pebbles" and state.cell.dim == 3:
-        raise ValueError(
-            'method = "pebbles" was given for spheres: the game holds for disks only, use method="null-space"'
-        )
+        raise ValueError('method = "pebbles" is valid for disks only: use method="null-space" for spheres')
     held = state._replace(control=state.control._replace(cell_free=np.zeros((3, 3), bool)))
     matrix = linear_system(held, law, rattlers=True)
     if not matrix.count:
-        raise ValueError("a packing without contacts was given: rigid clusters need some, so compress it until it has")
+        raise ValueError("the packing has no contacts, which rigid clusters need: compress it first")
     if not matrix.mu.any():
-        raise ValueError(
-            "a law without friction was given: rigid clusters are those of contacts that stick, so give mu > 0"
-        )
+        raise ValueError("rigid clusters need friction, as they consist of sticking contacts: use mu > 0")
     return (_by_pebbles if method == "pebbles" else _by_null_space)(held, matrix)
 
 
@@ -462,7 +458,7 @@ def mechanisms(
     matrix = linear_system(state, law, rattlers=True, wall_arm=wall_arm)
     size = len(matrix.free)
     if size > DENSE_UP_TO:
-        raise ValueError(f"{size} coordinates were given: null modes are computed for at most {DENSE_UP_TO}")
+        raise ValueError(f"null modes are computed for at most {DENSE_UP_TO} coordinates, got {size}")
     load = np.zeros(size) if load is None else load_of(matrix, load)
     k = stiffness_matrix(matrix, sliding, geometric=False).toarray()
     rigid = _rigid_motions(matrix)

@@ -141,9 +141,7 @@ def status_of_critical(
     """Find the status of critical contacts that all carry a force; arguments are those of `contact_status`."""
     system = StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric)
     if start is not None and np.shape(start) != (matrix.count,):
-        raise ValueError(
-            f"start of shape {np.shape(start)} was given: one bool for each of the {matrix.count} contacts is needed"
-        )
+        raise ValueError(f"start must be one bool for each of the {matrix.count} contacts, got shape {np.shape(start)}")
     slides = np.ones(len(system.critical), bool) if start is None else np.asarray(start, bool)[system.critical]
     if len(driven := driven_motions(matrix, system.load, geometric)):
         return _make_failure(system, Verdict.MECHANISM, _unbalanced_motion(system, driven))

@@ -133,11 +133,9 @@ def load_of(matrix: LinearSystem, load) -> np.ndarray:
     """(n,) load as an array; raises ValueError with one sentence if it is no finite number for each coordinate."""
     load, size = np.asarray(load, float), len(matrix.free)
     if load.shape != (size,):
-        raise ValueError(
-            f"a load of shape {load.shape} was given: shape {(size,)} is needed, one component for each coordinate"
-        )
+        raise ValueError(f"a load must have shape {(size,)}, one component for each coordinate, got {load.shape}")
     if not np.isfinite(load).all():
-        raise ValueError("a load that is not finite was given: every component must be a finite number")
+        raise ValueError("every component of a load must be finite")
     return load
 
 

@@ -33,7 +33,7 @@ class UniquenessVerdict(Enum):
     SINGULAR = (
         "singular: several slip rates give the same forces under some loads; see `contact_status` for a given load"
     )
-    UNDECIDED = "not known: no fast test is conclusive; all minors are computed only for up to 14 critical contacts"
+    UNDECIDED = "unknown: no fast test is conclusive; all minors are computed only for up to 14 critical contacts"
 
 
 @readable
@@ -48,7 +48,7 @@ class Uniqueness(NamedTuple):
 
     @property
     def unique(self) -> bool | None:
-        """True, False, or None if it is not known."""
+        """True, False, or None if unknown."""
         return {UniquenessVerdict.UNIQUE: True, UniquenessVerdict.UNDECIDED: None}.get(self.verdict, False)
 
     def __str__(self):
@@ -190,7 +190,7 @@ def may_be_p_matrix(problem: Complementarity) -> bool:
 FAR = 1e9  # in units of q: a certificate is valid if a consistent status would need larger slip rates
 TIGHT = 1e-6  # ten times the tolerance of HiGHS; inequalities tight to within it are turned into equations
 DENSE_UP_TO = 3000  # coordinates up to which null vectors are computed, which takes seconds
-ZERO = 1e-11  # share of the largest entry of k below which a pivot is zero
+ZERO = 1e-11  # fraction of the largest entry of k below which a pivot is zero
 NULL = 1e-9  # residual of a null vector of unit size, over the largest entry of k
 
 
@@ -204,7 +204,7 @@ class Absence(NamedTuple):
 
 
 class UnresistedMotion(NamedTuple):
-    """Motion that nothing resists and that the load drives."""
+    """Unresisted motion driven by the load."""
 
     velocity: np.ndarray  # (n,) v of unit length, k(S) v = 0
     balance: np.ndarray  # (n,) u of unit length, uᵀ k(S) = 0; since uᵀ b is not zero, S cannot balance the load b
@@ -235,7 +235,7 @@ def farkas(problem: Complementarity) -> Absence | None:
 
 
 def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
-    """y with nearly tight inequalities turned into equations, as for a motion that nothing resists."""
+    """y with nearly tight inequalities turned into equations, as for an unresisted motion."""
     held = y > TIGHT
     tight = np.abs(here.matrix.T @ y) <= TIGHT
     a = here.matrix[np.ix_(held, tight)].T
@@ -302,7 +302,7 @@ def _verify_motion(
 
 
 class IdleMotions(NamedTuple):
-    """Motions that nothing resists although all contacts stick, and that do not move any critical contact."""
+    """Motions that are unresisted although all contacts stick, and that do not move any critical contact."""
 
     coordinates: np.ndarray  # coordinates that may be held fixed to exclude these motions
     motion: UnresistedMotion | None  # motion driven by the load, if any; then no status balances the load

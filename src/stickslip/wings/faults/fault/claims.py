@@ -107,7 +107,7 @@ def _recurrence_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> l
         ),
         claim(
             "recurrence-rough", 'Sec 7: "every ∼100 years"', 100.0, recurrence(main), "years", TOLERANCE["rough"],
-            "the description expects about 30 earthquakes in 3000 years; the three codes have one in 78 or 79 years",
+            "the description expects about 30 earthquakes in 3000 years; the three codes give one in 78 or 79 years",
             error=error,
         ),
         claim(

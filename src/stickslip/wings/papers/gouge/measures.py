@@ -338,9 +338,9 @@ def peak(curve: Curve, *, sign: float = 1.0) -> Number:
 def peak_bias(curve: Curve) -> float:
     """Upper bound on the bias of the peak due to noise.
 
-    It is the difference between the peak and the mean of the samples' values, each taken at the peak position of the
-    other samples. These values are not biased by the selection of a maximum, but lie below the true peak to the extent
-    that the others misplace it. NaN for a single branch.
+    It is the difference between the peak and the mean of the values of the samples, each at the peak position of the
+    other samples. These values are not biased by the selection of a maximum, but lie below the true peak as far as the
+    peak positions of the others are wrong. NaN for a single branch.
     """
     units = smoothed(curve).units
     if len(units) < 2:

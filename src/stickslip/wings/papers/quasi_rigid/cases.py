@@ -2,7 +2,7 @@
 
 Constructed cases come from states of real packings and have randomly drawn critical contacts, or contacts at the apex
 of the friction cone. One disk moves through a mechanism, and through an instability, with growth that can be computed
-beforehand. Sliding contacts of packings are examined for their statuses, stability, share of Q, and vibrations.
+beforehand. Sliding contacts of packings are examined for their statuses, stability, contribution to Q, and vibrations.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. III D and E, V A.
 """

@@ -66,7 +66,7 @@ def known_median(values) -> float | None:
 
 
 def describe_range(values, form: str = "{:.3g}") -> str:
-    """Say between which values those of the packings lie, and how many packings have one."""
+    """Describe the range of the values of packings, and their number."""
     known = _finite(values)
     if not known:
         return f"none of {len(values)} packings"
@@ -81,7 +81,7 @@ def median_claim(id: str, source: str, paper, values, unit: str, tolerance: str,
     return claim(id, source, paper, known_median(values), unit, TOLERANCE[tolerance], note, error=error, **more)
 
 
-PARTS = 10  # of the window of the fit, in each of which the amplitude of the stress is taken
+PARTS = 10  # parts of the fit window, in each of which the amplitude of the stress is measured
 
 
 def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,7 +146,7 @@ def block_asymmetry(state: State, law: Law) -> dict[str, float]:
 
 
 BIRTHS = Path(__file__).with_name("births_by_law.csv")  # written by benchmarks/pairs_by_law.py
-MU, UNLIMITED = 10.0, 1e6  # the paper's friction; μ from which on no contact reaches the limit
+MU, UNLIMITED = 10.0, 1e6  # friction of the paper; μ above which no contact reaches the limit
 STUDY = "stored study of examples/pairs_by_law.toml"
 
 
@@ -216,7 +216,7 @@ def law_claims() -> list[Claim]:
 
 
 def share_interval(count: int, total: int) -> tuple[float, float]:
-    """95 % interval of a share.
+    """95 % interval of a fraction.
 
     Source
     ------
@@ -227,7 +227,7 @@ def share_interval(count: int, total: int) -> tuple[float, float]:
 
 
 def _mostly(count: int, total: int) -> bool | None:
-    """Whether more than half of all cases are so; None if the 95 % interval of the share contains a half."""
+    """Whether more than half of all cases are so; None if the 95 % interval of the fraction contains a half."""
     low, high = share_interval(count, total)
     return None if low <= 0.5 <= high else bool(low > 0.5)
 
@@ -239,7 +239,7 @@ SYMMETRIC = 1e-12  # relative difference of blocks that are equal: round-off, wi
 
 
 def number_claims(main: ShearResult) -> list[Claim]:
-    """Claims about how many pairs there are, and how large the first one becomes."""
+    """Claims about the number of pairs, and the size of the first one."""
     im = [run.eigenvalue.imag if run and run.pairs == 1 else None for run in main.single]
     last, births = [int(path.pairs[-1]) for path in main.paths], [late_births(path) for path in main.paths]
     many = sum(n >= MANY for n in last)
@@ -342,8 +342,8 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
         ),
         statement(
             "dynamics-overdamped", said, max(shares) > 0.5,
-            f"share of the modes with omega <= eta_0/2, which that drag overdamps: {describe_range(shares)}; softest "
-            f"mode: {describe_range(softest)}",
+            "fraction of the modes with omega <= eta_0/2, which are overdamped by this drag: "
+            f"{describe_range(shares)}; softest mode: {describe_range(softest)}",
         ),
         _isotropy(main),
     ]  # fmt: skip

@@ -39,16 +39,16 @@ class Shear(ScenarioTable):
     )
     drag: Positive | None = Field(
         None,
-        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow in spite of "
-        "it count as unstable [1/time]",
+        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow despite it "
+        "count as unstable [1/time]",
     )
 
     @model_validator(mode="after")
     def _check_path(self):
         if self.on_instability == "follow-dynamics" and self.drag is None:
             raise ValueError(
-                "shear.on_instability = 'follow-dynamics' was given without shear.drag: the drag decides which "
-                "oscillations grow"
+                "shear.on_instability = 'follow-dynamics' requires shear.drag, which determines the oscillations that "
+                "grow"
             )
         if len(self.strain) < 2 or self.strain[0] != 0.0:
             raise ValueError("shear.strain needs at least two turning points, the first of them 0.0, as in [0.0, 0.02]")

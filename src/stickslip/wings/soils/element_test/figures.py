@@ -26,7 +26,7 @@ from .measures import SERIES, STRESS
 
 HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
 MARKS = 40  # about as many points of a laboratory's test are marked
-FEW = 6  # samples that are told apart by colour
+FEW = 6  # number of samples distinguished by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
@@ -117,7 +117,7 @@ def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
 
 @styled
 def contacts(tables: list[_Table], strain: str):
-    """Contact number, anisotropy of the fabric, and share of sliding contacts against the imposed strain."""
+    """Contact number, fabric anisotropy, and fraction of sliding contacts against the imposed strain."""
     figure, panels = column_axes(3, 4.6, sharex=True)
     for axes, name in zip(panels, ("coordination", "fabric_anisotropy", "sliding_fraction"), strict=True):
         _lines(axes, tables, strain, name)
@@ -145,7 +145,7 @@ def broken_bonds(tables: list[_Table], strain: str, unit: str):
 
 @styled
 def grading(curve: _Curve, diameter: np.ndarray, dim: int):
-    """Curve of passing by mass: the wanted one, and that of the grains."""
+    """Grading curve: passing by mass, prescribed and of the grains."""
     figure, axes = column_axes()
     mass = diameter**dim
     sizes = np.geomspace(curve.size[0], curve.size[-1], 200)
@@ -234,7 +234,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
 def critical_state(ends: list[_Ends], unit: str):
     """Ends of the paths of a sweep in the planes of p and q and of p and e, with critical-state lines.
 
-    States that are not steady are open marks. One colour stands for members that differ in the pressure alone.
+    States that are not steady are open marks. Members that differ only in pressure have the same colour.
     """
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 2.6))
     for color, each in zip(COLORS, ends, strict=False):

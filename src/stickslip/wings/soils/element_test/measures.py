@@ -17,7 +17,7 @@ from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries
 
 STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
-PEAK = 0.1  # largest share of the leg, on each side of the peak, from which the dilatancy there is fitted
+PEAK = 0.1  # largest fraction of the leg, on each side of the peak, for fitting the dilatancy there
 BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
 PARTS = 10  # of the logarithm of the pressure, from whose means the slope of the void ratio is fitted
 FEW = 5  # rows that a slope needs
@@ -28,9 +28,9 @@ STRESS = "force/length^(dim-1)"
 
 
 def face_stress(stress: np.ndarray, kind: str) -> np.ndarray:
-    """Stress (T, 3, 3) from which p, q and angles follow: what acts on the faces of the cell, as in a test machine.
+    """Stress (T, 3, 3) from which p, q and angles follow: the stress on the faces of the cell, as in a test machine.
 
-    Shear stresses on the faces, which scatter about zero, are left out unless the path is simple shear.
+    Shear stresses on the faces, which scatter about zero, are ignored unless the path is simple shear.
     """
     return stress if kind == "simple-shear" else stress * np.eye(3)
 
@@ -44,7 +44,7 @@ def volumetric_strain(series: ElementSeries) -> np.ndarray:
 def pore_pressure(series: ElementSeries, dim: int) -> np.ndarray:
     """Excess pore pressure of an undrained test at constant lateral pressure (T,) [force/length^(dim-1)].
 
-    The grains carry the effective stress. What its lateral part has lost since the start, water carries.
+    The grains carry the effective stress. The loss of its lateral part since the start is carried by water.
     """
     lateral = np.diagonal(series.stress, axis1=1, axis2=2)[:, : dim - 1].mean(axis=1)
     return lateral[0] - lateral
@@ -295,14 +295,15 @@ class LoadedSample:
     def indices(self) -> dict[str, Slope]:
         """Slopes of first compression, unloading and reloading; NaN where the path has no such part.
 
-        First compression is loading beyond all stresses before. Of several such parts, or of unloading or reloading,
-        the one that spans most of the logarithm counts; of first compression, the upper half of it.
+        First compression is loading beyond all previous stresses. If there are several such parts, or parts of
+        unloading or reloading, the one with the largest range of the logarithm is used; for first compression, its
+        upper half.
         """
         stress, e = self.compression_stress, self.series.void_ratio
         if not self.compressed or not (stress > 0).all():
             return dict.fromkeys(("compression", "swelling", "reloading"), Slope(NAN, NAN))
         beyond, rises = stress[1:] >= np.maximum.accumulate(stress)[:-1], np.diff(stress) > 0
-        kind = np.where(rises & beyond, 2, rises)  # of the steps: 0 unloading, 1 reloading, 2 first compression
+        kind = np.where(rises & beyond, 2, rises)  # kinds of steps: 0 unloading, 1 reloading, 2 first compression
         edges = [0, *(np.flatnonzero(np.diff(kind)) + 1), len(kind)]
         parts = [(kind[a], slice(a, b + 1)) for a, b in pairwise(edges) if b > a]
 
@@ -440,7 +441,7 @@ SERIES = Quantities([
     Quantity("coordination", "1", "mean contact number without rattlers", "series.coordination", "contact number"),
     Quantity("fabric_anisotropy", "1", "largest minus smallest principal value of the fabric",
              "series.fabric_anisotropy", "fabric\nanisotropy"),
-    Quantity("sliding_fraction", "1", "share of the contacts at the Coulomb limit", "series.sliding_fraction",
+    Quantity("sliding_fraction", "1", "fraction of contacts at the Coulomb limit", "series.sliding_fraction",
              "share of\nsliding contacts"),
     Quantity("phi", "degrees", "mobilised angle of friction",
              lambda t: None if t.cement else friction_angle(t.stress, t.dim)),
@@ -492,7 +493,7 @@ SAMPLE = Quantities([
       for k, (name, words) in enumerate((("1", "major"), ("3", "minor")))),
     Quantity("critical_reached", "1", "1 if the sample is in a critical state at the end",
              lambda t: float(t.steady is not None) if t.sheared else NAN),
-    Quantity("critical_from", "1", "strain from which on values at the critical state are averaged",
+    Quantity("critical_from", "1", "strain from which values at the critical state are averaged",
              lambda t: NAN if t.steady is None else float(abs(t.last.load[t.steady][0]))),
     Quantity("critical_ratio", "1", "q/p at the critical state", lambda t: abs(t.critical(t.last.q / t.last.p))),
     Quantity("phi_residual", "degrees", "angle of friction at the critical state",
@@ -515,11 +516,11 @@ SAMPLE = Quantities([
     Quantity("phi_rowe", "degrees", "angle of Rowe's relation", lambda t: t.rowe[0]),
     Quantity("rowe_correlation", "1", "correlation of σ₁/σ₃ and 1 − dε_v/dε₁", lambda t: t.rowe[1]),
     Quantity("largest_unbalanced", "1", "unbalanced over contact forces", lambda t: float(t.series.unbalanced.max())),
-    Quantity("rearranged_share", "1", "share of steps in which grains rearranged",
+    Quantity("rearranged_share", "1", "fraction of steps with rearrangements",
              lambda t: float(t.series.rearranged[1:].mean()) if len(t.series.load) > 1 else NAN),
-    Quantity("strain_at_cone", "1", "strain at which second-order work is first seen to be negative, first sample",
+    Quantity("strain_at_cone", "1", "strain at which second-order work is first negative, first sample",
              lambda t: abs(t.cone.load) if t.cone else NAN, partial=True),
-    Quantity("cone_direction", "degrees", "direction in which it is; 0 is axial compression, 90 lateral",
+    Quantity("cone_direction", "degrees", "direction of negative work; 0 is axial compression, 90 lateral",
              lambda t: float(np.degrees(t.cone.weakest)) if t.cone else NAN, partial=True),
     Quantity("u_at_peak", STRESS, "excess pore pressure at the peak, at constant lateral pressure",
              lambda t: t.at_peak(t.pore_pressure)),
@@ -551,7 +552,7 @@ class Probed(NamedTuple):
 
     @property
     def least_work(self) -> float:
-        """Least normalised second-order work; NaN without an answer."""
+        """Least normalised second-order work; NaN without a result."""
         return float(np.nanmin(self.state.envelope.normalised_work)) if np.isfinite(self.state.weakest) else NAN
 
 

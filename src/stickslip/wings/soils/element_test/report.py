@@ -31,7 +31,7 @@ from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
-COMPARED = {  # measures that half the step may change, of which the first that a path gives counts: words, digits, unit
+COMPARED = {  # measures compared at half the step (the first available one is used): words, digits, unit
     "phi_peak": ("peak angle", 2, " degrees"), "compression_index": ("compression index", 4, ""),
     "swelling_index": ("swelling index", 4, ""), "strength": ("strength", 1, ""),
 }  # fmt: skip
@@ -137,7 +137,7 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
 
 
 def sentences(result: ElementTestResult) -> list[str]:
-    """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
+    """Remarks on the numbers: scatter, states not reached by the path, rate, and halved steps."""
     parts = (_first_failure, _scatter, _missing, _cement, _fluid, _quasi_static, _finer)
     return [sentence for part in parts for sentence in part(result)]
 
@@ -155,7 +155,7 @@ def _first_failure(result: ElementTestResult) -> list[str]:
     if here is None:
         last = sign * run.probes[-1].load
         return [
-            f"No direction was seen in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
+            f"No direction was found in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
             *unanswered,
         ]
     numbers = SAMPLE.of(LoadedSample(run, scenario))
@@ -163,8 +163,8 @@ def _first_failure(result: ElementTestResult) -> list[str]:
     where = describe_direction(here.failing, scenario.path, scenario.sample.dim, scenario.sign)
     peak = f"; the peak angle is at {top:.3g}" if np.isfinite(top := numbers["strain_at_peak"]) else ""
     return [
-        f"Sample {run.seed} wanted to fail in the direction {where} first at a strain of {sign * here.load:.3g}, where "
-        f"{why}{peak}.",
+        f"Sample {run.seed} first tended to fail at a strain of {sign * here.load:.3g}, in the direction {where}, "
+        f"where {why}{peak}.",
         *unanswered,
     ]
 
@@ -188,8 +188,8 @@ def _missing(result: ElementTestResult) -> list[str]:
     rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
     if rigid < len(result.runs):
         out.append(
-            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
-            f"nothing resists, or they have more than {MODULI_UP_TO} grains."
+            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives unresisted "
+            f"motions, or they have more than {MODULI_UP_TO} grains."
         )
     samples = [LoadedSample(run, result.scenario) for run in result.runs]
     last = sum(sample.sheared and sample.top == len(sample.first.load) - 1 for sample in samples)
@@ -252,7 +252,7 @@ def _quasi_static(result: ElementTestResult) -> list[str]:
             f"mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
         ]
     share = numbers["rearranged_share"].mean if "rearranged_share" in numbers else 0.0
-    return [f"Grains rearranged in {share:.0%} of the steps, whose equilibria were found by damped dynamics."]
+    return [f"Grains rearranged in {share:.0%} of the steps, in which equilibria were found by damped dynamics."]
 
 
 def _finer(result: ElementTestResult) -> list[str]:
@@ -263,7 +263,7 @@ def _finer(result: ElementTestResult) -> list[str]:
     both = SAMPLE.columns(pair)
     name = next((name for name in COMPARED if name in both and np.isfinite(both[name]).all()), None)
     if name is None:
-        return [f"The path gives no number in which half the {what} could be compared."]
+        return [f"The path gives no number for a comparison with half the {what}."]
     (before, after), (words, digits, unit) = both[name], COMPARED[name]
     scatter = MEASURES.of(result)[name].scatter
     if SAMPLE[name].unit == STRESS:
@@ -299,13 +299,13 @@ def numbers(result: ElementTestResult) -> dict:
 
 
 def show(result: ElementTestResult) -> None:
-    """Print the numbers of a test with their intervals, and what limits them."""
+    """Print the numbers of a test with their intervals and limitations."""
     scenario = result.scenario
     kind = f"{'cemented ' * bool(scenario.cement)}{scenario.path.kind}"
     title = f"{kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
     MEASURES.show(result, title=title, readable=for_engineers)
     if result.runs[0].probes:
-        # the strain at which each sign of failure is first seen
+        # the strain at which each sign of failure first appears
         run, sign = result.runs[0], result.scenario.strain_sign
         table = new_table("", "first at", "", title=f"Signs of failure of sample {run.seed}", left=("",))
         for name, each in first_seen(run.probes).items():
@@ -367,7 +367,7 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
     sigma1, sigma3 = np.asarray(sigma1, float), np.asarray(sigma3, float)
     count = len(sigma3)
     if count < 2 or not np.ptp(sigma3) > 1e-6 * np.abs(sigma3).max():
-        raise ValueError(f"{count} Mohr circles with σ₃ from one pressure were given: an envelope needs two pressures")
+        raise ValueError(f"an envelope needs Mohr circles at two pressures, but all {count} have σ₃ from one")
     weight = 1 / (sigma1 + sigma3)
     (n, b), spread = _least_squares(weight[:, None] * np.column_stack([sigma3, np.ones(count)]), weight * sigma1)
     by_phi = np.array([1 / ((n + 1) * np.sqrt(n)), 0.0])  # derivatives by n and b
@@ -430,9 +430,9 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
     """
     p, q, e = (np.asarray(values, float) for values in (p, q, void_ratio))
     if len(p) < 2 or not np.ptp(p) > 1e-6 * np.abs(p).max():
-        raise ValueError(f"{len(p)} critical states at one mean stress were given: a line needs two mean stresses")
+        raise ValueError(f"a critical-state line needs states at two mean stresses, but all {len(p)} have the same")
     if not (p > 0).all():
-        raise ValueError(f"a mean stress of {p.min():.3g} was given: those of a critical-state line are positive")
+        raise ValueError(f"mean stresses of a critical-state line must be positive, got {p.min():.3g}")
     (intercept, fall), spread = _least_squares(np.column_stack([np.ones(len(p)), np.log(p)]), e)
     ratio = estimate(np.abs(q) / p)
     errors = np.sqrt(np.diag(spread))
@@ -468,8 +468,9 @@ def compare(members: list[SweepMember]) -> Comparison:
 
     The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are those at the peak and, without
     cement, at the critical state. If fewer than two pressures lead to a critical state, the circles over the last third
-    of the paths are drawn instead, and no line. Members that differ in other swept keys have envelopes and lines of
-    their own, unless these vary with the pressure alone. Tests in tension have circles beside the envelope.
+    of the paths are drawn instead, and no line. Members that differ in other swept keys have separate
+    envelopes and lines, unless these keys vary with the pressure only. Tests in tension have circles beside the
+    envelope.
     """
     swept = [key for key in PRESSURES if any(key in member.values for member in members)]
     members = [member for member in members if swept and "sigma1_peak" in member.measures]

@@ -1,4 +1,4 @@
-"""Samples of element tests, and their paths: which strains of the cell are imposed, and which stresses instead.
+"""Samples of element tests, and their paths: the imposed strains and stresses of the cell.
 
 The axial direction is the last one, y for disks and z for spheres. Strains and stresses are compression positive.
 """
@@ -55,7 +55,7 @@ def drive_of(loading: Loading, dim: int) -> Drive:
 
 
 def wanted_stress(loading: Loading, pressure: float, stress: np.ndarray, dim: int) -> np.ndarray:
-    """Normal stresses along the axes that a path asks for, (3,), while the stress is `stress`."""
+    """Normal stresses along the axes prescribed by a path, (3,), at the present `stress`."""
     wanted, axial = np.full(3, pressure), float(stress[dim - 1, dim - 1])
     if loading.kind == "constant-p":
         wanted[: dim - 1] = (dim * pressure - axial) / (dim - 1)
@@ -65,12 +65,12 @@ def wanted_stress(loading: Loading, pressure: float, stress: np.ndarray, dim: in
 
 
 def depends_on_stress(loading: Loading) -> bool:
-    """Return True if the stresses that are asked for follow the axial stress."""
+    """Return True if the prescribed stresses follow the axial stress."""
     return loading.kind in ("constant-p", "true-triaxial")
 
 
 def controlled(state: State, drive: Drive, wanted: np.ndarray, mass: float = 0.0) -> State:
-    """State whose cell follows the wanted stresses along the free axes of a path; `mass` as in `stress_controlled`."""
+    """State whose cell follows prescribed stresses along the free axes of a path; `mass` as in `stress_controlled`."""
     stress = {AXES[k] * 2: float(wanted[k]) for k in drive.free}
     return state._replace(control=stress_controlled(state.control, stress, mass=mass))
 
@@ -108,7 +108,7 @@ def check_pressures(
 
 
 def make_sample(sample: ElementSample, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:
-    """Isotropic sample, compressed with the friction that controls its density, then settled under its own law."""
+    """Isotropic sample, compressed with the friction that controls its density, then settled under its law."""
     friction = sample.friction
     slippery = law if friction is None else with_values(law, mu=friction)
     state, _ = compressed(

@@ -44,7 +44,7 @@ class UniformSizes(ScenarioTable):
     def _check_order(self):
         if not self.smallest < self.largest:
             raise ValueError(
-                f"grading.smallest = {self.smallest:g} was given: it must be below grading.largest = {self.largest:g}"
+                f"grading.smallest must be below grading.largest = {self.largest:g}, got {self.smallest:g}"
             )
         return self
 
@@ -105,8 +105,8 @@ class SieveTable(ScenarioTable):
             raise ValueError("grading.sizes and grading.passing must increase from each entry to the next: sort them")
         if (self.passing[0], self.passing[-1]) != (0, 100):
             raise ValueError(
-                f"grading.passing from {self.passing[0]:g} to {self.passing[-1]:g} was given: it must begin with 0 and "
-                f"end with 100, at the smallest and the largest diameter"
+                "grading.passing must begin with 0 and end with 100, at the smallest and the largest diameter, got "
+                f"{self.passing[0]:g} and {self.passing[-1]:g}"
             )
         return self
 
@@ -143,8 +143,8 @@ class ElementSample(ScenarioTable):
         off = misfit(curve, self.diameters, self.dim)
         if off > MISFIT:
             raise ValueError(
-                f"sample.grains = {self.grains} was given: their grading would be off by {off:.0%} of the mass; use at "
-                f"least {grains_needed(curve, self.dim)} grains, or fewer sizes"
+                f"sample.grains = {self.grains} is too few, as the grading would be off by {off:.0%} of the mass: use "
+                f"at least {grains_needed(curve, self.dim)} grains, or fewer sizes"
             )
         return self
 
@@ -249,18 +249,18 @@ class Loading(ScenarioTable):
     def _check_kind(self):
         for name, kind in (("pressures", "isotropic"), ("b", "true-triaxial")):
             if (getattr(self, name) is not None) != (self.kind == kind):
-                advice = "is missing: give it" if self.kind == kind else f"was given: only {kind} paths have it"
+                advice = "is missing: give it" if self.kind == kind else f"applies to {kind} paths only: leave it out"
                 raise ValueError(f"path.{name} {advice}")
         if self.fluid_modulus is not None and self.kind != "undrained":
-            raise ValueError("path.fluid_modulus was given: only undrained paths have a pore fluid")
+            raise ValueError("path.fluid_modulus does not apply to this path: only undrained paths have a pore fluid")
         if self.inertial_number is not None and self.rate is not None:
-            raise ValueError("path.inertial_number and path.rate were both given: give only one of them")
+            raise ValueError("path.inertial_number and path.rate exclude each other: give only one")
         if self.integrator == "quasi-static" and (self.inertial_number or self.rate):
             name = "rate" if self.rate else "inertial_number"
-            raise ValueError(f'path.{name} was given with integrator = "quasi-static", which has none: leave it out')
+            raise ValueError(f'path.{name} does not apply to integrator = "quasi-static": leave it out')
         turns = (0.0, *self.turns) if self.kind != "isotropic" else self.turns
         if not self.turns or any(a == b for a, b in pairwise(turns)):
-            raise ValueError(f"path.strain = {self.strain} was given: each entry must differ from the one before")
+            raise ValueError(f"each entry of path.strain must differ from the previous one, got {self.strain}")
         return self
 
 
@@ -344,7 +344,7 @@ class ElementTestScenario(SampleScenario):
     probes: Probing | None = None
     cement: Cement | None = None
     engine: Literal["stickslip", "lammps"] = Field(
-        "stickslip", description="what moves the grains of a dynamic test; samples are always made by stickslip"
+        "stickslip", description="engine of a dynamic test; samples are always made by stickslip"
     )
     ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
 
@@ -355,7 +355,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def strain_sign(self) -> int:
-        """Sign of the imposed strain in tables and figures; γ has always its own."""
+        """Sign of the imposed strain in tables and figures; γ always has its own sign."""
         return 1 if self.path.kind == "simple-shear" else self.sign
 
     @property
@@ -416,7 +416,7 @@ class ElementTestScenario(SampleScenario):
     def _check_engine(self):
         require_lammps_for_ranks(self.engine, self.ranks)
         if self.engine == "lammps" and self.path.integrator != "dynamic":
-            raise ValueError('engine = "lammps" was given: it has no quasi-static steps, use integrator = "dynamic"')
+            raise ValueError('engine = "lammps" has no quasi-static steps: use integrator = "dynamic"')
         return self
 
     @property
@@ -432,15 +432,13 @@ class ElementTestScenario(SampleScenario):
         if self.probes is None:
             return self
         if self.path.kind == "isotropic":
-            raise ValueError('probes were given with path.kind = "isotropic": choose a path with a strain')
+            raise ValueError('probes do not apply to path.kind = "isotropic": choose a path with a strain')
         if self.probes.strains is not None and self.probes.states is not None:
-            raise ValueError("probes.strains and probes.states were both given: give only one of them")
+            raise ValueError("probes.strains and probes.states exclude each other: give only one")
         turn = self.path.turns[0]
         for strain in self.probes.strains or ():
             if not 0 <= strain / turn <= 1:
-                raise ValueError(
-                    f"probes.strains = {strain:g} was given: the path leads from 0 to {turn:g} before it turns"
-                )
+                raise ValueError(f"probes.strains must be from 0 to {turn:g}, where the path turns, got {strain:g}")
         return self
 
     @model_validator(mode="after")
@@ -472,7 +470,9 @@ class ElementTestScenario(SampleScenario):
     @model_validator(mode="after")
     def _check_dimensions(self):
         if self.sample.dim == 2 and self.path.kind in ("true-triaxial", "plane-strain"):
-            raise ValueError(f'path.kind = "{self.path.kind}" was given for disks: use "triaxial", the biaxial test')
+            raise ValueError(
+                f'path.kind = "{self.path.kind}" is not available for disks: use "triaxial", the biaxial test'
+            )
         return self
 
     @model_validator(mode="after")
@@ -482,8 +482,8 @@ class ElementTestScenario(SampleScenario):
             name, most = ("rate", QUASI_STATIC / self.time) if self.path.rate else ("inertial_number", QUASI_STATIC)
             given = getattr(self.path, name)
             raise ValueError(
-                f"path.{name} = {given:g} was given: with an inertial number of {number:.2g} the test would not be "
-                f"quasi-static; use at most {most:.2g}"
+                f"path.{name} = {given:g} gives an inertial number of {number:.2g}, too large for a quasi-static "
+                f"test: use at most {most:.2g}"
             )
         return self
 
@@ -496,8 +496,8 @@ class ElementTestScenario(SampleScenario):
         longest = widest_shear(sample) if kind == "simple-shear" else log(sample.relative_width)
         if most > longest:
             raise ValueError(
-                f"path.strain = {most:g} was given: the cell of {sample.grains} grains would become narrower than "
-                f"{NARROWEST:g} of the largest ones; use at most {max(longest, 0):.2g}, or more grains"
+                f"at path.strain = {most:g}, the cell of {sample.grains} grains would become narrower than "
+                f"{NARROWEST:g} of the largest ones: use at most {max(longest, 0):.2g}, or more grains"
             )
         return self
 

@@ -66,7 +66,7 @@ from .sample import (
 )  # fmt: skip
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
-FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure
+FOLLOWED = 1e-6  # largest deviation of a stress that follows another stress, over the pressure
 FOLLOWS = 30  # largest number of corrections of such a stress in a step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
@@ -85,7 +85,7 @@ class ElementSeries(NamedTuple):
     void_ratio: np.ndarray  # (T,) volume of the voids over that of the grains [1]
     coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers [1]
     fabric_anisotropy: np.ndarray  # (T,) difference of the largest and smallest principal value of the fabric [1]
-    sliding_fraction: np.ndarray  # (T,) share of the contacts at the Coulomb limit [1]
+    sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     unbalanced: np.ndarray  # (T,) mean unbalanced force over mean contact force [1]
     rearranged: np.ndarray  # (T,) bool, whether dynamics was needed to find the equilibrium
 
@@ -108,7 +108,7 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
-    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario asks for them
+    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario requests them
     breaks: Breaks | None = None  # bonds of a cemented sample that broke
 
 
@@ -349,7 +349,7 @@ def _probe_name(row: int) -> str:
 
 
 def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, probes: list[ProbedState]) -> Steps:
-    """Steps from number `done` on, the same ones; states to probe are probed and appended to a list."""
+    """Steps from number `done`, unchanged; states to be probed are probed and appended to a list."""
     for row, (state, load, rearranged) in enumerate(steps, start=done):
         if row in rig.probed:
             probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load, rearranged)))
@@ -399,7 +399,7 @@ def quasi_static(
     rig: Rig, state: State, loads: np.ndarray, done: int,
     *, broke: Callable[[State, State], None] = lambda before, after: None,
 ) -> Steps:  # fmt: skip
-    """Equilibria at the loads from number `done` on: state, load, and whether dynamics was needed; see `settle`."""
+    """Equilibria at the loads from number `done`: state, load, and whether dynamics was needed; see `settle`."""
     path = rig.scenario.path
     scales, wanted = rig.scales(rig.scenario.stress_scale), np.full(3, rig.scenario.confining)
     if done and depends_on_stress(path):
@@ -421,9 +421,9 @@ def _strained(state: State, drive: Drive, step: float) -> State:
 
 
 def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -> tuple[State, np.ndarray, bool]:
-    """Equilibrium under the stresses that the path asks for, those stresses, and whether dynamics was needed.
+    """Equilibrium under the prescribed stresses, these stresses, and whether dynamics was needed.
 
-    Cemented samples begin each step without a factor, so that a run that is continued has the same bits.
+    Cemented samples begin each step without a factor, so that a continued run has the same bits.
     """
     path, p, dim = rig.scenario.path, rig.scenario.stress_scale, rig.dim
     keep = Factorisation() if rig.scenario.cement else rig.keep
@@ -447,7 +447,7 @@ def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -
 
 
 def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
-    """States at the loads from number `done` on of a test at a rate."""
+    """States at the loads from number `done` of a test at a given rate."""
     scenario = rig.scenario
     path, rate, p = scenario.path, scenario.rate, scenario.sample.pressure
     isotropic = path.kind == "isotropic"

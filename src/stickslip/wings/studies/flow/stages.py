@@ -20,7 +20,7 @@ from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 
 
 def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Engine:
-    """Return LAMMPS as an engine; it reads what ran elsewhere if the folder was written by `export`.
+    """Return LAMMPS as an engine; in a folder written by `export`, it reads results of runs elsewhere.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def export(scenario: FlowScenario, folder: Path) -> list[Path]:
     """
     if scenario.law.file is not None:
         raise ScenarioError(
-            f"--export was given with law.file = {scenario.law.file}: LAMMPS has only built-in laws; set law.kind"
+            f"--export does not support law.file = {scenario.law.file}, as LAMMPS has only built-in laws: set law.kind"
         )
     legs = stage_legs(scenario, poured(scenario))
     for leg in legs:
