@@ -97,7 +97,7 @@ def test_a_scenario_reads_a_cemented_packing_and_writes_its_breaks(cemented, bro
 
 def test_bonds_that_should_break_must_be_there(cemented):
     bare = ss.packings.without_bonds(cemented)
-    with pytest.raises(ValueError, match="first-break was given for a packing without intact bonds"):
+    with pytest.raises(ValueError, match="first-break requires intact bonds"):
         ss.protocols.shear_to_failure(bare, LAW, until="first-break")
 
 

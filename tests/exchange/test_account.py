@@ -41,7 +41,7 @@ def _elsewhere(tmp_path, monkeypatch):
         ("fix e all efield 0 0 1", "fix e (efield)"),
         ("fix m all mystery/style 1", "whether it acts on the grains is unknown"),
         ("fix m all mystery/style 1\nunfix m", ""),
-        ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is not understood"),
+        ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is unknown"),
         ("print 'frobnicate all 3'\nfrobnicate all 3", ""),
         ('print """\nfix a b ${c}\n"""\n\nfix a b c\n', ""),
         ("print 'frobnicate all 3'\nprint x\nx\nfrobnicate all 3", "frobnicate all 3 (log.lammps, line 165)"),
@@ -198,7 +198,7 @@ def test_the_newest_run_of_a_folder_counts(cases, tmp_path):
     assert any(told in note for note in read.notes) and "grains from poured.restart, time step 200000" in read.notes
     assert not obstacles(tmp_path)
     (tmp_path / "poured.restart").unlink()
-    assert any("of another run" in note for note in obstacles(tmp_path))
+    assert any("they belong to another run" in note for note in obstacles(tmp_path))
 
 
 AGAIN = (
@@ -566,7 +566,7 @@ def test_sizes_and_masses_that_contradict_each_other(form, heads, a, b, text, un
         table = f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\n{box}ITEM: ATOMS id {head}\n{rows}\n"
     (tmp_path / "t.csv").write_text(table)
     notes = ss.io.read_packing(tmp_path / "t.csv").notes
-    found = [note for note in notes if " is used" in note or "leave one of them out" in note]
+    found = [note for note in notes if " is used" in note or "leave out one of them" in note]
     assert len(found) == bool(text) and all(text in note for note in found)
     assert [isinstance(note, Obstacle) for note in found] == [undecided] * bool(text)
 

@@ -124,8 +124,8 @@ def test_bonds_and_matrices_of_rigidlibrary_have_the_same_network(known, tmp_pat
     [
         ("TanWeightedAdjacencyMatrix.dlm", lambda m: m, "give that of normal forces"),
         ("NormWeightedAdjacencyMatrix.dlm", lambda m: None, "TanWeightedAdjacencyMatrix.dlm is missing"),
-        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:-1], r"of shape \(8, 9\): there are 9 grains"),
-        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:, :-1], r"of shape \(9, 8\)"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:-1], r"has shape \(8, 9\), but there are 9 grains"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:, :-1], r"has shape \(9, 8\), but there are 9 grains"),
         ("NormWeightedAdjacencyMatrix.dlm", lambda m: m * np.nan, "no contacts|without a number|missing"),
     ],
 )
