@@ -343,7 +343,9 @@ def test_a_leg_that_cannot_run_does_not_affect_the_others_of_a_batch():
     legs = [leg, leg._replace(dt=50.0), leg._replace(state=hot), leg._replace(law=ss.laws.jkr(work=1e-3))]
     fine, *wrong = outcomes_together(legs, Together(Processor(), len(legs)))
     assert fine == pytest.approx(0.2)
-    for problem, message in zip(wrong, ("is unstable", "than its radius in a step", "does not support jkr"), strict=True):
+    for problem, message in zip(
+        wrong, ("is unstable", "than its radius in a step", "does not support jkr"), strict=True
+    ):
         assert message in str(problem)
 
 

@@ -313,7 +313,8 @@ def test_measures_that_no_member_has_fill_no_rows(tmp_path, capsys):
     names = ["a", "b"]
     report.show(SweepResult(chosen, names, made, ["", ""], 0))
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["known", "1", "2", "1", "1.5", "2"] in lines and ["No", "member", "has", "nowhere."] in lines
+    assert ["known", "1", "2", "1", "1.5", "2"] in lines
+    assert ["Measures", "without", "a", "value", "in", "any", "member:", "nowhere."] in lines
     assert not [line for line in lines if line[:1] == ["nowhere"]]
     write_sweep(tmp_path, chosen, names, made, ["", ""])
     (tmp_path / "sweep.json").write_text(chosen.text)

@@ -183,7 +183,8 @@ def test_sobol_points_integrate_better_than_random_ones():
     ("table", "words"),
     [
         ({"draw": "sobol", "surface.a": [0.1]}, "sweep.draw requires sweep.mode"),
-        ({"draw": "halton", "mode": "sample", "number": 2, "surface.a": [0.1]}, "sweep.draw must be 'latin-hypercube' or 'sobol', got 'halton'"),
+        ({"draw": "halton", "mode": "sample", "number": 2, "surface.a": [0.1]},
+         "sweep.draw must be 'latin-hypercube' or 'sobol', got 'halton'"),
         ({"draws": "x.csv", "surface.a": [0.1]}, "sweep.draws is not used by any key"),
         ({"draws": "absent.csv", "surface.a": {"column": "a"}}, "absent.csv"),
         ({"draws": {"b": [1.0]}, "surface.a": {"column": "a"}}, "has no column 'a': its columns are b"),

@@ -161,7 +161,7 @@ def test_walls_hold_their_grains_and_weak_tension_is_left_out(known, tmp_path):
     walls = [[1, inside + 1, -1, 0.1, 0.2], [1, inside + 1, -2, 0.0, 0.1]]
     found = written(tmp_path, grains, np.vstack([contacts, walls]))
     assert not found.free[inside] and len(found.force_n) == len(known.force_n)
-    assert any("contacts with walls" in note and "2 of" in note for note in found.notes)
+    assert any("with walls, which have negative numbers" in note and "held: 2 of" in note for note in found.notes)
     weak = contacts.copy()
     weak[3, 4] = -1e-3 * known.force_n.mean()
     found = written(tmp_path, grains, weak)

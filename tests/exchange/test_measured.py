@@ -228,7 +228,7 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
         ("no grain is held", lambda: ss.packings.from_forces(changed(m, held=[]), LAW)),
         ("have two entries", lambda: changed(m, **{name: np.repeat(getattr(m, name)[:1], 2) for name in lists})),
         ("check kn", lambda: ss.packings.from_forces(m, ss.laws.linear(1e-9))),
-        ("without friction", lambda: ss.packings.from_forces(m, ss.laws.linear(mu=0.0))),
+        ("need a law with friction", lambda: ss.packings.from_forces(m, ss.laws.linear(mu=0.0))),
         ("lever arms", lambda: ss.packings.from_forces(m, ss.laws.with_lever(LAW, "overlap"))),
         ("in pixels", lambda: ss.io.read_forces(*write_tables(tmp_path, m, unit="px"))),
         ("forces in", lambda: ss.io.read_forces(*write_tables(tmp_path, m, force="mN"))),
