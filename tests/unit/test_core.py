@@ -223,7 +223,10 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
             lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, reference=np.zeros((2, 3))),
             "shape",
         ),
-        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, tolerance=1.0), "without drag"),
+        (
+            lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, tolerance=1.0),
+            "requires drag",
+        ),
         (
             lambda: ss.forces(ss.assembly(ss.disks([[0, 0]], 1.0, material=-1)), ss.laws.linear()),
             r"material\[0\] is -1",
