@@ -106,7 +106,7 @@ def refused_conditions():
     shaken = between_walls(2, moving=True)
     many = ss.control.time_dependent(shaken.control, [36], np.linspace(0, 1, 90), np.ones(90), axes=[0])
     return [
-        (state._replace(control=follows(control, {"yy": 0.1, "xy": 0.0})), "a cell whose shear follows a stress"),
+        (state._replace(control=follows(control, {"yy": 0.1, "xy": 0.0})), "cannot control a shear stress by the cell"),
         (state._replace(control=strained(control, [[0, 0], [0.1, 0]])), "tilt along yx"),
         (state._replace(control=varying), "rates that vary in time"),
         (state._replace(control=both), "along xy and yz at once"),
