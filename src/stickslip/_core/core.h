@@ -542,6 +542,10 @@ API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, con
                   const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
                   float *record, const int64_t *lane, const float *weights, float *filtered);
 
+// see `solve.linear`: front[places, places] += part (m, m), both column by column, of numbers of `width` parts (real or
+// complex); the front has `rows` rows
+API void extend_add(int64_t m, int64_t width, const int64_t *places, const double *part, int64_t rows, double *front);
+
 // Loads of intact bonds are added to `force` and `torque` (B, 3) and, unless it is null, to `virial` (3, 3). Their
 // shares of the strength (K,) are written unless that is null. `commits`: the memory is updated to the present rotations
 API void evaluate_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, uint8_t commits,

@@ -1,5 +1,5 @@
 // build: -ffp-contract=fast
-// Leapfrog of many vectors at once, see `solve.probes`.
+// Leapfrog of many vectors at once, see `solve.probes`; and sums of fronts, see `solve.linear`.
 #include <string.h>
 
 #include "core.h"
@@ -63,5 +63,15 @@ void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const f
     }
     move(BLOCK * n, bucket, signs, q, v, record + t * buckets * VECTORS_AT_ONCE);
     if (filtered) filter(BLOCK * n, lane, weights + t * VECTORS_AT_ONCE, q, filtered);
+  }
+}
+
+void extend_add(int64_t m, int64_t width, const int64_t *places, const double *part, int64_t rows, double *front) {
+  for (int64_t k = 0; k < m; k++) {
+    double *column = front + places[k] * rows * width;
+    const double *from = part + k * m * width;
+    for (int64_t i = 0; i < m; i++) {
+      for (int64_t c = 0; c < width; c++) column[places[i] * width + c] += from[i * width + c];
+    }
   }
 }

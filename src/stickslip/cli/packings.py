@@ -192,14 +192,17 @@ def stability(
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
-    Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. Exit codes: 0 stable
-    or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
+    Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
+    than 20,000 spheres takes minutes; it is saved to FILE's name with -search.npz, in this folder, and the same command
+    continues it. Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in
+    equilibrium, or undecided.
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
     from ..loading.reading import read_packing
     from ..reports import packing as stability_report
     from ..reports import terminal
+    from ..solve.fastest import FACTORS_UP_TO
     from ..solve.freedom import equations_of_motion
     from ..solve.stability import DENSE_UP_TO
     from ..solve.stability import stability as analyse
@@ -229,7 +232,10 @@ def stability(
                 motion = equations_of_motion(state, its_law)
                 c = motion.damping if dashpots else type(motion.damping)(motion.damping.shape)
                 written = write_matrices(matrices, motion._replace(damping=c))
-            result = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
+        large = 6 * len(state.grains.radius) > FACTORS_UP_TO
+        with terminal.progress(transient=not large) as tell:
+            saved = Path(f"{named.stem}-search.npz") if large else None
+            result = analyse(state, its_law, method=method, dashpots=dashpots, saved=saved, report=tell)
             more = None
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
                 from ..reports.details import compute_details

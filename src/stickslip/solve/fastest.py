@@ -20,18 +20,20 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
-from .freedom import Freedom, dynamical_matrix, freedom
+from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom
 from .linear import Dissection, FrontalFactor, count_below, dissect, suitable_threads
 from .probes import Effort, search_by_probes
 from .spectrum import REAL_BELOW
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
-BOTTOM = 560  # vectors of the subspace at the bottom of the spectrum
+BOTTOM = 320  # vectors of the subspace at the bottom of the spectrum
 POLISHING = (48, 96, 240, 560)  # and of those that refine a pair, which start from it
 NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
 GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree
 ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
+# Im λ over the residual of a pair that filters extract: of one that is refined, and of one that is not
+CLEAR, ALONE = 10.0, 100.0
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
 FACTORS_UP_TO = 120_000  # coordinates: factors take 3 GiB, and twice as many coordinates 7 GiB
@@ -45,6 +47,14 @@ class ShiftWindow(NamedTuple):
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
 
 
+class SoftModes(NamedTuple):
+    """Negative and zero eigenvalues among those computed at the bottom of the spectrum."""
+
+    negative: np.ndarray  # (K,) λ < 0, lowest first [1/time²]
+    vectors: np.ndarray  # (n, K) their modes, generalised displacements of unit mass-weighted norm
+    zero: int  # number of zero eigenvalues
+
+
 class ShiftWindows:
     """Eigenvalues near shifts, by shift and invert, and the fastest growing one of them."""
 
@@ -52,6 +62,7 @@ class ShiftWindows:
         self.matrix, self.norm, self.order, self.rng = matrix, norm, order, rng
         self.done: list[ShiftWindow] = []
         self.growth, self.residual, self.value, self.vector = 0.0, 0.0, None, None
+        self.soft = SoftModes(np.zeros(0), np.zeros((matrix.shape[0], 0)), 0)
 
     def search(self, shift: float, size: int) -> np.ndarray:
         """Compute and return the eigenvalues nearest to a shift that a subspace of this size resolves."""
@@ -101,6 +112,11 @@ class ShiftWindows:
         """Store a window, and its fastest growing eigenvalue if it is faster than those of all others."""
         real = np.abs(values.imag) <= REAL_BELOW * self.norm
         values = np.where(real, values.real, values)
+        if not self.done:
+            zero = np.abs(values) < ZERO_BELOW * np.abs(self.matrix.data).max()
+            negative = np.flatnonzero(real & ~zero & (values.real < 0))
+            negative = negative[np.argsort(values.real[negative])]
+            self.soft = SoftModes(values.real[negative], (vectors[0] @ vectors[1][:, negative]).real, int(zero.sum()))
         growing = np.flatnonzero(np.where(real, values.real < -REAL_BELOW * self.norm, values.imag > 0))
         self.done.append(ShiftWindow(shift, radius, values[growing]))
         for k in growing[np.argsort(-np.abs(np.sqrt(values[growing].astype(complex)).imag))]:
@@ -207,6 +223,7 @@ class FastestPair(NamedTuple):
     candidates: list[ShiftWindow]
     unverified: int  # peaks of the spectra that no window verified, or only in part
     free: Freedom
+    soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
 
     @property
     def looked(self) -> float:
@@ -329,15 +346,17 @@ def find_fastest(
         values = windows.search(0.0, len(touched))
         bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, 0
     else:
-        bottom = Bottom(0.0, 0, 0, False, skew / 2)
-        if len(touched) <= factors_up_to:
+        bottom, factors = Bottom(0.0, 0, 0, False, skew / 2), len(touched) <= factors_up_to
+        if factors:
             report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
             bottom = _search_bottom(windows, symmetric, skew)
         del symmetric
         disc = (windows.done[0].shift, windows.done[0].radius) if windows.done else (0.0, 0.0)
-        found, run, left = search_by_probes(matrix, norm, disc, windows.growth, effort, report, saved)
+        found, run, left = search_by_probes(
+            matrix, norm, disc, windows.growth, effort, report, saved, CLEAR if factors else ALONE
+        )
         time, used, exponent = run.time, run.probes, run.seen * run.time
-        if found.value is not None and len(touched) <= factors_up_to:
+        if found.value is not None and factors:
             report("fastest pair to round-off", 0.0, f"growth rate {found.growth:.4g}")
             windows.polish(found.value, found.vector)
         if windows.growth < (1 - NEAR) * found.growth:
@@ -349,8 +368,13 @@ def find_fastest(
         mode[touched] = windows.vector
         mode /= np.sqrt(free.mass)
     frequency = 0.0 if windows.value is None else float(abs(np.sqrt(windows.value).real))
+    soft = None
+    if windows.done:
+        vectors = np.zeros((len(free), len(windows.soft.negative)))
+        vectors[touched] = windows.soft.vectors
+        soft = windows.soft._replace(vectors=vectors / np.sqrt(free.mass)[:, None])
     pair = (windows.value, mode, windows.growth, frequency, windows.residual)
-    return FastestPair(*pair, bottom, exponent, time, used, windows.done, left, free)
+    return FastestPair(*pair, bottom, exponent, time, used, windows.done, left, free, soft)
 
 
 def _search_bottom(windows: ShiftWindows, symmetric, skew: float) -> Bottom:

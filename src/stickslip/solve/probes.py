@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from scipy.linalg import eig
 
 from ..core.library import core
 from ..core.progress import Report
+from .pairs import format_seconds
 
 ROWS = 3  # rows of a block: three displacements, three rotations, or both kinds in two dimensions
 LANES = 16  # vectors that are advanced together: one register of AVX-512, two of AVX2, four of NEON
@@ -28,10 +30,10 @@ BUCKETS = 16  # random sums of coordinates recorded for each probe
 FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the one before
 SHORTEST, LONGER = 256, 16
-CLEAR = 100.0  # Im λ over the residual of a pair that counts as extracted by filters
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
 GAIN, PASSES = 2.0, 6  # exponent by which a pair grows while filters run once, and how often they run for it
 FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
+STAGE, SHORT = "random probes in a leapfrog", 60.0  # of progress; seconds beyond which its time is said beforehand
 ROUNDS = 8  # peaks at the end of a run for which filters run
 SAVED_EVERY = 60.0  # seconds between two savings of a search
 
@@ -72,6 +74,13 @@ class ProbeRun:
     def time(self) -> float:
         """Time run so far [time]."""
         return len(self.spectra) * self.span * self.dt
+
+    def seconds(self, steps: float) -> float:
+        """Estimate the time that a number of steps takes, from two steps of zeros [s]."""
+        rows, zeros, begin = len(self.product[0]) - 1, np.zeros_like(self.q[0]), time.perf_counter()
+        record = np.zeros((2, BUCKETS, LANES), np.float32)
+        core.leapfrog(rows, *self.product, *self.sums, zeros, zeros.copy(), 2, BUCKETS, record, None, None, None)
+        return (time.perf_counter() - begin) / 2 * steps
 
     def advance(self, filters: "Filters | None" = None):
         """Run one span and store its power spectrum, summed over probes and buckets."""
@@ -187,10 +196,11 @@ class GrowingModes:
     ----------
     disc : centre and radius of a disc in which all eigenvalues are known [1/time²]
     growth : fastest growth rate known [1/time]
+    clear : Im λ, or −λ of buckling, over the residual of a mode that counts as extracted
     """
 
-    def __init__(self, matrix, norm: float, disc: tuple[float, float], growth: float):
-        self.matrix, self.norm, self.disc, self.growth = matrix, norm, disc, growth
+    def __init__(self, matrix, norm: float, disc: tuple[float, float], growth: float, clear: float):
+        self.matrix, self.norm, self.disc, self.growth, self.clear = matrix, norm, disc, growth, clear
         self.residual, self.value, self.vector = 0.0, None, None
         # frequencies of peaks that were explained, or in vain, and half the widths that they cover [1/time]
         self.explained: list[tuple[float, float]] = []
@@ -232,7 +242,7 @@ class GrowingModes:
         """
         values, vectors, errors = filters.eigenvalues(self.matrix)
         apart = np.where(values.imag == 0, -values.real, values.imag)  # from the real axis, or from zero
-        clear = np.flatnonzero(apart > np.maximum(CLEAR * errors, NOISE * self.norm))
+        clear = np.flatnonzero(apart > np.maximum(self.clear * errors, NOISE * self.norm))
         for k in clear:
             value, growth = complex(values[k]), float(abs(np.sqrt(complex(values[k])).imag))
             if growth > self.growth:
@@ -242,7 +252,7 @@ class GrowingModes:
 
 
 def search_by_probes(
-    matrix, norm: float, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None = None
+    matrix, norm: float, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
 ) -> tuple[GrowingModes, ProbeRun, int]:
     """Run probes until slower modes than `rate`, or than the fastest one known, would stand out.
 
@@ -250,7 +260,7 @@ def search_by_probes(
     ----------
     matrix : (n, n) sparse A, neighbours close in memory
     norm : its largest eigenvalue [1/time²]
-    disc, growth : of `GrowingModes`
+    disc, growth, clear : of `GrowingModes`
     path : file in which the search is saved, and from which it continues
 
     Returns
@@ -265,15 +275,18 @@ def search_by_probes(
     def needed() -> float:
         return max(effort.amplification / max(effort.rate, modes.growth) / time_step(norm), SHORTEST)
 
-    modes = GrowingModes(matrix, norm, disc, growth)
-    saved = path and SavedSearch(path, matrix, (disc, growth, effort))
+    modes = GrowingModes(matrix, norm, disc, growth, clear)
+    stage = STAGE
+    saved = path and SavedSearch(path, matrix, (disc, growth, effort, clear))
     run = saved and saved.restore(modes, start)
     steps = run.span * SPANS if run else needed()
     while not run and steps >= LONGER * SHORTEST:  # short runs first: they are cheap and may suffice
         steps /= LONGER
     while True:
         run, longest = run or start(int(np.ceil(steps / SPANS))), needed()
-        left = _run_stage(run, modes, effort.amplification, longest, report, saved)
+        if stage == STAGE and (seconds := run.seconds(longest)) > SHORT:
+            stage = f"{STAGE}, about {format_seconds(seconds)} until growth faster than {effort.rate:g} is seen"
+        left = _run_stage(run, modes, effort.amplification, longest, partial(report, stage), saved)
         if steps >= longest or modes.growth * run.time >= effort.amplification:
             if path:
                 path.unlink(missing_ok=True)
@@ -281,14 +294,14 @@ def search_by_probes(
         run, steps = None, min(LONGER * steps, needed())  # fewer, if a faster mode was found
 
 
-def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest: float, report: Report, saved) -> int:
+def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest: float, tell, saved) -> int:
     """Run the probes once; return the number of hopeful peaks at the end that filters have not explained."""
 
     def follow() -> None:
         text = f"{run.time:.0f} time units, fastest so far {modes.growth:.2e}"
         if len(run.spectra) > 1:
             text = f"{text}, growth faster than {run.seen:.2e} would be seen"
-        report("random probes in a leapfrog", min(1.0, len(run.spectra) * run.span / longest), text)
+        tell(min(1.0, len(run.spectra) * run.span / longest), text)
         if saved:
             saved.save(run, modes)
 
