@@ -193,7 +193,7 @@ def stability(
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
-    than 20,000 spheres takes minutes; it is saved to FILE's name with -search.npz, in this folder, and the same command
+    than 15,000 spheres takes minutes; it is saved to FILE's name with -search.npz, in this folder, and the same command
     continues it. Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in
     equilibrium, or undecided.
     """

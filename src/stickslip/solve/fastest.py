@@ -1,9 +1,9 @@
-"""Fastest growing complex pair of a large system: windows from the bottom of the spectrum, then random probes above.
+"""Fastest growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
 Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
 modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. What lies
-higher is searched by tangent dynamics: random probes in a linear leapfrog, and growing peaks of their power spectra.
-Where factors do not fit into memory, the probes search the whole spectrum, and filters extract the pairs.
+higher is searched by tangent dynamics, see `solve.probes`. Where factors do not fit into memory, the probes search the
+whole spectrum.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from .probes import Effort, search_by_probes
 from .spectrum import REAL_BELOW
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
-BOTTOM = 320  # vectors of the subspace at the bottom of the spectrum
+BOTTOM = 240  # vectors of the subspace at the bottom of the spectrum
 POLISHING = (48, 96, 240, 560)  # and of those that refine a pair, which start from it
 NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
@@ -36,7 +36,8 @@ ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero
 CLEAR, ALONE = 10.0, 100.0
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
-FACTORS_UP_TO = 120_000  # coordinates: factors take 3 GiB, and twice as many coordinates 7 GiB
+REFINED_UP_TO = 30_000  # coordinates: beyond, a pair keeps the precision of the filters, which saves a factorisation
+FACTORS_UP_TO = 90_000  # coordinates: 60,000 take 3 GiB, twice as many seven
 
 
 class ShiftWindow(NamedTuple):
@@ -217,17 +218,17 @@ class FastestPair(NamedTuple):
     frequency: float  # ω = |Re √λ| [1/time]
     residual: float  # ‖Av − λv‖/‖A‖ of the unit vector v = √M mode
     bottom: Bottom
-    exponent: float  # amplification exponent up to which modes above the bottom were sought
+    exponent: float  # amplification exponent at which a pair above the bottom would have been seen
     duration: float  # duration of the tangent dynamics; inf if all eigenvalues were computed [time]
     probes: int  # random initial vectors of the tangent dynamics
-    candidates: list[ShiftWindow]
-    unverified: int  # peaks of the spectra that no window verified, or only in part
+    candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
+    unverified: int  # growing peaks of the spectra from which no eigenvalue was extracted
     free: Freedom
     soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
 
     @property
     def looked(self) -> float:
-        """Growth rate that reaches `exponent` within `duration`; slower pairs may be missed [1/time]."""
+        """Growth rate above which the probes would have seen a pair; slower ones may be missed [1/time]."""
         return self.exponent / self.duration
 
     @property
@@ -283,9 +284,9 @@ def fastest_pair(
 
     The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs lie low. All modes at the bottom of the spectrum are
     computed by shift and invert, and their number is compared with that of the symmetric part of the matrix. For what
-    lies higher, random probes run until the time `amplification`/`rate`, or until a verified mode has grown by
-    exp(`amplification`), by which time any faster mode would stand out. Peaks of growing power are verified by
-    shift-invert windows, which distinguish pairs from nearly degenerate real modes.
+    lies higher, random probes run until the time `amplification`/`rate`, or until a mode that was found has grown by
+    exp(`amplification`), by which time any faster mode would stand out. Where power grows, filters extract eigenvalues
+    from the running probes, which distinguishes pairs from nearly degenerate real modes.
 
     Parameters
     ----------
@@ -297,14 +298,15 @@ def fastest_pair(
     report : called as report(stage, share done, text)
     saved : file in which the search is saved every minute, and from which it continues; it is removed at the end
     dense_below : number of coordinates below which LAPACK computes all eigenvalues
-    factors_up_to : number of coordinates up to which factors are computed, for the modes at the bottom and to refine
-        the pair to round-off. Beyond, the probes alone search the whole spectrum
+    factors_up_to : number of coordinates up to which factors are computed, for the modes at the bottom and, up to
+        30,000 coordinates, to refine the pair to round-off. Beyond, the probes alone search the whole spectrum
 
     Notes
     -----
     `FastestPair.guarantee` says what is known about other pairs. That the symmetric part has as many eigenvalues below
     a limit as were found is a check of completeness as long as the skew part is weak; it is not a proof. In single
-    precision, `rate` must be above about 1e-6 of the largest frequency. The windows are in double precision.
+    precision, `rate` must be above about 1e-6 of the largest frequency. Extracted pairs are eigenvalues of A in double
+    precision to the residual given, at most a hundredth of Im λ.
 
     Source
     ------
@@ -347,16 +349,17 @@ def find_fastest(
         bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, 0
     else:
         bottom, factors = Bottom(0.0, 0, 0, False, skew / 2), len(touched) <= factors_up_to
+        refines = factors and len(touched) <= REFINED_UP_TO
         if factors:
             report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
             bottom = _search_bottom(windows, symmetric, skew)
         del symmetric
         disc = (windows.done[0].shift, windows.done[0].radius) if windows.done else (0.0, 0.0)
         found, run, left = search_by_probes(
-            matrix, norm, disc, windows.growth, effort, report, saved, CLEAR if factors else ALONE
+            matrix, norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
         )
         time, used, exponent = run.time, run.probes, run.seen * run.time
-        if found.value is not None and factors:
+        if found.value is not None and refines:
             report("fastest pair to round-off", 0.0, f"growth rate {found.growth:.4g}")
             windows.polish(found.value, found.vector)
         if windows.growth < (1 - NEAR) * found.growth:
