@@ -235,6 +235,8 @@ def stability(
         large = 6 * len(state.grains.radius) > FACTORS_UP_TO
         with terminal.progress(transient=not large) as tell:
             saved = Path(f"{named.stem}-search.npz") if large else None
+            if saved and saved.exists():
+                terminal.console.print(f"{saved}: the search that is saved there continues if it is of this packing")
             result = analyse(state, its_law, method=method, dashpots=dashpots, saved=saved, report=tell)
             more = None
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):

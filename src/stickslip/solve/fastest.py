@@ -249,10 +249,9 @@ class FastestPair(NamedTuple):
                 f"below λ = {low.limit:.4g} {none} {faster} among the {low.found} eigenvalues{zero} found, but the "
                 f"symmetric part has {low.expected} there, so that some may be missing; above, "
             )
-        seen = max(self.looked, self.growth_rate)
         above = (
             f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes saw none "
-            f"faster than {seen:.3g}, which is not a proof; none can exceed {most}"
+            f"faster than {max(self.looked, self.growth_rate):.3g}, which is not a proof; none can exceed {most}"
         )
         if self.unverified:
             above += f"; {self.unverified} peaks of its spectra were not verified"
@@ -358,7 +357,7 @@ def find_fastest(
         found, run, left = search_by_probes(
             matrix, norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
         )
-        time, used, exponent = run.time, run.probes, run.seen * run.time
+        time, used, exponent = run.time, run.probes, found.excluded(run) * run.time
         if found.value is not None and refines:
             report("fastest pair to round-off", 0.0, f"growth rate {found.growth:.4g}")
             windows.polish(found.value, found.vector)

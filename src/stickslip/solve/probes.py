@@ -28,6 +28,7 @@ LANES = 16  # vectors that are advanced together: one register of AVX-512, two o
 SPANS = 8  # power spectra per run; growth is measured relative to the first
 BUCKETS = 16  # random sums of coordinates recorded for each probe
 FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
+EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that strong excitation of its mode explains
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the one before
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
@@ -202,26 +203,32 @@ class GrowingModes:
     def __init__(self, matrix, norm: float, disc: tuple[float, float], growth: float, clear: float):
         self.matrix, self.norm, self.disc, self.growth, self.clear = matrix, norm, disc, growth, clear
         self.residual, self.value, self.vector = 0.0, None, None
-        # frequencies of peaks that were explained, or in vain, and half the widths that they cover [1/time]
-        self.explained: list[tuple[float, float]] = []
+        # frequency of each peak that was explained, or in vain, what it covers on either side, and growth rate [1/time]
+        self.explained: list[tuple[float, float, float]] = []
 
     def hopeful(self, run: ProbeRun) -> list[tuple[complex, float]]:
         """Peaks not yet explained of modes that may grow faster than the fastest one known, fastest first."""
         # estimates assume mean excitation; a weakly excited mode grows faster than estimated
         least = max(1.0, self.growth * run.time - np.log(FAINT) / 2)
-        return [(value, g) for value, g in run.peaks() if g * run.time > least and not self._covers(value)]
+        return [(value, g) for value, g in run.peaks() if g * run.time > least and not self._covers(value, g, run.time)]
 
-    def _covers(self, value: complex) -> bool:
+    def _covers(self, value: complex, growth: float, time: float) -> bool:
+        """Return True if a peak is explained; later it may reveal a faster mode nearby, by more than its excitation."""
         frequency = np.sqrt(complex(value)).real
         return abs(value - self.disc[0]) < 0.9 * self.disc[1] or any(
-            abs(frequency - centre) < width for centre, width in self.explained
+            abs(frequency - centre) < width and (growth - known) * time < EXCITED
+            for centre, width, known in self.explained
         )
+
+    def excluded(self, run: ProbeRun) -> float:
+        """Growth rate above which no mode was seen: of faint ones, and of those beside a mode that was found."""
+        return max(run.seen, self.growth + EXCITED / run.time if self.value is not None else 0.0)
 
     def extract(self, run: ProbeRun, follow: Callable[[], None]) -> None:
         """Let the probes run on until filters at the hopeful peaks yield what grows at the first one, or in vain."""
         value, growth = self.hopeful(run)[0]
         centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
-        self.explained.append((centre, bin_width))
+        self.explained.append((centre, bin_width, growth))
         spans = max(1, round(GAIN / growth / (run.span * run.dt)))
         for _ in range(PASSES):
             if run.log_scale > FAR:
@@ -231,24 +238,25 @@ class GrowingModes:
                 run.advance(filters)
                 follow()
             found = self._keep(filters)
-            self.explained += [(frequency, bin_width) for frequency in found]
-            if any(abs(frequency - centre) < bin_width for frequency in found):
+            self.explained += [(frequency, bin_width, rate) for frequency, rate in found]
+            if any(abs(frequency - centre) < bin_width for frequency, _ in found):
                 return
 
-    def _keep(self, filters: Filters) -> list[float]:
-        """Store the fastest growing eigenvalue in the span of the filtered probes; return all their frequencies.
+    def _keep(self, filters: Filters) -> list[tuple[float, float]]:
+        """Store the fastest growing eigenvalue in the span of the filtered probes; return frequencies and rates of all.
 
         Only those count that stand clear of their residuals.
         """
         values, vectors, errors = filters.eigenvalues(self.matrix)
         apart = np.where(values.imag == 0, -values.real, values.imag)  # from the real axis, or from zero
         clear = np.flatnonzero(apart > np.maximum(self.clear * errors, NOISE * self.norm))
+        roots = np.sqrt(values.astype(complex))
         for k in clear:
-            value, growth = complex(values[k]), float(abs(np.sqrt(complex(values[k])).imag))
+            value, growth = complex(values[k]), float(abs(roots[k].imag))
             if growth > self.growth:
                 self.growth, self.value, self.vector = growth, value, vectors[:, k]
                 self.residual = float(errors[k]) / self.norm
-        return [float(np.sqrt(complex(values[k])).real) for k in clear]
+        return [(float(roots[k].real), float(abs(roots[k].imag))) for k in clear]
 
 
 def search_by_probes(
@@ -344,7 +352,7 @@ class SavedSearch:
         np.savez(
             part, digest=self.digest, span=run.span, log_scale=run.log_scale, seen=run.seen,
             spectra=run.spectra, lanes=run.lanes, q=run.q, v=run.v,
-            explained=np.array(modes.explained).reshape(-1, 2), growth=modes.growth,
+            explained=np.array(modes.explained).reshape(-1, 3), growth=modes.growth,
             residual=modes.residual, value=[] if modes.value is None else [modes.value],
             vector=[] if modes.vector is None else modes.vector,
         )  # fmt: skip
@@ -361,7 +369,7 @@ class SavedSearch:
             run = start(int(saved["span"]))
             run.q, run.v, run.spectra = list(saved["q"]), list(saved["v"]), list(saved["spectra"])
             run.log_scale, run.seen, run.lanes = float(saved["log_scale"]), float(saved["seen"]), saved["lanes"]
-            modes.explained = [(float(centre), float(width)) for centre, width in saved["explained"]]
+            modes.explained = [tuple(map(float, one)) for one in saved["explained"]]
             modes.growth, modes.residual = float(saved["growth"]), float(saved["residual"])
             if len(saved["value"]):
                 modes.value, modes.vector = complex(saved["value"][0]), saved["vector"]
