@@ -26,7 +26,7 @@ from .probes import Effort, search_by_probes
 from .spectrum import REAL_BELOW
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
-BOTTOM = 240  # vectors of the subspace at the bottom of the spectrum
+BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
 POLISHING = (48, 96, 240, 560)  # and of those that refine a pair, which start from it
 NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
@@ -381,7 +381,8 @@ def find_fastest(
 
 def _search_bottom(windows: ShiftWindows, symmetric, skew: float) -> Bottom:
     """Compute the modes at the bottom of the spectrum, and check their number in up to GAPS of its gaps."""
-    size, order = min(BOTTOM, symmetric.shape[0] // 4), windows.order
+    size, order = BOTTOM[symmetric.shape[0] > REFINED_UP_TO], windows.order
+    size = min(size, symmetric.shape[0] // 4)
     values = windows.search(-1e-6 * windows.norm, size).real
     top = windows.done[0].shift + windows.done[0].radius
     floor = ZERO_MODES * windows.norm
