@@ -23,7 +23,7 @@ Scenarios
 
 Arguments of functions
 
-    checked, check_types, Requirement       validation of arguments by their annotations
+    checked, check_types, knows_bonds, Requirement      validation of arguments by their annotations
     Array, Bodies, Numbers, Result, Series, Values      annotations
     FILLED, NOT_NEGATIVE, POSITIVE, one_of      requirements beside a type: Annotated[int, POSITIVE]
     require_filled, require_index, require_not_negative, require_options, require_positive, require_shape   checks
@@ -45,6 +45,7 @@ States, engines and solvers
     with_neighbor_list, resting, reset_reached, shifts, Committed       states, and pairs of their contact lists
     supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
     linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
+    bond_blocks, bond_rows, bond_vectors, cross_matrix, is_beam         and bonds
     linearised, force_imbalance, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
     core                        compiled functions
     factorised, one_thread, suitable_threads        linear algebra

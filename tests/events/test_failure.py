@@ -240,10 +240,10 @@ def refused(tmp_path):
     ("name", "options", "said"),
     [
         ("unbalanced", [], "not in equilibrium"),
-        ("apart", [], "without contacts"),
+        ("apart", [], "has no contacts"),
         ("open", [], "periodic cell"),
         ("fine", ["--until", "soon"], "first-pair, first-event, first-break or a strain"),
-        ("fine", ["--until", "0"], "other than zero"),
+        ("fine", ["--until", "0"], "nonzero"),
         ("fine", ["--until", "nan"], "'first-break', or a finite number"),
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
         ("fine", ["--until", "1e-3", "--step", "1e-2"], "step must be between"),

@@ -69,7 +69,7 @@ def _elsewhere(tmp_path, monkeypatch):
         ("group d dynamic all every 10\nfix a d addforce 0 0 1", "the members of group d change with time"),
         ("group d dynamic all every 10\ngroup d static\nfix z all langevin 1 1 1 4\nunfix z", ""),
         ("fix m all momentum/chunk 1 c linear 1 1 1", "fix m (momentum/chunk) was not taken over: it acts"),
-        ("pair_style gran/hooke 2000 NULL 20 NULL 0.4 1", "it has no tangential springs along contacts"),
+        ("pair_style gran/hooke 2000 NULL 20 NULL 0.4 1", "it has no tangential springs"),
         ("labelmap atom 1 a 2 b\ngroup low type b\nfix z low spring/self 1\nunfix z\nfix c low freeze\nunfix c", ""),
     ],
 )

@@ -44,8 +44,8 @@ def read_packing(path: str | Path, **options) -> Reading:
     i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
         in a dump; the last one by default, except of archives
-    contacts : path of the `dump local` that belongs to the grains and provides their memory, or of the table of
-        measured forces, see `read_forces`
+    contacts : path of the `dump local` that belongs to the grains and provides their memory, of the table of measured
+        forces, see `read_forces`, or of a table of bonds with columns i, j, kn, ks … (YADE) or pb_kn, pb_ks … (PFC)
     columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not detected correctly from their contents
     boundary : three letters as in LAMMPS, such as ppf, if the file does not state the periodic directions
     atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
@@ -78,6 +78,14 @@ def read_packing(path: str | Path, **options) -> Reading:
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path, contacts = Path(path), options.get("contacts")
+    if contacts and Path(contacts).is_file():
+        from ..data.exchange.bond_tables import is_table_of_bonds, with_listed_bonds
+
+        if is_table_of_bonds(Path(contacts)):
+            found = read_packings(path, frame=frame, **options | {"contacts": None})
+            held = [with_listed_bonds(state, Path(contacts)) for _, state, *_ in found]
+            rest = zip(found, held, strict=True)
+            return [(name, state, law, [*notes, *more]) for (name, _, law, notes), (state, more) in rest]
     if path.is_dir() and (path / NUMBERS).is_file():
         path = path / NUMBERS
     if is_measured(path, contacts and Path(contacts)):

@@ -286,7 +286,7 @@ def _read_if_possible(path: Path, files: Files, run: Run) -> Packing | None:
 
 
 def _last_frame(path: Path) -> tuple[bool, int]:
-    """Whether the last frame of a dump has radii, and its time step; −1 if it cannot be found."""
+    """Presence of radii in the last frame of a dump, and its time step; −1 if it cannot be found."""
     if is_compressed(path):
         content = read_content(path)
     else:

@@ -334,6 +334,11 @@ def contact_status(
         return status_of_critical(
             matrix, load, critical=numbers, start=start, geometric=geometric, unique=unique
         )  # fmt: skip
+    if matrix.rigid is not None:
+        raise ValueError(
+            "a packing with rigid bonds and contacts without force was given, whose opening is not decided: use "
+            "linear_system(..., bonds='elastic')"
+        )
     mask = np.isin(np.arange(matrix.count), numbers)
     return _status_at_apex(matrix._replace(limit=mask & ~faint), np.asarray(load, float), mask & faint, geometric)
 

@@ -6,7 +6,7 @@ counts as zero, and A is then reported as singular rather than as being or not b
 
 If y ≥ 0, Aᵀ y ≤ 0 and qᵀ y < 0, then no λ ≥ 0 has w = A λ + q ≥ 0, since 0 ≤ yᵀ w = (Aᵀ y)ᵀ λ + qᵀ y < 0. A linear
 programme proposes such a Farkas certificate y. The inequalities are then verified, allowing for the errors in A and q.
-A motion that nothing resists proves the same.
+An unresisted motion proves the same.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """
@@ -296,9 +296,7 @@ def _verify_motion(
     size = np.linalg.norm(system.right)
     if np.abs(k @ v).max() > small or np.abs(k.T @ u).max() > small or not abs(power) > NULL * size:
         return None
-    whole = np.zeros((2, len(system.load)))
-    whole[:, system.kept] = v, u
-    return UnresistedMotion(*whole, power / size, slides)
+    return UnresistedMotion(system.expand(v), system.expand(u), power / size, slides)
 
 
 class IdleMotions(NamedTuple):
@@ -310,7 +308,7 @@ class IdleMotions(NamedTuple):
 
 def find_idle_motions(system: StatusSolver) -> IdleMotions | None:
     """Find null vectors of k₀ that are null vectors of every k(S); None if this cannot be decided."""
-    if not 0 < len(system.kept) <= DENSE_UP_TO:
+    if not 0 < len(system.kept) <= DENSE_UP_TO or system.basis is not None:
         return None
     k = system.stuck.toarray()
     scale = np.abs(k).max()
