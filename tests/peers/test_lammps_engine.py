@@ -114,7 +114,7 @@ def refused_conditions():
         (free_wall, "not by forces"),
         (state._replace(control=held), "hold or drive single grains"),
         (state._replace(control=pushed), "forces on single grains"),
-        (heavy, "I0 = 0.8"),
+        (heavy, "LAMMPS has I0 = 2/5 .* but not 0.8"),
         (shaken._replace(control=many), "91 knots"),
     ]
 
