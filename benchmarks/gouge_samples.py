@@ -1,23 +1,21 @@
 """Printed values and statements of Ferdowsi & Rubin 2021 beside the stored samples of the paper's own size.
 
-The samples in `docs/reference/gouge_paper_size` are evaluated, and the table and figures of `docs/theory/gouge.md` are
-written. To be run after each new sample.
+The samples in `docs/reference/gouge_paper_size` are evaluated, and the table of `docs/theory/gouge.md` is written. Both
+commands, of which the second draws the figures, are to be run after each new sample.
 
 python -m benchmarks gouge_samples --store
+python docs/gallery.py gouge-paper-size
 """
 
 import json
 from pathlib import Path
 
-from stickslip.figures.saving import save
 from stickslip.wings.papers.gouge.paper import reproduce
-from stickslip.wings.papers.gouge.report import paper_figures
 
 from .records import number, write_block
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "theory/gouge.md"
-FIGURES = {"fig3_holds.png": "holds", "fig5_reslides.png": "reslides", "fig2_velocity_steps.png": "velocity_steps"}
 WORDS = {None: "–", True: "yes", False: "no"}
 
 
@@ -60,6 +58,3 @@ def rows(*, smallest: bool = False):
     yield text
     if not smallest:
         write_block(PAGE, "gouge_samples", text)
-        for name, figure in paper_figures(found):
-            if name in FIGURES:
-                save(figure, DOCS / f"figures/gouge_paper_size_{FIGURES[name]}.png")

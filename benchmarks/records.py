@@ -193,10 +193,11 @@ def shown(one: dict) -> str:
 
 
 def pages(root: Path = ROOT) -> list[Path]:
-    """README and pages that people write, in which numbers stand."""
+    """README, paper and pages that people write, in which numbers stand."""
     made = {"numbers.md"}
     found = [p for p in sorted((root / "docs").rglob("*.md")) if not {"_build", "api", "reference"} & {*p.parts}]
-    return [root / "README.md", *(path for path in found if path.name not in made)]
+    first = [path for path in (root / "README.md", root / "paper" / "paper.md") if path.exists()]
+    return [*first, *(path for path in found if path.name not in made)]
 
 
 def with_numbers(text: str, records: dict[str, dict]) -> str:
@@ -214,12 +215,13 @@ def with_numbers(text: str, records: dict[str, dict]) -> str:
 def overview(records: dict[str, dict]) -> str:
     """The page of all numbers."""
     lines = [
-        "# Where numbers come from",
+        "# Measured numbers",
         "",
-        "Numbers that this package measured, with the command that measures each. Numbers in the text link to this",
-        "page; the title of the link is the name of the number. *Text of* a page was transcribed from the output of a",
-        "command, or written by it. Numbers older than these records have the day and the commit on which they were",
-        "written down, and no processor. `make numbers` lists the numbers that are older than the code.",
+        "This page lists the measured numbers in README and documentation, each with the command that measures it.",
+        "Numbers in the text link to this page; the title of a link is the name of the number. *Text of* a page was",
+        "transcribed from the output of a command, or written by it. For numbers older than these records, the day",
+        "and the commit are those on which they were recorded, and the processor is missing. `make numbers` lists",
+        "the numbers that are older than the code.",
     ]
     for name, record in records.items():
         lines += ["", f"## {name}", "", f"`{record['command']}`"]

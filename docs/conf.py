@@ -2,6 +2,7 @@
 
 import os
 import sys
+import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -51,6 +52,14 @@ autodoc_member_order = "bysource"
 python_use_unqualified_type_names = True
 
 html_theme = "furo"
+# a release writes the address of the repository, and those of Binder and Colab, into the metadata
+METADATA = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+html_theme_options = {
+    "footer_icons": [
+        {"name": name, "url": url, "html": name, "class": ""} for name, url in METADATA.get("urls", {}).items()
+    ]
+}
+html_favicon = "_static/icon.svg"
 html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 html_title = f"stickslip {version}"

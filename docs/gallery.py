@@ -2,11 +2,13 @@
 
 The code shown beside each picture is the code that draws it. Simulation results are saved in results/gallery, so that
 the figures can be redrawn in a minute; the first run takes some ten minutes on two cores. `python docs/gallery.py flow`
-draws only that section, and keeps the other pictures.
+draws only that section, and keeps the other pictures. Pictures of guides that are not on the page are drawn by the
+same code, from stored data or from the example in the guide: `python docs/gallery.py gouge-tenth`.
 """
 
 import inspect
 import pickle
+import re
 import sys
 import tempfile
 from operator import attrgetter
@@ -20,7 +22,8 @@ from stickslip.experiments.registry import experiment_of, read_scenario
 from stickslip.figures import saving
 
 ROOT = Path(__file__).parents[1]
-STORE, PICTURES = ROOT / "results" / "gallery", ROOT / "docs" / "figures" / "gallery"
+FIGURES = ROOT / "docs" / "figures"
+STORE, PICTURES = ROOT / "results" / "gallery", FIGURES / "gallery"
 PAGE = ROOT / "docs" / "gallery.md"
 SHRINK, COLORS = 0.7, 256  # of pictures on the page, from 300 dots per inch
 THUMB = 0.68  # of the larger ones: size of the pictures in the page, which are links to them; type has 13 pixels
@@ -180,13 +183,101 @@ SECTIONS = {
         {"fig1_static_and_kinetic": 'ss.figures.static_and_kinetic(result.found, label="push over normal force")'},
     ),
 }  # fmt: skip
+TENTH = """import json
+
+import numpy as np
+import pandas as pd
+from scipy.stats import t
+from types import SimpleNamespace as Made
+
+from stickslip.figures.style import power_of_ten
+from stickslip.wings.papers.gouge.claims import COLLAPSE, predict_hold
+from stickslip.wings.papers.gouge.paper import DAMPINGS, paper_scenario
+from stickslip.wings.papers.gouge.sample import damping
+
+table = pd.read_csv("docs/reference/gouge/curves.csv")
+claims = json.loads(Path("docs/reference/gouge/claims.json").read_text(encoding="utf-8"))
+claims = {claim["id"]: claim for claim in claims}
+hold, after = "friction in a hold", "friction after a hold"
+scenario, v = paper_scenario(), 0.03
 
 
-def simulate(example):
-    """Return the saved result of an example, or simulate it and save the result."""
-    path = STORE / f"{Path(example.name).stem}.pickle"
+def curve(run, kind, label="", **at):
+    rows = (table.run == run.replace(",", ";")) & (table.kind == kind)
+    for name, value in at.items():
+        rows &= table[f"{name} [{'s' if name == 'hold' else 'm/s'}]"] == value
+    rows = table[rows]
+    x, mean, error = (rows[name].to_numpy() for name in ("x", "mean", "error"))
+    return Made(x=x, mean=mean, error=error, band=2 * rows.deviation.to_numpy(), label=label)
+
+
+def peak(curve, samples):
+    k = curve.mean.argmax()
+    return Made(value=curve.mean[k], half=t.ppf(0.975, samples - 1) * curve.error[k])
+
+
+def slope(name):
+    return Made(value=claims[name]["measured"], half=2 * claims[name]["error"])
+
+
+labels = {
+    run: rf"{run}: $\\gamma_n$ = {power_of_ten(damping(paper_scenario(damping=run)))}" for run in DAMPINGS
+}
+main, times = next(iter(DAMPINGS)), [0.01, 0.1, 1.0]
+holds = [curve(run, hold, label) for run, label in labels.items()]
+laws = predict_hold(Made(scenario=scenario), v, holds[0].x)
+ratios = [curve(run, "kinetic over elastic energy in a hold", label) for run, label in labels.items()]
+creep = [curve(run, "velocity of the plate in a hold") for run in labels]
+thinner = curve(main, "thickness in a hold")
+for name in ("mean", "error", "band"):
+    setattr(thinner, name, getattr(thinner, name) / scenario.grains.mean)
+healed = [peak(curve(main, after, hold=one), 8) for one in times]
+steps = [(0.3, 0.03), (0.03, 0.3), (0.03, 0.003), (0.003, 0.03)]
+stepped = [curve("steps", "friction after a step", f"{a:g} → {b:g} m/s", before=a, after=b) for a, b in steps]
+speeds = np.array([0.02, 0.05, 0.1, 0.3])
+slid = [curve("reslides", after, hold=1.43, after=one) for one in speeds]
+peaks, measured = [peak(one, 4) for one in slid], slope("peak-vs-velocity-ratio")
+figures = ss.figures.gouge"""
+PAPER_SIZE = """from stickslip.wings.papers.gouge.paper import reproduce
+from stickslip.wings.papers.gouge.report import paper_figures
+
+figures = dict(paper_figures(reproduce(paper_size=True, samples=Path("docs/reference/gouge_paper_size"))))"""
+BIAXIAL = """from stickslip.wings.papers.quasi_rigid.claims import paper_scenario
+
+result = simulate("biaxial", paper_scenario())"""
+GUIDES = {  # pictures of guides, by the beginning of their names; an example of a guide is its last code that saves one
+    "gouge-tenth": Section(
+        "Fault gouge of a tenth of the size", TENTH,
+        {
+            "gouge_holds": "figures.holds([(holds, laws)])",
+            "gouge_healing": 'figures.healing(times, healed, slope("healing-rate"), scenario.scales.b, thinner)',
+            "gouge_velocity_steps": "figures.velocity_steps(stepped, twins=False)",
+            "gouge_reslides": "figures.reslides(slid, speeds / 0.02, peaks, measured, COLLAPSE)",
+            "gouge_rest": "figures.energies_in_holds(ratios, creep)",
+        },
+    ),
+    "gouge-paper-size": Section(
+        "Fault gouge of the paper's size", PAPER_SIZE,
+        {
+            "gouge_paper_size_holds": 'figures["fig3_holds.png"]',
+            "gouge_paper_size_reslides": 'figures["fig5_reslides.png"]',
+            "gouge_paper_size_velocity_steps": 'figures["fig2_velocity_steps.png"]',
+        },
+    ),
+    "biaxial": Section(
+        "Biaxial test", BIAXIAL,
+        {"quasi_rigid_curves": 'ss.figures.quasi_rigid.curves(result.tested, "biaxial")'},
+    ),
+    "clusters": Section("Rigid clusters", "quasi_rigid.md", {"quasi_rigid_clusters": "clusters.png"}),
+    "collapses": Section("Collapses", "quasi_rigid.md", {"quasi_rigid_collapses": "collapses.png"}),
+}  # fmt: skip
+
+
+def simulate(example: str | Path, scenario=None):
+    """Return the saved result of an example, or simulate it, or the scenario of this name, and save the result."""
+    path = STORE / f"{Path(example).stem}.pickle"
     if not path.is_file():
-        scenario = read_scenario(ROOT / "examples" / example.name)
+        scenario = scenario or read_scenario(ROOT / "examples" / Path(example).name)
         with tempfile.TemporaryDirectory() as folder:
             found = experiment_of(scenario).simulate(scenario, folder=Path(folder))
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -196,15 +287,27 @@ def simulate(example):
 
 def draw(name: str) -> None:
     """Draw the pictures of a section by running its code, in which results that have been saved are not made again."""
-    section = SECTIONS[name]
+    section, known = (SECTIONS | GUIDES)[name], {"ss": ss, "simulate": simulate, "Path": Path}
     start = section.start.replace("ss.simulate(ss.read_scenario(", "simulate(Path(")
-    known = {"ss": ss, "simulate": simulate, "Path": Path}
+    if start.endswith(".md"):
+        (saved,) = section.pictures.values()
+        start, code = example_of(ROOT / "docs" / start, saved)
+        section = section._replace(pictures=dict.fromkeys(section.pictures, code))
     exec(start, known)
     for picture, code in section.pictures.items():
-        path = PICTURES / f"{name}_{picture}.png"
+        path = FIGURES / f"{picture}.png" if name in GUIDES else PICTURES / f"{name}_{picture}.png"
         saving.save(eval(code, known), path)
-        for size, to in ((SHRINK, path), (THUMB, PICTURES / f"small_{path.name}")):
-            shrink(path, to, size)
+        shrink(path, path, SHRINK)
+        if name in SECTIONS:
+            shrink(path, PICTURES / f"small_{path.name}", THUMB)
+
+
+def example_of(page: Path, saved: str) -> tuple[str, str]:
+    """Return the example of a page that saves a picture, without its last line, and the figure that this saves."""
+    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    (block,) = (block.strip() for block in blocks if f'.savefig("{saved}")' in block)
+    start, _, last = block.rpartition("\n")
+    return start, last.partition(".savefig")[0]
 
 
 def shrink(path: Path, to: Path, size: float) -> None:
@@ -239,8 +342,8 @@ def write_page() -> None:
 def main(wanted: list[str]) -> None:
     """Draw the given sections, or all, and write the page."""
     PICTURES.mkdir(parents=True, exist_ok=True)
-    for name in wanted or SECTIONS:
-        print(f"{SECTIONS[name].heading} …", flush=True)
+    for name in wanted or SECTIONS | GUIDES:
+        print(f"{(SECTIONS | GUIDES)[name].heading} …", flush=True)
         draw(name)
     known = {f"{name}_{picture}.png" for name, section in SECTIONS.items() for picture in section.pictures}
     for path in PICTURES.iterdir():

@@ -3,8 +3,9 @@
 The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel
 is built from the unpacked sdist, `twine check --strict` reads both, and `stickslip doctor` runs in a new environment
 with nothing but the wheel and its dependencies. `--repository URL` names the address of the repository, which then
-stands in the metadata, the README's links, CITATION.cff and the conda recipe of what is built; the sources have none.
-A number in the README that is older than the code stops a release.
+stands in the metadata, the README's links and badges, CITATION.cff, .zenodo.json and the conda recipe of what is built;
+the sources have none. From the metadata, the documentation takes its links to the repository, Binder and Colab. A
+number in the README that is older than the code stops a release.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import sys
 import tarfile
 import tempfile
 from pathlib import Path
+from urllib.parse import quote
 
 ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
@@ -64,19 +66,52 @@ def _run(*words, cwd=ROOT) -> None:
         raise SystemExit(code)
 
 
+def urls(address: str) -> dict[str, str]:
+    """Addresses that follow from that of the repository, as `[project.urls]` names them.
+
+    Binder and Colab open the notebook for a lecture hour; Colab only from GitHub.
+    """
+    address, version, note = address.rstrip("/"), f"v{package_version()}", "examples/lecture.ipynb"
+    found = {
+        "Repository": address, "Documentation": f"{address}/blob/{version}/docs/index.md",
+        "Issues": f"{address}/issues", "Changelog": f"{address}/blob/{version}/CHANGELOG.md",
+        "Binder": f"https://mybinder.org/v2/git/{quote(address, safe='')}/{version}?urlpath=lab/tree/{note}",
+    }  # fmt: skip
+    if github := re.fullmatch(r"https://github\.com/([^/]+/[^/]+)", address):
+        found["Binder"] = f"https://mybinder.org/v2/gh/{github[1]}/{version}?urlpath=lab/tree/{note}"
+        found["Colab"] = f"https://colab.research.google.com/github/{github[1]}/blob/{version}/{note}"
+    return found
+
+
+def badges(known: dict[str, str]) -> str:
+    """Line of the README with the state of the tests, where GitHub knows it, and links to the notebook."""
+    pictures = {
+        "Binder": "https://mybinder.org/badge_logo.svg",
+        "Colab": "https://colab.research.google.com/assets/colab-badge.svg",
+    }
+    tests = f"{known['Repository']}/actions/workflows/test.yml"
+    shown = [f"[![tests]({tests}/badge.svg)]({tests})"] if "Colab" in known else []
+    return " ".join(shown + [f"[![{name}]({to})]({known[name]})" for name, to in pictures.items() if name in known])
+
+
 def with_address(source: Path, address: str) -> None:
     """Write the address of the repository into a copy of the sources."""
-    links = f"{address}/blob/v{package_version()}/"
+    known = urls(address)
+    address, links = known["Repository"], f"{known['Repository']}/blob/v{package_version()}/"
+    table = "\n".join(f'{name} = "{url}"' for name, url in known.items())
     for name, pattern, text in (
-        (
-            "pyproject.toml",
-            r"(?m)^\[project\.scripts\]$",
-            f'[project.urls]\nRepository = "{address}"\n\n[project.scripts]',
-        ),
+        ("pyproject.toml", r"(?m)^\[project\.scripts\]$", f"[project.urls]\n{table}\n\n[project.scripts]"),
         ("README.md", r"(!\[[^]]*\])\((?!\w+:)", rf"\1({links.replace('/blob/', '/raw/')}"),
         ("README.md", r"\]\((?!\w+:)", f"]({links}"),
+        ("README.md", "<!-- badges -->", badges(known)),
         ("CITATION.cff", r"(?m)^type: software$", f'type: software\nrepository-code: "{address}"'),
-        ("release/conda/recipe.yaml", r"(?m)^about:$", f"about:\n  repository: {address}"),
+        (
+            ".zenodo.json",
+            r'(?m)^ "related_identifiers": \[$',
+            ' "related_identifiers": [\n  '
+            f'{{"identifier": "{address}", "relation": "isSupplementTo", "scheme": "url"}},',
+        ),
+        ("release/conda/recipe.yaml", r"(?m)^about:$", f"about:\n  homepage: {address}\n  repository: {address}"),
     ):
         path = source / name
         found, count = re.subn(pattern, text, path.read_text(encoding="utf-8"))

@@ -1,19 +1,19 @@
 """A laboratory for frictional grains: build packings, load them, know when and how they slip.
 
 Packings and states
-    State, Grains, Walls, Cell, Contacts, Control   what a state holds
+    State, Grains, Walls, Cell, Contacts, Control   parts of a state
     assembly, box, disks, spheres, flat_walls       build a state by hand
     OPEN, STICK, SLIDE      mode of each contact
-    packings    make packings, take them from arrays, prepare them for a test
-    laws        contact laws: choose one, combine several, write your own
+    packings    make packings, build them from arrays, prepare them for a test
+    laws        contact laws: built-in, combined or user-defined
     control     boundary conditions: fixed, driven, force-controlled bodies; springs; cells
 
 Forces, equilibrium, dynamics
     Law         a contact law with its parameters
     forces, accept      evaluate contact forces; commit the memory of the contacts
-    FREE, HELD, FROZEN      how an evaluation treats that memory
+    FREE, HELD, FROZEN      treatment of this memory by an evaluation
     equilibrate, newton, relax      find an equilibrium
-    Outcome, Status, NotInEquilibriumError      how a solve ended
+    Outcome, Status, NotInEquilibriumError      outcome of a solver
     run         integrate the equations of motion
     protocols   load paths, free runs, release from unstable states
     measure     stress, fabric, coordination, contact forces

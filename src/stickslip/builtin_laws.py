@@ -2,7 +2,7 @@
 
 All code that lists or describes the laws reads this table.
 
-A new law needs one entry here, its scalar functions in `_core/laws.h` or, with parameters of its own, in
+A new law needs one entry here, its scalar functions in `_core/laws.h` or, with additional parameters, in
 `_core/normal_laws.cpp`, its constructor of the same name in `core/laws/builtin.py`, its form in Python in
 `tests/laws/forms`, with which tests compare it, and a line in `docs/contact_laws.md`.
 """
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Parameter(NamedTuple):
-    """Parameter that only some laws have; not negative."""
+    """Parameter of some laws; not negative."""
 
     name: str
     unit: str
@@ -24,13 +24,13 @@ class BuiltinLaw(NamedTuple):
 
     name: str
     words: str  # for the command line
-    exponent: float  # of the overlap in the elastic normal force
+    exponent: float  # exponent of the overlap in the elastic normal force
     sources: tuple[str, ...]  # keys of references.bib
     uses_radius: bool = False  # stiffnesses contain √R_eff, so that k_n and k_t follow from elastic constants
     rescales: bool = False  # slip shrinks as the overlap decreases
-    parameters: tuple[Parameter, ...] = ()  # beside those of every law; of a law in `_core/normal_laws.cpp`
-    memory: tuple[str, ...] = ()  # own memory of a contact, which is zero as it closes
-    bonds: bool = False  # acts across gaps up to a range, once grains have touched
+    parameters: tuple[Parameter, ...] = ()  # in addition to those of every law; for laws in `_core/normal_laws.cpp`
+    memory: tuple[str, ...] = ()  # additional memory of a contact, zero when it closes
+    bonds: bool = False  # acts across gaps up to a range once grains have touched
 
     @property
     def damping(self) -> str:

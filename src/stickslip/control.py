@@ -5,7 +5,7 @@ fixed               bodies that do not move
 driven              bodies that move at a given rate
 time_dependent      rates multiplied by a function of time
 force_controlled    walls or rigid groups that move until contacts balance a force
-rigid               bodies that move as one, without rotation
+rigid               bodies that move together, without rotation
 spring_loaded       bodies pulled by a spring whose end moves
 spring_forces       forces of these springs
 strained_at         cell that deforms at a given velocity gradient

@@ -15,7 +15,7 @@ from types import ModuleType
 
 _TEMPORARY = "STICKSLIP_CACHE"
 
-# libraries that each extra of pyproject.toml installs, by import name; a test compares the two
+# libraries installed by each extra in pyproject.toml, by import name; a test compares both
 EXTRAS = {
     "laws": ("numba",),
     "fast": ("pypardiso",),
@@ -40,7 +40,7 @@ EXTRAS = {
 }
 
 
-# licences of what an extra installs, if not BSD, MIT or similar
+# licences of installed libraries other than BSD, MIT or similar
 LICENCES = {
     "fast": "it installs Intel's MKL under Intel's licence",
     "exchange": "ASE is LGPL",
@@ -50,7 +50,7 @@ LICENCES = {
 
 
 def cache_folder() -> Path:
-    """Folder for what this package remembers of a user; one for this process and its children if none is writable."""
+    """Cache folder of the user; a temporary folder for this process and its children if it is not writable."""
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stickslip"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +112,7 @@ def is_installed(module: str) -> bool:
 def install_command(extra: str, *, again: bool = False) -> str:
     """Shell command that installs an extra, quoted so that every shell understands it."""
     if extra not in EXTRAS:
-        raise KeyError(f"no extra {extra!r}: use {', '.join(EXTRAS)}")
+        raise KeyError(f"unknown extra {extra!r}: use {', '.join(EXTRAS)}")
     return f'`pip install {"--force-reinstall " * again}"stickslip[{extra}]"`'
 
 

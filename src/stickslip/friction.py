@@ -1,7 +1,7 @@
 """Rate-and-state friction, without grains.
 
 RateState, Spring, LoadStep     surface, spring, one step of the load point's motion
-spring_slider, prescribed       friction of a slider under a load history; at a prescribed slip velocity
+spring_slider, prescribed       friction of a slider under a load history, or at a prescribed slip velocity
 velocity_steps, slide_hold_slide, stated_steps  load histories
 load_steps, find_steps  load histories from a displacement, exact or noisy
 steady_sliding, critical_stiffness  stability of steady sliding
@@ -13,7 +13,7 @@ Fault, line_fault, simulate_fault, Recording    earthquake cycles on a straight 
 FaultState, initial_state, perturbed_state, fault_dataset   its state; its history as an xarray dataset
 moment_magnitude        M_w from a seismic moment
 Injection, Oscillation, StressTable, read_stress_table  changes of its normal stress in time
-nucleation, nucleation_half_length, cohesive_length, critical_wavelength    lengths that decide about stability
+nucleation, nucleation_half_length, cohesive_length, critical_wavelength    lengths that determine stability
 """
 
 from .lazy import attach

@@ -2,7 +2,7 @@
 
 Packings
     read_packing, read_packings     one state, or all states, from .npz, archive, GSD, LAMMPS data or dump
-    packing_units, units_in_use     units that a file names, and a `with` statement that prints them
+    packing_units, units_in_use     units named in a file, and a `with` statement that prints numbers in them
     read_forces, measured_forces    measured disks and their contact forces, from files or arrays
     follow_packings     states of a running LAMMPS simulation, as its dumps become complete
     write_packing       .npz, GSD, VTK, extended XYZ, LAMMPS data
@@ -15,7 +15,7 @@ Results
     open_sweep          results of a sweep as an xarray dataset
     read_sweep          definition of a sweep
     contact_table       contacts of one frame, one row each
-    contact_graph       contacts of a state as a graph of networkx
+    contact_graph       contacts of a state as a networkx graph
 """
 
 from .lazy import attach

@@ -5,7 +5,7 @@ Wings and their experiments
     Wing, Selfcheck, FileFormat     head of a wing, a number that `stickslip doctor` compares, and a format of packings
     Experiment, Paper, ScenarioError        description of an experiment, and of a paper; invalid scenario
     Reproduction                result of a paper's scenario, with its claims
-    Comparison, SweepMember     what the members of a sweep give together, and one of them
+    Comparison, SweepMember     comparison of the members of a sweep, and one member
     lazy_function, lazy_functions, result_of        functions that are imported late; decorator of the class of results
     Quantity, Quantities, quantities_of, Measures, Estimate, estimate, median      tables of quantities
     attach                      public names from a stub, imported on first use
@@ -23,7 +23,7 @@ Scenarios
 
 Arguments of functions
 
-    checked, check_types, Requirement       validation of arguments by their annotations
+    checked, check_types, knows_bonds, Requirement      validation of arguments by their annotations
     Array, Bodies, Numbers, Result, Series, Values      annotations
     FILLED, NOT_NEGATIVE, POSITIVE, one_of      requirements beside a type: Annotated[int, POSITIVE]
     require_filled, require_index, require_not_negative, require_options, require_positive, require_shape   checks
@@ -31,7 +31,7 @@ Arguments of functions
 Runs
 
     Report, silent, within      progress
-    Checkpoint, checkpoint_in, load_or_compute, abandon     parts that are saved and not computed again
+    Checkpoint, checkpoint_in, load_or_compute, abandon     saved parts of a run
     Workers, Member, Task, Realizations, run_realizations, reach, open_device       realizations in parallel
     archive, archive_fields, ArchiveError, given_keys       archives, fields of a class in one, keys of a scenario
     run_files, LEGS, UNFINISHED         names of files and folders within a run folder
@@ -41,26 +41,28 @@ Runs
 States, engines and solvers
 
     Engine, Leg, Wave, Device, own_engine, take_sample, join_samples    programs that run states
-    body_positions, driven_bodies, factors_at, cell_mass, body_numbers  bodies and cells that move as imposed
+    body_positions, driven_bodies, factors_at, cell_mass, body_numbers  bodies and cells with imposed motion
     with_neighbor_list, resting, reset_reached, shifts, Committed       states, and pairs of their contact lists
     supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
     linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
+    bond_blocks, bond_rows, bond_vectors, cross_matrix, is_beam         and bonds
     linearised, force_imbalance, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
     core                        compiled functions
     factorised, one_thread, suitable_threads        linear algebra
     Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
     equilibrium, bisect_change, dominant_family, Change, Family, Growth, LeftPathError, solve_point     load paths
     PathLedger, packing_info, travel, KICK_LEGS, EVENT_RATIO    ledger along equilibria, packings, kicks, events
+    FAILURES                    loads that break bonds
     describe_law, to_dict, verdict, no_equilibrium_message      a law, numbers and words of `stability`
 
 Contact laws
 
     BUILTIN_LAWS, BY_NAME, Kind         table of built-in laws, kind of others
-    builtin                     columns of the table of a law, models of dashpots, properties
+    builtin                     columns of the table of a law, damping models, properties
     resists_rolling, critical_coefficient, dashpot_coefficients, restitution_of     numbers of a law
     evaluate, largest_stiffness, with_values        values, stiffness and parameters of a law
 
-Files of LAMMPS
+LAMMPS files
 
     lammps_series, Account, MemoryNote  dumps of a running simulation, and notes on their frames
     lammps_laws, lammps_restart, read_dump, wrapped_into        laws, restart files, dumps, positions in a cell
@@ -71,9 +73,9 @@ Numbers and text
     readable, pluralize, quoted, shortened      representation of results, and words
     parse_number, parse_integer, read_text, decode_text     text
     read_bytes, Budget, check_matlab    bytes of foreign files, within a bound
-    laboratory_table            the module that reads tables of laboratories by the names and units of their columns
+    laboratory_table            module that reads laboratory tables by the names and units of their columns
     read_table, heading_of, split_label, split_rows, write_table, format_table      tables
-    known                       names in foreign files: used, without influence, not understood
+    known                       names in foreign files: used, without influence, unknown
 
 Terminal and command line
 
@@ -84,14 +86,14 @@ Terminal and command line
 
 Figures
 
-    style                       the module of the following: axes, style and colours
+    style                       module of the following: axes, style and colours
     styled, subplots, column_axes, label_axes, legend_above, plot_fast, power_of_ten, WIDTH, PAGE       axes and style
     BLACK, BLUE, COLORS, GREEN, ORANGE, PURPLE, RED, SKY        colours
     draw_grains_by_speed        grains coloured by speed
-    body_limits, zoomed, outside, outside_words, Zoom, APART, ASIDE     the view of grains that are together
+    body_limits, zoomed, outside, outside_words, Zoom, APART, ASIDE     view of grains that are together
     bare_frame, layout_of, start_drawing, contact_segments      drawings of packings and their contacts
     OwnFigure, common_style, TIME, animation        figures without axes, animations
-    page                        pages of HTML
+    page                        HTML pages
     render, render_all, FORMATS, PLAIN      files of figures
 
 Claims of a paper

@@ -27,6 +27,7 @@ from .core.arguments import Series as Series
 from .core.arguments import Values as Values
 from .core.arguments import check_types as check_types
 from .core.arguments import checked as checked
+from .core.arguments import knows_bonds as knows_bonds
 from .core.arguments import one_of as one_of
 from .core.arguments import require_filled as require_filled
 from .core.arguments import require_index as require_index
@@ -34,8 +35,13 @@ from .core.arguments import require_not_negative as require_not_negative
 from .core.arguments import require_options as require_options
 from .core.arguments import require_positive as require_positive
 from .core.arguments import require_shape as require_shape
+from .core.contacts.bonds import bond_rows as bond_rows
+from .core.contacts.bonds import bond_vectors as bond_vectors
+from .core.contacts.bonds import is_beam as is_beam
 from .core.contacts.jacobian import Linearisation as Linearisation
 from .core.contacts.jacobian import blocks_of as blocks_of
+from .core.contacts.jacobian import bond_blocks as bond_blocks
+from .core.contacts.jacobian import cross_matrix as cross_matrix
 from .core.contacts.jacobian import linearise as linearise
 from .core.contacts.neighbors import body_positions as body_positions
 from .core.contacts.neighbors import shifts as shifts
@@ -81,6 +87,7 @@ from .core.reading import check_matlab as check_matlab
 from .core.reading import read_bytes as read_bytes
 from .core.scales import clear_round_off as clear_round_off
 from .core.scales import natural_scales as natural_scales
+from .core.state import FAILURES as FAILURES
 from .core.state import reset_reached as reset_reached
 from .core.state import resting as resting
 from .core.tables import format_table as format_table

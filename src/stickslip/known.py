@@ -1,8 +1,8 @@
-"""Commands, sections, columns and files of other programs: those that are used, and those without influence on forces.
+"""Commands, sections, columns and files of other programs: names that are used, or have no influence on forces.
 
-Readers look up each command of a log, section of a data file, column of a table or a laboratory record, and file of a
-folder. A name that is not in the table is not understood. Names with a reason are not understood either: they act on
-grains in a way that is not read. Names are patterns of `fnmatch`.
+Readers look up each command in a log, section of a data file, column of a table or laboratory record, and file in a
+folder. Names missing from the table are unknown. Names with a reason count as unknown, too: they act on grains in a way
+that is not supported. Names are `fnmatch` patterns.
 """
 
 from fnmatch import fnmatchcase
@@ -10,10 +10,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 USED, HARMLESS, UNKNOWN = "used", "without influence on forces", "not understood"
-ACCELERATED = ("omp", "kk", "kk/host", "kk/device", "gpu", "intel", "opt")  # ends of the names of LAMMPS's styles
+ACCELERATED = ("omp", "kk", "kk/host", "kk/device", "gpu", "intel", "opt")  # suffixes of LAMMPS styles
 FORCE_STYLES = tuple(f"{name}_style" for name in ("angle", "dihedral", "improper", "kspace"))
-BETWEEN = "it makes forces between bonded grains, or on charges"
-BONDED = "LAMMPS changes or leaves out the contact of grains that are bonded"
+BETWEEN = "it exerts forces between bonded grains, or on charges"
+BONDED = "LAMMPS changes or removes contacts between bonded grains"
 
 
 class Row(NamedTuple):
@@ -22,7 +22,7 @@ class Row(NamedTuple):
     kind: str
     group: str
     names: str  # patterns, between blanks
-    why: str = ""  # what it does, if it acts on grains and is not read
+    why: str = ""  # its effect, if it acts on grains and is not supported
 
 
 TABLE = (
@@ -40,7 +40,7 @@ TABLE = (
     Row("style beside the pair style", UNKNOWN, "*", BETWEEN),
     Row("bond style", USED, "bpm/spring bpm/rotational harmonic hybrid"),
     Row("bond style", HARMLESS, "none zero"),
-    Row("bond style", UNKNOWN, "*", "no bond here is equal to it"),
+    Row("bond style", UNKNOWN, "*", "no equivalent bond exists here"),
     Row("pair style whose force is proportional to its first coefficient", HARMLESS, "lj/cut lj/cut/soft lj/cut/sphere "
         "lj/expand lj/expand/sphere lj/smooth lj/smooth/linear lj/gromacs lj/mdf lj96/cut mie/cut nm/cut soft gauss "
         "harmonic/cut morse ufm wf/cut yukawa"),
@@ -57,7 +57,7 @@ TABLE = (
     Row("section", USED, "Atoms Velocities Bonds Atom?Type?Labels Bond?Type?Labels"),
     Row("section", HARMLESS, "Masses *?Type?Labels Bond?Coeffs Angle?Coeffs Dihedral?Coeffs Improper?Coeffs"),
     Row("section", UNKNOWN, "Angles Dihedrals Impropers", BONDED),
-    Row("section", UNKNOWN, "Pair?Coeffs PairIJ?Coeffs", "it has a contact law, which is not read from here"),
+    Row("section", UNKNOWN, "Pair?Coeffs PairIJ?Coeffs", "it has a contact law, which is not read from this section"),
     Row("heading of a data file", USED, "atoms bonds xlo?xhi ylo?yhi zlo?zhi xy?xz?yz avec bvec cvec "
         "abc?origin atom?types"),
     Row("heading of a data file", HARMLESS, "*?types extra?*"),
@@ -103,7 +103,7 @@ TABLE = (
 
 @lru_cache(4096)
 def find_row(kind: str, name: str) -> Row:
-    """Row of the table for a name; one of what is not understood if it is in none."""
+    """Row of the table for a name; a row for unknown names if there is none."""
     rows = (row for row in TABLE if row.kind == kind)
     return next(
         (row for row in rows if any(fnmatchcase(name, pattern) for pattern in row.names.split())),
@@ -112,12 +112,12 @@ def find_row(kind: str, name: str) -> Row:
 
 
 def group_of(kind: str, name: str) -> str:
-    """Group of a name: used, without influence on forces, or not understood."""
+    """Group of a name: used, without influence on forces, or unknown."""
     return find_row(kind, name).group
 
 
 def plain_style(style: str) -> str:
-    """Name of a style of LAMMPS without the end that tells where it is computed: gran/hooke/history/omp is plain."""
+    """Name of a LAMMPS style without the suffix of its accelerator: gran/hooke/history/omp is plain."""
     end = next((f"/{end}" for end in sorted(ACCELERATED, key=len, reverse=True) if style.endswith(f"/{end}")), "")
     return style.removesuffix(end)
 

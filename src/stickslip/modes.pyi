@@ -1,6 +1,8 @@
 from .core.contacts.jacobian import contact_blocks as contact_blocks
 from .loading.protocols import track_pairs as track_pairs
 from .solve.birth import birth_form as birth_form
+from .solve.bond_failure import decisive_bonds as decisive_bonds
+from .solve.bond_failure import first_break as first_break
 from .solve.equilibrate import UnstableEquilibriumWarning as UnstableEquilibriumWarning
 from .solve.fastest import fastest_pair as fastest_pair
 from .solve.freedom import assembled as assembled

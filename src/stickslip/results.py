@@ -6,6 +6,7 @@ Stability
     Spectrum, Stability     `spectrum`, `stability`
     ComplexPairs, FastestPair, BirthForm    functions of `modes` for complex pairs
     ContactSensitivity, DensityOfStates, ElasticModuli, TransientGrowth     other functions of `modes`
+    FirstBreak, DecisiveBonds       `modes.first_break`, `modes.decisive_bonds`
     Inflation, ScreeningFits        `modes.inflate` and `protocols.inflate`, `Inflation.fit`
     EquationsOfMotion, Freedom, Factorisation  `freedom`, `newton`
 

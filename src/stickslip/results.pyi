@@ -19,6 +19,8 @@ from .loading.threshold import KineticThreshold as KineticThreshold
 from .runs.sweep.definition import Sweep as Sweep
 from .runs.sweep.run import SweepResult as SweepResult
 from .solve.birth import BirthForm as BirthForm
+from .solve.bond_failure import DecisiveBonds as DecisiveBonds
+from .solve.bond_failure import FirstBreak as FirstBreak
 from .solve.collision import Collision as Collision
 from .solve.fastest import FastestPair as FastestPair
 from .solve.freedom import EquationsOfMotion as EquationsOfMotion

@@ -42,7 +42,7 @@ def test_a_law_that_a_device_cannot_evaluate_is_refused(tmp_path):
     path = tmp_path / "law.py"
     path.write_text("def normal_force(overlap, kn):\n    return kn * overlap**2\n\n\ncheck = {'kn': 1.0}\n")
     law = {"file": str(path), "parameters": {"kn": 1.0, "mu": 0.5}}
-    with pytest.raises(ValueError, match="a law of a user"):
+    with pytest.raises(ValueError, match="a user-defined law"):
         simulate_disk_array(scenario(trust=True, law=law), device="cuda")
 
 

@@ -85,7 +85,9 @@ def test_a_scheduler_that_is_gone_is_one_sentence(scheduler, tmp_path):
         if "started" in text:
             scheduler.scheduler.kill()
 
-    with pytest.raises(RuntimeError, match=r"the Dask scheduler is gone.*; 4 of 5 members did not finish") as caught:
+    with pytest.raises(
+        RuntimeError, match=r"the Dask scheduler has disappeared.*; 4 of 5 members did not finish"
+    ) as caught:
         tasks_of_all = [(str(tmp_path), k, 60) for k in range(5)]
         run_members(
             tasks.wait, tasks_of_all, workers=scheduler.address, report=report,

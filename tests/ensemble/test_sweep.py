@@ -37,29 +37,29 @@ def small(**table):
         ({"law.my": [0.2]}, r"sweep.law.my: the table \[law\] has no key 'my': did you mean 'mu'"),
         ({"law": [0.2]}, "sweep.law is a table: name one of its keys, file, parameters, checksum, kind, coulomb"),
         ({"law.mu.x": [0.2]}, "sweep.law.mu.x: law.mu is not a table"),
-        ({"law.mu": 0.4}, "sweep.law.mu = 0.4 was given: use a list"),
+        ({"law.mu": 0.4}, "sweep.law.mu = 0.4 is not allowed: use a list"),
         ({"law.mu": []}, "sweep.law.mu is an empty list"),
         ({"law.mu": [0.2, 0.2]}, "sweep.law.mu contains 0.2 more than once"),
-        ({"law.mu": {}}, "sweep.law.mu = {} was given, but it has 0 kinds of values"),
+        ({"law.mu": {}}, "sweep.law.mu = {} is not allowed: it has 0 kinds of values"),
         ({"law.mu": {"unifrom": [0, 1], "number": 2}}, r"law.mu\] has no key 'unifrom': did you mean 'uniform'"),
-        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "use geomspace, which takes the end values"),
-        ({"law.mu": {"uniform": [0, 1]}}, "sweep.law.mu has no number of values"),
+        ({"law.mu": {"logspace": [0, 1], "number": 2}}, "use geomspace with the end values"),
+        ({"law.mu": {"uniform": [0, 1]}}, "sweep.law.mu needs a number of values"),
         ({"law.mu": {"uniform": [1, 0], "number": 2}}, "the first end must be below the second"),
-        ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, r"use two numbers up to 1e\+100 as the two ends"),
+        ({"law.mu": {"uniform": [0, 1, 2], "number": 2}}, r"use two numbers of at most 1e\+100 in magnitude as ends"),
         ({"law.mu": {"loguniform": [0, 1], "number": 2}}, "both ends must be positive"),
         ({"law.mu": {"normal": {"mean": 1}, "number": 2}}, "sweep.law.mu.normal.sd is missing"),
         ({"array.disks": {"integers": [1.5, 3], "number": 2}}, "use two whole numbers"),
-        ({"law.mu": {"count": 3}}, "count, which is only for seed"),
-        ({"seed": {"count": 0}}, "sweep.seed.count = 0 was given"),
-        ({"mode": "gird", "seed": [1]}, "sweep.mode = 'gird' was given, but it should be 'grid', 'zip' or 'sample'"),
+        ({"law.mu": {"count": 3}}, "sweep.law.mu.count is not allowed, except for seed"),
+        ({"seed": {"count": 0}}, "sweep.seed.count must .*, got 0"),
+        ({"mode": "gird", "seed": [1]}, "sweep.mode must be 'grid', 'zip' or 'sample'"),
         ({"mode": "sample", "seed": [1]}, "needs the number of points"),
-        ({"number": 3, "seed": [1]}, "sweep.number is only for zip and sample"),
+        ({"number": 3, "seed": [1]}, "sweep.number applies to zip and sample only"),
         (LATIN | {"law.mu": {"uniform": [0, 1], "number": 2}}, "a sample has one number for all keys"),
         ({"mode": "zip", "law.mu": [1, 2], "law.kn": [1, 2, 3]}, "sweep.law.mu has 2 values and sweep.law.kn 3"),
         ({}, "contains no key"),
         ({"law.mu": {"uniform": [0, 1], "number": 10_000}, "seed": {"count": 101}}, "defines 1010000 members: at most"),
-        ({"law.mu": [0.4, -1.0]}, "member law.mu = -1.0: law.mu = -1.0 was given, but it should be greater"),
-        ({"array.disks": [3, 2.5]}, "member array.disks = 2.5: array.disks = 2.5 was given"),
+        ({"law.mu": [0.4, -1.0]}, "member law.mu = -1.0: law.mu must be greater"),
+        ({"array.disks": [3, 2.5]}, "member array.disks = 2.5: array.disks must .*, got 2.5"),
     ],
 )  # fmt: skip
 def test_a_bad_sweep_is_one_sentence(table, words):
@@ -190,7 +190,7 @@ def test_parts_gathered_are_the_whole(tmp_path):
     run_sweep(chosen, tmp_path / "once", workers=1)
     whole, once = (open_sweep(tmp_path / name).drop_vars("seconds") for name in ("whole", "once"))
     assert whole.identical(once)
-    with pytest.raises(ValueError, match="part 1 does not hold this sweep"):
+    with pytest.raises(ValueError, match="part 1 does not contain this sweep"):
         gather_members(tmp_path / "whole", small(seed={"count": 3}), names, parts)
 
 
@@ -318,7 +318,7 @@ def test_measures_that_no_member_has_fill_no_rows(tmp_path, capsys):
     write_sweep(tmp_path, chosen, names, made, ["", ""])
     (tmp_path / "sweep.json").write_text(chosen.text)
     text = dict(folder_content(tmp_path).sections)["Members"]
-    assert "known" in text and "No member has nowhere." in text and "nan" not in text
+    assert "known" in text and "Measures without a value in any member: nowhere." in text and "nan" not in text
 
 
 @pytest.mark.parametrize("keys, others, short", [

@@ -123,6 +123,15 @@ def test_the_first_pair_is_that_of_a_bisection_by_hand():
     assert "first complex pair" in path.end and len(path.to_dataframe()) == len(path.steps)
 
 
+def test_the_life_of_a_pair_is_that_of_the_steps():
+    """The first pair is born in one step, grows faster in the next, and is gone after it."""
+    path = ss.protocols.shear_to_failure(packing(SMOOTH, 3), SMOOTH, until=6e-3, step=2e-4)
+    with_pair = [step for step in path.steps if step.pairs]
+    life, first, fastest = path.pairs[0], with_pair[0], max(with_pair, key=lambda step: step.growth)
+    assert first is not fastest and life.born == first.strain
+    assert (life.at, life.growth) == (fastest.strain, pytest.approx(fastest.growth))
+
+
 def test_the_first_event_is_that_of_the_search():
     known = found(FRICTIONLESS, 3, 0.006, fraction=0.88).events[0]
     state = packing(FRICTIONLESS, 3, 0.88)
@@ -130,6 +139,7 @@ def test_the_first_event_is_that_of_the_search():
     assert path.events[0].kind is known.kind
     assert path.events[0].strain == pytest.approx(known.strain, abs=5e-6)
     assert path.reason == "the path jumped to another state"
+    assert not any(step.sliding for step in path.steps)
     top, bottom = failure_path(path).axes  # there is no pair, so no growth rate
     assert bottom.get_xlabel().startswith("strain") and "[" in top.get_ylabel()
     back = path._replace(sign=-1)
@@ -230,13 +240,13 @@ def refused(tmp_path):
     ("name", "options", "said"),
     [
         ("unbalanced", [], "not in equilibrium"),
-        ("apart", [], "without contacts"),
+        ("apart", [], "has no contacts"),
         ("open", [], "periodic cell"),
-        ("fine", ["--until", "soon"], "first-pair, first-event or a strain"),
-        ("fine", ["--until", "0"], "other than zero"),
-        ("fine", ["--until", "nan"], "'first-event', or a finite number"),
+        ("fine", ["--until", "soon"], "first-pair, first-event, first-break or a strain"),
+        ("fine", ["--until", "0"], "nonzero"),
+        ("fine", ["--until", "nan"], "'first-break', or a finite number"),
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
-        ("fine", ["--until", "1e-3", "--step", "1e-2"], "use one between"),
+        ("fine", ["--until", "1e-3", "--step", "1e-2"], "step must be between"),
         ("fine", ["--step", "-1"], "step"),
         ("fine", ["--step", "10"], "use at most 0.1"),
         ("fine", ["--mode", "torsion"], "simple"),

@@ -27,7 +27,7 @@ def _elsewhere(tmp_path, monkeypatch):
         ("bond_style harmonic", ""),  # atoms of style sphere have no bonds
         (
             "improper_style harmonic",
-            "improper_style harmonic (log.lammps, line 162) was not taken over: it makes forces",
+            "improper_style harmonic (log.lammps, line 162) was not taken over: it exerts forces",
         ),
         ("angle_style charmm\nangle_style none", ""),
         ("kspace_style pppm 1e-4", "kspace_style pppm 1e-4 (log.lammps, line 162)"),
@@ -39,7 +39,7 @@ def _elsewhere(tmp_path, monkeypatch):
             "fix b (bond/create) was not taken over: it acts on the grains (log.lamm",
         ),
         ("fix e all efield 0 0 1", "fix e (efield)"),
-        ("fix m all mystery/style 1", "whether it acts on the grains is not known"),
+        ("fix m all mystery/style 1", "whether it acts on the grains is unknown"),
         ("fix m all mystery/style 1\nunfix m", ""),
         ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is not understood"),
         ("print 'frobnicate all 3'\nfrobnicate all 3", ""),
@@ -57,19 +57,19 @@ def _elsewhere(tmp_path, monkeypatch):
             "",
         ),
         ("fix l all langevin/omp 1 1 1 4", "fix l (langevin) was not taken over"),
-        ("group low id 1:3\nfix z low freeze\nfix h all gravity 1 vector 0 0 -1", "it comes after the fix that holds"),
+        ("group low id 1:3\nfix z low freeze\nfix h all gravity 1 vector 0 0 -1", "it follows the fix that holds"),
         ("fix w2 all wall/gran 2000 NULL 50 NULL 0.5 1 zplane 0 NULL", ""),
-        ("fix q all gravity v_g vector 0 0 -1", "v_g is a variable, whose value only LAMMPS knows"),
-        ("pair_style hybrid/overlay granular lj/cut 0.5", "no pair_coeff gives the types of the grains a law"),
+        ("fix q all gravity v_g vector 0 0 -1", "v_g is a variable whose value is unknown outside LAMMPS"),
+        ("pair_style hybrid/overlay granular lj/cut 0.5", "no pair_coeff defines a law for the types of the grains"),
         ("fix twice all nve/sphere", "fix twice (nve/sphere) was not taken over: it moves 24 grains that another fix"),
-        ("group low id 1:3\nfix slow low nve/limit 0.1", "it moves 3 grains that another fix moves as well"),
+        ("group low id 1:3\nfix slow low nve/limit 0.1", "it moves 3 grains that another fix also moves"),
         ("unfix move\ngroup low id 1:3\ngroup up subtract all low\nfix a low nve/sphere\nfix b up nve/sphere", ""),
         ("fix still all momentum 1 linear 1 1 1", "it removes momentum, and walls, loads and held grains change"),
         ("fix back all recenter INIT INIT INIT", "it moves grains back, and walls, loads and held grains change"),
         ("group d dynamic all every 10\nfix a d addforce 0 0 1", "the members of group d change with time"),
         ("group d dynamic all every 10\ngroup d static\nfix z all langevin 1 1 1 4\nunfix z", ""),
         ("fix m all momentum/chunk 1 c linear 1 1 1", "fix m (momentum/chunk) was not taken over: it acts"),
-        ("pair_style gran/hooke 2000 NULL 20 NULL 0.4 1", "it has no springs along contacts"),
+        ("pair_style gran/hooke 2000 NULL 20 NULL 0.4 1", "it has no tangential springs"),
         ("labelmap atom 1 a 2 b\ngroup low type b\nfix z low spring/self 1\nunfix z\nfix c low freeze\nunfix c", ""),
     ],
 )
@@ -93,22 +93,22 @@ HOOKE_HISTORY = "gran/hooke/history 2000 571.4 20 10 0.4 1"
         (f"hybrid granular {HOOKE_HISTORY}\npair_coeff 1 * {GRANULAR}\npair_coeff 2 2 gran/hooke/history", ""),
         (f"hybrid granular\npair_coeff 1 1 {GRANULAR}\npair_coeff 2 2 {GRANULAR}", ""),
         (f"granular\nlabelmap atom 1 a 2 b\npair_coeff a a {GRANULAR[9:]}\npair_coeff b b {GRANULAR[9:]}", ""),
-        (f"granular\npair_coeff a a {GRANULAR[9:]}", "the type a is no number, and no labelmap gives it one"),
+        (f"granular\npair_coeff a a {GRANULAR[9:]}", "the type a is neither a number nor a label in a labelmap"),
         (
             f"hybrid {HOOKE_HISTORY}\npair_coeff * * gran/hooke/history\npair_coeff 1 2 none",
-            "pair_coeff gives types 1 and 2 no forces, and 22 contacts between them would have some here",
+            "pair_coeff defines no forces between types 1 and 2, but 22 contacts between them would have some here",
         ),
         (
             f"hybrid/scaled 0.5 {HOOKE_HISTORY} v_a lj/cut 1\npair_coeff * * gran/hooke/history",
-            "it multiplies forces by factors (0.5 v_a), and only factors of 1 are read",
+            "it multiplies forces by factors (0.5 v_a), but only factors of 1 are supported",
         ),
         (
             f"hybrid/overlay {HOOKE_HISTORY} lj/cut 1\npair_coeff * * gran/hooke/history\npair_coeff 1 2 lj/cut 1 1",
-            "it adds the forces of gran/hooke/history and lj/cut, and one contact law is read",
+            "it adds the forces of gran/hooke/history and lj/cut, but only one contact law is supported",
         ),
         (
             f"hybrid {HOOKE_HISTORY} lj/cut 1\npair_coeff 1 * gran/hooke/history\npair_coeff 2 2 lj/cut 1 1",
-            "its part lj/cut acts between some types: no law here is equal to it",
+            "its part lj/cut acts between some types: no equivalent law exists here",
         ),
     ],
 )
@@ -158,9 +158,9 @@ def test_commands_are_those_at_the_time_of_the_grains(cases, tmp_path):
             "not in poured.restart (0.9)",
         ),
         ("2000 571.428571428571 20.0 10.0 0.4 1", "2000 571.428571428571 30.0 10.0 0.4 1", "not in poured.restart (30"),
-        ("200000", "1000", "log.lammps goes from 0 to 1000: they are of another run"),
-        ("with 24 atoms", "with 25 atoms", "24 grains were read, and the run of log.lammps had 25"),
-        ("fix w all wall/gran", "#", "has no fix wall/gran at that time, and poured.restart has one, w"),
+        ("200000", "1000", "log.lammps goes from 0 to 1000: they belong to another run"),
+        ("with 24 atoms", "with 25 atoms", "24 grains were read, but the run of log.lammps had 25"),
+        ("fix w all wall/gran", "#", "has no fix wall/gran at that time, but poured.restart has one, w"),
         ("gran/hooke/history 2000", "gran/hooke/history/omp 2000", ""),
         ("\n", "\r\n", ""),
         ("Total wall time", "LAMMPS (22 Jul 2025)\nunits lj\nTotal wall time", ""),
@@ -222,7 +222,7 @@ def test_after_reset_timestep_the_newest_file_has_an_earlier_step(lines, cases, 
     (tmp_path / "log.lammps").unlink()
     script = "".join(line for line in (cases / "poured" / "in.poured").open() if not line.startswith("set"))
     (tmp_path / "in.poured").write_text(f"{script}\nreset_timestep 0\nrun 100\n")
-    assert any("in.poured sets the time step anew, and only its log" in note for note in obstacles(tmp_path))
+    assert any("in.poured resets the time step, and only its log" in note for note in obstacles(tmp_path))
 
 
 def test_of_two_frames_with_one_time_step_the_last_counts(cases, tmp_path):
@@ -232,7 +232,7 @@ def test_of_two_frames_with_one_time_step_the_last_counts(cases, tmp_path):
         assert ss.io.read_packing(tmp_path / "twice.dump", frame=frame).state.grains.mass.max() == 2
     assert len(ss.io.read_packings(tmp_path / "twice.dump")) == 2
     _, notes = frames_of(find_dumps(tmp_path, {}), GRAINS)
-    assert notes == ["step 200000 is twice in twice.dump, as after `reset_timestep`: the last of both is used"]
+    assert notes == ["step 200000 occurs twice in twice.dump, as after `reset_timestep`: the last one is used"]
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_grains_without_motion_or_types(cases, tmp_path):
         changed(tmp_path, "dump.grains", " type x y z ", " mol x y z ")
         changed(tmp_path, "dump.grains", " vx vy vz omegax omegay omegaz ", " c_a c_b c_c c_d c_e c_f ")
         read = ss.io.read_packing(tmp_path)
-        assert "dump.grains has no velocities and no spins: the grains are taken to be at rest" in read.assumed
+        assert "dump.grains has no velocities and no spins: the grains are assumed to be at rest" in read.assumed
         missing = [note for note in obstacles(tmp_path) if "the grains have no types" in note]
         assert bool(missing) == several
     assert not [note for note in obstacles(tmp_path, law="linear", kn=1e3) if "no types" in note]
@@ -286,8 +286,8 @@ def test_grains_without_motion_or_types(cases, tmp_path):
 @pytest.mark.parametrize(
     ("fix", "velocity", "text"),
     [
-        ("freeze", "0.5 0 0 0 0 0", "have velocities, with which they move on: `velocity low set 0 0 0` stops them"),
-        ("freeze", "0 0 0 0 0 1", "have spins, with which they turn on: `set group low omega 0 0 0` stops them"),
+        ("freeze", "0.5 0 0 0 0 0", "have velocities and would move on: `velocity low set 0 0 0` stops them"),
+        ("freeze", "0 0 0 0 0 1", "have spins and would go on turning: `set group low omega 0 0 0` stops them"),
         ("setforce NULL NULL 0", "0.5 0 0 0 0 1", ""),
         ("setforce 0 NULL NULL", "0.5 0 0 0 0 0", "fix z (setforce) was not taken over: its grains have velocities"),
     ],
@@ -300,7 +300,7 @@ def test_held_grains_that_move_go_on(fix, velocity, text, cases, tmp_path):
     assert any(text in note for note in left_out) if text else not left_out
 
 
-ONLY = "are in dump.grains, of {} in the run of log.lammps: `{}` leaves others out, which may touch them"
+ONLY = "grains, of {} in the run of log.lammps: `{}` leaves out others, which may touch them"
 
 
 @pytest.mark.parametrize(
@@ -310,7 +310,13 @@ ONLY = "are in dump.grains, of {} in the run of log.lammps: `{}` leaves others o
         ("delete_atoms group top", "thresh z < 4.5", 20, 24, ONLY.format(24, "dump_modify grains thresh z < 4.5")),
         ("delete_atoms group top", "thresh z < 4.5 thresh none", 20, 20, ""),
         ("delete_atoms group top compress no", "sort id", 20, 20, ""),
-        ("delete_atoms group top", "sort id", 20, 24, "20 grains were read, and the run of log.lammps had 24 then"),
+        (
+            "delete_atoms group top",
+            "sort id",
+            20,
+            24,
+            "20 grains were read, but the run of log.lammps had 24 at that time",
+        ),
         ("", "thresh z < 45", 24, 24, ""),
         ("group low id 1:20", "sort id", 20, 24, ONLY.format(24, "dump grains low")),
     ],
@@ -373,11 +379,11 @@ def test_setforce_leaves_rotations_free_and_nve_holds_them(cases, tmp_path):
     assert not ss.io.read_packing(in_poured(cases, tmp_path, line)).state.control.free[:3].any()
     changed(in_poured(cases, tmp_path), "log.lammps", "nve/sphere", "nve")
     read = ss.io.read_packing(tmp_path)
-    assert "fix nve does not turn 24 grains: their rotations are held" in read.notes
+    assert "fix nve does not rotate 24 grains: their rotations are held" in read.notes
     assert read.state.control.free[:24, :3].all() and not read.state.control.free[:24, 3:].any()
 
 
-UNSURE = "are not known for certain"
+UNSURE = "are uncertain"
 
 
 @pytest.mark.parametrize(
@@ -476,7 +482,10 @@ def test_grains_without_memory_of_contacts(cases, tmp_path):
     (tmp_path / "a.restart").write_bytes(b"".join([*parts, records.tobytes(), lammps_restart.MAGIC]))
     read, known = ss.io.read_packing(tmp_path / "a.restart"), ss.io.read_packing(cases / "sheared" / "sheared.restart")
     assert (read.state.grains.position == known.state.grains.position).all()
-    assert "pair_style gran/hooke of the restart file was not taken over: it has no springs" in obstacles(tmp_path)[0]
+    assert (
+        "pair_style gran/hooke of the restart file was not taken over: it has no tangential springs"
+        in obstacles(tmp_path)[0]
+    )
 
 
 def test_labels_of_types_are_those_of_the_file(cases, tmp_path):
@@ -514,19 +523,14 @@ TABLE = "x,y,z,radius,vx,vy,vz,wx,wy,wz{heads}\n0,0,0,0.5,0,0,0,0,0,0{a}\n0.99,0
 @pytest.mark.parametrize(
     ("heads", "a", "b", "text"),
     [
-        (
-            ",charge",
-            ",1",
-            ",-1",
-            "column charge of t.csv is not understood: leave the column out if it has no influence",
-        ),
+        (",charge", ",1", ",-1", "column charge of t.csv is unknown: remove the column if it has no influence"),
         (",charge", ",0", ",0", ""),
         (",force_x", ",1", ",-1", "it may come from outside, beside the contacts"),
         (",contact_force_x,coordination,stress_xx", ",1,1,1", ",1,1,1", ""),
         (",bond", ",1", ",2", "column bond of t.csv"),
         (",material", ",0", ",1", ""),
         (",box", ",1", ",1", "grains may touch across a periodic box"),
-        (",ay", ",-9.81", ",-9.81", "column ay of t.csv is not understood: the same acceleration of all grains may be"),
+        (",ay", ",-9.81", ",-9.81", "column ay of t.csv is unknown: the same acceleration of all grains may be"),
         (",accel_x,accel_y", ",0,-9.81", ",0,-9.81", "column accel_y of t.csv is not understood"),
         (",ax,ay", ",0.1,0", ",-0.1,0", ""),
         (",|U|,mask,dstV_x", ",1,1,1", ",1,1,1", ""),
@@ -537,7 +541,7 @@ def test_columns_of_tables_that_are_not_understood(heads, a, b, text, tmp_path):
     read = ss.io.read_packing(tmp_path / "t.csv")
     left_out = [note for note in read.notes if isinstance(note, Obstacle)]
     assert any(text in note for note in left_out) if text else not left_out
-    assert not any("taken to be at rest" in note for note in read.notes)
+    assert not any("assumed to be at rest" in note for note in read.notes)
     assert read.state.grains.material.max() == 0 and len(account_of(read.notes)[USED]) >= 10
 
 
@@ -584,7 +588,7 @@ def test_dumps_of_a_group_and_names_of_columns(cases):
     with pytest.raises(ss.packings.PackingError, match="as in the dump of a group"):
         ss.io.read_packing(cases / "dialects" / "part.dump", contacts=cases / "poured" / "contacts.dump", **HOOKE)
     given = {"contacts": cases / "sheared" / "contacts.dump"} | HERTZ
-    with pytest.raises(ss.packings.PackingError, match=r"a column 'bananas' was given .* or - for one to leave out"):
+    with pytest.raises(ss.packings.PackingError, match=r"unknown column 'bananas'; .* or - for a column to skip"):
         ss.io.read_packing(cases / "sheared" / "dump.grains", columns="i j bananas dx dy dz fx fy fz tx ty tz", **given)
     names = "i j - dx dy dz fx fy fz tx ty tz"
     assert ss.io.read_packing(cases / "sheared" / "dump.grains", columns=names, **given).state.contacts.slip.any()
@@ -595,7 +599,7 @@ def test_species_of_extended_xyz_are_types(tmp_path):
     text = "2\nProperties=species:S:1:pos:R:3:radius:R:1\nA 0 0 0 0.5\nB 0.99 0 0.1 0.5\n"
     (tmp_path / "a.xyz").write_text(text)
     read = ss.io.read_packing(tmp_path / "a.xyz", law="linear", kn=1.0)
-    assert any("the grains are of 2 types, and one law is used" in note for note in read.assumed)
+    assert any("one law is used for all grains, although they are of 2 types" in note for note in read.assumed)
     state, law = read.state, read.law
     table = np.tile(law.table, (2, 2, 1)) * np.array([[1.0, 0.5], [0.5, 0.2]])[..., None]
     state = state._replace(grains=state.grains._replace(material=np.array([0, 1])))
@@ -618,7 +622,7 @@ def test_grains_that_nearly_touch_are_told(cases):
     place = 1.003 * np.array([(a, b, c) for a in range(3) for b in range(3) for c in range(3)])
     law = ss.laws.linear()
     with pytest.raises(
-        ValueError, match="only rattlers, and 54 pairs have gaps below 1 % of a radius, as of rigid grains"
+        ValueError, match="only rattlers, and 54 pairs have gaps below 1 % of a radius, as in packings of rigid grains"
     ):
         ss.stability(ss.packings.from_arrays(place, np.full(27, 0.5), law), law)
     with pytest.raises(ValueError, match="only rattlers: stability needs"):

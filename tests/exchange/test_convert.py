@@ -147,9 +147,9 @@ def test_with_dashpots_the_damped_spectrum_answers(unstable, tmp_path):
         (["convert", "{d}/none.npz", "--to", "{d}/x.gsd"], "is not a file"),
         (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{d}/none.npz"], "is not a file"),
         (["convert", "{p}", "--to", "{d}/x.gsd", "--modes", "{p}"], "contains no modes"),
-        (["convert", "{p}", "--to", "{d}/x.gsd", "--frame", "3"], "has one state"),
-        (["stability", "{p}", "--contacts", "{p}"], "only LAMMPS's data and dump files take it"),
-        (["stability", "{p}", "--young", "1"], "only one of young and poisson"),
+        (["convert", "{p}", "--to", "{d}/x.gsd", "--frame", "3"], "which has only one state"),
+        (["stability", "{p}", "--contacts", "{p}"], "only LAMMPS data and dump files have this option"),
+        (["stability", "{p}", "--young", "1"], "young and poisson must be given together"),
         (["stability", "{p}", "--damping-n", "-1"], "not negative"),
     ],
 )

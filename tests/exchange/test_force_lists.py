@@ -114,7 +114,7 @@ def test_bonds_and_matrices_of_rigidlibrary_have_the_same_network(known, tmp_pat
     assert is_measured(*files)
     found = ss.io.read_forces(*files)
     assert_same(found, free, rtol=1e-9)
-    assert any("fifth column, which has no name, is left out" in note for note in found.notes)
+    assert any("the fifth, unnamed column is ignored" in note for note in found.notes)
     edges = write(tmp_path / "edges.txt", np.column_stack([grains[:, 1:5], ~known.free]))
     assert_same(ss.io.read_forces(edges, write(tmp_path / "b.txt", contacts)), known, rtol=1e-9)
 
@@ -150,7 +150,9 @@ def test_differences_of_both_readings_are_the_error(known, tmp_path):
     alone = written(tmp_path, grains, twice(contacts, noise)[:-1])
     assert len(alone.force_n) == len(found.force_n) - 1 and any("only one" in note for note in alone.notes)
     same = written(tmp_path, grains, twice(contacts))
-    assert np.isnan(same.force_n_error).all() and any("tell nothing about errors" in note for note in same.notes)
+    assert np.isnan(same.force_n_error).all() and any(
+        "both are equal, so that errors remain unknown" in note for note in same.notes
+    )
 
 
 def test_walls_hold_their_grains_and_weak_tension_is_left_out(known, tmp_path):
@@ -190,9 +192,10 @@ def test_frames_are_chosen_and_rows_without_numbers_are_counted(known, tmp_path)
     found = written(tmp_path, grains, contacts)
     text = " ".join(found.notes)
     assert (
-        len(found.radius) == len(known.radius) - 1 and "grains.txt of which numbers are missing are left out: 1" in text
+        len(found.radius) == len(known.radius) - 1
+        and "grains with incomplete rows in grains.txt are left out: 1" in text
     )
-    assert "rows of contacts.txt in which numbers are missing are left out: 1" in text
+    assert "incomplete rows of contacts.txt are left out: 1" in text
 
 
 def test_report_draws_forces_that_nothing_balances(known, tmp_path):
@@ -203,11 +206,11 @@ def test_report_draws_forces_that_nothing_balances(known, tmp_path):
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     assert (tmp_path / "forces.png").read_bytes().startswith(b"\x89PNG")
-    assert "drawn as they were measured, not balanced" in " ".join(done.output.split())
+    assert "drawn as measured, not balanced" in " ".join(done.output.split())
     (tmp_path / "forces.png").unlink()
     done = CliRunner().invoke(app, [*command, "--settle"])
     folder = CliRunner().invoke(app, ["report", str(tmp_path), "--out", str(tmp_path / "forces.png")])
-    assert "the folder of a run: give a packing" in str(folder.exception)
+    assert "is a run folder, for which --out must end in .html" in str(folder.exception)
     assert "shows contact forces only" in str(done.exception) and not (tmp_path / "forces.png").exists()
 
 
@@ -223,9 +226,9 @@ def test_doubtful_columns_are_noted(known, tmp_path):
     cases = [
         ("column fn of contacts.txt is not used", grains, both, ("", "i,j,fx,fy,fn")),
         ("along z in contacts.txt are left out", spheres, flat, ("frame,id,x,y,z,r,edge", "i,j,fx,fy,fz")),
-        ("have one sign", grains, unsigned, ("", "")),
+        ("have the same sign", grains, unsigned, ("", "")),
         (f"normal ones at 43 of {len(swapped)} contacts", grains, swapped, ("", "")),
-        ("frames that only grains.txt or only contacts.txt has are left out: 2", np.vstack([grains, more]), contacts,
+        ("frames in only one of grains.txt and contacts.txt are left out: 2", np.vstack([grains, more]), contacts,
          ("", "")),
     ]  # fmt: skip
     for text, left, right, head in cases:
@@ -250,22 +253,22 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
     heads = ("frame,id,x [px],y [px],r [px],edge", "frame,id1,id2,ft,fn")
     cases = [
         ("names grain 99", grains, np.vstack([contacts, [1, 99, 2, 0, 0.1]]), ("", "")),
-        ("third has flags", grains, flags, ("", "")),
-        ("contacts of .* pull, the most that of grains", grains, pulls, ("", "")),
+        ("third contains flags", grains, flags, ("", "")),
+        ("contacts of .* pull by more than errors explain, at most that of grains", grains, pulls, ("", "")),
         ("check the order of the columns", grains, swapped, ("", "")),
         ("frames 1 and contacts.txt has 7", grains, other, ("", "")),
         ("7 columns without names: 3", grains[:, [0, *range(6)]], contacts, ("", "")),
         ("no column ft", grains, contacts[:, [1, 2, 4]], ("", "i,j,fn")),
         ("more than once", np.vstack([grains, grains[:1]]), contacts, ("", "")),
         ("3 times", grains, np.vstack([contacts[:1], twice(contacts)]), ("", "")),
-        ("by fractions", grains, contacts + np.array([0, 0.5, 0, 0, 0]), ("", "")),
+        ("must be whole numbers", grains, contacts + np.array([0, 0.5, 0, 0, 0]), ("", "")),
         ("in pixels", grains, contacts, heads),
         ("with opposite tangential forces", grains, opposite, ("", "")),
         ("with opposite normal forces", grains, alike, ("", "i,j,fx,fy")),
-        ("no directions of forces: give the force on grain i, fx fy", grains, alike, ("", "i,j,tx,ty")),
-        ("without a number in column edge", edge, contacts, ("", "")),
+        ("no force directions: give the force on grain i, fx fy", grains, alike, ("", "i,j,tx,ty")),
+        ("column edge must be 1", edge, contacts, ("", "")),
         ("itself", grains, np.vstack([contacts, [1, 2, 2, 0, 0.1]]), ("", "")),
-        ("has 3 frames: add it", grains[:, 1:5], np.vstack([contacts, contacts + np.eye(1, 5), other]),
+        ("the other table has 3 frames", grains[:, 1:5], np.vstack([contacts, contacts + np.eye(1, 5), other]),
          ("id,x,y,r", "")),
     ]  # fmt: skip
     for text, left, right, head in cases:
@@ -273,7 +276,10 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
         with pytest.raises(ValueError, match=text) as refused:
             ss.io.read_forces(*paths)
         assert "\n" not in str(refused.value), text
-    for text, match in (("# nothing\n", "has no rows"), ("i,j,fn,ft\n", "contacts.txt: no contacts were given")):
+    for text, match in (
+        ("# nothing\n", "has no rows"),
+        ("i,j,fn,ft\n", "contacts.txt: measured contact forces are missing"),
+    ):
         paths[1].write_text(text)
         with pytest.raises(ValueError, match=match):
             ss.io.read_forces(*paths)

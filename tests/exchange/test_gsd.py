@@ -188,7 +188,7 @@ def rewritten(path, change):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda meta, chunks: meta.update(schema=9), "has schema 9"),
+        (lambda meta, chunks: meta.update(schema=9), "has stickslip GSD schema 9"),
         (lambda meta, chunks: meta.pop("law"), "cannot be read"),
         (lambda meta, chunks: meta["law"].update(table=[[[1, 2]]]), "law's table"),
         (lambda meta, chunks: meta["shapes"].update({"grains/radius": ["|O", [64]]}), "has type object"),
@@ -209,7 +209,7 @@ def test_files_of_another_kind_are_refused(change, message, tmp_path):
 @pytest.mark.parametrize(
     ("at", "value", "message"),
     [
-        (16, 2**63 + 128, "an index of 9223372036854775936 entries and 32 names is declared"),  # 0 bytes, modulo 2**64
+        (16, 2**63 + 128, "declares an index of 9223372036854775936 entries and 32 names"),  # 0 bytes, modulo 2**64
         (32, 2**58 + 1, "128 entries and 288230376151711745 names"),
         (256 + 8, 2**61, "a chunk is declared beyond the end"),  # rows of the first chunk
         (256 + 16, 2**63, "a chunk is declared beyond the end"),  # its place
@@ -246,7 +246,7 @@ def test_a_small_file_does_not_fill_the_memory(of, tmp_path):
         index["rows"][1:many], index["at"][1:many] = index["rows"][1], index["at"][1]
         content.tofile(path)
     what = {"frames": "particles", "chunks": "frame 0"}.get(of, of)
-    with pytest.raises(ss.packings.PackingError, match=f"its {what} would take more than"):
+    with pytest.raises(ss.packings.PackingError, match=f"its {what} would need more than"):
         ss.io.read_packings(path, law=SHARP)
 
 

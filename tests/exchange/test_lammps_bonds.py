@@ -60,18 +60,26 @@ END = "dump grains"
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        (WHOLE, "special_bonds lj 0 1 1 coul", "special_bonds lj 0 1 1: LAMMPS changes or leaves out the contact of"),
-        (WHOLE, "special_bonds lj/coul 1 0 1 coul", "such contacts would be whole here"),
+        (WHOLE, "special_bonds lj 0 1 1 coul", "special_bonds lj 0 1 1: LAMMPS changes or removes contacts between"),
+        (WHOLE, "special_bonds lj/coul 1 0 1 coul", "such contacts would act fully here"),
         (WHOLE, "special_bonds fene coul", "special_bonds lj 0 1 1"),
-        (STYLE, "bond_style fene", "bonds of glued.data were not taken over: fene: no bond here is equal to it (log.l"),
-        (STYLE, f"{STYLE} volume/factor yes", "its option volume/factor yes is not read"),
+        (
+            STYLE,
+            "bond_style fene",
+            "bonds of glued.data were not taken over: fene: no equivalent bond exists here (log.l",
+        ),
+        (STYLE, f"{STYLE} volume/factor yes", "its option volume/factor yes is not supported"),
         (STYLE, f"{STYLE} mystery 1", "its option mystery 1 is not read"),
         (STYLE, f"{STYLE} volume/factor no store/local broken 10 time id1 id2 normalize yes", ""),
         (STYLE, STYLE.replace("break no smooth no", "break yes"), ""),
         (STYLE, "bond_style none", ""),
         (STYLE, "", "bonds of glued.data were not taken over: there is no bond_style"),
         ("bond_coeff * 0.05", "bond_coeff 2* 0.05", "no bond_coeff gives bonds of type 1 a law"),
-        ("bond_coeff * 0.05", "bond_coeff glue 0.05", "the type glue of a bond_coeff is no number, and no labelmap"),
+        (
+            "bond_coeff * 0.05",
+            "bond_coeff glue 0.05",
+            "the type glue of a bond_coeff is neither a number nor a label in a labelmap",
+        ),
         ("bond_coeff * 0.05", "labelmap bond 1 glue\nbond_coeff glue 0.05", ""),
         ("bond_coeff * 0.05 10 0.0", "bond_coeff * 0.05 10", "bonds of glued.data were not taken over"),
         (END, f"delete_bonds all bond 1\n{END}", "delete_bonds all bond 1 (log.lammps, line"),
@@ -106,7 +114,8 @@ def test_bonds_that_no_file_lists_leave_the_verdict_undecided(cases, tmp_path):
     options = {"atom_style": "hybrid sphere bond"}
     said = doubts(ss.io.read_packing(alone / "glued.data", **options).notes)
     assert (
-        len(said) == 1 and "67 bonds of glued.data were not taken over: their laws are in the run's folder" in said[0]
+        len(said) == 1
+        and "67 bonds of glued.data were not taken over: give the run folder, whose log contains their laws" in said[0]
     )
 
 
@@ -121,16 +130,20 @@ def bonds_of(text):
         (
             lambda lines: ["1 0 " + lines[0].split(" ", 2)[2], *lines[1:]],
             66,
-            "1 bond of glued.data whose types are not",
+            "1 bond of glued.data with types that are not",
         ),
         (
             lambda lines: ["1 -1 " + lines[0].split(" ", 2)[2], *lines[1:]],
             66,
-            "1 bond of glued.data whose types are not",
+            "1 bond of glued.data with types that are not",
         ),
         (lambda lines: [], 0, ""),
-        (lambda lines: ["1 1 5 99", *lines[1:]], None, "has a bond of atoms 5 and 99, which are not both among its 27"),
-        (lambda lines: ["1 1 5 5", *lines[1:]], None, "has a bond of atom 5 with itself"),
+        (
+            lambda lines: ["1 1 5 99", *lines[1:]],
+            None,
+            "has a bond between atoms 5 and 99, which are not both among its 27",
+        ),
+        (lambda lines: ["1 1 5 5", *lines[1:]], None, "has a bond from atom 5 to itself"),
         (lambda lines: [*lines[:-1], lines[0]], None, "twice: list each bond once"),
         (lambda lines: [" ".join(np.array(lines[0].split())[[0, 1, 3, 2]]), *lines[1:]], 67, ""),
         (lambda lines: ["1 1 5", *lines[1:]], None, "is truncated or not a LAMMPS data file"),
@@ -250,11 +263,11 @@ def test_references_that_are_not_known_are_assumed(cases, tmp_path):
     """Data files have no lengths at rest, and dumps no orientations."""
     edits = [("log.lammps", END, f"run 50\n{END}")]
     notes = ss.io.read_packing(copied(cases, tmp_path, edits)).notes
-    assert [note for note in notes if "are taken to be at rest as they are: their lengths" in note]
+    assert [note for note in notes if "are assumed to be at rest in this state: rest lengths" in note]
     law = "bond_style bpm/rotational break no smooth no", "* 1 1 1 1 1 1 1 1 0 0 0 0"
     edits = [("log.lammps", STYLE, law[0]), ("log.lammps", "* 0.05 10 0.0", law[1])]
     notes = ss.io.read_packing(copied(cases, tmp_path, edits)).notes
-    assert [note for note in notes if "are taken not to be bent, twisted or sheared" in note]
+    assert [note for note in notes if "are assumed not to be bent, twisted or sheared" in note]
 
 
 def test_a_restart_file_alone_lists_bonds_without_their_laws(cases):

@@ -61,22 +61,22 @@ def answer(capsys, *arguments):
     ("name", "text"),
     [
         ("sheared/sheared.restart", "law from the restart file: pair_style gran/hertz/history"),
-        ("sheared/dump.grains", "no contacts were given"),
-        ("sheared/data.packing", "no contacts were given"),  # a dump, whatever its name
-        ("sheared/scaled.dump", "no contacts were given"),
-        ("sheared/grains.dump.gz", "no contacts were given"),
-        ("sheared/bare.lammpstrj", "has no masses: those of grains of density 1 are assumed"),
-        ("sheared/sheared.data", "does not say which directions are periodic"),
-        ("sheared/labels.data", "does not say which directions are periodic"),
+        ("sheared/dump.grains", "contacts were found from positions"),
+        ("sheared/data.packing", "contacts were found from positions"),  # a dump, whatever its name
+        ("sheared/scaled.dump", "contacts were found from positions"),
+        ("sheared/grains.dump.gz", "contacts were found from positions"),
+        ("sheared/bare.lammpstrj", "has no masses: a density of 1 is assumed"),
+        ("sheared/sheared.data", "does not state periodic directions"),
+        ("sheared/labels.data", "does not state periodic directions"),
         ("dialects/part.dump", "12 grains are in the file: others may touch them"),
-        ("dialects/crlf.dump", "the box is open along z: the file contains no walls"),
-        ("dialects/liggghts.dump", "has no masses: those of grains of density 1 are assumed"),
-        ("dialects/mercury.data", "MercuryDPM's .data has no walls and no periodic boundaries"),
-        ("dialects/yade.txt", "has no box: the grains are taken as a cluster"),
+        ("dialects/crlf.dump", "the box is open along z: no walls were read, as the file contains none"),
+        ("dialects/liggghts.dump", "has no masses: a density of 1 is assumed"),
+        ("dialects/mercury.data", "no walls and periodic boundaries were read, as MercuryDPM's .data has none"),
+        ("dialects/yade.txt", "has no box: the grains are treated as an unconfined cluster"),
         ("dialects/bare.txt", "does not name its columns: x y z radius is assumed"),
-        ("dialects/pfc.csv", "has no masses: those of grains of density 1 are assumed"),
-        ("dialects/packing.xyz", "has no masses: those of grains of density 1 are assumed"),
-        ("dialects/packing.vtk", "has no box: the grains are taken as a cluster"),
+        ("dialects/pfc.csv", "has no masses: a density of 1 is assumed"),
+        ("dialects/packing.xyz", "has no masses: a density of 1 is assumed"),
+        ("dialects/packing.vtk", "has no box: the grains are treated as an unconfined cluster"),
     ],
 )
 def test_what_was_assumed_is_reported(name, text, cases):
@@ -102,15 +102,15 @@ def test_what_was_assumed_is_reported(name, text, cases):
     [
         ("sheared/contacts.dump", "is a dump of contacts, with columns c_ends[1]"),
         ("dialects/liggghts_named.pairs", "with columns x1 y1 z1 x2 y2 z2 id1 id2 periodic fx fy fz"),
-        ("dialects/packing.vtu", "is truncated, or not VTK of points (no complete XML"),
+        ("dialects/packing.vtu", "is truncated, or not VTK of points (incomplete XML"),
         ("dialects/empty.vtk", "has no columns: x y z"),
-        ("dialects/twice.dump", "has grain 4 twice within one time step"),
+        ("dialects/twice.dump", "has grain 4 twice in one time step"),
         ("dialects/full.data", "could be those of sphere or full: give --atom-style sphere"),
         ("dialects/ellipsoid.data", "could be those of ellipsoid or body: x y z, diameter and density are needed"),
         ("dialects/unnamed.data", "could be those of sphere or full: give --atom-style sphere"),
         ("dialects/hybrid.data", "name the parts of a hybrid style with --atom-style"),
         ("dialects/mercury.restart", "it begins with 'restart_version 1.0 | name x'"),
-        ("dialects", "has no restart file, dump of atoms or data file of LAMMPS"),
+        ("dialects", "has no LAMMPS restart file, dump of atoms or data file"),
     ],
 )
 def test_what_is_not_read_says_what_it_is(name, message, cases, tmp_path):
@@ -166,7 +166,9 @@ def test_columns_of_contacts_are_found_by_their_contents(grains, contacts, law, 
 
 def test_columns_in_another_order_are_refused(cases):
     names = "i j dist dx dy dz tx ty tz fx fy fz"
-    with pytest.raises(ss.packings.PackingError, match="columns tx ty tz of the contacts are not what their names say"):
+    with pytest.raises(
+        ss.packings.PackingError, match="columns tx ty tz of the contacts do not agree with the positions of the grains"
+    ):
         ss.io.read_packing(
             cases / "sheared" / "dump.grains", contacts=cases / "sheared" / "contacts.dump", columns=names, **HERTZ
         )
@@ -226,12 +228,12 @@ def test_forces_and_torques_of_the_granular_style_are_those_of_lammps(run, cases
 @pytest.mark.parametrize(
     ("run", "code", "text"),
     [
-        ("adhesive", 0, ["e-11 of the mean contact force stable", "R - delta/2 for torques and R for the slip"]),
+        ("adhesive", 0, ["e-11 of the mean contact force stable", "R - delta/2 for torques and R for slip"]),
         ("sheared", 0, ["oscillatory instability: 4 complex pairs", "decisive contacts", "gran/hertz/history"]),
         ("dragged", 3, ["undecided: fix drag (viscous) was not taken over", "Without it: oscillatory instability"]),
         ("poured", 0, ["1 wall, gravity", "stable"]),
         ("classic", 3, ["undecided: the k_t of fix wall/gran hooke/history", "Without it: stable"]),
-        ("materials", 3, ["not in equilibrium", "lever arms R - delta/2 for torques and R for the slip"]),
+        ("materials", 3, ["not in equilibrium", "lever arms R - delta/2 for torques and R for slip"]),
     ],
 )
 def test_one_command_on_the_folder_of_a_run(run, code, text, cases, capsys, tmp_path):
@@ -253,7 +255,7 @@ def test_a_run_without_a_restart_file(cases, tmp_path):
     (tmp_path / "log.lammps").unlink()
     (tmp_path / "in.poured").write_bytes((cases / "poured" / "in.poured").read_bytes())
     script = ss.io.read_packing(tmp_path)  # `variable kt equal "2/7*2000"` has no value without LAMMPS
-    assert any(isinstance(note, Obstacle) and "is not known without running LAMMPS" in note for note in script.notes)
+    assert any(isinstance(note, Obstacle) and "is unknown without running LAMMPS" in note for note in script.notes)
 
 
 def test_a_script_that_stickslip_writes_is_read_back(tmp_path):
@@ -447,11 +449,11 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ("fix s all spring/self 1.0", "fix s (spring/self) was not taken over: it acts on the grains"),
         (
             "fix q all wall/gran hooke/history 1 1 0 0 0.5 1 zcylinder 3",
-            "only fixed planes that touch all grains are read",
+            "only fixed planes for all grains are supported",
         ),
-        ("fix q low addforce 0 0 v_push", "the members of group low are not known for certain"),
+        ("fix q low addforce 0 0 v_push", "the members of group low are uncertain"),
         ("fix q all addforce 0 0 v_push", "fix q (addforce) was not taken over"),
-        ("fix q all setforce 0 NULL 1", "only forces of zero, or NULL, in the whole box are read"),
+        ("fix q all setforce 0 NULL 1", "only zero or NULL forces in the whole box are supported"),
         ("units real", "units real, in which LAMMPS converts forces"),
         ("pair_style hybrid/overlay granular", "pair_style hybrid/overlay was not taken over"),
         ("pair_coeff 1 1 hertz 1", "pair_style granular was not taken over"),
@@ -463,10 +465,13 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
         ),
         (
             "fix q all wall/gran hertz/history 1 1 0 0 0.5 1 zplane NULL 9",
-            "the model of type 1 and wall 2, which differs",
+            "the model between type 1 and wall 2, which differs",
         ),
-        ("pair_style gran/hertz/history 1 1 0 0 0.5 1", "the restart file another, gran/hooke/history: it is of an"),
-        ("group a union b\ngroup b union a\nfix w b freeze", "the members of group b are not known for certain"),
+        (
+            "pair_style gran/hertz/history 1 1 0 0 0.5 1",
+            "but the restart file has gran/hooke/history: it belongs to an",
+        ),
+        ("group a union b\ngroup b union a\nfix w b freeze", "the members of group b are uncertain"),
     ],
 )
 def test_what_acts_and_is_not_taken_over_has_its_name(line, text, cases, tmp_path):
@@ -524,10 +529,10 @@ def test_causes_point_to_what_the_file_lacks(cases, capsys, tmp_path):
     code, said = answer(capsys, "stability", run / "dump.grains", "--contacts", run / "contacts.dump", *law)
     assert code == 3
     assert "would balance under gravity (0, 0, -1)" in said
-    assert "a wall: the 8 grains whose forces do not balance are the lowest along z" in said
-    assert "the grains are of 2 types, and one law is used for all of them" in said
+    assert "a wall: the 8 grains with unbalanced forces are the lowest along z" in said
+    assert "one law is used for all grains, although they are of 2 types" in said
     code, said = answer(capsys, "stability", cases / "sheared" / "short.dump", "--modes", tmp_path / "m.npz")
-    assert "few digits: positions have at most 6," in said
+    assert "positions have at most 6 digits," in said
 
 
 def test_positions_and_radii_get_as_far_as_geometry_goes(cases, capsys, tmp_path):
@@ -586,7 +591,7 @@ def test_tables_under_their_usual_names(text, tmp_path):
         ("x y z r\n0 0 0 one\n", "is not a number"),
         ("x y z r\n0 0 0 nan\n", "radius contains NaN or infinity"),
         ("x y z r\n0 0 0 1", "ends in the middle of a line"),
-        ("x;y;z;r\n0;1,900;0;1.500\n", "of which one may separate thousands: write all with points"),
+        ("x;y;z;r\n0;1,900;0;1.500\n", "one of which may separate thousands: write all numbers with decimal points"),
         ("x [mm],y [mm],z [mm],r [px]\n0,0,0,1\n", "has lengths in mm and px"),
         ("x [mm],y [mm],z,r [m]\n0,0,0,1\n", "has lengths in mm and m"),
         ("\n\n", "it is empty"),
@@ -627,9 +632,12 @@ def test_walls_of_regions(end, normal, cases, tmp_path):
     [
         ("block -9 9 INF INF INF 0.1 side out units box", ""),
         ("block INF 1.5 INF INF INF 0.1 side out units box", "grains touch several faces of its block from outside"),
-        ("block INF INF INF INF INF 0.1 side out open 5", "a block with open faces and grains outside is not read"),
+        (
+            "block INF INF INF INF INF 0.1 side out open 5",
+            "a block with open faces and grains outside is not supported",
+        ),
         ("block INF INF INF INF EDGE INF", "'EDGE'"),
-        ("cylinder z 0 0 9 INF INF units box", "planes or blocks and touch all grains are read, not `cylinder z 0 0 9"),
+        ("cylinder z 0 0 9 INF INF units box", "planes or blocks for all grains are supported, not `cylinder z 0 0 9"),
         ("block INF INF INF INF 0.1 INF units box", ""),
     ],
 )
@@ -661,7 +669,7 @@ def test_the_parts_of_a_restart_file_are_one_packing(cases, tmp_path):
     for names, told in (
         ([base, first], "lacks its part parts.1.restart: copy all parts, or write the restart file without %"),
         ([first], "is one part of a restart file: the others and the one named base are needed"),
-        ([base, first, first], "is damaged|with a contact of a grain that it lacks"),
+        ([base, first, first], "is damaged|with a contact of a missing grain"),
     ):
         folder = tmp_path / str(len(names))
         folder.mkdir()
@@ -695,7 +703,10 @@ def test_walls_in_the_syntax_of_old_releases(cases, tmp_path):
     log = tmp_path / "log.lammps"
     log.write_text(log.read_text().replace("pair_style gran/hooke/history", "pair_style gran/hooke"))
     left_out = " ".join(note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle))
-    assert "names no style, as in old releases, where it is that of pair_style hooke: it has no springs" in left_out
+    assert (
+        "names no style, as in old releases, which used that of pair_style hooke: it has no tangential springs"
+        in left_out
+    )
 
 
 def test_gravity_on_a_group(cases, tmp_path):
@@ -802,7 +813,8 @@ def in_poured(cases, folder, line="", name="poured.restart"):
 def test_a_cell_that_was_being_strained_is_judged_as_it_is(text, how, cases, tmp_path):
     read = ss.io.read_packing(in_poured(cases, tmp_path, f"fix shear all deform {text}"))
     assert (
-        f"fix shear (deform) was straining the cell ({how}): judged at the instant, with the cell fixed" in read.assumed
+        f"fix shear (deform) was straining the cell ({how}): the verdict is for the instant, with the cell fixed"
+        in read.assumed
     )
     assert not any(isinstance(note, Obstacle) for note in read.notes)
 
@@ -812,14 +824,14 @@ def test_a_run_that_left_no_later_state(cases, tmp_path):
     log = in_poured(cases, tmp_path, "read_data poured.data", "poured.data") / "log.lammps"
     log.write_text(log.read_text().replace("write_data poured.data", "write_data other.data"))
     read = ss.io.read_packing(tmp_path)
-    assert any("poured.data is where the run began: it left no later state" in note for note in read.assumed)
+    assert any("poured.data is the initial state of the run, which left no later one" in note for note in read.assumed)
 
 
 def test_runs_in_one_folder_are_not_mixed_silently(cases, tmp_path):
     (in_poured(cases, tmp_path) / "poured.restart").rename(tmp_path / "other.restart")
     (tmp_path / "log.first").write_bytes((tmp_path / "log.lammps").read_bytes())
     read = ss.io.read_packing(tmp_path)
-    wanted = "none of log.first, log.lammps names other.restart, which may be of another run"
+    wanted = "none of log.first, log.lammps names other.restart, which may belong to another run"
     assert [note for note in read.notes if isinstance(note, Obstacle) and wanted in note]
 
 
@@ -875,7 +887,7 @@ def test_two_logs_that_name_the_grains_with_other_laws(cases, tmp_path):
     in_poured(cases, tmp_path)
     log = (tmp_path / "log.lammps").read_text()
     (tmp_path / "log.old").write_text(log)
-    assert not [note for note in ss.io.read_packing(tmp_path).notes if "keep one of them" in note]
+    assert not [note for note in ss.io.read_packing(tmp_path).notes if "keep only one of them" in note]
     (tmp_path / "log.old").write_text(log.replace(" 0.4 1", " 0.9 1"))  # the restart file has the friction of the other
     assert not [note for note in ss.io.read_packing(tmp_path).notes if isinstance(note, Obstacle)]
     (tmp_path / "log.old").write_text(log.replace("gravity 1.0", "gravity 2.0"))

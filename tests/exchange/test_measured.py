@@ -192,7 +192,7 @@ def test_the_command_balances_measured_forces_first(truth, tmp_path):
     done = CliRunner().invoke(
         app, ["stability", str(grains), "--contacts", str(forces), *law[:-1], str(tmp_path / "o.npz")]
     )
-    assert "balance better with opposite ft" in " ".join(done.output.split())
+    assert "balance better with the opposite sign of ft" in " ".join(done.output.split())
 
 
 def test_forces_from_lammps_are_not_taken_for_measured_ones(tmp_path):
@@ -226,13 +226,13 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
         ("pull each other", lambda: changed(m, force_n=pull)),
         ("use 0 to 59", lambda: changed(m, pair_j=m.pair_j + 60)),
         ("no grain is held", lambda: ss.packings.from_forces(changed(m, held=[]), LAW)),
-        ("touch twice", lambda: changed(m, **{name: np.repeat(getattr(m, name)[:1], 2) for name in lists})),
+        ("have two entries", lambda: changed(m, **{name: np.repeat(getattr(m, name)[:1], 2) for name in lists})),
         ("check kn", lambda: ss.packings.from_forces(m, ss.laws.linear(1e-9))),
         ("without friction", lambda: ss.packings.from_forces(m, ss.laws.linear(mu=0.0))),
         ("lever arms", lambda: ss.packings.from_forces(m, ss.laws.with_lever(LAW, "overlap"))),
         ("in pixels", lambda: ss.io.read_forces(*write_tables(tmp_path, m, unit="px"))),
         ("forces in", lambda: ss.io.read_forces(*write_tables(tmp_path, m, force="mN"))),
-        ("units of length are missing", lambda: ss.io.read_forces(write_pegs(tmp_path / "a.mat", m, rm=0.0))),
+        ("has no radii in metres", lambda: ss.io.read_forces(write_pegs(tmp_path / "a.mat", m, rm=0.0))),
         ("0 forces for", lambda: ss.io.read_forces(write_pegs(tmp_path / "b.mat", m, forces=np.zeros(0)))),
     ]  # fmt: skip
     for text, call in cases:
@@ -244,10 +244,10 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
 def test_a_grain_with_one_contact_is_named():
     row = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]
     chain = ss.io.measured_forces(row, 0.5, [0, 1], [1, 2], [1.0, 1.0], held=[0], ids=[7, 8, 9], force_n_error=0.01)
-    with pytest.raises(ValueError, match="grain 9 has one contact, with the force 1"):
+    with pytest.raises(ValueError, match="grain 9 has a single contact, with an unbalanced force of 1"):
         ss.packings.from_forces(chain, ss.laws.linear(1e3))
     corner = ss.io.measured_forces(
         [[0, 0], [1, 0], [1, 1]], 0.5, [0, 1], [1, 2], [1.0, 1.0], held=[0, 2], force_n_error=0.01
     )
-    with pytest.raises(ValueError, match="farthest from balance is grain 1"):
+    with pytest.raises(ValueError, match="at grain 1"):
         ss.packings.from_forces(corner, ss.laws.linear(1e3, mu=0.1))

@@ -88,14 +88,14 @@ def test_all_commands_and_functions_take_every_input(kind, here, tmp_path):
 
 def test_what_is_stated_against_the_file_is_told(here):
     (note,) = ss.io.read_packing(here / "packing.h5", mu=8.0).notes
-    assert "mu = 10) is replaced by the one that was given" in note and note.endswith("mu = 8)")
+    assert "mu = 10) is replaced by" in note and note.endswith("mu = 8")
     assert ss.io.read_packing(here / "packing.h5", mu=10.0).notes == []
     with pytest.raises(
-        ss.packings.PackingError, match=r"atom_style = 'bpm/sphere' was given, but .* names atoms of style"
+        ss.packings.PackingError, match=r"atom_style = 'bpm/sphere' contradicts .* whose atoms are of style"
     ):
         ss.io.read_packing(here / "cases" / "sheared" / "sheared.data", atom_style="bpm/sphere")
     notes = ss.io.read_packing(here / "lammps" / "dump.grains", boundary="ppf").notes
-    assert "boundary ppf was given and is taken, where the file has ppp" in notes
+    assert "boundary ppf replaces that of the file, ppp" in notes
 
 
 def test_what_stability_and_doctor_advise_can_be_pasted(here):

@@ -136,7 +136,7 @@ def test_linearised_equations_have_the_slopes_of_finite_differences(pile, tmp_pa
 def test_sizes_of_tangential_forces_are_too_little_between_spheres(pile, tmp_path):
     grains, forces = tables(tmp_path, *pile)
     forces.write_text("i,j,fn,ft\n1,2,0.1,0.0\n")
-    with pytest.raises(ValueError, match="no directions of forces between spheres"):
+    with pytest.raises(ValueError, match="no force directions between spheres"):
         ss.io.read_forces(grains, forces)
     forces.write_text("i,j,fx,fy\n1,2,0.1,0.0\n")
     with pytest.raises(ValueError, match="give the force on grain i, fx fy fz"):

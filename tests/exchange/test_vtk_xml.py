@@ -50,9 +50,13 @@ def test_what_stickslip_writes_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b'type="UnstructuredGrid"', b'type="ImageData"', "VTK of type ImageData: UnstructuredGrid and PolyData are"),
+        (
+            b'type="UnstructuredGrid"',
+            b'type="ImageData"',
+            "unsupported VTK type ImageData: UnstructuredGrid and PolyData are",
+        ),
         (b"radii", b"size", "no radii among them"),
-        (b"</Piece>", b"", "no complete XML"),
+        (b"</Piece>", b"", "incomplete XML"),
         (b"AAAA", b"A!AA", "truncated, or not VTK of points"),
     ],
 )
@@ -122,7 +126,7 @@ def test_memory_is_bounded_by_the_size_of_the_file(packed, tmp_path):
         head.encode() + np.array(sizes, "<u4").tobytes() + block + b"</AppendedData></VTKFile>"
     )
     tracemalloc.start()
-    with pytest.raises(ss.packings.PackingError, match="100 times the size of the file"):
+    with pytest.raises(ss.packings.PackingError, match="100 times the file size"):
         ss.io.read_packing(tmp_path / "p.vtp")
     assert tracemalloc.get_traced_memory()[1] < 3 * 2**26  # 64 MiB are always allowed
     tracemalloc.stop()

@@ -176,7 +176,7 @@ def test_ten_thousand_mutated_matlab_files(tmp_path):
 def test_a_budget_is_that_of_a_file_and_not_of_an_array():
     budget = Budget("a", 100, remedy="copy it again")
     budget.take(LARGE // 2)
-    with pytest.raises(ValueError, match=r"a holds 0\.0001 MB, and the content with its b would take"):
+    with pytest.raises(ValueError, match=r"a has 0\.0001 MB, but its content with its b would need"):
         budget.take(LARGE // 2 + 1, "b")
 
 
@@ -321,4 +321,4 @@ def test_bytes_of_a_file_are_bounded(tmp_path):
     with (tmp_path / "sparse").open("wb") as file:
         file.truncate(2**40)
     with answered(2), pytest.raises(ValueError, match=r"GB: at most 8\.59 are read"):
-        read_bytes(tmp_path / "sparse", remedy="give a part of it")
+        read_bytes(tmp_path / "sparse", remedy="exceeds the cell")

@@ -232,7 +232,7 @@ def test_the_scenario_of_a_run_of_several_is_its_first(tmp_path, seeds, older):
 
 
 def test_a_file_under_a_name_that_runs_do_not_have_is_an_error(tmp_path):
-    unknown = pytest.raises(RuntimeError, match=r"files named odd\.csv are no files of runs")
+    unknown = pytest.raises(RuntimeError, match=r"files named odd\.csv are not run files")
     with unknown, report.staged_results(tmp_path) as room:
         report.save(room, ss.scenario(experiment="rate-state"), {})
         (room / "odd.csv").write_text("1")
@@ -381,7 +381,7 @@ def test_no_run_writes_through_a_link(call, tmp_path, name):
     (tmp_path / "out" / name).symlink_to(tmp_path / "outside")
     for scenario in ("0.toml", "many.toml"):
         done = call("run", scenario, "--out", "out", "--overwrite", "--yes")
-        assert done.code == 2 and "is a link, through which a run would write outside its folder" in done.err
+        assert done.code == 2 and "is a link that leads outside the run folder" in done.err
     assert not any((tmp_path / "outside").iterdir())
 
 

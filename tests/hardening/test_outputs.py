@@ -186,5 +186,5 @@ def test_modes_replace_modes_only_also_under_a_name_that_was_given(here):
 def test_amplitudes_that_leave_no_picture_are_refused(here, command, amplitude):
     modes_of(here)
     out = ("--out", "b.gif") if command == "movie" else ("--to", "b.xyz")
-    text = "amplitude is NaN" if amplitude == "nan" else "frames of amplitude"
+    text = "amplitude is NaN" if amplitude == "nan" else "at least 2 frames and an amplitude"
     refused(text, command, "a.npz", "--modes", "m.npz", "--frames", "2", "--amplitude", amplitude, *out, cwd=here)

@@ -159,7 +159,7 @@ def test_whole_numbers_of_thousands_of_digits_in_tables(tmp_path):
 
 
 def huge_messages(folder):
-    """Calls whose messages quote what was given, in each of the ways in which errors are raised."""
+    """Calls whose messages quote the argument, in each of the ways in which errors are raised."""
     word, many = "x" * 3000, ["x" * 40] * 200
     np.savez(folder / "p.npz", position=np.zeros((2, 3)), radius=np.ones(2), **{word: 1.0})
     scene = {"experiment": "rate-state"}

@@ -16,12 +16,12 @@ PAIR = [[0.0, 0.0], [0.99, 0.0]]
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"mass": DATES}, "dates were given"),
-        ({"mass": DATES - DATES[0]}, "time differences were given"),
-        ({"mass": ["1", "2"]}, "words were given"),
-        ({"mass": np.array([1.0, 2.0 + 1j])}, "complex numbers were given"),
-        ({"velocity": np.array([1, 1j, 0], object)}, "complex numbers were given"),
-        ({"material": [0.0, 0.5]}, r"0\.5 was given where whole numbers are needed"),
+        ({"mass": DATES}, "got dates"),
+        ({"mass": DATES - DATES[0]}, "got time differences"),
+        ({"mass": ["1", "2"]}, "got words"),
+        ({"mass": np.array([1.0, 2.0 + 1j])}, "got complex numbers"),
+        ({"velocity": np.array([1, 1j, 0], object)}, "got complex numbers"),
+        ({"material": [0.0, 0.5]}, r"expected whole numbers .* got 0\.5"),
     ],
 )
 def test_what_would_lose_a_part_is_refused(more, message):
@@ -35,7 +35,7 @@ LINEAR = ss.laws.linear()
 def test_complex_positions_cells_and_walls_are_refused():
     bad = np.array(PAIR) + 1j
     for make in (lambda: ss.disks(bad, 0.5), lambda: ss.box(bad[1]), lambda: ss.flat_walls([0, 0], bad[1])):
-        with pytest.raises(ValueError, match="complex numbers were given"):
+        with pytest.raises(ValueError, match="got complex numbers"):
             make()
     with pytest.raises(ss.packings.PackingError, match="position contains entries that are not numbers"):
         ss.packings.from_arrays(bad, np.full(2, 0.5), LINEAR, dim=2)
@@ -46,14 +46,14 @@ def test_complex_positions_cells_and_walls_are_refused():
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"coulomb": []}, r"coulomb=\[\] was given"),
-        ({"damping": {}}, r"damping=\{\} was given"),
-        ({"mu": 1e300}, r"mu = 1e\+300 was given: at most 1e\+100 is allowed"),
-        ({"kn": 1e-200}, r"kn = 1e-200 was given: .* at least 1e-100 for kn"),
-        ({"kn": 1 + 2j}, "it must be a number"),
-        ({"kn": "1"}, "it must be a number"),
-        ({"kt": [1.0, 2.0]}, "it must be a number"),
-        ({"mu": np.datetime64("2020-01-01")}, "it must be a number"),
+        ({"coulomb": []}, r"coulomb must be .*, got \[\]"),
+        ({"damping": {}}, r"damping must be .*, got \{\}"),
+        ({"mu": 1e300}, r"mu must be at most 1e\+100.* got 1e\+300"),
+        ({"kn": 1e-200}, r"kn at least 1e-100, .*, got 1e-200"),
+        ({"kn": 1 + 2j}, "must be a number, got"),
+        ({"kn": "1"}, "must be a number, got"),
+        ({"kt": [1.0, 2.0]}, "must be a number, got"),
+        ({"mu": np.datetime64("2020-01-01")}, "must be a number, got"),
     ],
 )
 def test_parameters_of_laws(more, message):
@@ -79,10 +79,10 @@ def test_a_range_beyond_all_pairs_is_refused():
 @pytest.mark.parametrize(
     ("gradient", "message"),
     [
-        (np.diag([np.nan, 0.0]), "gradient holds NaN or infinity"),
+        (np.diag([np.nan, 0.0]), "gradient contains NaN or infinity"),
         (np.diag([-1.0, 0.0]), "collapses or inverts the cell"),
         (np.diag([-2.0, 0.0]), "collapses or inverts the cell"),
-        (np.zeros((2, 2), complex), "complex numbers were given"),
+        (np.zeros((2, 2), complex), "got complex numbers"),
     ],
 )
 def test_cells_that_are_none_are_refused(gradient, message):
@@ -94,7 +94,7 @@ def test_cells_that_are_none_are_refused(gradient, message):
 
 def test_grains_on_top_of_each_other_are_refused_before_all_pairs_are_listed():
     rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match=r"1000000 grains were given within one grain radius of \("):
+    with pytest.raises(ValueError, match=r"1000000 grains lie within one grain radius of \("):
         ss.assembly(ss.spheres(np.full((10**6, 3), 0.1), 0.5), cell=ss.box())
     loose = rng.uniform(0, 30, (2000, 3))
     ss.assembly(ss.spheres(loose, 0.5), cell=ss.box([40.0] * 3))
@@ -108,7 +108,7 @@ def test_an_archive_that_claims_far_more_than_it_holds_is_not_read(tmp_path):
         file.flush()
         image = file.id.get_file_image()
     (tmp_path / "a.h5").write_bytes(archive._checksum_block(image) + image)
-    with pytest.raises(archive.ArchiveError, match=r"the content with its /x would take more than 67.1 MB"):
+    with pytest.raises(archive.ArchiveError, match=r"its content with its /x would need more than 67.1 MB"):
         archive.read(tmp_path / "a.h5")
 
 

@@ -149,14 +149,14 @@ def test_two_memories_and_rolling_stand_side_by_side():
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"memory": {"deepest": 0.0}}, "only one of memory and update"),
-        ({"update": lambda overlap: overlap}, "only one of memory and update"),
-        ({"memory": {"kn": 0.0}, "update": lambda overlap: overlap}, "its name must be an identifier"),
-        ({"memory": {"old": "x"}, "update": lambda overlap: overlap}, "it must be a finite number"),
-        ({"memory": {"old": 0.0}, "update": lambda old: old + 1}, "a second update must change nothing"),
-        ({"memory": {"old": 0.0}, "update": lambda old, overlap: (old, overlap)}, "it must be a finite number"),
+        ({"memory": {"deepest": 0.0}}, "a law with memory needs both memory and update"),
+        ({"update": lambda overlap: overlap}, "a law with memory needs both memory and update"),
+        ({"memory": {"kn": 0.0}, "update": lambda overlap: overlap}, "name of a memory must be a unique identifier"),
+        ({"memory": {"old": "x"}, "update": lambda overlap: overlap}, "must be a finite number"),
+        ({"memory": {"old": 0.0}, "update": lambda old: old + 1}, "a second update must not change it"),
+        ({"memory": {"old": 0.0}, "update": lambda old, overlap: (old, overlap)}, "must be a finite number"),
         ({"memory": {"old": 0.0}, "update": lambda far: far}, "'far', which is not a parameter: .*, old"),
-        ({"bonds": True}, "without a contact_range"),
+        ({"bonds": True}, "requires contact_range"),
     ],
 )
 def test_a_memory_that_cannot_be_used_is_refused(more, message):

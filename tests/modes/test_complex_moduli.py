@@ -89,7 +89,7 @@ def test_run_with_an_oscillating_cell_has_these_moduli(disks, omega, law):
 
 def test_bad_input_is_refused_in_a_sentence(disks):
     for omega in (-1.0, np.nan, np.inf):
-        with pytest.raises(ValueError, match=r"it must be zero or positive|give finite numbers"):
+        with pytest.raises(ValueError, match=r"must be zero or positive|give finite numbers"):
             ss.modes.complex_moduli(disks, LAW, omega)
     with pytest.raises(ValueError, match="equilibrate the packing first"):
         ss.modes.complex_moduli(disks, ss.laws.hertz_mindlin(2.0, 0.1, 10.0), 1.0)
@@ -103,5 +103,5 @@ def test_resonance_without_damping_is_named(disks):
     law = ss.laws.hertz_mindlin(mu=10.0)
     values = ss.spectrum(disks, law, modes=False).eigenvalues
     omega = float(np.sqrt(values[np.abs(values.imag) < 1e-12].real.max()))
-    with pytest.raises(ValueError, match=re.escape(f"frequency = {omega:.9g} was given")):
+    with pytest.raises(ValueError, match=re.escape(f"frequency must .*, got {omega:.9g}")):
         ss.modes.complex_moduli(disks, law, omega)

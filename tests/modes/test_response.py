@@ -156,14 +156,14 @@ def test_observables_are_derivatives(packing):
 
 def test_a_resonance_without_damping_is_named(packing):
     omega = float(ss.spectrum(packing, LAW).frequency.max())
-    with pytest.raises(ValueError, match=rf"frequency = {omega:.5g}\d* was given.*resonance"):
+    with pytest.raises(ValueError, match=rf"at frequency = {omega:.5g}\d* the response is unbounded.*resonance"):
         ss.modes.frequency_response(packing, LAW, push(packing, (3, 0)), [0.1, omega])
     assert np.isfinite(ss.modes.frequency_response(packing, LAW, push(packing, (3, 0)), [0.1, 1.01 * omega]).gain).all()
 
 
 def test_bad_input_is_one_sentence(packing):
     drive = push(packing, (3, 0))
-    with pytest.raises(ValueError, match="frequency = -1 was given"):
+    with pytest.raises(ValueError, match=r"frequency must .*, got -1"):
         ss.modes.frequency_response(packing, LAW, drive, [-1.0])
     with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.frequency_response(packing, ss.laws.hertz_mindlin(2.0, 0.1, 0.3), drive, 1.0)
@@ -301,7 +301,7 @@ def test_no_pattern_and_no_noise_are_named(packing):
         ss.modes.frequency_response(packing, LAW, push(packing, (3, 0)), 0.1, observe=none)
     with pytest.raises(ValueError, match="noise is empty"):
         ss.modes.stationary_fluctuations(packing, LAW, noise=none, drag=0.1)
-    with pytest.raises(ValueError, match="a noise that moves nothing"):
+    with pytest.raises(ValueError, match="the noise moves nothing"):
         ss.modes.stationary_fluctuations(packing, LAW, noise=np.zeros((16, 6)), drag=0.1)
 
 

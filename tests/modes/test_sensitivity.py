@@ -173,7 +173,7 @@ def test_a_cell_that_follows_the_stress_is_changed_with_its_contact(calm):
 def test_bad_input_is_reported(calm, swinging):
     with pytest.raises(ValueError, match="zero or positive"):
         ss.modes.contact_sensitivity(calm, LAW, most=-1)
-    with pytest.raises(ValueError, match="this packing has 1 pairs, counted from 0"):
+    with pytest.raises(ValueError, match="this packing has 1 pairs, numbered from 0"):
         ss.modes.contact_sensitivity(swinging, LAW, pair=1, most=0)
     law = ss.laws.linear()
     with pytest.raises(ValueError, match="only rattlers"):

@@ -120,5 +120,5 @@ def test_what_has_no_transient_is_reported(swinging, calm):
         ss.modes.transient_growth(swinging, LAW)
     with pytest.raises(ValueError, match="'energy' and 'displacement' are allowed"):
         ss.modes.transient_growth(calm, LAW, norm="power")
-    with pytest.raises(ValueError, match="a positive time"):
+    with pytest.raises(ValueError, match="duration must be positive"):
         ss.modes.transient_growth(calm, LAW, duration=-1.0)

@@ -264,7 +264,7 @@ def test_what_has_no_waves_is_reported(disks):
         ss.modes.dispersion(off, law)
     with pytest.raises(ValueError, match="must be 2π times an integer"):
         ss.modes.dispersion(disks, law, [0.1, 0.0])
-    with pytest.raises(ValueError, match="a mode does not decay"):
+    with pytest.raises(ValueError, match="a mode that does not decay"):
         ss.modes.wave_spectrum(disks, law, ss.modes.allowed_wavevectors(disks, 1)).structure_factor([0.1])
 
 
@@ -296,9 +296,9 @@ def test_a_wave_that_shifts_all_grains_alike_has_no_frequency():
 @pytest.mark.parametrize(
     ("k", "e", "message"),
     [
-        ([0, 0, 1.0], [1, 0], "wavevector = .* z component"),
-        ([0, 0], [0, 0, 1.0], "direction = .* z component"),
-        ([0, 0], [0, 0], "direction = 0 was given"),
+        ([0, 0, 1.0], [1, 0], "z component of wavevector"),
+        ([0, 0], [0, 0, 1.0], "z component of direction"),
+        ([0, 0], [0, 0], "direction = 0 has no direction"),
         ([0.1, 0], [1, 0], "2π times an integer"),
     ],
 )
@@ -308,9 +308,9 @@ def test_plane_waves_that_the_cell_does_not_have_are_refused(calm, k, e, message
 
 
 def test_waves_have_a_direction_in_the_plane(calm):
-    with pytest.raises(ValueError, match="direction = 0 was given"):
+    with pytest.raises(ValueError, match=r"direction = 0 has no direction"):
         ss.modes.elastic_speeds(calm, LAW, [[1, 0], [0, 0]])
     with pytest.raises(ValueError, match="z component"):
         ss.modes.dispersion(calm, LAW, [0, 0, 1.0])
-    with pytest.raises(ValueError, match="wavevector = 0 was given"):
+    with pytest.raises(ValueError, match=r"wavevector = 0 has no direction"):
         ss.modes.dispersion(calm, LAW, [0, 0])

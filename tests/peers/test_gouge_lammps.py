@@ -165,7 +165,7 @@ def test_the_rescaled_law_is_granular_with_mindlin_rescale():
     kn, kt, mu, damping_n, damping_t = gouge.law.table[0, 0]
     assert [float(word) for word in words.groups()] == [kn, damping_n, kt, damping_t / damping_n, mu]
     gouge.law.table[0, 0, 3] = 0.0
-    with pytest.raises(ScenarioError, match="damping_t but without damping_n"):
+    with pytest.raises(ScenarioError, match="expresses damping_t of"):
         check_leg(slide_leg(whole, gouge, 0.1, 100))
 
 

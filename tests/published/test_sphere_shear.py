@@ -79,7 +79,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"packing": {"packing_fraction": 0.7, "pressure": 1e-3}}, "both given"),
+        ({"packing": {"packing_fraction": 0.7, "pressure": 1e-3}}, "exclude each other"),
         ({"shear": {"strain": (0.1, 0.2)}}, "the first of them 0.0"),
         ({"shear": {"step": (1e-5, 1e-5, 1e-5)}}, "3 entries for 2 legs"),
         ({"shear": {"step": 1e-9}}, "at most 100000"),

@@ -7,8 +7,12 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from shutil import which
+from threading import Thread
 
 import pytest
 
@@ -155,14 +159,28 @@ def test_tutorials_are_offered_as_notebooks(built):
     assert offered == {f"{page.stem}.ipynb" for page in TUTORIALS}
 
 
+OPENED = ("index", "gallery", "installation", "exchange", "element_tests", "faults", "scenario/gouge", "api/packings",
+          "tutorials/pushed_disks", "theory/gouge", "about/comparison", "about/whats_new")  # fmt: skip
+FAULTS = """
+const out = [], wide = window.innerWidth, name = e => e.outerHTML.slice(0, 80);
+const scrolls = e => e && (/auto|scroll/.test(getComputedStyle(e).overflowX) || scrolls(e.parentElement));
+if (document.documentElement.scrollWidth > wide) out.push("the page is wider than the window");
+for (const e of document.images)
+    if (!e.alt.trim() || !(e.complete && e.naturalWidth)) out.push("no description, or no picture: " + name(e));
+for (const e of document.querySelectorAll("article table, article pre"))
+    if (e.getBoundingClientRect().right > wide + 1 && !scrolls(e)) out.push("cut off: " + name(e));
+return out;
+"""
+LOADED = "return [...document.images].every(e => e.complete)"
+FOUND = "return document.querySelectorAll('#search-results li').length"
 CUT = "return [...document.querySelectorAll('pre')].filter(e => e.scrollWidth > e.clientWidth + 1).length"
 OPENING = "return [...document.querySelectorAll('.opening > div')].map(e => e.getBoundingClientRect())"
 
 
-def visit(driver, page: Path) -> None:
+def visit(driver, address: str) -> None:
     """Open a page and wait for it: `get` may return while the page before it is still shown."""
     driver.get("about:blank")
-    driver.get(page.as_uri())
+    driver.get(address)
     loaded = "return document.readyState == 'complete' && location.href != 'about:blank'"
     from selenium.webdriver.support.ui import WebDriverWait
 
@@ -175,25 +193,72 @@ def test_the_home_page_begins_with_what_this_is_and_how_to_install_it():
     assert "is a Python package" in text and "pip install" in text and "![" in picture
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [360, 1024, 1440, 1920])
-def test_no_page_scrolls_sideways(built, width):
+@contextmanager
+def window(width: int):
+    """A window of Chromium of this width, without a network."""
     if not (which("chromium") and which("chromedriver")):
         pytest.skip("there is no Chromium: apt-get install chromium chromium-driver (Debian)")
     from selenium import webdriver  # imported by slow tests alone
 
     options = webdriver.ChromeOptions()
-    for word in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "host-resolver-rules=MAP * ~NOTFOUND"):
+    offline = "host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"
+    for word in ("headless=new", "no-sandbox", "disable-dev-shm-usage", offline):
         options.add_argument(f"--{word}")
     options.binary_location = which("chromium")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(which("chromedriver")))
     sizes = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
     try:
         driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", sizes)
+        yield driver
+    finally:
+        driver.quit()
+
+
+@contextmanager
+def served(folder: Path):
+    """Address of a server of a folder: browsers let no page of a file read another, as the search does."""
+
+    class Silent(SimpleHTTPRequestHandler):
+        def log_message(self, *words) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Silent, directory=folder))
+    server.handle_error = lambda *of: None  # a browser that leaves a page breaks its connections
+    Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_twelve_pages_have_no_faults_and_the_search_finds(built, width):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    faults = {}
+    with window(width) as driver, served(built) as address:
+        for page in OPENED:
+            visit(driver, f"{address}/{page}.html")
+            driver.execute_script("for (const e of document.images) e.loading = 'eager'")
+            WebDriverWait(driver, 30).until(lambda driver: driver.execute_script(LOADED))
+            faults[page] = driver.execute_script(FAULTS)
+            faults[page] += [line["message"] for line in driver.get_log("browser") if line["level"] == "SEVERE"]
+        visit(driver, f"{address}/search.html?q=restitution")
+        WebDriverWait(driver, 30).until(lambda driver: driver.execute_script(FOUND) > 2)
+    assert not {page: found for page, found in faults.items() if found}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [360, 1024, 1440, 1920])
+def test_no_page_scrolls_sideways(built, width):
+    with window(width) as driver:
         wide = {}
         for page in sorted(built.rglob("*.html")):
             if "_static" not in page.parts:
-                visit(driver, page)
+                visit(driver, page.as_uri())
                 answer = driver.execute_script("return document.documentElement.scrollWidth")
                 if answer > width:
                     wide[str(page.relative_to(built))] = answer
@@ -201,11 +266,9 @@ def test_no_page_scrolls_sideways(built, width):
                 if cut:
                     wide[f"code of {page.relative_to(built)}"] = cut
         assert not wide
-        visit(driver, built / "index.html")
+        visit(driver, (built / "index.html").as_uri())
         text, picture = driver.execute_script(OPENING)
         assert (picture["left"] > text["right"]) if width >= 1024 else (picture["top"] > text["bottom"])
-    finally:
-        driver.quit()
 
 
 @pytest.mark.slow

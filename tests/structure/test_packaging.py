@@ -1,6 +1,7 @@
 """What is built can be installed without this repository: core dependencies alone, every Python that is at hand."""
 
 import glob
+import json
 import os
 import re
 import runpy
@@ -25,7 +26,7 @@ from stickslip.doctor import report
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-PYTHONS = ("3.11", "3.12", "3.13")
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 OFFLINE = ("NewConnectionError", "Temporary failure in name resolution", "No matching distribution found for numpy")
 
 
@@ -214,16 +215,20 @@ def test_a_release_names_one_version_everywhere():
 def test_the_address_of_the_repository_is_one_setting(tmp_path):
     """The sources name none; a release writes the one that it is given everywhere."""
     release, address = runpy.run_path(str(ROOT / "release" / "release.py")), "https://code.example/stickslip"
-    for name in ("pyproject.toml", "README.md", "CITATION.cff", "release/conda/recipe.yaml"):
+    for name in ("pyproject.toml", "README.md", "CITATION.cff", ".zenodo.json", "release/conda/recipe.yaml"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text((ROOT / name).read_text())
         assert "https://" not in re.sub(r"https://doi\S+", "", (ROOT / name).read_text()), name
     release["with_address"](tmp_path, address)
     metadata = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
-    assert metadata["urls"] == {"Repository": address} and metadata["scripts"] == PROJECT["scripts"]
+    assert metadata["urls"] == release["urls"](address) and metadata["scripts"] == PROJECT["scripts"]
+    assert metadata["urls"]["Repository"] == address and "Colab" not in metadata["urls"]
+    related = json.loads((tmp_path / ".zenodo.json").read_text())["related_identifiers"]
+    assert related[0]["identifier"] == address
     assert yaml.safe_load((tmp_path / "CITATION.cff").read_text())["repository-code"] == address
     assert yaml.safe_load((tmp_path / "release/conda/recipe.yaml").read_text())["about"]["repository"] == address
-    links = re.findall(r"\]\((.*?)\)", (tmp_path / "README.md").read_text())
+    outside = r"\]\((?!https://mybinder)(.*?)\)"  # besides the badge
+    links = re.findall(outside, (tmp_path / "README.md").read_text())
     assert links and all(re.match(f"{address}/(raw|blob)/v", link) for link in links)
 
 

@@ -149,7 +149,7 @@ def test_its_folder_and_the_head_of_its_wing_are_all_that_it_needs(tmp_path, mon
 def test_a_file_that_it_does_not_name_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "EXPERIMENT", EXPERIMENT._replace(writes=()))
     _written_by.cache_clear()
-    with pytest.raises(RuntimeError, match=r"tosses\.csv are no files of runs: name them in `writes`"):
+    with pytest.raises(RuntimeError, match=r"tosses\.csv are not run files: list them in `writes`"):
         write_result(tmp_path / "out", EXPERIMENT, ss.simulate(ss.scenario(experiment="coins")))
     _written_by.cache_clear()
 
@@ -194,7 +194,7 @@ def test_files_of_its_format_are_read_and_written(stacks, tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"# coins\n0 0 zero 1\n", "cannot be read as stacks of coins .*zero.*: it is damaged, or its wing is"),
+        (b"# coins\n0 0 zero 1\n", "cannot be read as stacks of coins .*zero.*: the file is damaged, or its wing is"),
         (gzip.compress(b"# coins\n0 0 0 1\n", mtime=0), "is compressed: decompress it first"),
         (b"# coins\n0 0 0 -1\n", "radius"),
     ],
@@ -210,7 +210,7 @@ def test_damaged_files_of_its_format_end_in_one_sentence(stacks, tmp_path, conte
 def test_a_file_extension_of_a_wing_that_is_missing_is_refused(install, tmp_path):
     install()
     pair = ss.packings.from_arrays([[0, 0, 0]], [0.5], ss.laws.linear())
-    with pytest.raises(ss.packings.PackingError, match=r"ends with '\.coins', which cannot be written"):
+    with pytest.raises(ss.packings.PackingError, match=r"ends with '\.coins', an unsupported output format"):
         ss.io.write_packing(tmp_path / "b.coins", pair, ss.laws.linear())
 
 
@@ -363,5 +363,7 @@ def test_a_public_name_of_a_missing_wing_names_it(monkeypatch):
 def test_without_any_wing_scenarios_name_no_experiment(install):
     install(without=[*wing.wings()])
     assert not EXPERIMENTS
-    with pytest.raises(ss.experiments.ScenarioError, match="experiment = 'gouge' was given, but no wing is installed"):
+    with pytest.raises(
+        ss.experiments.ScenarioError, match="experiment = 'gouge' is not available, as no wing is installed"
+    ):
         ss.scenario(experiment="gouge")

@@ -67,7 +67,7 @@ def test_the_path_of_a_disk_before_and_after_the_first_limit():
         np.testing.assert_allclose(parts[:, 0], moved[:-1], atol=1e-12)  # round-off of places of order ten
         np.testing.assert_allclose(parts[:, 1], moved[1:], atol=1e-12)
         np.testing.assert_array_equal(lines.get_array(), time[shown][1:])
-        assert labels(axes) == (r"$\Delta x$ [$2R$]", r"$\Delta y$ [$2R$]")
+        assert labels(axes) == (r"$\Delta x$ [diameters]", r"$\Delta y$ [diameters]")
     assert before.get_title().startswith("disk 2, $F_x$ = 0.083, before")
     assert [bar.get_ylabel() for bar in colors] == [TIME, TIME]
 
@@ -94,7 +94,7 @@ def test_the_shape_of_a_mode_by_coordinate(phase):
     for k, points in enumerate(drawn.values()):
         np.testing.assert_allclose(points, np.stack([3 * k + np.arange(1.0, 4.0), height[:, k]], axis=1), atol=1e-12)
     share = (mass * np.abs(part) ** 2)[:, 1].sum() / norm**2
-    assert axes.get_title() == rf"$\omega$ = 0.5000, share in $y$ {share:.3f}"
+    assert axes.get_title() == rf"$\omega$ = 0.5000, fraction in $y$ {share:.3f}"
     assert labels(axes) == (r"degree of freedom $q_\ell$", "mass-weighted component")
 
 
@@ -170,8 +170,8 @@ def test_growth_beside_prediction_and_fit():
     np.testing.assert_array_equal(fitted.get_xdata(), np.linspace(0, 25, 600))
     np.testing.assert_allclose(fitted.get_ydata(), shape(np.linspace(0, 25, 600)), rtol=1e-9)
     assert top.get_yscale() == "log" and top.get_title() == r"$\gamma$ = 0.0123"
-    assert labels(top) == (TIME, r"$M$ [$(2\sigma_1)^2$]")
-    assert labels(bottom) == (f"$t$ − 210 [${ROOT}$]", r"$M$ [$(2\sigma_1)^2$]")
+    assert labels(top) == (TIME, r"$M$ [diameters²]")
+    assert labels(bottom) == (f"$t$ − 210 [${ROOT}$]", r"$M$ [diameters²]")
 
 
 def test_growth_that_was_never_fitted_says_so():
@@ -195,7 +195,7 @@ def test_all_eigenvalues_in_time_above_the_motion(constant):
     assert holds(bottom, [0, 1], [constant] * 2, label="spectrum constant below") == np.isfinite(constant)
     assert (top.get_yscale(), bottom.get_yscale()) == ("symlog", "log")
     assert top.get_title() == r"$\gamma$ = 0.012, 2 pairs at the start" and top.get_ylabel() == IM
-    assert labels(bottom) == (TIME, r"$M$ [$(2\sigma_1)^2$]")
+    assert labels(bottom) == (TIME, r"$M$ [diameters²]")
 
 
 LENGTH, RADIUS = 10.0, np.array([0.5, 0.4, 0.3, 0.6])
@@ -252,6 +252,15 @@ def test_snapshots_show_where_grains_are_and_how_fast(panels):
         assert sorted(left) == [(kind, shift) for kind in (False, True) for shift in (-10, 0, 10)]
 
 
+def test_lengths_are_diameters_where_their_mean_is_one(monkeypatch):
+    monkeypatch.setattr(f"{__name__}.RADIUS", np.array([0.5, 0.45, 0.55, 0.6]))
+    shown, bar = snapshots_of_fall()
+    assert labels(shown[-1])[0] == "$x$ [diameters]" and bar.get_xlabel() == "speed [diameters / time unit]"
+    with ss.io.units_in_use("mm, g, s"):
+        shown, bar = snapshots_of_fall()
+    assert labels(shown[-1])[0] == "$x$ [mm]" and bar.get_xlabel() == "speed [mm/s]"
+
+
 def test_snapshots_are_enlarged_around_the_median():
     for axes, t in zip(snapshots_of_fall(zoom=4)[0], SHOWN, strict=True):
         (low, high), place = axes.get_xlim(), SEEN - [0, 0.01 * t]
@@ -273,9 +282,10 @@ def test_snapshots_have_walls_times_and_units(panels):
         assert axes.get_ylim()[0] < -0.2 and axes.get_ylim()[1] > 4.4  # all of every grain
     shown, bar = panels
     assert [axes.get_title() for axes in shown] == [f"$t$ = {t:g} time units" for t in SHOWN]
-    assert {labels(axes) for axes in shown} <= {(x, y) for x in ("", "$x$ [length]") for y in ("", "$y$ [length]")}
-    assert labels(shown[0])[1] == "$y$ [length]" and labels(shown[-1])[0] == "$x$ [length]"
-    assert bar.get_xlabel() == "speed [length/time]"
+    x, y = (f"${name}$ [units of length]" for name in "xy")
+    assert {labels(axes) for axes in shown} <= {("", ""), (x, ""), ("", y), (x, y)}
+    assert labels(shown[0])[1] == y and labels(shown[-1])[0] == x
+    assert bar.get_xlabel() == "speed [units of length/time]"
 
 
 def shape(text) -> Bbox:
@@ -427,7 +437,7 @@ def test_the_view_is_that_of_grains_that_are_together(zoom, wide, words):
 
 @pytest.mark.parametrize("zoom", [0, -1, np.nan, np.inf, 1e9, True, None, "some", [1.0]])
 def test_a_zoom_without_sense_is_refused(zoom):
-    with pytest.raises(ValueError, match=r"zoom = .* was given: give a number from 0\.01 to 1000, or all"):
+    with pytest.raises(ValueError, match=r"zoom must be from 0\.01 to 1000, or all"):
         ss.figures.packing(RUNAWAYS, zoom=zoom)
 
 

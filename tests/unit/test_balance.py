@@ -45,7 +45,7 @@ CHANGES = {
     "without slips": lambda s: (with_slip(s, 0.0), SHARP),
     "slips turned round": lambda s: (with_slip(s, -1.0), SHARP),
     "larger grains": lambda s: (larger(s, 1 + 1e-4 * np.arange(24)), SHARP),
-    "without a cell": lambda s: (without_cell(s), SHARP),
+    "requires a cell": lambda s: (without_cell(s), SHARP),
     "less friction": lambda s: (s, ss.laws.hertz_mindlin(1.0, 2 / 7, 0.2, coulomb="sharp")),
     "smooth friction": lambda s: (s, ss.laws.hertz_mindlin(1.0, 2 / 7, 0.5, coulomb="smooth")),
     "stiffer tangentially": lambda s: (s, ss.laws.hertz_mindlin(1.0, 0.6, 0.5, coulomb="sharp")),
@@ -91,7 +91,7 @@ def test_dashpots_and_the_plain_spectrum_do_not_judge_either(sheared):
 
 def test_causes_are_those_that_the_state_shows(sheared):
     slips, cell = ss.measure.likely_causes(without_cell(sheared), SHARP)[:2]
-    assert slips.startswith("no slips: all ") and "never sheared" in slips
+    assert slips.startswith("no slip: all ") and "never sheared" in slips
     assert cell.startswith("no cell")
     (only,) = ss.measure.likely_causes(sheared, SHARP)
     assert only.startswith("another law")
@@ -99,14 +99,14 @@ def test_causes_are_those_that_the_state_shows(sheared):
     rows = ss.measure.touching(sheared)
     some[rows[:5]] = 0.0
     few = sheared._replace(contacts=sheared.contacts._replace(slip=some))
-    assert ss.measure.likely_causes(few, SHARP)[0].startswith(f"no slips: 5 of {len(rows)} contacts")
+    assert ss.measure.likely_causes(few, SHARP)[0].startswith(f"no slip: 5 of {len(rows)} contacts")
     control = ss.control.fixed(few.control, np.unique([few.contacts.i[rows[:5]], few.contacts.j[rows[:5]]]))
-    assert not any("no slips" in cause for cause in ss.measure.likely_causes(few._replace(control=control), SHARP))
+    assert not any("no slip:" in cause for cause in ss.measure.likely_causes(few._replace(control=control), SHARP))
     single = (1000 + sheared.grains.position).astype(np.float32).astype(float)
     coarse = with_neighbor_list(sheared._replace(grains=sheared.grains._replace(position=single)))
     assert "in single precision" in ss.measure.likely_causes(coarse, SHARP)[0]
     bare = ss.laws.hertz_mindlin(mu=0.0)
-    assert not any(c.startswith("no slips") for c in ss.measure.likely_causes(with_slip(sheared, 0.0), bare))
+    assert not any(c.startswith("no slip:") for c in ss.measure.likely_causes(with_slip(sheared, 0.0), bare))
 
 
 def with_velocity(state, velocity):

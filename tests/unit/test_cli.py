@@ -43,12 +43,12 @@ def short(path, disks=4, array="", law="mu = 10.0", load="", relaxation=""):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["reproduce", "disk-aray"], "'disk-aray' is not known: use disk-array"),
+        (["reproduce", "disk-aray"], "unknown experiment 'disk-aray': use disk-array"),
         (["reproduce", "disk-array", "--workers", "0"], "greater than or equal to 1"),
         (["reproduce", "disk-array", "--seed", "x"], "valid integer"),
         (["reproduce", "disk-array", "--fast"], "No such option: --fast"),
         (["run", "absent.toml", "--out", "out"], "absent.toml cannot be read"),
-        (["jump"], "command 'jump' is not known: use reproduce, run"),
+        (["jump"], "unknown command 'jump': use reproduce, run"),
     ],
 )
 def test_unknown_commands_and_options_are_refused(arguments, sentence, tmp_path):

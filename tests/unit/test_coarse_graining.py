@@ -99,10 +99,10 @@ def test_in_equilibrium_the_divergence_of_the_stress_is_the_weight():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"width": 0.0}, r"width = 0.0 was given: .*positive"),
-        ({"width": 0.1, "spacing": -1.0}, r"spacing = -1.0 was given: .*positive"),
-        ({"width": 0.1, "spacing": 1e-4}, r"spacing = 0.0001 was given: the grid has .* points, at most 1e\+07"),
-        ({"width": 1e9}, r"width = 1e\+09 was given, wider than the cell"),
+        ({"width": 0.0}, r"width must be positive.*, got 0.0"),
+        ({"width": 0.1, "spacing": -1.0}, r"spacing must be positive, got -1.0"),
+        ({"width": 0.1, "spacing": 1e-4}, r"spacing = 0.0001 gives a grid of .* points: .* for at most 1e\+07"),
+        ({"width": 1e9}, r"width = 1e\+09 exceeds the cell"),
     ],
 )
 def test_wrong_widths_are_refused(options, message):

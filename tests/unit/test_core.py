@@ -206,24 +206,27 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ss.laws.hertz_mindlin(mu=-0.1), "mu = -0.1"),
-        (lambda: ss.laws.hertz_mindlin(kn=float("nan")), "kn = nan"),
-        (lambda: ss.laws.hertz_mindlin(coulomb="soft"), "'sharp' and 'smooth'"),
+        (lambda: ss.laws.hertz_mindlin(mu=-0.1), "mu must .*-0.1"),
+        (lambda: ss.laws.hertz_mindlin(kn=float("nan")), "kn must .*nan"),
+        (lambda: ss.laws.hertz_mindlin(coulomb="soft"), "'sharp' or 'smooth'"),
         (lambda: ss.laws.for_pair(ss.laws.linear(), 0, 1, nu=0.3), "no parameter 'nu'"),
         (lambda: ss.assembly(ss.disks([[0, 0]], -1.0)), r"grains\.radius\[0\] is -1: it must be positive"),
         (lambda: ss.assembly(ss.disks([[0, np.nan]], 1.0)), "NaN"),
         (lambda: ss.assembly(ss.disks([[0, 0], [1, 0]], [0.5, 0.5, 0.5])), "shape"),
         (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box(dim=4)), r"dim is 4: it must be between 2 and 3"),
-        (lambda: ss.flat_walls([0, 0, 0], [0, 0, 0]), "normal of length zero"),
+        (lambda: ss.flat_walls([0, 0, 0], [0, 0, 0]), "zero length"),
         (lambda: ss.run(ss.packings.disk_array(1, press=1e-5), ss.laws.linear(), 1, 0.1), "material 1 is used"),
-        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, -0.1), "time step must be positive"),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, -0.1), "dt must be positive"),
         (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box([10, 5])), r"cell\.vectors has shape \(2, 2\)"),
-        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, probes=[9]), "between 0 and 0"),
+        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, probes=[9]), "from 0 to 0"),
         (
             lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, reference=np.zeros((2, 3))),
             "shape",
         ),
-        (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, tolerance=1.0), "without drag"),
+        (
+            lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, 0.1, tolerance=1.0),
+            "requires drag",
+        ),
         (
             lambda: ss.forces(ss.assembly(ss.disks([[0, 0]], 1.0, material=-1)), ss.laws.linear()),
             r"material\[0\] is -1",
@@ -240,7 +243,7 @@ def test_bad_input_is_one_clear_sentence(make, message):
 def test_an_unknown_kind_of_law_is_refused(kind):
     state, law = make_packing(2), make_law("hertz_mindlin", "sharp")._replace(kind=kind)
     for call in (lambda: ss.forces(state, law), lambda: ss.run(state, law, 1, 1e-3)):
-        with pytest.raises(ValueError, match=f"a law of kind {kind} was given: built-in laws have kinds 0 to 8"):
+        with pytest.raises(ValueError, match=f"built-in laws have kinds 0 to 8, got {kind}"):
             call()
     with pytest.raises(ValueError, match="built-in laws have kinds 0 to 8"):
         ss.laws.collision(law._replace(table=law.table[:1, :1]), radius=1.0, mass=1.0, speed=1e-3)

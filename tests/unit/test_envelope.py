@@ -187,26 +187,26 @@ def test_no_plane_of_any_orientation_is_weaker_than_the_weakest():
 def test_a_packing_out_of_balance_and_wrong_stresses_are_refused():
     state = ss.packings.strained(packing(), np.diag([0, -1e-4]))
     state = ss.accept(state, ss.forces(state, LAW)[1])
-    with pytest.raises(ValueError, match="not in equilibrium was given"):
+    with pytest.raises(ValueError, match="the packing is not in equilibrium"):
         ss.protocols.response_envelope(state, LAW, directions=4)
-    with pytest.raises(ValueError, match=r"stresses of shape \(3,\) were given"):
+    with pytest.raises(ValueError, match=r"stresses must be symmetric, .*, got shape \(3,\)"):
         ss.quasirigid.probe_statuses(packing(), LAW, np.ones(3))
-    with pytest.raises(ValueError, match=r"a stress of shape \(3,\) was given"):
+    with pytest.raises(ValueError, match=r"got an array of shape \(3,\)"):
         ss.control.stress_controlled(packing().control, np.ones(3))
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"control": "both"}, "'strain' and 'stress' are allowed"),
+        ({"control": "both"}, "control must be 'strain' or 'stress'"),
         ({"directions": 0}, "directions"),
         ({"plane": np.eye(2)}, "two symmetric tensors of shape"),
         ({"plane": [np.eye(2), 2 * np.eye(2)]}, "must span a plane"),
         ({"size": -1.0}, "size"),
-        ({"size": 2.0}, r"size = 2 was given: probes of this packing have sizes from \de-\d+ to 1"),
-        ({"size": 1e-13}, "size = 1e-13 was given: probes of this packing have sizes from"),
+        ({"size": 2.0}, r"size must be from \de-\d+ to 1 for probes of this packing, got 2"),
+        ({"size": 1e-13}, "for probes of this packing, got 1e-13"),
         ({"plane": [[[np.nan, 0], [0, 1]], np.eye(2)]}, "plane holds NaN"),
-        ({"plane": "xy"}, "plane: words were given"),
+        ({"plane": "xy"}, "plane: got words"),
     ],
 )
 def test_wrong_arguments_get_one_sentence(options, message):

@@ -98,8 +98,8 @@ def test_without_a_command_it_says_what_to_type_first(clone):
     ("arguments", "sentence"),
     [
         (["rnu"], "did you mean `stickslip run`?"),
-        (["plot"], "command 'plot' is not known: did you mean `stickslip report`?"),
-        (["qwertz"], "command 'qwertz' is not known: use reproduce, run, "),
+        (["plot"], "unknown command 'plot': did you mean `stickslip report`?"),
+        (["qwertz"], "unknown command 'qwertz': use reproduce, run, "),
         (["reproduce", "disk-aray"], "did you mean 'disk-array'?"),
         (["reproduce", "gouge", "--quik"], "--quick"),
         (["run", "s.toml", "--out", "o", "--jsn"], "--json"),

@@ -61,7 +61,7 @@ def test_drawing_changes_no_settings(backend, tmp_path):
             figure._repr_png_()
             ss.figures.save(figure, tmp_path / "a.pdf", width=178)
             ss.figures.movie([ss.io.frame_of(PAIR, LAW)] * 2, tmp_path / "a.gif", labels=["", ""])
-            with pytest.raises(ValueError, match="colour 'taste' was requested"):
+            with pytest.raises(ValueError, match="colour 'taste' is not available"):
                 ss.figures.packing(PAIR, LAW, colour="taste")
             assert settings() == before
     finally:
@@ -166,9 +166,9 @@ def test_letters_hide_nothing():
 
 
 @pytest.mark.parametrize("words, message", [
-    (["--format", "eps"], "format 'eps' is not known: use png, pdf, svg"),
-    (["--width", "90"], "--width 90 was given: use 86 or 178 [mm]"),
-    (["--width", "86", "--slides"], "width 86 was given with slides: slides are 16:9, so leave out one of the two"),
+    (["--format", "eps"], "unknown format 'eps': use png, pdf, svg"),
+    (["--width", "90"], "--width must be 86 or 178 [mm], got 90"),
+    (["--width", "86", "--slides"], "width 86 does not apply to slides, which are 16:9: leave out one of the two"),
 ])  # fmt: skip
 def test_a_look_that_does_not_exist_is_refused_before_anything_is_run(words, message, tmp_path):
     (tmp_path / "s.json").write_text(json.dumps(SHORT))

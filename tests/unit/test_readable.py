@@ -74,7 +74,7 @@ def test_the_repr_of_a_large_value_stays_short():
 
 
 def test_nouns_say_how_many(state):
-    assert repr(state) == "State: 500 spheres in a periodic cell, contacts not looked for yet, t = 0"
+    assert repr(state) == "State: 500 spheres in a periodic cell, contacts not yet searched, t = 0"
     assert repr(state.grains) == "Grains: 500 grains, radii 0.5 to 0.5, mass 500"
     assert repr(state.cell) == "Cell: 3 dimensions, 10 × 10 × 10, periodic along xyz"
     assert repr(LAW) == "Law: hertz_mindlin, smooth Coulomb, kn = 1, kt = 0.285714, mu = 10"
@@ -180,7 +180,7 @@ def test_a_sweep_says_what_varies_and_what_was_refused():
     shown = cells(grid)
     assert shown[0] == ["experiment", "rate-state"]
     assert ["members", "6"] in shown
-    assert ["refused points", grid.refusals] in shown
+    assert ["rejected points", grid.refusals] in shown
     assert grid.digest not in repr(grid) + grid._repr_html_()
     assert repr(grid).startswith("Sweep: 6 members of rate-state, surface.a = ")
 

@@ -24,27 +24,24 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"array": {"raduis": 0.5}}, r"the table \[array\] has no key 'raduis': did you mean 'radius'"),
         ({"law": {"wall": {"mo": 0.5}}}, r"the table \[law.wall\] has no key 'mo': did you mean 'mu'"),
         ({"array": {"radius": [0.5, 0.5]}}, "radius has 2 entries, but there are 10 disks"),
-        ({"array": {"disks": 2.5}}, "array.disks = 2.5 was given"),
+        ({"array": {"disks": 2.5}}, "array.disks must .*, got 2.5"),
         ({"array": {"gap": -0.6}}, "overlap by more than a radius"),
-        ({"law": {"mu": float("nan")}}, "law.mu = nan was given"),
-        ({"law": {"mu": "rough"}}, "law.mu = 'rough' was given"),
-        ({"law": {"kind": "hertz"}}, "law.kind = 'hertz' was given, but it should be 'hertz_mindlin' or 'linear'"),
+        ({"law": {"mu": float("nan")}}, "law.mu must .*, got nan"),
+        ({"law": {"mu": "rough"}}, "law.mu must .*, got 'rough'"),
+        ({"law": {"kind": "hertz"}}, "law.kind must be 'hertz_mindlin' or 'linear'"),
         ({"load": {"press": 0.0}}, "press = 0 leaves the disks without contact"),
         ({"load": {"push": [0.01, 0.02]}}, "first of them 0.0"),
         ({"load": {"step": 1e-9}}, "use a larger load.step"),
-        ({"load": {"disk": 11}}, "load.disk = 11 was given, but there are 10 disks"),
+        ({"load": {"disk": 11}}, "load.disk must be at most 10, the number of disks, got 11"),
         ({"load": {"push": [0.0, 0.05]}}, "dynamics.loads contains 0.062, which load.push"),
         ({"dynamics": {"watch": 0.01}}, "not among dynamics.loads"),
         ({"load": {"press": 2000.0}}, "makes disks overlap the substrate"),
-        ({"dynamics": {"duration": 1e13}}, "should be less than or equal to 10000000"),
+        ({"dynamics": {"duration": 1e13}}, "must be less than or equal to 10000000"),
         ({"array": {"float_radius": 3}}, r"the table \[array\] has no key 'float_radius'"),
-        ({"seed": True}, "seed = True was given"),
-        (
-            {"experiment": "cyclic-shear", "cycles": {"amplitudes": []}},
-            r"cycles.amplitudes = \[\] was given, but it should have at least 1 entry",
-        ),
-        ({"load": {"push": 0.01}}, "load.push = 0.01 was given, but it should be a list"),
-        ({"experiment": "disks"}, "experiment = 'disks' was given"),
+        ({"seed": True}, "seed must .*, got True"),
+        ({"experiment": "cyclic-shear", "cycles": {"amplitudes": []}}, r"cycles.amplitudes must have at least 1 entry"),
+        ({"load": {"push": 0.01}}, "load.push must be a list"),
+        ({"experiment": "disks"}, "experiment must .*, got 'disks'"),
         ({"experiment": "flows"}, "did you mean 'flow'?"),
         ({"experiment": "Sphere_Shear"}, "did you mean 'sphere-shear'?"),
     ],
@@ -56,7 +53,8 @@ def test_a_bad_scenario_gives_a_one_sentence_error(tables, message):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks = 'ten' was given")]
+    ("text", "message"),
+    [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks must .*, got 'ten'")],
 )
 def test_a_bad_file_gives_a_one_sentence_error(tmp_path, text, message):
     path = tmp_path / "bad.toml"

@@ -1,4 +1,4 @@
-// Many systems side by side on this processor: what a graphics processor does, thread after thread. For tests.
+// Many systems side by side on this processor: the work of a graphics processor, thread after thread. For tests.
 #include <math.h>
 
 #include "batch.h"

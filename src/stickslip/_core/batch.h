@@ -1,8 +1,8 @@
-// Many systems side by side: what each thread does. The file is compiled for this processor, where a loop goes through
-// the threads, and at run time for a graphics processor; both give the same bits, because products are not contracted.
+// Many systems side by side: the work of each thread. The file is compiled for this processor, with a loop over the
+// threads, and at run time for a graphics processor; both give the same bits, because products are not contracted.
 //
-// Every body evaluates all its contacts, so that each contact is evaluated from both sides: with the same bits but for
-// signs, since every formula is odd or even in the order of the two bodies. No sum needs atomic additions.
+// Every body evaluates all its contacts, so that each contact is evaluated from both sides, with the same bits except
+// for signs, since every formula is odd or even in the order of the two bodies. No sum needs atomic additions.
 //
 // An entry of the list of a body is a word: partner, images along the three vectors, and in its lowest bits the mode, and
 // whether the contact has been at its limit. Entries are sorted.
@@ -13,8 +13,8 @@
 
 namespace batch {
 
-int32_t fetch_add(int32_t *to, int32_t more);  // atomic where threads run at once, and so is the next
-int32_t exchange(int32_t *at, int32_t value);  // returns the former value
+int32_t fetch_add(int32_t *to, int32_t more);  // atomic if threads run concurrently, like the next one
+int32_t exchange(int32_t *at, int32_t value);  // returns the previous value
 
 constexpr int64_t MODE = 3, REACHED = 4, FLAGS = ENTRY_FLAGS, PARTNER = ENTRY_PARTNER;
 constexpr int64_t ROWS = 16;  // of partial sums
@@ -111,7 +111,8 @@ inline Pair pair_of(const Slot &slot, int64_t a, int64_t word) {
   return pair;
 }
 
-// Writes an event of a contact as body a sees it. Apart, so that it does not take registers from the step.
+// Writes an event of a contact from the side of body a. A separate function, so that it does not use registers of the
+// step.
 __attribute__((noinline)) inline void store_event(const Batch &b, int64_t s, int64_t a, int64_t word, int64_t kind) {
   const int64_t row = fetch_add(b.happened + s, 1);
   if (row >= b.events) return;
@@ -130,7 +131,7 @@ inline void open_entry(const Slot &slot, int64_t a, int64_t *entry) {
   *entry &= ~(MODE | REACHED);
 }
 
-// What a system does that may step.
+// State of a system that may step.
 inline int64_t run_or_wait(const Slot &slot) {  // one step and a new list fill less than half of the rows
   return 2 * int64_t(slot.batch.happened[slot.s]) > slot.batch.events ? WAITING : RUNNING;
 }
@@ -147,7 +148,7 @@ struct Sum {  // force and torque
   double f[6];
 };
 
-// Whether entries e, e + step … of body a, which has `count`, may touch. Entries that surely do not are opened.
+// Whether entries e, e + step … of body a, which has `count`, may touch. Entries that cannot touch are opened.
 template <int DIM, int N>
 inline void may_touch(const Slot &slot, int64_t a, int64_t e, int64_t step, int64_t count, bool *touches) {
   const int64_t now = slot.number[SLOT_NOW], list = slot.number[SLOT_LISTED];
@@ -166,7 +167,7 @@ inline void may_touch(const Slot &slot, int64_t a, int64_t e, int64_t step, int6
   }
 }
 
-// Loads on body a of its entry e, whose memory is updated: the parts of `sweep_row` in `rows.cpp` that a device needs.
+// Loads on body a of its entry e, whose memory is updated: the parts of `sweep_row` in `rows.cpp` needed on a device.
 // Not one function, because compilers then fuse other products in rows, which changes last bits in two dimensions.
 template <int DIM>
 inline Sum evaluate_contact(const Law &law, const Slot &slot, int64_t a, int64_t e) {
@@ -347,8 +348,8 @@ inline void sort_into_bins(const Slot &slot, const Team &team) {
   });
 }
 
-// Keys of all bodies within reach of grain a, unsorted. Returns their number, which may be larger than there is room for,
-// or −1 if one is more periodic boxes apart than a key can hold.
+// Keys of all bodies within reach of grain a, unsorted. Returns their number, which may exceed the room, or −1 if one
+// is more periodic boxes apart than a key can store.
 template <int DIM>
 inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
   const Batch &b = slot.batch;
@@ -395,13 +396,13 @@ inline int64_t find_partners(const Slot &slot, int64_t a, int64_t *key) {
   return many;
 }
 
-// New list of grain a, with the memory of the former.
+// New list of grain a, with the memory of the previous one.
 template <int DIM>
 inline void build_list(const Slot &slot, int64_t a) {
   const int64_t old = slot.number[SLOT_LISTED], list = 1 - old, before = slot.entries(a, old);
   int64_t *entry = slot.entry(a, list), *former = slot.entry(a, old), many = find_partners<DIM>(slot, a, entry);
   if (many < 0 || many > slot.batch.most) {
-    slot.number[SLOT_CHANGED] = many;  // tells that a list cannot be made, or is full
+    slot.number[SLOT_CHANGED] = many;  // reports that a list cannot be made, or is full
     many = many < 0 ? 0 : slot.batch.most;
   }
   insert_in_order(entry, many);

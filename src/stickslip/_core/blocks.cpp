@@ -97,7 +97,7 @@ inline void scatter_loads(bool more, int64_t used, const double *scratch, double
 
 // ---- evaluation
 
-constexpr double SQUARE_MARGIN = 1.0 + 1e-9;  // on squared distances beyond which nothing can touch, despite rounding
+constexpr double SQUARE_MARGIN = 1.0 + 1e-9;  // on squared distances beyond which no contact is possible, despite rounding
 
 template <int DIM>
 inline Vec<Real> planes(const double *at) {
@@ -244,7 +244,7 @@ inline NormalForce normal_force(const Block &block, const Geometry &at, int64_t 
   return out;
 }
 
-// Evaluates the functions of a user's law for all lanes.
+// Evaluates the functions of a user-defined law for all lanes.
 template <int DIM>
 void evaluate_user_law(const Block &block, double *scratch) {
   const Law &law = block.law;

@@ -1,11 +1,11 @@
 // Pairs in blocks of LANES, see `core/dynamics/driver.py` for how they are chosen and used.
 //
 // Grains are divided into equal-sized tiles of neighbours, and follow a space-filling curve within each tile. A block
-// holds contacts of one pair of materials, either within one tile, or between a tile and later ones (`cross`), or with
-// walls. Contacts are evaluated block by block. Each body then sums the loads of its contacts in the order of its
+// contains contacts of one pair of materials, either within one tile, or between a tile and later ones (`cross`), or
+// with walls. Contacts are evaluated block by block. Each body then sums the loads of its contacts in the order of its
 // partners' numbers. The orientation of a pair and the order of summation depend only on the numbers of the grains in
-// the state, and every contact goes through the same vector instructions. Trajectories are therefore bitwise independent
-// of the number of threads and of the memory order.
+// the state, and every contact goes through the same vector instructions. Trajectories are therefore bitwise
+// independent of the number of threads and of the memory order.
 #pragma once
 #include "core.h"
 #include "memory.h"
@@ -22,7 +22,7 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
   Buffer<uint32_t> i, j;      // (K LANES,) in memory order
   Buffer<int32_t> row;        // (K LANES,) row in the list of contacts, −1 for padding
   Buffer<int64_t> material;   // (K, 2)
-  Buffer<int32_t> used;       // (K,) lanes that hold pairs, rounded up to whole vectors
+  Buffer<int32_t> used;       // (K,) lanes with pairs, rounded up to whole vectors
   Buffer<uint8_t> wall;       // (K,) all pairs of the block are with walls
   Buffer<int32_t> at;         // (K,) start of a block's vectors, −1: no pair is with a wall or across a boundary
   Buffer<double> vector;      // (V 3 LANES,) periodic shift (with a frame: the image), or the wall's normal
@@ -41,7 +41,7 @@ struct Blocks {  // zero-initialised; T tiles, K blocks
 };
 
 // Pair vector (3,) of contact c, and rolled length R_i angle_i + R_j angle_j (3,) of two bodies, as they are committed:
-// with the same bits on every processor, so that memory shows that nothing has moved
+// with the same bits on every processor, so that memory shows whether a body has moved
 void pair_vector(const Contacts &contacts, int64_t c, const double *position, const double *vectors, double *out);
 void rolled_length(const double *radius, const double *angle, int64_t i, int64_t j, double *out);
 

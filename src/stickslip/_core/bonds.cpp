@@ -93,7 +93,7 @@ T length_of(Vec<T> v) {  // its derivative at zero counts as zero
 
 struct Bond {
   const double *stiffness, *damping, *strength;
-  double length, arm;  // at rest; share of r between j and the point at which the force acts
+  double length, arm;  // at rest; fraction of r from j to the point at which the force acts
   int64_t form, fading;
   Vec<double> direction;
   Turn<double> turn;
@@ -136,43 +136,89 @@ Deformed<T> deformed(const Bond &bond, Vec<T> r, Vec<T> a, Vec<T> b) {
 }
 
 template <class T>
-struct BondLoad {
-  Vec<T> force, moment_i, moment_j;  // force on i; that on j is opposite
-  T share;                           // of the strength
+struct Springs {  // tension, shear force, moments of bending and twisting
+  T pull;
+  Vec<T> shear, bend, twist;
 };
 
 template <class T>
-T share_of(const Bond &bond, T pull, Vec<T> shear, Vec<T> bend, Vec<T> twist) {
+Springs<T> springs_of(const Bond &bond, const Deformed<T> &at) {
+  const double *k = bond.stiffness;
+  return {k[TENSION] * (at.distance + -bond.length), k[SHEAR] * cross(at.shear, at.n), k[BENDING] * at.bend,
+          k[TWISTING] * at.twist};
+}
+
+template <class T>
+T share_of(const Bond &bond, const Springs<T> &load) {
   const double *s = bond.strength;
-  if (bond.form == BY_STRETCH) return (1.0 / s[TENSION]) * magnitude(pull);
-  const T normal = (1.0 / s[TENSION]) * pull + (1.0 / s[BENDING]) * length_of(bend);
-  const T tangential = (1.0 / s[SHEAR]) * length_of(shear) + (1.0 / s[TWISTING]) * length_of(twist);
+  if (bond.form == BY_STRETCH) return (1.0 / s[TENSION]) * magnitude(load.pull);
+  const T normal = (1.0 / s[TENSION]) * load.pull + (1.0 / s[BENDING]) * length_of(load.bend);
+  const T tangential = (1.0 / s[SHEAR]) * length_of(load.shear) + (1.0 / s[TWISTING]) * length_of(load.twist);
   return larger(bond.form == BY_SUM ? normal + tangential : larger(normal, tangential), T{});
+}
+
+// The largest of the loads over their strengths whose sum reaches the strength.
+int8_t failure_of(const Bond &bond, const Springs<double> &load) {
+  const double *s = bond.strength;
+  if (bond.form == BY_STRETCH) return load.pull < 0.0 ? BY_COMPRESSION : BY_TENSION;
+  double part[] = {load.pull / s[TENSION], length_of(load.shear) / s[SHEAR], length_of(load.bend) / s[BENDING],
+                   length_of(load.twist) / s[TWISTING]};
+  if (bond.form == BY_BEAM) {
+    const bool sheared = part[SHEAR] + part[TWISTING] > part[TENSION] + part[BENDING];
+    part[sheared ? TENSION : SHEAR] = part[sheared ? BENDING : TWISTING] = -INFINITY;
+  }
+  int most = TENSION;
+  for (int k = 1; k < 4; ++k)
+    if (part[k] > part[most]) most = k;
+  return int8_t(BY_TENSION + most);
+}
+
+template <class T>
+T power_of(const Bond &bond, T share) {  // of the share, by which loads fade
+  const T square = share * share, fourth = square * square;
+  return bond.fading == 4 ? fourth : fourth * fourth;
 }
 
 template <class T>
 T faded(const Bond &bond, T share) {
   if (!bond.fading) return T{} + 1.0;
   if (value_of(share) >= 1.0) return T{};
-  const T square = share * share, fourth = square * square;
-  return T{} + 1.0 - (bond.fading == 4 ? fourth : fourth * fourth);
+  return T{} + 1.0 - power_of(bond, share);
 }
+
+// Energy of the springs. Of loads that fade, it is the work that they do if all of them grow in proportion.
+template <class T>
+T energy_of(const Bond &bond, const Deformed<T> &at, T share) {
+  const double *k = bond.stiffness, fading = double(bond.fading);
+  const T stretch = at.distance + -bond.length;
+  const T whole = 0.5 * (k[TENSION] * (stretch * stretch) + k[SHEAR] * dot(at.shear, at.shear) +
+                         k[BENDING] * dot(at.bend, at.bend) + k[TWISTING] * dot(at.twist, at.twist));
+  if (!bond.fading) return whole;
+  if (value_of(share) >= 1.0) return ((fading / (fading + 2.0)) * whole) / (share * share);
+  return whole * (T{} + 1.0 - (2.0 / (fading + 2.0)) * power_of(bond, share));
+}
+
+template <class T>
+struct BondLoad {
+  Vec<T> force, moment_i, moment_j;  // force on i; that on j is opposite
+  T share;                           // of the strength
+};
 
 template <class T>
 BondLoad<T> scaled(T factor, BondLoad<T> load) {
   return {factor * load.force, factor * load.moment_i, factor * load.moment_j, load.share};
 }
 
-// Elastic loads: with the shear u and the force k_s u × n on j, whose point of action is a share `arm` of r from j.
+// Elastic loads: with the shear u and the force k_s u × n on j, whose point of action is at a fraction `arm` of r from
+// j.
 template <class T>
 BondLoad<T> load_of(const Bond &bond, const Deformed<T> &at) {
-  const double *k = bond.stiffness;
-  const T pull = k[TENSION] * (at.distance + -bond.length);
-  const Vec<T> shear = k[SHEAR] * cross(at.shear, at.n), bend = k[BENDING] * at.bend, twist = k[TWISTING] * at.twist;
-  const Vec<T> lever = (k[SHEAR] * at.distance) * at.shear, moment = bend + twist;
-  const T share = share_of(bond, pull, shear, bend, twist);
+  const Springs<T> load = springs_of(bond, at);
+  const Vec<T> lever = (bond.stiffness[SHEAR] * at.distance) * at.shear, moment = load.bend + load.twist;
+  const T share = share_of(bond, load);
   const Vec<T> nothing = {};
-  BondLoad<T> out = {nothing - pull * at.n - shear, (1.0 - bond.arm) * lever - moment, bond.arm * lever + moment, share};
+  BondLoad<T> out = {nothing - load.pull * at.n - load.shear, (1.0 - bond.arm) * lever - moment,
+                     bond.arm * lever + moment, share};
   return scaled(faded(bond, share), out);
 }
 
@@ -235,6 +281,7 @@ void sweep_bonds(int64_t dim, const BondSweep &sweep, const Bonds &bonds) {
     if (sweep.commits && turned) commit(bonds, sweep.angle, at, ends.i, ends.j, k);
     if (sweep.breaks && load.share >= 1.0) {
       bonds.intact[k] = false;
+      bonds.failed[k] = failure_of(bond, springs_of(bond, at));
       if (sweep.broken)
         sweep.broken(sweep.context, bonds, k, sweep.position.data + sweep.position.stride * ends.i);
       continue;
@@ -269,6 +316,72 @@ void evaluate_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const
   sweep.force = force, sweep.torque = torque, sweep.stride = 3, sweep.virial = virial;
   sweep.share = share, sweep.commits = commits;
   sweep_bonds(dim, sweep, *bonds);
+}
+
+// Deformation of a bond at one end of a motion, with derivatives along it.
+static Deformed<Dual> deformed_along(const Bond &bond, const Ends &ends, Vec<double> r, Vec<double> a, Vec<double> b) {
+  const auto along = [](Vec<double> v, Vec<double> way) {
+    return Vec<Dual>{{v.x, way.x}, {v.y, way.y}, {v.z, way.z}};
+  };
+  return deformed(bond, along(ends.r, r), along(ends.a, a), along(ends.b, b));
+}
+
+void limit_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, const double *way,
+                 double *load, double *slope, double *energy) {
+  for (int64_t k = 0; k < bonds->len_i; ++k) {
+    const Bond bond = bond_at(*bonds, k);
+    const double *s = bond.strength, *d = way + 9 * k;
+    const Ends ends = ends_at(*bonds, int(dim), {bodies->position, 3}, {bodies->angle, 3}, vectors, k);
+    const Deformed<Dual> at = deformed_along(bond, ends, read(d), read(d + 3), read(d + 6));
+    const Springs<Dual> out = springs_of(bond, at);
+    const Dual parts[] = {out.pull, out.shear.x, out.shear.y, out.shear.z, out.bend.x,
+                          out.bend.y, out.bend.z, out.twist.x, out.twist.y, out.twist.z};
+    for (int m = 0; m < 10; ++m) {
+      const double unit = s[m ? SHEAR + (m - 1) / 3 : TENSION];
+      load[10 * k + m] = parts[m].value / unit, slope[10 * k + m] = parts[m].slope / unit;
+    }
+    const Deformed<double> here = deformed(bond, ends.r, ends.a, ends.b);
+    energy[k] = energy_of(bond, here, share_of(bond, springs_of(bond, here)));
+  }
+}
+
+void judge_loads(const Bonds *bonds, const double *load, double *share, int8_t *failure) {
+  const double unit[] = {1.0, 1.0, 1.0, 1.0};
+  for (int64_t k = 0; k < bonds->len_i; ++k) {
+    Bond bond = bond_at(*bonds, k);
+    bond.strength = unit;
+    const double *f = load + 10 * k;
+    const Springs<double> springs = {f[0], read(f + 1), read(f + 4), read(f + 7)};
+    share[k] = share_of(bond, springs), failure[k] = failure_of(bond, springs);
+  }
+}
+
+Vec<double> bond_vector(int dim, const Bonds &bonds, int64_t k, const Bodies &bodies, const double *vectors) {
+  return ends_at(bonds, dim, {bodies.position, 3}, {bodies.angle, 3}, vectors, k).r;
+}
+
+BondEnd bond_end(int dim, const Bonds &bonds, int64_t k, const Bodies &bodies, const double *vectors, const BondWay &way) {
+  const Bond bond = bond_at(bonds, k);
+  const Ends ends = ends_at(bonds, dim, {bodies.position, 3}, {bodies.angle, 3}, vectors, k);
+  const auto flat = [&](Vec<double> turn) { return dim == 3 ? turn : Vec<double>{0.0, 0.0, turn.z}; };
+  const Vec<double> turn_i = flat(way.a), turn_j = flat(way.b);
+  const Deformed<Dual> along = deformed_along(bond, ends, way.r, turn_i, turn_j);
+  const Deformed<double> at = deformed(bond, ends.r, ends.a, ends.b);
+  const BondLoad<double> load = load_of(bond, at);
+  Vec<double> v = vector_at(dim, bodies.velocity, ends.i) - vector_at(dim, bodies.velocity, ends.j);
+  if (bodies.rate) v = v + transform(bodies.rate, ends.r);
+  if (dim == 2) v.z = 0.0;
+  const Vec<double> a = vector_at(3, bodies.spin, ends.i), b = vector_at(3, bodies.spin, ends.j);
+  const BondLoad<double> drag = scaled(faded(bond, load.share), drag_of(bond, at, v, a, b));
+  BondEnd out = {};
+  out.energy = energy_of(bond, at, load.share);
+  out.work = dot(load.force, way.r) + dot(load.moment_i, turn_i) + dot(load.moment_j, turn_j);
+  out.created = energy_of(bond, along, load_of(bond, along).share).slope + out.work;
+  out.power = -(dot(drag.force, v) + dot(drag.moment_i, a) + dot(drag.moment_j, b));
+  out.r = ends.r;
+  out.force = load.force + drag.force;
+  out.moment_i = load.moment_i + drag.moment_i, out.moment_j = load.moment_j + drag.moment_j;
+  return out;
 }
 
 void linearise_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, double *force,

@@ -1,6 +1,6 @@
-// Everything that Python calls, and the arrays that it passes. `core/library.py` reads this file: one member or function
-// per declaration; `len_x` is filled with len(x), and `width_x` with the number of its columns. Pointers may be null
-// where a comment says so. See `core.fields` for shapes and ranges of the fields of a state.
+// All functions called from Python, and their arrays. `core/library.py` reads this file: one member or function
+// per declaration; `len_x` is filled with len(x), and `width_x` with the number of its columns. Pointers may be null if
+// a comment states it. See `core.fields` for shapes and ranges of the fields of a state.
 #pragma once
 #ifdef __CUDACC_RTC__  // compiles at run time, without the headers of the system
 typedef signed char int8_t;
@@ -20,10 +20,11 @@ typedef long long int64_t;
 // modes of contacts. Within blocks also STUCK_AGAIN: sticks but has been at the Coulomb limit since it closed; and LOOSE:
 // slides because its limit is zero, and has not been at a limit
 constexpr int64_t OPEN = 0, STICK = 1, SLIDE = 2, STUCK_AGAIN = 3, LOOSE = 4;
-// Treatment of the memory in an evaluation. FREE: transport it, but keep it bit for bit where nothing has moved since it
-// was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, also where it is not that of this law
+// Treatment of the memory in an evaluation. FREE: transport it, but keep it bit for bit if nothing has moved since it
+// was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, even if it is not the memory of this
+// law
 constexpr int64_t FROZEN = 0, HELD = 1, FREE = 2;
-constexpr int64_t GIVEN = 4;  // added to HELD or FREE: the memory was not committed in motion but comes from elsewhere
+constexpr int64_t GIVEN = 4;  // added to HELD or FREE: the memory was not committed in motion but imported
 
 struct Bodies {
   double *position;  // (B, 3)
@@ -55,7 +56,7 @@ struct Contacts {
   uint8_t *reached;
   double *origin;  // (B, 3)
   int64_t *count;  // (1,)
-  double *rolling;  // (C, columns) or null: rolling memory, then a law's own
+  double *rolling;  // (C, columns) or null: rolling memory, then additional memory of the law
   int64_t width_rolling;
   int64_t len_i;
   int64_t len_key;
@@ -64,6 +65,8 @@ struct Contacts {
 
 // forms of strength, see `core/contacts/bonds.py`
 constexpr int64_t BY_STRETCH = 0, BY_SUM = 1, BY_BEAM = 2;
+// loads that break a bond; 0: none did, or nobody knows
+constexpr int64_t BY_TENSION = 1, BY_SHEAR = 2, BY_BENDING = 3, BY_TWISTING = 4, BY_COMPRESSION = 5;
 
 struct Bonds {  // columns of four: tension, shear, bending, twisting
   int32_t *i;
@@ -81,6 +84,7 @@ struct Bonds {  // columns of four: tension, shear, bending, twisting
   double *strength;   // (K, 4)
   int8_t *form;
   int8_t *fading;
+  int8_t *failed;  // by which load, see above
   int64_t len_i;
 };
 
@@ -170,18 +174,18 @@ API int64_t find_runaway(const Moving *moving, double dt);  // first that moves 
 
 // ---- contact laws
 
-// A function of a user's law for n contacts of one pair of materials, see `laws.user`. If the law has a memory of its own,
-// n is one, and `memory` is that of the contact
+// A function of a user-defined law for n contacts of one pair of materials, see `laws.user`. If the law has additional
+// memory, n is one, and `memory` is that of the contact
 typedef void (*LawFunction)(const double *q, int64_t n, const double *r_eff, const double *overlap, const double *fn,
                             const double *memory, double *one, double *two);
 
-// Functions of built-in laws with parameters of their own, by place after the laws in `laws.h`: force, cap, slopes, cap
-// slopes, energy, range and update; null if the law has none
+// Functions of built-in laws with additional parameters, by position after the laws in `laws.h`: force, cap, slopes,
+// cap slopes, energy, range and update; null if the law has none
 API void *law_function(int64_t law, int64_t member);
 
 struct Law {
   int64_t hertz;        // F_n grows as overlap^(3/2), else linearly
-  int64_t uses_radius;  // stiffnesses contain √R_eff, or a user's function takes R_eff
+  int64_t uses_radius;  // stiffnesses contain √R_eff, or a user-defined function depends on R_eff
   int64_t rescaled;     // a decreasing overlap shortens the slip
   int64_t keeps_force;  // the memory is the force of the tangential spring: slips change as k_t does
   int64_t smooth;       // smoothed Coulomb limit
@@ -192,7 +196,7 @@ struct Law {
   int64_t len_table;    // materials
   int64_t width;        // parameters
   double *table;        // (materials, materials, width)
-  void *force;          // of a user's law, else null: F_n and k_t
+  void *force;          // of a user-defined law, else null: F_n and k_t
   void *cap;            // largest tangential force, null: μ max(F_n, 0)
   void *slopes;         // dF_n/dδ and dk_t/dδ
   void *cap_slopes;     // d(cap)/dF_n and d(cap)/dδ
@@ -330,7 +334,11 @@ struct LedgerStep {  // see `core/dynamics/ledger.py`
   double spin_drag;
   double dt;
   uint8_t first;  // there is no step, only stored energies
-  double *row;    // (9,) written in place
+  Bonds *bonds_old;  // null without bonds; their memory is that of each end
+  Bonds *bonds_now;
+  double *vectors_old;  // (3, 3) of the cell
+  double *vectors_now;
+  double *row;    // (11,) written in place
   double *shares;  // (C, 2) or null: dissipated by friction and by the dashpots of each contact of `after`
 };
 
@@ -342,14 +350,15 @@ API void add_ledger_step(const LedgerStep *step);
 constexpr int64_t TEAM = 256;  // threads of a system, where a block has it alone
 constexpr int64_t MOST_ENTRIES = 256;  // of a body in its list
 constexpr int64_t POINT_WIDTH = 4, MOTION_WIDTH = 12;  // columns: position and radius; velocity, spin, and both predicted
-// columns of `Batch.number`: what the system waits for; buffers of the motion and of the list that hold; step, and those
-// at which it is sampled next and ends; samples that have been written; bodies; grains; grains that neither belong to a
-// group nor hang on a spring, which come first; whether a body has moved too far for the list; the first that went wrong
+// columns of `Batch.number`: task for which the system waits; valid buffers of the motion and of the list; step, and
+// those at which it is sampled next and ends; samples that have been written; bodies; grains; grains that neither
+// belong to a group nor hang on a spring, which come first; whether a body has moved too far for the list; the first
+// faulty body
 constexpr int64_t SLOT_PHASE = 0, SLOT_NOW = 1, SLOT_LISTED = 2, SLOT_STEP = 3, SLOT_NEXT = 4, SLOT_STOP = 5;
 constexpr int64_t SLOT_EVERY = 6, SLOT_ROWS = 7, SLOT_BODIES = 8, SLOT_GRAINS = 9, SLOT_SINGLE = 10, SLOT_MOVED_FAR = 11;
 constexpr int64_t SLOT_BROKEN = 12, SLOT_CHANGED = 13, SLOT_BINS = 14, SLOT_NUMBERS = 17;
 constexpr int64_t RUNNING = 0, SAMPLING = 1, BEGINNING = 2, LISTING = 3, FINISHED = 4, BROKE = 5, CROWDED = 6, APART = 7;
-constexpr int64_t WAITING = 8;  // for room for events: the caller takes these away, and the system goes on
+constexpr int64_t WAITING = 8;  // for room for events: the caller removes these, and the system continues
 // columns of `Batch.value`: members of `Pace`; skin; time of the start, and that of the positions; lower bounds and
 // spacings of bins, in parts of the cell
 constexpr int64_t PACE_DT = 0, PACE_KEEP = 1, PACE_SLOW = 2, PACE_KEEP_T = 3, PACE_SLOW_T = 4, PACE_SKIN = 5;
@@ -358,7 +367,7 @@ constexpr int64_t PACE_START = 6, PACE_CLOCK = 7, PACE_LOWEST = 8, PACE_DENSITY 
 constexpr int64_t ENTRY_FLAGS = 3, ENTRY_IMAGE = 7, ENTRY_PARTNER = 24;
 constexpr int64_t SUMS = 64;  // room for the sums of all observables, of which one has three for a vector
 
-struct Batch {  // S slots with room for R bodies, in each of which is a system or none
+struct Batch {  // S slots with room for R bodies, each with one system or none
   int64_t slots;
   int64_t room;      // R, a multiple of 32
   int64_t most;      // M, the largest number of entries of a body
@@ -367,7 +376,7 @@ struct Batch {  // S slots with room for R bodies, in each of which is a system 
   int64_t knots;     // K
   int64_t courses;   // C
   int64_t samples;   // T, rows of `series`
-  int64_t least;     // contacts that a grain needs not to be a rattler
+  int64_t least;     // least number of contacts of a grain that is not a rattler
   int64_t events;    // E, rows of `event`; 0: none are recorded
   int64_t tracks;    // P, bodies of each sample: R or none
   int64_t *number;   // (S, SLOT_NUMBERS)
@@ -411,7 +420,7 @@ struct Batch {  // S slots with room for R bodies, in each of which is a system 
   int32_t *happened;  // (S,) events that have been recorded
 };
 
-// Takes `steps` steps in all systems that are RUNNING, then samples, begins steps and builds lists where these are due
+// Advances all RUNNING systems by `steps` steps, then samples, begins steps and builds lists where due
 API void run_batch(const Law *law, const Batch *batch, int64_t steps);
 
 // ---- evaluation
@@ -546,10 +555,16 @@ API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, con
 // complex); the front has `rows` rows
 API void extend_add(int64_t m, int64_t width, const int64_t *places, const double *part, int64_t rows, double *front);
 
-// Loads of intact bonds are added to `force` and `torque` (B, 3) and, unless it is null, to `virial` (3, 3). Their
-// shares of the strength (K,) are written unless that is null. `commits`: the memory is updated to the present rotations
+// Loads of intact bonds are added to `force` and `torque` (B, 3) and, unless it is null, to `virial` (3, 3). Loads over
+// strengths (K,) are written unless that is null. `commits`: the memory is updated to the present rotations
 API void evaluate_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, uint8_t commits,
                         double *share, double *force, double *torque, double *virial);
+// Of all bonds as if they were intact: loads over their strengths (tension, then vectors of shear, bending and twisting),
+// (K, 10), their derivatives along `way` (K, 9), changes of pair vector and angles of i and j; and energy (K,)
+API void limit_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, const double *way,
+                     double *load, double *slope, double *energy);
+// Share of the strength (K,) under such loads (K, 10), and the load that breaks each bond if all grow in proportion
+API void judge_loads(const Bonds *bonds, const double *load, double *share, int8_t *failure);
 // Elastic forces on i (K, 3) and, unless null, derivatives (K, 9, 9) of force on i, moment on i and moment on j with
 // respect to pair vector and angles of i and j, and to their rates
 API void linearise_bonds(int64_t dim, const Bodies *bodies, const Bonds *bonds, const double *vectors, double *force,
@@ -576,7 +591,7 @@ struct Slider {
 };
 
 // Stress due to slip of N cells: Σ_j (K_|i−j| + H_{i+j}) slip_j, by Fourier transforms of length L = rows × columns ≥ N,
-// powers of two, of z_j = slip_j e^{iπj/(2L)}, in which what is carried past the ends becomes imaginary
+// powers of two, of z_j = slip_j e^{iπj/(2L)}, in which the part carried past the ends becomes imaginary
 struct Transfer {
   int64_t number;     // N
   int64_t rows;

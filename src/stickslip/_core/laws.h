@@ -17,7 +17,7 @@ struct Slopes {
   T first, second;
 };
 
-// Parameters of a pair of materials, and a contact's own memory where a law has one.
+// Parameters of a pair of materials, and the additional memory of a contact if the law has any.
 struct Parameters {
   const double *table, *memory;
   Parameters(const double *table = nullptr, const double *memory = nullptr) : table(table), memory(memory) {}
@@ -44,7 +44,7 @@ inline Elastic<T> built_in(const Law &law, Parameters q, T r_eff, T overlap) {
   return {q[KN] * overlap * radius, q[KT] * radius};
 }
 
-// Result of a function of a user's law at one contact.
+// Result of a function of a user-defined law at one contact.
 inline Slopes<double> call(void *function, Parameters q, double r_eff, double overlap, double fn) {
   double one = 0.0, two = 0.0;
   reinterpret_cast<LawFunction>(function)(q.table, 1, &r_eff, &overlap, &fn, q.memory, &one, &two);
@@ -71,7 +71,7 @@ inline double kept_force(const Law &law, Parameters q, double r_eff, double stif
   return old > 0.0 ? old / stiffness : 1.0;
 }
 
-// Contact radius a and da/dδ: the one by which laws of LAMMPS multiply k_t, or √(δ R_eff).
+// Contact radius a and da/dδ: the factor of k_t in LAMMPS laws, or √(δ R_eff).
 inline Slopes<double> contact_radius(const Law &law, Parameters q, double r_eff, double overlap, double stiffness,
                                      double slope) {
   if (law.hertz && law.uses_radius && q[KT] > 0.0) return {stiffness / q[KT], slope / q[KT]};
@@ -92,13 +92,13 @@ inline double *own_memory(const Law &law, const Contacts &contacts, int64_t c) {
   return contacts.rolling + contacts.width_rolling * c + law.angular;
 }
 
-// Own memory of contact c, which is that of a new one if it is open.
+// Additional memory of contact c, that of a new contact if it is open.
 inline const double *memory_at(const Law &law, const Contacts &contacts, int64_t c) {
   bool has = contacts.width_rolling == law.angular + law.len_memory;
   return law.len_memory && has && contacts.mode[c] != OPEN ? own_memory(law, contacts, c) : law.memory;
 }
 
-// Whether the own memory of contact c is not that of a new contact.
+// Whether the additional memory of contact c differs from that of a new contact.
 inline bool has_own_memory(const Law &law, const Contacts &contacts, int64_t c) {
   const double *own = own_memory(law, contacts, c);
   bool same = true;
@@ -111,7 +111,7 @@ inline void update_memory(const Law &law, Parameters q, double r_eff, double ove
   reinterpret_cast<LawFunction>(law.update)(q.table, 1, &r_eff, &overlap, &fn, q.memory, own, &unused);
 }
 
-// Coulomb limit of a law without a cap of its own; `viscous_rate`: as LAMMPS, which takes |F_n|.
+// Coulomb limit of a law without a user-defined cap; `viscous_rate`: as in LAMMPS, which uses |F_n|.
 template <class T>
 inline T coulomb_limit(Parameters q, T fn, bool viscous_rate) {
   return q[MU] * (viscous_rate ? magnitude(fn) : larger(fn, T{}));
@@ -143,7 +143,7 @@ inline T damping_factor(const Law &law, T r_eff, T m_eff, T overlap, T force) {
   }
   if (law.damping == VISCOELASTIC) factor = m_eff * root(overlap * r_eff);
   if (law.damping == MASS_DAMPING) factor = m_eff;
-  return law.range ? select(overlap > 0.0, factor, T{}) : factor;  // across a gap nothing is damped
+  return law.range ? select(overlap > 0.0, factor, T{}) : factor;  // there is no damping across a gap
 }
 
 // Factor on the tangential stiffness of a spring whose force k_t |s| is a fraction x of the Coulomb limit.

@@ -2,10 +2,13 @@
 #include <math.h>
 
 #include "blocks.h"
+#include "bonds.h"
 #include "pairs.h"
 #include "rolling.h"
 
-enum Column { KINETIC, NORMAL, TANGENTIAL, EXTERNAL, COULOMB, ROLLING, VISCOUS, DRAG, NONPOTENTIAL };  // of a row
+enum Column {  // of a row
+  KINETIC, NORMAL, TANGENTIAL, EXTERNAL, COULOMB, ROLLING, VISCOUS, DRAG, NONPOTENTIAL, BONDED, BROKEN
+};
 
 struct End {  // a contact at one end of a step
   Pair pair;
@@ -242,6 +245,31 @@ static void add_contact(const LedgerStep &step, int64_t m, int64_t c) {
         0.5 * (now.friction + old.friction) * slid_distance(step, c, slip, now, d, mid, fraction, fade);
 }
 
+// Work of a bond on the cell and on imposed motions, up to the sign.
+static double imposed_work(const LedgerStep &step, const BondEnd &end, int64_t i, int64_t j) {
+  return dot(end.force, transform(step.strain, end.r)) + work(step, false, i, 0, end.force, vector_at(3, step.way, i)) -
+         work(step, false, j, 0, end.force, vector_at(3, step.way, j)) +
+         work(step, false, i, 3, end.moment_i, rotation(step, i)) + work(step, false, j, 3, end.moment_j, rotation(step, j));
+}
+
+static void add_bond(const LedgerStep &step, int64_t k) {
+  const Bonds &before = *step.bonds_old, &after = *step.bonds_now;
+  const bool held = before.intact[k], holds = after.intact[k];
+  if (!held) return;
+  const int dim = static_cast<int>(step.dim);
+  const int64_t i = before.i[k], j = before.j[k];
+  BondWay way = {bond_vector(dim, after, k, *step.now, step.vectors_now), rotation(step, i), rotation(step, j)};
+  way.r = way.r - bond_vector(dim, before, k, *step.old, step.vectors_old);
+  const BondEnd now = holds ? bond_end(dim, after, k, *step.now, step.vectors_now, way) : BondEnd{};
+  step.row[BONDED] += now.energy;
+  if (step.first) return;
+  const BondEnd old = bond_end(dim, before, k, *step.old, step.vectors_old, way);
+  step.row[VISCOUS] += 0.5 * step.dt * (now.power + old.power);
+  step.row[EXTERNAL] -= 0.5 * (imposed_work(step, old, i, j) + imposed_work(step, now, i, j));
+  if (holds) step.row[NONPOTENTIAL] += 0.5 * (now.created + old.created);
+  else step.row[BROKEN] += old.energy - 0.5 * old.work;  // its loads act during half of the step
+}
+
 static void add_body(const LedgerStep &step, int64_t a) {
   double mass = step.mass[a], inertia = step.inertia[a], half = 0.5 * step.dt;
   Vec<double> v = vector_at(3, step.now->velocity, a), w = vector_at(3, step.now->spin, a);
@@ -268,4 +296,5 @@ void add_ledger_step(const LedgerStep *step) {
     step->shares[2 * c] = step->row[COULOMB] + step->row[ROLLING] - friction;
     step->shares[2 * c + 1] = step->row[VISCOUS] - viscous;
   }
+  for (int64_t k = 0; step->bonds_old && k < step->bonds_old->len_i; ++k) add_bond(*step, k);
 }

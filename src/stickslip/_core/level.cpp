@@ -1,11 +1,11 @@
-// Levels of processors. What asks for the level is called from the library of the lowest one.
+// Levels of processors. The functions that query the level are called from the library of the lowest one.
 #include <stdint.h>
 #if defined(__x86_64__)
 #include <cpuid.h>
 
 namespace {
 
-// Registers a, b, c, d of a CPUID leaf; zeros if the processor does not know the leaf.
+// Registers a, b, c, d of a CPUID leaf; zeros if the processor does not support the leaf.
 struct Leaf {
     uint32_t a = 0, b = 0, c = 0, d = 0;
     explicit Leaf(uint32_t number) {

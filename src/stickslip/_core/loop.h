@@ -22,8 +22,8 @@ inline void record_event(const Events *events, int64_t kind, const Contacts &con
               contacts.image + 3 * c, place);
 }
 
-// ---- contacts row by row of the list: for `forces`, for runs of few grains, and for laws with rolling resistance or a
-// memory of their own
+// ---- contacts row by row of the list: for `forces`, for runs of few grains, and for laws with rolling resistance or
+// additional memory
 
 struct Vectors {  // one per body; rows of arrays that hold more
   const double *data;
@@ -59,13 +59,13 @@ void sweep_contacts(const Law &law, int64_t dim, const Sweep &sweep, const Conta
 // ---- contacts by blocks
 
 // Planes in the scratch memory of a block: pair vector, relative velocity, Σ R ω, sum of radii; with dashpots predicted
-// velocity and Σ R ω; for a user's law overlap, range, elastic force, stiffness, force with its dashpot, and cap
+// velocity and Σ R ω; for a user-defined law overlap, range, elastic force, stiffness, force with its dashpot, and cap
 constexpr int64_t PAIR = 0, MOTION = 3 * LANES, ROLL = 6 * LANES, RADII = 9 * LANES, MOTION_AHEAD = 10 * LANES;
 constexpr int64_t ROLL_AHEAD = 13 * LANES, OVERLAP = 16 * LANES, EDGE = 17 * LANES, ELASTIC = 18 * LANES;
 constexpr int64_t STIFFNESS = 19 * LANES, TOTAL = 20 * LANES, LIMIT = 21 * LANES, SCRATCH = 22 * LANES;
 
 // Loads and memory of the blocks `first` to `last`. With `hold`, the memory is kept. Data are prefetched meanwhile. If
-// the blocks are `crossing`, their bodies may be anywhere and are prefetched one block ahead. Otherwise the bodies
+// the blocks are `crossing`, their bodies are scattered and are prefetched one block ahead. Otherwise the bodies
 // `begin` to `end`, which come next, are prefetched.
 void evaluate_blocks(const Law &law, int64_t dim, int64_t first, int64_t last, bool crossing, int64_t begin,
                      int64_t end, const Blocks &blocks, const Moving &moving, double dt, bool hold, const Flow *flow,

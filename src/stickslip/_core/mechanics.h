@@ -6,10 +6,11 @@
 #include "laws.h"
 
 constexpr double MIN_WEIGHT = 0.6;  // of an increment, see `turning_weight`; above 1/2, so that a slip can reverse
-// Round-off of a slip and of its limit, in units of R_i + R_j: what slides does so until its slip is shorter than the
-// limit by more. Positions far from the origin, other orders of arithmetic and the tolerances of solvers leave less.
+// Round-off of a slip and of its limit, in units of R_i + R_j: a sliding contact slides until its slip is shorter than
+// the limit by more. Positions far from the origin, other orders of arithmetic and solver tolerances cause smaller
+// differences.
 constexpr double ROUND_OFF = 1e-11;
-// Share of its limit by which the slip of what slides may fall short at rest: dashpots leave that much.
+// Fraction of the limit by which the slip of a sliding contact may fall short at rest, due to dashpots.
 constexpr double AT_LIMIT = 1e-3;
 constexpr double NORMAL_PART = 1e-12;  // round-off of the normal part of a slip, over its length
 constexpr double NO_LIMIT = 1e150;  // its square is finite
@@ -59,7 +60,7 @@ inline T overlap_increment(Vec<T> n, T inverse, Vec<T> d) {
   return twice / (1.0 + root(larger(1.0 + inverse * twice, T{})));
 }
 
-// Half the overlap halfway through a displacement dr that ends at n: what lever arms R − δ/2 are shorter than R.
+// Half the overlap halfway through a displacement dr that ends at n: the reduction of lever arms R − δ/2 from R.
 template <class T>
 inline T mid_shortening(Vec<T> n, T inverse, T overlap, Vec<T> d) {
   return 0.5 * (overlap - 0.5 * overlap_increment(n, inverse, d));
@@ -90,8 +91,8 @@ struct Transport {
   T fade;            // factor by which the law changed the slip
 };
 
-// The slip s of a contact carried along with a displacement dr and a rotation d(roll) that end at n; `kept`: factor by
-// which it changes as k_t does.
+// The slip s of a contact carried along with a displacement dr and a rotation d(roll) that end at n; `kept`: factor of
+// its change with k_t.
 template <class T>
 inline Transport<T> transport_slip(const Law &law, bool rate, Vec<T> n, T inverse, T overlap, Vec<T> d, Vec<T> roll,
                                    Vec<T> s, T kept = T{} + 1.0) {
@@ -141,7 +142,7 @@ inline auto still_slides(T square, T limit, T slack) {
 }
 
 // Whether the memory of a spring that has not moved since it was committed agrees with the law, and is kept to the last
-// bit. If not, it is that of another law. `pull` is its force; `loose`: it slides if its limit is zero.
+// bit. If not, it belongs to another law. `pull` is its force; `loose`: it slides if its limit is zero.
 inline bool agrees(int64_t memory, bool slid, double pull, double limit, double slack, bool loose = true) {
   if (limit == 0.0) return pull == 0.0 && slid == loose;
   if (memory == HELD) return !slid || magnitude(pull - limit) <= slack;
@@ -227,7 +228,7 @@ inline Loads<T, M> truncate_as_lammps(T fn, T stiffness, T damping, T limit, T s
   return {fn, grip * t, s, limit, slides};
 }
 
-// Normal force with its dashpot, clipped if the law has no tension. Attraction by a user's law itself is allowed.
+// Normal force with its dashpot, clipped if the law has no tension. Attraction by a user-defined law itself is allowed.
 template <class T>
 inline T with_dashpot(const Law &law, T elastic, T damping, T vn) {
   T fn = elastic - damping * vn;

@@ -1,4 +1,4 @@
-// Memory that is kept between calls, and memory that lasts for one call. All of it is aligned to cache lines.
+// Memory that is kept between calls, and memory for a single call. All memory is aligned to cache lines.
 #pragma once
 #include <stdint.h>
 #include <stdlib.h>

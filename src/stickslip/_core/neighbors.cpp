@@ -1,9 +1,9 @@
 // Neighbour search: the keys of all pairs within range, sorted, and the rows of a list from them.
 //
 // Grains of similar radius share a cell list in fractional coordinates. Its bins follow the cell's vectors. Sheared
-// cells and boxes narrower than the range of a grain therefore need no special case: an image is simply a bin that lies
-// some number of boxes away. Pairs of two sizes are sought by the grains of that size for which fewer bins must be read:
-// one large grain reads the bins of the small ones around it, and does not widen them.
+// cells and boxes narrower than the range of a grain therefore need no special case: an image is simply a bin some
+// number of boxes away. Pairs of two sizes are sought by the grains of that size for which fewer bins must be read: one
+// large grain reads the bins of the small ones around it, and does not widen them.
 #include "keys.h"
 #include "memory.h"
 #include <math.h>
@@ -105,7 +105,7 @@ inline void Bins::wrap_positions() {
   for (int64_t a = 0; a < n; ++a)
     for (int64_t k = 0; k < 3; ++k) {
       double f = x[3 * a] * grid.inverse[k] + x[3 * a + 1] * grid.inverse[3 + k] + x[3 * a + 2] * grid.inverse[6 + k];
-      if (!(fabs(f) < 1e9)) f = 0.0;  // NaN touches nothing, whatever its bin
+      if (!(fabs(f) < 1e9)) f = 0.0;  // NaN never touches, in any bin
       if (grid.periodic[k]) {
         const double whole = floor(f);
         box[3 * a + k] = static_cast<int32_t>(whole);
@@ -115,7 +115,7 @@ inline void Bins::wrap_positions() {
     }
 }
 
-// Sizes of grains, largest first: each begins with the largest radius that is left.
+// Sizes of grains, largest first: each begins with the largest remaining radius.
 inline void Bins::assign_sizes() {
   double most = 0.0;
   for (int64_t a = 0; a < n; ++a) most = larger(most, radius[a]);
@@ -343,8 +343,8 @@ bool Search::find_columns(const Size &to, const Window &window, bool own) {
   return true;
 }
 
-// Writes the entries of a range that are near a point to `hit`, and returns the end of the hits. All are written and
-// few are counted, which is cheaper than a branch that cannot be predicted.
+// Writes the entries of a range that are near a point to `hit`, and returns the end of the hits. All are written but
+// few are counted, which is cheaper than an unpredictable branch.
 inline int64_t Search::scan(Range range, const double *s, double near, int64_t code, int64_t hits) const {
   int64_t *out = hit.data;
   const double *px = at[0], *py = at[1], *pz = at[2], *pr = rim;

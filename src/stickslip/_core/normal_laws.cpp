@@ -1,13 +1,13 @@
 // build: -ffp-contract=fast
-// Normal laws with parameters of their own, as functions that the core calls like those of a user's law. Their slopes
-// come from dual numbers. See the constructors in `core/laws/builtin.py` for equations and sources.
+// Normal laws with additional parameters, as functions that the core calls like those of user-defined laws. Their
+// slopes come from dual numbers. See the constructors in `core/laws/builtin.py` for equations and sources.
 #include <math.h>
 
 #include "laws.h"
 
 namespace {
 
-constexpr int64_t OWN = DAMPING_T + 1;  // first parameter of its own
+constexpr int64_t OWN = DAMPING_T + 1;  // first additional parameter
 
 // One contact; the overlap may be a dual number.
 template <class T>
@@ -37,7 +37,7 @@ Elastic<T> hertz(const At<T> &at) {
 
 double hertz_energy(const At<double> &at) { return 0.4 * hertz(at).force * larger(at.overlap, 0.0); }
 
-struct Plain {  // what a law has if it says nothing else
+struct Plain {  // defaults of a law
   static constexpr bool REMEMBERS = false, BRIDGES = false, CAPPED = false;
   static double range(const double *, double) { return 0.0; }
   template <class T>

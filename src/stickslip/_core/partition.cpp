@@ -7,14 +7,14 @@
 
 namespace {
 
-constexpr int64_t CLASSES = 8;  // of pairs: 0 if they touch, else by distance
+constexpr int64_t CLASSES = 8;  // classes of pairs: 0 if they touch, else by distance
 constexpr int64_t AHEAD = 16;   // distance of prefetches, in bodies or pairs
 
 struct Turn {
   int32_t pair, bucket;
 };
 
-struct Picked {  // a pair, and all that blocks need about it except its slip, so that the list is read only once
+struct Picked {  // a pair, with all data for blocks except its slip, so that the list is read only once
   int32_t row, bucket, rank;
   uint32_t i, j;
   uint8_t mode;  // as in blocks
@@ -43,7 +43,7 @@ struct Choice {
   int32_t *worker = nullptr;   // (top,) thread of each tile
   int32_t *first = nullptr;    // (B + 1,) first row of each body in the list, which is sorted by first bodies
   int64_t *bound = nullptr;    // (workers + 1,) bounds of the bodies of each thread, in memory order
-  int64_t *begin = nullptr;    // (workers + 1,) bounds of the pairs of each thread in `picked`, which it may not fill
+  int64_t *begin = nullptr;    // (workers + 1,) bounds of the pairs of each thread in `picked`, not necessarily filled
   int64_t *number = nullptr;   // (workers,) of picked pairs
   Picked *picked = nullptr;    // (C,)
   int64_t *rank = nullptr;     // (workers, CLASSES top + 1) pairs of each rank, then the next place

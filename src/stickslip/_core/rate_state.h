@@ -184,7 +184,7 @@ inline auto with_laws(int64_t form, int64_t evolution, const Body &body) {
 }
 
 constexpr int MOST_ITERATIONS = 200;
-constexpr double ROUND_OFF = 1e-15;  // of a stress: where friction hardly depends on w, steps become no smaller
+constexpr double ROUND_OFF = 1e-15;  // of a stress: if friction hardly depends on w, steps do not become smaller
 
 // Solves σ μ(w, s, s2) + η V0 e^w = stress for w by Newton's method from a guess; steps are limited to 5. NaN if it
 // does not converge.

@@ -36,7 +36,7 @@ struct Sample {
   int64_t &held(int64_t a) const { return contact_count[a]; }
   int64_t &changed() const { return peeled; }
   void count(int64_t a) const { ++contact_count[a]; }
-  // with the last bits that `linear.cpp` gives it
+  // with the same last bits as in `linear.cpp`
   void add_virial(double *row) const { ::add_virial(&law, dim, &body, &contacts, shift, row); }
 
   double total(int64_t k) const { return sum[k]; }

@@ -7,7 +7,7 @@ struct Resistance {
   double stiffness, cap, damping;  // of a moment
 };
 
-// Force that the Coulomb limit and the caps of moments are proportional to.
+// Force to which the Coulomb limit and the caps of moments are proportional.
 inline double pressing_force(Parameters q, double limit) { return q[MU] > 0.0 ? limit / q[MU] : 0.0; }
 
 // k_r and dk_r/dδ.
@@ -26,7 +26,7 @@ inline Resistance rolling_resistance(const Law &law, Parameters q, double r_eff,
   return {stiffness, q[law.roll_at + 1] * r_eff * force, law.roll_viscous ? force * damping : damping};
 }
 
-// What scaled twisting multiplies its coefficients by: a² and da²/dδ, and the tangential dashpot.
+// Factors of the coefficients of scaled twisting: a² and da²/dδ, and the tangential dashpot.
 struct TwistScale {
   double radius, slope, damping;  // a, da/dδ
 };
@@ -45,7 +45,7 @@ inline Resistance twisting_resistance(const Law &law, Parameters q, double limit
           q[law.twist_at + 2] * square * scale.damping};
 }
 
-// Derivatives of a cap `share` times the pressing force, with respect to F_n and to the overlap.
+// Derivatives of a cap, `share` times the pressing force, with respect to F_n and to the overlap.
 inline Slopes<double> moment_cap_slopes(const Law &law, Parameters q, double r_eff, double overlap, double fn,
                                         double share) {
   if (!(q[MU] > 0.0)) return {0.0, 0.0};
@@ -81,7 +81,7 @@ struct RotationStep {
   double round_off;   // of a rotation
 };
 
-// How the memory of a rotation is treated, see `agrees`.
+// Treatment of the memory of a rotation, see `agrees`.
 struct Keeping {
   double slack;
   bool slid, held, kept;  // its moment is that of the memory; the memory is kept
@@ -93,7 +93,7 @@ inline Keeping keeping(Resistance r, const RotationStep &step, bool slid, double
   return {slack, slid, held, held || (step.still && step.moves && is_kept_in_motion(slid, pull, r.cap))};
 }
 
-// Resistance of what sticks with HELD memory has no cap.
+// Resistance of sticking contacts with HELD memory has no cap.
 inline Resistance as_held(Resistance r, int64_t memory, bool slides) {
   if (memory == HELD && !slides) r.cap = NO_LIMIT;
   return r;

@@ -83,7 +83,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
     else if (sweep.stepping && !motion.hold) turned = motion.dt * difference<DIM>(motion.spin, i, j);
   }
   Ratio<double> fraction = {1.0, 1.0};
-  bool frozen = motion.hold, still = false;  // whether its slip is kept by all means; whether it has not moved
+  bool frozen = motion.hold, still = false;  // whether its slip is always kept; whether it has not moved
   if (sweep.stepping) {
     mean = flat<DIM>(at(motion.velocity, i) - at(motion.velocity, j));
     if (motion.gradient) mean = transform(motion.back, mean + transform(motion.gradient, r));
@@ -179,7 +179,7 @@ inline void sweep_row(const Law &law, const Sweep &sweep, const Contacts &contac
 
 template <int DIM, bool ANGULAR>  // with moments or lever arms R − δ/2
 void sweep_all(const Law &whole, const Sweep &given, const Contacts &list) {
-  const Law law = whole;  // copies, so that the compiler knows that no store changes them
+  const Law law = whole;  // copies, which the compiler knows are not changed by stores
   const Sweep sweep = given;
   const Contacts contacts = list;
   for (int64_t c = 0; c < contacts.count[0]; ++c) sweep_row<DIM, ANGULAR>(law, sweep, contacts, c);

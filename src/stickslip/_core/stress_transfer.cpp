@@ -25,7 +25,7 @@ inline void split(Table a, Table b, int64_t columns, double cosine, double sine)
   }
 }
 
-// Undoes `split`, but for a factor of 2.
+// Inverse of `split`, except for a factor of 2.
 inline void merge(Table a, Table b, int64_t columns, double cosine, double sine) {
   double *__restrict re = a.re, *__restrict im = a.im, *__restrict far_re = b.re, *__restrict far_im = b.im;
   for (int64_t c = 0; c < columns; ++c) {
@@ -52,7 +52,7 @@ void transform(const Transfer &t, Table a, int64_t rows, int64_t columns) {
   }
 }
 
-// Transposes a table (rows, columns), and multiplies it by the roots that belong to its places before or after.
+// Transposes a table (rows, columns), and multiplies it by the roots of its positions, before or after.
 template <bool INVERSE>
 void transpose(const Transfer &t, Table from, Table to) {
   int64_t length = t.rows * t.columns;

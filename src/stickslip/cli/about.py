@@ -46,12 +46,12 @@ def example(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files.")] = False,
     output: Output,
 ) -> None:
-    """List the examples that come with the package, or copy them: scenarios, packings, laws, input of LAMMPS."""
+    """List the examples that come with the package, or copy them: scenarios, packings, laws, LAMMPS input."""
     from ..reports import terminal
     from ..runs import bundled, json_output
 
     if names and every:
-        raise ValueError("--all was given with names: give one of them")
+        raise ValueError("give either --all or names, not both")
     known = bundled.names()
     paths = bundled.copy(*names or (), to=to, overwrite=overwrite) if names or every else []
     if output.as_json:
@@ -90,7 +90,7 @@ def docs(
 
 @command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")
 def cite(
-    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
+    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or a run folder.")],
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No effect: only BibTeX is printed.")] = False,
     as_json: AsJson = False,
 ) -> None:

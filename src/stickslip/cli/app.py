@@ -24,25 +24,25 @@ from .. import __version__
 from ..extras import MissingExtraError
 from ..wing import MissingWingError
 
-DEVICES = {"cuda": "a graphics processor of NVIDIA, with the extra gpu"}
+DEVICES = {"cuda": "an NVIDIA graphics processor, with the extra gpu"}
 ENGINES = {"stickslip": "this package", "lammps": "LAMMPS, an optional part"}
 
 
 class _Commands(typer.core.TyperGroup):
-    """Commands; an unknown one is answered with those that may be meant, or with all."""
+    """Group of commands; for an unknown command, the message suggests similar ones, or lists all."""
 
     def resolve_command(self, ctx, args):
         if self.get_command(ctx, args[0]) is None:
             near, known = commands_like(args[0], self.list_commands(ctx)), ", ".join(self.list_commands(ctx))
             hint = f"did you mean {' or '.join(near)}?" if near else f"use {known}"
-            raise ValueError(f"command {args[0]!r} is not known: {hint}")
+            raise ValueError(f"unknown command {args[0]!r}: {hint}")
         return super().resolve_command(ctx, args)
 
 
 app = typer.Typer(
     cls=_Commands,
     invoke_without_command=True,
-    rich_markup_mode=None,  # plain text: the same in a terminal, a pipe and a log
+    rich_markup_mode=None,  # plain text, identical in a terminal, a pipe and a log
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="A laboratory for frictional grains: build them, load them, know when and how they will slip.",
@@ -80,7 +80,7 @@ def _parse_option(word: str | float) -> float:
 def numbers_by_name(tokens: list[str] | None) -> dict[str, float] | None:
     """Numbers by name, from texts such as work=1e-3; None if there are none."""
     if tokens and (odd := [word for word in tokens if "=" not in word]):
-        raise typer.BadParameter(f"{odd[0]!r} was given: write a name and a number, as in work=1e-3")
+        raise typer.BadParameter(f"expected a name and a number as in work=1e-3, got {odd[0]!r}")
     pairs = [word.partition("=") for word in tokens or ()]
     return {name.strip(): _parse_option(number.strip()) for name, _, number in pairs} or None
 
@@ -123,64 +123,66 @@ Engine = Annotated[
     str | None,
     typer.Option(
         "--engine",
-        help="stickslip or lammps, for flows and fault gouge; instead of the scenario's.",
+        help="stickslip or lammps, for flows and fault gouge; overrides the scenario.",
         autocompletion=complete_from(ENGINES),
     ),
 ]
 Ranks = Annotated[
-    int | None, typer.Option("--ranks", min=1, metavar="N", help="MPI processes of LAMMPS; instead of the scenario's.")
+    int | None, typer.Option("--ranks", min=1, metavar="N", help="MPI processes of LAMMPS; overrides the scenario.")
 ]
-Trust = Annotated[
-    bool, typer.Option("--trust", help="Allow the Python file that law.file names to run, now and later on.")
-]
+Trust = Annotated[bool, typer.Option("--trust", help="Allow the Python file in law.file to run, now and in future.")]
 Slides = Annotated[bool, typer.Option("--slides", help="For slides: 16:9, with large type and thick lines.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead, for programs.")]
 
 
 class Output(NamedTuple):
-    """Options of what a command prints."""
+    """Options for the output of a command."""
 
     quiet: Quiet = False
     as_json: AsJson = False
 
 
 class FigureOptions(NamedTuple):
-    """Options of the figures that a command writes."""
+    """Options for the figures that a command writes."""
 
     formats: Annotated[
-        list[str] | None, typer.Option("--format", help="pdf or svg: also write figures so, besides PNG; repeatable.")
+        list[str] | None,
+        typer.Option("--format", help="pdf or svg: also write figures in this format, besides PNG; repeatable."),
     ] = None
     width: Annotated[
-        int | None, typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column, default), or 178.")
+        int | None,
+        typer.Option("--width", metavar="MM", help="Width of figures: 86 mm (one column, default) or 178 mm."),
     ] = None
-    letters: Annotated[bool, typer.Option("--letters", help="Letter the panels of figures: (a), (b) …")] = False
+    letters: Annotated[
+        bool, typer.Option("--letters/--no-letters", help="Letter the panels of figures: (a), (b) …")
+    ] = True
     slides: Slides = False
 
     def look(self):
-        """Return how figures are written; raise ValueError if that is not available."""
+        """Return the look of figures; raise ValueError for an unavailable format or width."""
         from ..figures.saving import FORMATS, WIDTHS, look_of
 
         for kind in self.formats or ():
             check_choice("format", kind, FORMATS)
         if self.width not in (None, *WIDTHS):
-            raise ValueError(f"--width {self.width} was given: use 86 or 178 [mm]")
+            raise ValueError(f"--width must be 86 or 178 [mm], got {self.width}")
         formats = "png", *(self.formats or ())
         return look_of(formats, width=self.width, letters=self.letters, slides=self.slides)
 
 
 class EngineOptions(NamedTuple):
-    """Options of the engine that runs a scenario."""
+    """Options for the engine that runs a scenario."""
 
     engine: Engine = None
     ranks: Ranks = None
 
     def values(self) -> dict:
-        """Values by name, without those that were not given."""
+        """Given values by name."""
         return {name: value for name, value in self._asdict().items() if value is not None}
 
 
 class ProcessOptions(NamedTuple):
-    """Options of the processes of independent runs."""
+    """Options for the processes of independent runs."""
 
     workers: Workers = None
     scheduler: Scheduler = None
@@ -229,7 +231,7 @@ def examples(*pairs: tuple[str, str]) -> str:
 
 
 def commands_like(word: str, commands: list[str]) -> list[str]:
-    """Commands, scenarios, public names or pages that somebody may mean by an unknown command."""
+    """Commands, scenarios, public names or pages similar to an unknown command."""
     from ..experiments.registry import EXPERIMENTS, papers
     from ..runs.bundled import headings, names
     from ..words import suggestions, with_rarest_parts
@@ -256,7 +258,7 @@ def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:
     if got not in allowed:
         near = get_close_matches(got, allowed, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"{name} {got!r} is not known: use {', '.join(allowed)}{hint}")
+        raise ValueError(f"unknown {name} {got!r}: use {', '.join(allowed)}{hint}")
 
 
 def finish(answer: Callable[[], dict], paths: list[Path], show: Callable[[], None], output: Output) -> None:
@@ -291,7 +293,7 @@ def _show_welcome(
         print(WELCOME)
 
 
-MAX_LENGTH = 1000  # of an error message, as in core.text [characters]
+MAX_LENGTH = 1000  # longest error message, as in core.text [characters]
 STOPPED = 130  # exit code that shells expect from a process ended by ctrl-C
 ASCII_SPELLING = {
     "λ": "lambda", "ω": "omega", "φ": "phi", "σ": "sigma", "μ": "mu", "θ": "theta", "δ": "delta", "Δ": "Delta",
@@ -308,7 +310,7 @@ class FailedError(RuntimeError):
 
 
 class StoppedError(Exception):
-    """Raised for a run that was stopped by ctrl-C; the message says how to continue."""
+    """Raised for a run stopped by ctrl-C; the message names the command that continues it."""
 
 
 @contextmanager
@@ -320,7 +322,7 @@ def convert_errors():
     try:
         yield
     except (ScenarioError, ArchiveError, MissingExtraError, MissingWingError):
-        raise  # bad input found late: grains that do not fit, checkpoints of another run, missing extras and wings
+        raise  # bad input that is only found late: grains that do not fit, checkpoints of another run, missing extras
     except (ValueError, ArithmeticError, MemoryError) as problem:
         raise RuntimeError(f"the run failed ({type(problem).__name__}: {problem})") from problem
 
@@ -349,7 +351,7 @@ def main() -> None:
     except (ValueError, OSError) as problem:
         _fail(_error_message(problem), 2)
     except MemoryError as problem:
-        _fail(f"the memory does not suffice ({problem}): use fewer grains, samples or frames", 1)
+        _fail(f"out of memory ({problem}): use fewer grains, samples or frames", 1)
     except StoppedError as problem:
         _fail(str(problem), STOPPED)
     except RuntimeError as problem:
@@ -359,7 +361,7 @@ def main() -> None:
     except Exception as problem:
         if not hasattr(problem, "format_message"):
             raise
-        _fail(problem.format_message().rstrip(".") or "no command was given: stickslip --help lists them", 2)
+        _fail(problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them", 2)
     if code == STOPPED:
         _fail("stopped by the user", STOPPED)
     sys.exit(code or 0)

@@ -37,17 +37,21 @@ Dashpots = Annotated[
     bool, typer.Option("--dashpots/--no-dashpots", help="With the dashpots of the law, or leave them out.")
 ]
 REMEDY = (
-    "give what is missing, or let the packing come to rest with --settle; the result then refers to the settled packing"
+    "give the missing data, or let the packing come to rest with --settle; the result then refers to the settled "
+    "packing"
 )
 BARE = (
-    "for a verdict, give the law (--law, --kn, --kt, --mu) and the memory of contacts: the folder of a LAMMPS run "
-    "with a restart file, or --contacts; --settle finds an equilibrium near this one, without its history"
+    "for a verdict, give the law (--law, --kn, --kt, --mu) and the memory of contacts: a LAMMPS run folder with a "
+    "restart file, or --contacts; --settle finds an equilibrium near this one, without its history"
 )
 STABILITY = examples(
     ("stability examples/sheared_spheres.npz", "verdict and pairs; writes modes to sheared_spheres-modes.npz"),
     ("stability examples/sheared_spheres.npz --modes modes.npz --json", "one JSON object, and modes in a file"),
     ("stability examples/sheared_spheres.npz --after", "bursts or runaway, and the contact that is lost first"),
-    ("stability examples/sheared_spheres.npz --position-error 1e-4", "how sure that is, and the contact that decides"),
+    (
+        "stability examples/sheared_spheres.npz --position-error 1e-4",
+        "probability of the verdict, and the decisive contact",
+    ),
     ("stability examples/sheared_spheres.npz --more", "moduli, transient growth, decisive contacts"),
     (
         "stability examples/sheared_spheres.npz --coulomb sharp --settle -q",
@@ -57,7 +61,7 @@ STABILITY = examples(
         "stability examples/measured_disks.csv \\\n      --contacts examples/measured_forces.csv --mu 0.3",
         "measured forces: the nearest state in balance",
     ),
-    ("stability examples/sheared_spheres.npz --fastest", "the fastest pair, and what is known about others"),
+    ("stability examples/sheared_spheres.npz --fastest", "the fastest pair, and bounds on the others"),
 )
 CONVERT = examples(
     ("convert examples/sheared_spheres.npz --to packing.data", "for LAMMPS, contacts in a second file"),
@@ -93,20 +97,20 @@ class PackingOptions(NamedTuple):
     damping_n: Annotated[float | None, number_option(help="Coefficient of the normal dashpots.")] = None
     damping_t: Annotated[float | None, number_option(help="Coefficient of the tangential dashpots.")] = None
     parameter: Annotated[
-        list[str] | None, typer.Option(help="Another parameter of the law, as in work=1e-3 for jkr; repeatable.")
+        list[str] | None, typer.Option(help="Another parameter of the law, such as work=1e-3 for jkr; repeatable.")
     ] = None
     i0: Annotated[float | None, number_option(help="I0 in the moment of inertia I0 m R²: 0.4 for spheres.")] = None
     frame: Annotated[str | None, typer.Option(help="State to read from an archive, GSD file or dump.")] = None
     contacts: Annotated[
-        Path | None, typer.Option(help="LAMMPS `dump local` with the contact forces, or a table of measured ones.")
+        Path | None, typer.Option(help="LAMMPS `dump local` with contact forces, or a table of measured forces.")
     ] = None
     columns: Annotated[str | None, typer.Option(help='Names of its columns: "i j dist … tx ty tz".')] = None
     boundary: Annotated[
         str | None, typer.Option(help="Boundaries as in LAMMPS, e.g. ppf, if not given in the file.")
     ] = None
-    atom_style: Annotated[str | None, typer.Option(help="sphere, if a LAMMPS data file does not name its style.")] = (
-        None
-    )
+    atom_style: Annotated[
+        str | None, typer.Option(help="Atom style, such as sphere, if a LAMMPS data file does not name it.")
+    ] = None
 
     def values(self) -> dict:
         """Options of `read_packing`."""
@@ -129,7 +133,7 @@ def in_units_of_packing(command):
 
 
 class MethodOptions(NamedTuple):
-    """Options that choose the eigenvalues to compute, and how."""
+    """Options that select the eigenvalues to compute, and the method."""
 
     method: Annotated[
         str,
@@ -144,11 +148,11 @@ class MethodOptions(NamedTuple):
     ] = False
 
     def name(self, default: str) -> str:
-        """Name of the method: the one that was asked for, or else the default."""
+        """Name of the requested method, or else the default."""
         flags = (("fastest", self.fastest), ("all", self.every), ("certify", self.certify))
         asked = [name for name, on in flags if on] + [self.method] * (self.method != "auto")
         if len(asked) > 1:
-            raise ValueError("more than one of --fastest, --all, --certify and --method was given: give one")
+            raise ValueError("--fastest, --all, --certify and --method exclude each other: choose one")
         return asked[0] if asked else default
 
 
@@ -157,11 +161,11 @@ class MethodOptions(NamedTuple):
 def stability(
     *,
     file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
+        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
     ],
     search: MethodOptions,
     settle: Annotated[
-        bool, typer.Option("--settle", help="Let it come to rest under this law first; analyse that state.")
+        bool, typer.Option("--settle", help="First let it come to rest under this law; analyse that state.")
     ] = False,
     modes: Annotated[
         Path | None,
@@ -180,17 +184,21 @@ def stability(
         bool, typer.Option("--more", help="Also elastic moduli, transient growth, decisive contacts.")
     ] = False,
     after: Annotated[
-        bool, typer.Option("--after", help="Also what follows the instability: bursts, or a contact that is lost.")
+        bool, typer.Option("--after", help="Also the course of the instability: bursts, or a lost contact.")
     ] = False,
     position_error: Annotated[
         float | None,
-        number_option("--position-error", help="Also how sure that is if positions have this error, in radii."),
+        number_option(
+            "--position-error", help="Also the probability of the verdict for this error of positions, in radii."
+        ),
     ] = None,
     dashpots: Dashpots = True,
     output: Output,
     options: PackingOptions,
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
+
+    For cemented grains, also decisive bonds, and the first ones to break under growing strains, by linear response.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
     than 15,000 spheres takes minutes; it is saved to FILE's name with -search.npz, in this folder, and the same command
@@ -243,6 +251,11 @@ def stability(
                 from ..reports.details import compute_details
 
                 more = compute_details(state, its_law, result, report=tell)
+            cement = None
+            if state.bonds and result.balanced:
+                from ..reports.bonds import compute_bonds
+
+                cement = compute_bonds(state, its_law)
             form = stability_report.find_birth_form(state, its_law, dashpots=dashpots) if after else None
             sure = position_error is not None and stability_report.find_probability(
                 state, its_law, position_error, dashpots=dashpots, report=tell
@@ -260,17 +273,24 @@ def stability(
         about = json_output.common_fields("stability", files=paths) | {"notes": notes, "verdict": verdict}
         if sure:
             about |= {"position_error": stability_report.probability_dict(sure)}
-        print(
-            json_output.to_json(
-                about | stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape)
-            )
-        )
+        found = stability_report.to_dict(result, more, form, calm=calm, why=why, notes=notes, shape=shape, bonds=cement)
+        print(json_output.to_json(about | found))
     elif output.quiet:
         print(printable(stability_report.verdict(result, calm, notes)))
     else:
         remedy = "" if settle else BARE if shape else REMEDY
         stability_report.show(
-            result, its_law, notes, more, form, calm=calm, why=why, remedy=remedy, shape=shape, state=state
+            result,
+            its_law,
+            notes,
+            more,
+            form,
+            calm=calm,
+            why=why,
+            remedy=remedy,
+            shape=shape,
+            state=state,
+            bonds=cement,
         )
         if sure:
             stability_report.show_probability(sure)
@@ -285,7 +305,7 @@ def stability(
 def convert(
     *,
     file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
+        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
     ],
     to: Annotated[
         Path, typer.Option("--to", help="Output file: .gsd, .vtu, .xyz, .data, .csv, .graphml, .npz or .h5.")
@@ -343,11 +363,11 @@ MOVIE = examples(
     ("run examples/column_collapse.toml --out results/column", "a flow: a minute or two"),
     ("movie results/column --colour speed", "results/column/movie.gif"),
 )
-Place = Annotated[Path, typer.Argument(help="The folder of a run, or a packing in any format that `stability` reads.")]
+Place = Annotated[Path, typer.Argument(help="A run folder, or a packing in any format that `stability` reads.")]
 
 
 class ViewOptions(NamedTuple):
-    """Options of what is shown, in a report or a movie."""
+    """Options for the content of a report or a movie."""
 
     modes: Annotated[Path | None, typer.Option("--modes", help="Modes that `stability` wrote; default: computed.")] = (
         None
@@ -355,12 +375,16 @@ class ViewOptions(NamedTuple):
     settle: Annotated[bool, typer.Option("--settle", help="Let a packing come to equilibrium first.")] = False
     colour: Annotated[
         str | None,
-        typer.Option("--colour", help="Quantity that colours the grains; default of a movie: speed, or displacement."),
+        typer.Option(
+            "--colour", help="Quantity shown by the colour of grains; default in a movie: speed, or displacement."
+        ),
     ] = None
     zoom: Annotated[
         str | None,
         typer.Option(
-            "--zoom", metavar="<float>|all", help="Enlarge the view on the grains, or show all that rolled away."
+            "--zoom",
+            metavar="<float>|all",
+            help="Enlarge the view on the grains, or show all, even if they rolled away.",
         ),
     ] = None
     trust: Trust = False
@@ -403,8 +427,8 @@ def report(
 ) -> None:
     """Write a self-contained HTML page: claims or measures, figures, the packing in three dimensions.
 
-    With --out NAME.pdf, .png or .svg, only the figure of the contact forces of a packing, or of measured forces as they
-    are: their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
+    With --out NAME.pdf, .png or .svg, write only the figure of the contact forces in a packing, or of measured forces:
+    their distribution, force chains, the strong network, and the anisotropies of contacts and forces.
     """
     from ..data.run_files import PAGE
     from ..figures.saving import FORMATS
@@ -433,13 +457,13 @@ def report(
 
 
 def _check_figure(path: Path, folder: Path | None, view: ViewOptions, verdict: bool | None) -> None:
-    """Raise ValueError for the folder of a run, or for options that the figure of contact forces does not use."""
+    """Raise ValueError for a run folder, or for options that the figure of contact forces does not use."""
     if folder is not None:
-        raise ValueError(f"--out {path} was given with {folder}, the folder of a run: give a packing, or use .html")
+        raise ValueError(f"{folder} is a run folder, for which --out must end in .html, got {path}")
     asked = {"modes": view.modes, "settle": view.settle or None, "colour": view.colour, "zoom": view.zoom}
     asked["verdict"] = verdict
     for name in (name for name, value in asked.items() if value is not None):
-        raise ValueError(f"--{name} was given with --out {path}, which shows contact forces only: use .html")
+        raise ValueError(f"--{name} has no effect on --out {path}, which shows contact forces only: use .html")
 
 
 class FilmOptions(NamedTuple):
@@ -451,13 +475,13 @@ class FilmOptions(NamedTuple):
             "--mode",
             min=0,
             metavar="N",
-            help="Number of the mode, 0 for the fastest; default: the run, or mode 0 of a packing.",
+            help="Number of the mode, 0 for the fastest; default: the run itself, or mode 0 of a packing.",
         ),
     ] = None
     fps: Annotated[int, typer.Option("--fps", metavar="N", help="Frames per second; the movie of a run lasts 8 s.")] = (
         25
     )
-    whole: Annotated[bool, typer.Option("--whole", help="Film all stages of a run; default: the last.")] = False
+    whole: Annotated[bool, typer.Option("--whole", help="Show all stages of a run; default: the last one.")] = False
     frames: Annotated[int, typer.Option("--frames", min=2, metavar="N", help="Frames per period of a mode.")] = 48
     amplitude: Annotated[float, number_option("--amplitude", help="Largest displacement over the radius.")] = 0.3
     slides: Slides = False

@@ -1,4 +1,4 @@
-"""Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a run that was stopped."""
+"""Commands that run experiments: reproduce a paper, run a scenario or a sweep, resume a stopped run."""
 
 import sys
 from contextlib import contextmanager
@@ -42,7 +42,7 @@ RUN = examples(
 )
 RESUME = examples(
     ("resume results/rate-state", "reports that a finished run has nothing left to do"),
-    ("resume results/sweep --workers 2", "missing members of a sweep, with --figures if it was given"),
+    ("resume results/sweep --workers 2", "missing members of a sweep, with --figures as before"),
 )
 
 
@@ -63,12 +63,12 @@ def reproduce(
         ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; reports what is cut.")
+        bool, typer.Option("--quick", help="Fewer realizations and shorter runs; omissions are reported.")
     ] = False,
     full: Annotated[
         bool,
         typer.Option(
-            "--full", help="Gouge only: also velocity steps and other slides; reports how many hours it takes."
+            "--full", help="Gouge only: also velocity steps and other slides; the estimated hours are reported."
         ),
     ] = False,
     paper_size: Annotated[
@@ -102,10 +102,10 @@ def reproduce(
     size = {"quick": quick, "full": full, "paper-size": paper_size}
     given = [f"--{name}" for name, value in size.items() if value]
     if len(given) > 1:
-        raise ValueError(f"{given[1]} was given with {given[0]}: give only one of them")
+        raise ValueError(f"{given[1]} and {given[0]} exclude each other: give only one")
     for name, value in (("--realizations", realizations), ("--samples", samples)):
         if value and not paper_size:
-            raise ValueError(f"{name} was given, but only --paper-size has samples: leave it out")
+            raise ValueError(f"{name} requires --paper-size, the only run with samples")
     from ..experiments.registry import papers
     from ..runs import folder as run_folder
     from ..runs.folder import mark_look, mark_reproduction, reproduction_arguments
@@ -128,7 +128,7 @@ def reproduce(
 
 @contextmanager
 def _working_in(folder: Path, output: Output):
-    """Lock the folder of a run and direct its output; after ctrl-C, say how to continue."""
+    """Lock a run folder and direct the output; after ctrl-C, print the command that continues the run."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.manifest import lock_folder
     from ..data.run_files import resume_command
@@ -144,7 +144,7 @@ def _working_in(folder: Path, output: Output):
 
 
 def _note_levels(folder: Path) -> None:
-    """Print a note on checkpoints that were computed by the core for other processors."""
+    """Print a note on checkpoints computed by the core for other processors."""
     from ..data.checkpoint import note_on_levels
     from ..reports import terminal
 
@@ -196,7 +196,7 @@ class SweepOptions(NamedTuple):
             return None
         k, _, n = self.part.partition("/")
         if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
-            raise ValueError(f"--part {self.part} was given: give K/N with 1 ≤ K ≤ N, such as 3/16")
+            raise ValueError(f"--part must be K/N with 1 ≤ K ≤ N, such as 3/16, got {self.part}")
         return int(k), int(n)
 
 
@@ -214,7 +214,9 @@ def run(
     ] = None,
     compare: Annotated[
         Path | None,
-        typer.Option("--compare", help="A laboratory's table, such as test.csv, to lay over an element test."),
+        typer.Option(
+            "--compare", help="Table of a laboratory test, such as test.csv, to compare with an element test."
+        ),
     ] = None,
     processes: ProcessOptions,
     overwrite: Overwrite = False,
@@ -232,7 +234,7 @@ def run(
 
     look = drawing.look()
     if out is not None and export is not None:
-        raise ValueError("--out was given with --export: give a folder for results, or one for the input of LAMMPS")
+        raise ValueError("--out and --export exclude each other: results, or LAMMPS input")
     piece = sweeps.numbers()
     out = out or Path("results") / (scenario.stem + (f"-{piece[0]}-of-{piece[1]}" if piece else ""))
     tables = read_tables(scenario)
@@ -241,7 +243,7 @@ def run(
     if "sweep" in tables:
         for name, given in (("export", export), ("compare", compare)):
             if given:
-                raise ValueError(f"--{name} was given with a sweep: {name} its members one by one")
+                raise ValueError(f"--{name} does not apply to a sweep: {name} its members one by one")
         if engine.engine is not None:
             check_choice("engine", engine.engine, ENGINES)
         tables, spread = tables | engine.values(), _choose_processes(processes)
@@ -250,7 +252,9 @@ def run(
             options |= {"part": piece, "gather": sweeps.gather or []}
             return _run_sweep_in("run", tables, out, spread, output, **options)
     if piece or sweeps.gather:
-        raise ValueError(f"--{'part' if piece else 'gather'} was given, but {scenario} has no [sweep]: leave it out")
+        raise ValueError(
+            f"--{'part' if piece else 'gather'} applies to sweeps only, but {scenario} has no table [sweep]"
+        )
     chosen = _with_engine(make_scenario(**tables), engine)
     draw = _open_laboratory(chosen, compare) if compare else None
     if export:
@@ -268,7 +272,7 @@ def run(
 def run_scenario(
     command: str, chosen, folder: Path, output: Output, look, *, overwrite: bool = False, begin=lambda: None
 ) -> None:  # fmt: skip
-    """Run a scenario in a folder, for a command; `begin` saves what the command has read already."""
+    """Run a scenario in a folder, for a command; `begin` saves the input already read by the command."""
     from ..runs import folder as run_folder
     from ..runs.folder import mark_look
 
@@ -280,7 +284,7 @@ def run_scenario(
 
 
 def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None:
-    """Write the input of LAMMPS to a folder, where `stickslip resume` continues once LAMMPS has run."""
+    """Write LAMMPS input to a folder, in which `stickslip resume` continues once LAMMPS has run."""
     from ..data.checkpoint import checkpoint_in
     from ..data.run_files import resume_command
     from ..experiments.registry import experiment_of
@@ -291,9 +295,7 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
     write = experiment_of(chosen).export
     if write is None or chosen.engine != "lammps":
         what = f"experiment = {chosen.experiment!r}" if write is None else f"engine = {chosen.engine!r}"
-        raise ValueError(
-            f"--export was given with {what}: it writes flows and fault gouge for LAMMPS; add --engine lammps"
-        )
+        raise ValueError(f"--export writes flows and fault gouge for LAMMPS, not {what}; add --engine lammps")
     with _working_in(folder, output):
         run_folder.prepare_folder(folder, chosen, overwrite=overwrite)
         paths = write(chosen, folder)
@@ -305,20 +307,20 @@ def _export_to(folder: Path, chosen, output: Output, *, overwrite: bool) -> None
 
 
 def _open_laboratory(chosen, path: Path):
-    """Read a laboratory's table, and return the function that lays it over the run of a scenario."""
+    """Read the table of a laboratory test, and return a function that compares it with the run of a scenario."""
     from ..experiments.registry import EXPERIMENTS, experiment_of
 
     if experiment_of(chosen).overlay is None:
         able = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.overlay)
         raise ValueError(
-            f"--compare was given with experiment = {chosen.experiment!r}: only {able} has tests of laboratories, so "
-            f"leave it out"
+            f"--compare does not apply to experiment = {chosen.experiment!r}: only {able} can be compared with "
+            "laboratory tests"
         )
     return experiment_of(chosen).overlay(chosen, path)
 
 
 def _compare_in(folder: Path, chosen, output: Output, look, draw) -> None:
-    """Lay a laboratory's test over a finished run."""
+    """Compare a laboratory test with a finished run."""
     from ..experiments.registry import list_files
     from ..reports import terminal
     from ..runs import json_output
@@ -333,7 +335,7 @@ def _compare_in(folder: Path, chosen, output: Output, look, draw) -> None:
 
 
 def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, draw=None) -> None:
-    """Run or continue a scenario in a folder, and draw what lies over it."""
+    """Run or continue a scenario in a folder, and draw comparisons."""
     from ..core.units import units_in_use
     from ..experiments.registry import experiment_of, list_files
     from ..reports import terminal
@@ -361,12 +363,12 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, dr
 @command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
 def resume(
     *,
-    folder: Annotated[Path, typer.Argument(help="The folder of a run that was stopped or killed.")],
+    folder: Annotated[Path, typer.Argument(help="The run folder of a stopped or killed run.")],
     processes: ProcessOptions,
     trust: Trust = False,
     output: Output,
 ) -> None:
-    """Continue a run that was killed: dynamics bit for bit, quasi-static steps to within the solver's tolerance."""
+    """Continue a stopped run: dynamics bit for bit, quasi-static steps to within the tolerance of the solver."""
     from ..data.law_schema import check_law_files, trust_law_files
     from ..reports import terminal
     from ..runs.folder import find_unfinished
@@ -453,17 +455,17 @@ def _choose_processes(processes: ProcessOptions, chosen=None) -> dict:
         check_choice("device", device, DEVICES)
         if not chosen or not experiment_of(chosen).device:
             allowed = " and ".join(repr(name) for name, one in EXPERIMENTS.items() if one.device)
-            raise ValueError(f"--device was given, but only single runs of {allowed} have one: leave it out")
+            raise ValueError(f"--device is available for single runs of {allowed} only")
         open_device(device)
     if scheduler is None:
         return {"workers": workers} | ({"device": device} if device else {})
     from ..ensemble import reach
 
     if chosen and not experiment_of(chosen).parallel:
-        raise ValueError(f"--scheduler was given, but experiment = {chosen.experiment!r} is one run: leave it out")
+        raise ValueError(f"--scheduler requires several runs, but experiment = {chosen.experiment!r} is a single one")
     if workers is not None or device is not None:
         other = "workers" if device is None else "device"
-        raise ValueError(f"--{other} and --scheduler were both given: a cluster has its own workers; give only one")
+        raise ValueError(f"--{other} and --scheduler exclude each other: a cluster has its own workers")
     reach(scheduler)
     return {"workers": scheduler}
 
@@ -478,7 +480,7 @@ def _with_engine(chosen, engine: EngineOptions):
     for name in given:
         if not hasattr(chosen, "engine"):
             raise ValueError(
-                f'--{name} was given with experiment = {chosen.experiment!r}: it applies to "flow" and "gouge" only'
+                f'--{name} applies to the experiments "flow" and "gouge" only, not to {chosen.experiment!r}'
             )
     chosen = chosen.model_copy(update=given)
     if given:

@@ -1,1 +1,1 @@
-"""The compiled core and the data that it operates on; the only dependency is NumPy, and Numba for laws of a user."""
+"""The compiled core and the data that it operates on; the only dependency is NumPy, and Numba for user-defined laws."""

@@ -1,13 +1,13 @@
-"""Checks of the arguments that users pass to public functions, made once per call.
+"""Checks of the arguments of public functions, made once per call by a user.
 
 `checked` compares arguments with annotations. It does so only when a user calls the package, not when public functions
-call each other. Parts of a state, laws and other values with a method `check_entries` are asked to check themselves,
-because compiled code does not look beyond the ends of arrays.
+call each other. For parts of a state, laws and other values with a method `check_entries`, this method is called,
+because compiled code does not check bounds of arrays.
 
-Annotations that are understood: `int`, `float`, `complex`, `bool`, `str`, `None`, classes of this package and of the
+Supported annotations: `int`, `float`, `complex`, `bool`, `str`, `None`, classes of this package and of the
 standard library, `Callable`, `np.ndarray`, unions, `list[…]`, `tuple[…]`, `dict[…]`, `Literal[…]`, and `Annotated[…]`
 with an `Array`, a `Result`, or a `Requirement` such as `POSITIVE`, `NOT_NEGATIVE`, `FILLED` or `one_of(…)`. All others
-are ignored. Only the body of a function compares arguments with each other.
+are ignored. Relations between arguments are checked in the function itself.
 """
 
 import inspect
@@ -27,7 +27,7 @@ from .text import bounded, quoted
 P, R = ParamSpec("P"), TypeVar("R")
 _door = threading.local()
 _LARGEST_INTEGER = 2**64 - 1
-_LONGEST_NAME = 255  # of a file [bytes]
+_LONGEST_NAME = 255  # longest file name [bytes]
 _KNOW_BONDS: set[Callable] = set()
 
 
@@ -36,19 +36,19 @@ class Array(NamedTuple):
 
     ndim: tuple[int, ...] | None = None  # allowed numbers of dimensions; None: any
     kinds: str = "buif"  # of types
-    empty: bool = True  # whether there may be no numbers
-    finite: bool = True  # whether all must be finite
-    shapes: tuple[tuple[int, ...], ...] = ()  # allowed ones; none: any
+    empty: bool = True  # whether the array may be empty
+    finite: bool = True  # whether all numbers must be finite
+    shapes: tuple[tuple[int, ...], ...] = ()  # allowed shapes; empty: any
 
 
 class Requirement(NamedTuple):
-    """Annotation of a value that must also pass a check of its name and itself, which raises ValueError."""
+    """Annotation of a value with an additional check, called with name and value, which raises ValueError."""
 
     check: Callable[[str, Any], None]
 
 
 class Result(NamedTuple):
-    """Annotation of a value with the attributes or keys of a class that cannot be imported where it is used."""
+    """Annotation of a value by the attributes or keys of a class that cannot be imported there."""
 
     name: str
     attributes: tuple[str, ...] = ()
@@ -66,7 +66,7 @@ def require_positive(**values) -> None:
     for name, value in values.items():
         if not 1 / LARGEST <= value <= LARGEST:
             range_ = f", from {1 / LARGEST:g} to {LARGEST:g}: use other units" if 0 < value < np.inf else ""
-            raise ValueError(f"{name} = {value} was given: it must be positive{range_}")
+            raise ValueError(f"{name} must be positive{range_}, got {value}")
 
 
 def require_not_negative(**values) -> None:
@@ -74,24 +74,24 @@ def require_not_negative(**values) -> None:
     for name, value in values.items():
         if value is not None and not 0 <= value <= LARGEST:
             range_ = f", at most {LARGEST:g}" if value > 0 else ""
-            raise ValueError(f"{name} = {value} was given: it must be zero or positive{range_}")
+            raise ValueError(f"{name} must be zero or positive{range_}, got {value}")
 
 
 def one_of(*allowed) -> Requirement:
-    """Requirement that a value is one of a table's; those that stand beside the argument are a `Literal` instead."""
+    """Requirement that a value is one of those in a table; use `Literal` for values listed at the argument."""
 
     def check(name, value):
         if not any(isinstance(value, type(one)) and value == one for one in allowed):
             *others, last = map(repr, allowed)
-            shown = f"{', '.join(others)} and {last} are" if others else f"only {last} is"
-            raise ValueError(f"{name} = {quoted(value)} was given: {shown} allowed")
+            shown = f"{', '.join(others)} or {last}" if others else last
+            raise ValueError(f"{name} must be {shown}, got {quoted(value)}")
 
     return Requirement(check)
 
 
 def _require_seed(name: str, value: int) -> None:
     if value < 0:
-        raise ValueError(f"{name} = {value} was given: it must be zero or positive")
+        raise ValueError(f"{name} must be zero or positive, got {value}")
 
 
 FILLED = Requirement(require_filled)
@@ -152,7 +152,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def knows_bonds(function: Callable[P, R]) -> Callable[P, R]:
-    """Mark a function, below `checked`, as right for states with bonds; `checked` refuses them elsewhere."""
+    """Mark a function, below `checked`, as correct for states with bonds; `checked` rejects bonds otherwise."""
     _KNOW_BONDS.add(function)
     return function
 
@@ -160,13 +160,11 @@ def knows_bonds(function: Callable[P, R]) -> Callable[P, R]:
 def _refuse_bonds(function, values) -> None:
     """Raise ValueError if a state has bonds, and a function would ignore them."""
     if function not in _KNOW_BONDS and any(getattr(value, "bonds", None) is not None for value in values):
-        raise ValueError(
-            f"the packing has bonds, which {function.__name__}() cannot treat yet: packings.without_bonds removes them"
-        )
+        raise ValueError(f"{function.__name__}() does not support bonds yet: remove them with packings.without_bonds")
 
 
 def check_value(name: str, value, annotation, *, given: bool = False) -> None:
-    """Check a value that is no argument, such as one from a file, by an annotation; numbers may be NaN by default."""
+    """Check a value that is not an argument, such as one from a file, by an annotation; NaN is allowed by default."""
     check = _check_of(annotation, given)
     if check is not None:
         check(name, value)
@@ -183,7 +181,7 @@ def check_computed(values: tuple) -> None:
 
 
 def _check_fields(prefix: str, values, *, given: bool) -> None:
-    """Check the fields of a NamedTuple; if it was not `given` but computed, numbers may be NaN, and lists no arrays."""
+    """Check the fields of a NamedTuple; unless `given` by a user, numbers may be NaN, and arrays must not be lists."""
     sizes: dict[str, tuple[str, int]] = {}
     for (name, check, shape, scalar), value in zip(_fields(type(values), given), values, strict=True):
         if check is not None:
@@ -207,11 +205,11 @@ def _check_sizes(name: str, got: tuple[int, ...], shape: tuple[str, ...], sizes:
         others = sorted({f"{sizes[part][0]} has {part} = {sizes[part][1]}" for part in shape if part in sizes})
         belongs = f", as {' and '.join(others)}" if others else ""
         needed = f"({', '.join(shape)}{',' * (len(shape) == 1)})"
-        raise ValueError(f"{name} has shape {got} where {needed} is needed{belongs}")
+        raise ValueError(f"{name} must have shape {needed}, got {got}{belongs}")
     sizes |= {part: (name, n) for n, part in zip(got, shape, strict=True) if not part.isdigit() and part not in sizes}
 
 
-_KEYWORD = 10**6  # index of parameters that are given by name only
+_KEYWORD = 10**6  # index of keyword-only parameters
 _MOST = 16  # values of *arguments that are checked
 
 
@@ -233,7 +231,7 @@ def _parameters(function) -> list[tuple[int, str, Callable[[str, Any], Any]]]:
 def _check_of(annotation, given: bool = True) -> Callable[[str, Any], Any] | None:
     """Function (name, value) that returns the checked value, or None if an annotation cannot be checked.
 
-    Numbers that were computed, and not `given` by a user, may be NaN, and their arrays are no lists.
+    Computed numbers, not `given` by a user, may be NaN, and their arrays must not be lists.
     """
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
@@ -263,7 +261,7 @@ def _check_numbers(name: str, value):
 def _check_computed(name: str, value):
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "buifcV":
         kind = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else _describe(value)
-        raise TypeError(f"{name} must be an array of numbers, but {kind} was given")
+        raise TypeError(f"{name} must be an array of numbers, got {kind}")
     return value
 
 
@@ -304,10 +302,10 @@ def _check_of_union(parts, given: bool):
                 return convert(name, value)
             except (TypeError, ValueError) as problem:
                 problems.append(problem)
-        for problem in problems:  # of the right type, but with a wrong entry
+        for problem in problems:  # of the right type, but with an invalid entry
             if isinstance(problem, ValueError):
                 raise problem
-        raise TypeError(f"{name} must be {kinds}, but {_describe(value)} was given")
+        raise TypeError(f"{name} must be {kinds}, got {_describe(value)}")
 
     return check
 
@@ -318,12 +316,12 @@ def _check_of_container(origin, parts, given: bool = True):
 
     def check(name, value):
         if not isinstance(value, (list, tuple) if origin is list else origin) or hasattr(value, "_fields"):
-            raise TypeError(f"{name} must be {kinds}, but {_describe(value)} was given")
+            raise TypeError(f"{name} must be {kinds}, got {_describe(value)}")
         if origin is dict:
             return {_part(checks[0], name, k): _part(checks[1], f"{name}[{k!r}]", v) for k, v in value.items()}
         fixed = origin is tuple and Ellipsis not in parts
         if fixed and len(value) != len(parts):
-            raise ValueError(f"{name} has {len(value)} entries where {len(parts)} are needed")
+            raise ValueError(f"{name} must have {len(parts)} entries, got {len(value)}")
         pairs = zip(checks if fixed else checks[:1] * len(value), value, strict=True)
         made = [_part(convert, f"{name}[{k}]", part) for k, (convert, part) in enumerate(pairs)]
         return tuple(made) if isinstance(value, tuple) else made
@@ -334,7 +332,7 @@ def _check_of_container(origin, parts, given: bool = True):
 def _as_list(name: str, value) -> list:
     scalar = isinstance(value, np.ndarray) and not value.ndim
     if scalar or not isinstance(value, Iterable) or isinstance(value, str | bytes) or hasattr(value, "_fields"):
-        raise TypeError(f"{name} must be a list, but {_describe(value)} was given")
+        raise TypeError(f"{name} must be a list, got {_describe(value)}")
     return list(value)
 
 
@@ -346,7 +344,7 @@ _WORDS = {int: "a whole number", float: "a number", bool: "True or False", type(
 
 
 def _words(annotation) -> str:
-    """Return in words what an annotation allows."""
+    """Describe the values that an annotation allows."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return f"a {parts[1].name}" if isinstance(parts[1], Result) else _words(parts[0])
@@ -380,16 +378,16 @@ def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True)
         return _check_float(name, value) if given else value
     if int in classes and isinstance(value, Real):
         if not isinstance(value, Integral) and (not np.isfinite(value) or value != int(value)):
-            raise ValueError(f"{name} = {value} was given, but it must be a whole number")
+            raise ValueError(f"{name} must be a whole number, got {value}")
         if abs(value) > _LARGEST_INTEGER:
             shown = value if abs(value) < 1e40 else "a longer number"
-            raise ValueError(f"{name} = {shown} was given: at most {_LARGEST_INTEGER} is allowed")
+            raise ValueError(f"{name} must be at most {_LARGEST_INTEGER}, got {shown}")
         return value if isinstance(value, bool) else int(value)
     if complex in classes and isinstance(value, Complex):
         if isinstance(value, Real):
             return _check_float(name, value)
         if given and not np.isfinite(value):
-            raise ValueError(f"{name} = {value} was given: it must be finite")
+            raise ValueError(f"{name} must be finite, got {value}")
         return value
     raise TypeError(_mismatch(name, value, classes))
 
@@ -397,9 +395,7 @@ def _check_class(name: str, value, classes: tuple[Any, ...], given: bool = True)
 def _check_path(name: str, value):
     parts = Path(value).parts if isinstance(value, str | Path) else ()
     if "\0" in str(value) or any(len(part.encode(errors="replace")) > _LONGEST_NAME for part in parts):
-        raise ValueError(
-            f"{name} is no path of a file: names have at most {_LONGEST_NAME} bytes, none of which is zero"
-        )
+        raise ValueError(f"{name} is not a valid path: names have at most {_LONGEST_NAME} bytes, none of which is zero")
     return value
 
 
@@ -413,7 +409,7 @@ def _check_float(name: str, value):
 
 def _check_callable(name: str, value):
     if not callable(value):
-        raise TypeError(f"{name} must be a function, but {_describe(value)} was given")
+        raise TypeError(f"{name} must be a function, got {_describe(value)}")
     return value
 
 
@@ -431,17 +427,17 @@ def _check_array(name: str, value, wanted: Array):
         nouns = {"f": "fractions", "c": "complex numbers", "U": "words", "M": "dates", "m": "time differences"}
         got = nouns.get(kind, "things other than numbers")
         needed = "real numbers" if "f" in wanted.kinds else "whole numbers"
-        raise ValueError(f"{name}: {got} were given where {needed} are needed")
+        raise ValueError(f"{name} must be {needed}, got {got}")
     if wanted.finite and array.dtype.kind in "fc" and not np.isfinite(array).all():
-        raise ValueError(f"{name} holds NaN or infinity: give finite numbers")
+        raise ValueError(f"{name} contains NaN or infinity: give finite numbers")
     if wanted.ndim is not None and array.ndim not in wanted.ndim:
         allowed = " or ".join(map(str, wanted.ndim))
-        raise ValueError(f"{name} has {array.ndim} dimensions: it must have {allowed}")
+        raise ValueError(f"{name} must have {allowed} dimensions, got {array.ndim}")
     if wanted.shapes and array.shape not in wanted.shapes:
-        raise ValueError(f"{name} has shape {array.shape} where {' or '.join(map(str, wanted.shapes))} is needed")
+        raise ValueError(f"{name} must have shape {' or '.join(map(str, wanted.shapes))}, got {array.shape}")
     if not (array.size or wanted.empty):
         raise ValueError(f"{name} is empty: give at least one number")
-    if array.dtype.kind == "b" and "f" in wanted.kinds and "c" not in wanted.kinds:  # numbers only, no mask: True is 1
+    if array.dtype.kind == "b" and "f" in wanted.kinds and "c" not in wanted.kinds:  # numbers, not masks: True is 1
         return array.astype(int)
     doubles = array.dtype.kind == "O" or (array.dtype.kind == "f" and "f" in wanted.kinds)
     return array.astype(float, copy=False) if doubles else array
@@ -456,7 +452,7 @@ def _check_result(name: str, value, wanted: Result):
     absent += [repr(key) for key in wanted.keys if not isinstance(value, Mapping) or key not in value]
     if absent:
         kind = _describe(value)
-        raise TypeError(f"{name} must be a {wanted.name}, but {kind} was given, which has no {absent[0]}")
+        raise TypeError(f"{name} must be a {wanted.name}, got {kind}, which has no {absent[0]}")
     return _check_class(name, value, (type(value),)) if hasattr(value, "_fields") else value
 
 
@@ -474,7 +470,7 @@ def _mismatch(name: str, value, classes: tuple[Any, ...]) -> str:
     elif type(value).__module__.startswith("stickslip."):
         held = [field for field in getattr(value, "_fields", ()) if isinstance(getattr(value, field), nouns)]
         remedy = f": give its .{held[0]}" if nouns and held else ": check the order of the arguments"
-    return f"{name} must be {allowed}, but {_describe(value)} was given{remedy}"
+    return f"{name} must be {allowed}, got {_describe(value)}{remedy}"
 
 
 def require_options(function: Callable, options: Iterable[str]) -> None:
@@ -483,18 +479,18 @@ def require_options(function: Callable, options: Iterable[str]) -> None:
     names = [one.name for one in known if one.kind is one.KEYWORD_ONLY]
     for name in options:
         if name not in names:
-            raise TypeError(f"{name} was given, which is no option: there are {', '.join(names)}")
+            raise TypeError(f"{name} is not an option; the options are {', '.join(names)}")
 
 
 def require_index(count: int, **values) -> None:
-    """Raise ValueError with a one-sentence message if a value does not number one of `count` things, from 0."""
+    """Raise ValueError with a one-sentence message if a value is not an index from 0 to `count` − 1."""
     for name, value in values.items():
         if not 0 <= value < count:
-            raise ValueError(f"{name} = {value} was given: it must be between 0 and {count - 1}")
+            raise ValueError(f"{name} must be from 0 to {count - 1}, got {value}")
 
 
 def require_shape(shape: tuple[int, ...], **values) -> None:
     """Raise ValueError with a one-sentence message if a value has another shape."""
     for name, value in values.items():
         if np.shape(value) != shape:
-            raise ValueError(f"{name} has shape {np.shape(value)} where {shape} is needed")
+            raise ValueError(f"{name} must have shape {shape}, got {np.shape(value)}")

@@ -17,9 +17,9 @@ def body_numbers(control: Control, bodies) -> np.ndarray:
     if numbers.dtype == bool and numbers.shape == (count,):
         return np.flatnonzero(numbers)
     if numbers.size and (numbers.dtype.kind not in "iu" or numbers.ndim != 1):
-        raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or a mask of all {count}")
+        raise ValueError(f"bodies must be body numbers or a mask of all {count} bodies, got {bodies!r}")
     for worst in numbers[(numbers < 0) | (numbers >= count)]:
-        raise ValueError(f"body {worst} was given: bodies have numbers 0 to {count - 1}, grains first, then walls")
+        raise ValueError(f"body {worst} does not exist: bodies have numbers 0 to {count - 1}, grains first, then walls")
     return numbers.astype(int)
 
 
@@ -42,8 +42,8 @@ def driven(control: Control, bodies: Bodies, rate: Numbers) -> Control:
 def rigid(control: Control, bodies: Bodies) -> Control:
     """Control in which the given bodies form one rigid body without rotation, such as a plate or a glued layer.
 
-    Along each direction, the rigid body is free, frozen, driven or force-controlled like its members, which must all be
-    alike. Forces on members add up. The velocity at the start of a run is that of the centre of mass.
+    Along each direction, the rigid body is free, frozen, driven or force-controlled like its members, which must all
+    agree. Forces on members add up. The velocity at the start of a run is that of the centre of mass.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def strained_at(control: Control, rate: Annotated[Any, Array(shapes=((2, 2), (3,
 def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, mass: float = 0.0) -> Control:
     """Control in which components of the cell's strain follow the stress: M ℓ² L̇_ab = V (σ_ab − target), ℓ = V^(1/dim).
 
-    Targets are absolute, whatever the stress of a state is; the strain starts from the cell of the state.
+    Targets are absolute, independent of the present stress; the strain starts from the cell of the state.
     σ includes the contributions of contacts and of velocity fluctuations; compression is positive. Such a component is
     a degree of freedom in dynamics, in J, and in Newton's method.
 
@@ -129,7 +129,7 @@ def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, m
     ----------
     stress : component -> target value, as in {"xx": p, "yy": p, "zz": p} or {"xy": tau}; the first letter is the
         direction of displacement and force, the second that of the gradient and of the area's normal; or a tensor,
-        (dim, dim), of which the components on and above the diagonal are imposed: all, without rotation of the cell
+        (dim, dim), whose components on and above the diagonal are imposed, so that the cell does not rotate
         [force/length^(dim−1)]
     mass : float, M [mass]; 0: the mass of all grains, for which the cell oscillates about as fast as sound crosses it
 
@@ -142,13 +142,13 @@ def stress_controlled(control: Control, stress: dict[str, float] | Numbers, *, m
         tensor = as_numbers(stress)
         if tensor.shape not in ((2, 2), (3, 3)):
             raise ValueError(
-                f"a stress of shape {tensor.shape} was given: a (dim, dim) tensor or components are needed"
+                f"a stress must be a (dim, dim) tensor or components by name, got an array of shape {tensor.shape}"
             )
         stress = {"xyz"[a] + "xyz"[b]: float(tensor[a, b]) for a, b in zip(*np.triu_indices(len(tensor)), strict=True)}
     free, wanted = control.cell_free.copy(), control.stress.copy()
     for name, value in stress.items():
         if len(name) != 2 or not set(name) <= set("xyz"):
-            raise ValueError(f"a stress component {name!r} was given: use two letters, each x, y or z, such as 'yy'")
+            raise ValueError(f"a stress component has two letters, each x, y or z, such as 'yy', got {name!r}")
         where = tuple("xyz".index(letter) for letter in name)
         free[where], wanted[where] = True, value
     rate = np.where(free, 0.0, control.cell_rate)
@@ -185,7 +185,7 @@ def time_dependent(
     follows, cell_follows = control.follows.copy(), control.cell_follows.copy()
     if isinstance(bodies, str):
         if bodies != "cell":
-            raise ValueError(f"bodies = {bodies!r} was given: give numbers of bodies, or 'cell'")
+            raise ValueError(f"bodies must be body numbers or 'cell', got {bodies!r}")
         cell_follows[:] = column
     else:
         axes = np.arange(6)[axes] if isinstance(axes, slice) else _axis_numbers(axes)
@@ -229,11 +229,11 @@ def spring_loaded(
     """
     bodies = body_numbers(control, bodies)
     if not len(bodies):
-        raise ValueError("no bodies were given: a spring needs at least one")
+        raise ValueError("a spring needs at least one body")
     column = control.leads[bodies[0], axis]
     others = control.leads == column
     others[bodies, axis] = False
-    column = -1 if others.any() else column  # keep a course that other bodies follow, too
+    column = -1 if others.any() else column  # keep a course that other bodies also follow
     control = control if column >= 0 else control._replace(course=_add_column(control.course))
     column = column if column >= 0 else control.course.shape[1] - 1
     knots, course = _merge_course(control, times, displacement, column)
@@ -259,7 +259,7 @@ def _axis_numbers(axes) -> np.ndarray:
     """Numbers of axes, (k,) integers from 0 to 5."""
     numbers = np.atleast_1d(axes)
     if numbers.dtype.kind not in "iu" or not ((numbers >= 0) & (numbers < 6)).all():
-        raise ValueError(f"axes = {axes!r} was given: 0 to 5 are x, y, z, and rotations about them")
+        raise ValueError(f"axes must be from 0 to 5 (x, y, z, and rotations about them), got {axes!r}")
     return numbers
 
 
@@ -272,7 +272,7 @@ def _merge_course(control: Control, times, values, column: int) -> tuple[np.ndar
     times, values = np.atleast_1d(as_numbers(times)), np.atleast_1d(as_numbers(values))
     if times.ndim != 1 or times.shape != values.shape or not len(times) or (np.diff(times) <= 0).any():
         raise ValueError(
-            f"{len(times)} times and {len(values)} values were given: equal numbers are needed, with increasing times"
+            f"times must increase and be as many as values, got {len(times)} times and {len(values)} values"
         )
     knots = np.union1d(control.knots, times)
     old = [np.interp(knots, control.knots, c) if len(control.knots) else np.zeros(len(knots)) for c in control.course.T]

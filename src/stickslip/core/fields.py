@@ -1,8 +1,8 @@
-"""Fields of a state: type, shape, range, and what each of them numbers. All checks of states and of their parts follow.
+"""Fields of a state: type, shape, range, and the targets of indices. Checks of states are based on this table.
 
-Compiled code does not check types, indices or lengths. `check_parts` is therefore called wherever a state or a part of
-one enters: at public functions (`arguments.checked`), at files, and when a state is built. Shapes and units stand in
-comments beside the fields of a NamedTuple (`definitions`).
+Compiled code does not check types, indices or lengths. `check_parts` is therefore called wherever states or their parts
+enter the package: in public functions (`arguments.checked`), when files are read, and when a state is built. Shapes and
+units are stated in comments beside the fields of a NamedTuple (`definitions`).
 """
 
 import ast
@@ -35,7 +35,7 @@ def definitions(kind: type) -> tuple[str, dict[str, str]]:
     try:
         text = _classes(inspect.getmodule(kind)).get(kind.__qualname__) or inspect.getsource(kind)
         head, *lines = (line for line in text.splitlines() if not re.match(r"@|class |\s*$", line))
-    except (OSError, TypeError, ValueError):  # no NamedTuple, or one defined in an interpreter
+    except (OSError, TypeError, ValueError):  # not a NamedTuple, or one defined in an interpreter
         return "", {}
     fields = (re.match(r"\s+(\w+): [^#]*#(.*)", line) for line in reversed(lines))
     return head, {field[1]: field[2] for field in fields if field and field[1] in names}  # the first such line counts
@@ -43,7 +43,7 @@ def definitions(kind: type) -> tuple[str, dict[str, str]]:
 
 @cache
 def shapes_of(kind: type) -> dict[str, tuple[str, ...]]:
-    """Shapes of fields as their comments begin with them, such as (N, 3), or as the docstring's first line has one.
+    """Shapes of fields, such as (N, 3), at the beginning of their comments or in the first line of the docstring.
 
     Examples
     --------
@@ -62,9 +62,9 @@ _SHAPE = re.compile(r"\(((?:\w+, ?)+(?:\w+)?)\)")
 
 
 BODY_BITS, IMAGE_BITS = 21, 7  # of a body and of one component of an image in the key of a contact
-LARGEST = 1e150  # of any number in a state: squares are finite
-LONG = 10_000  # numbers from which BLAS uses several threads
-COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
+LARGEST = 1e150  # largest magnitude of any number in a state: squares are finite
+LONG = 10_000  # array size from which BLAS uses several threads
+COURSE_DTYPE = np.int16  # type of column numbers; small, because there are nine per body
 
 
 class Field(NamedTuple):
@@ -124,7 +124,7 @@ FIELDS = {
         "direction": _real("bonds", 3), "turn": _real("bonds", 4), "angle_i": _real("bonds", 3),
         "angle_j": _real("bonds", 3), "stiffness": _real("bonds", 4, low=0), "damping": _real("bonds", 4, low=0),
         "strength": Field(np.float64, ("bonds", 4), 1 / LARGEST, 1e300), "form": Field(np.int8, ("bonds",), 0, 2),
-        "fading": Field(np.int8, ("bonds",), 0, 8),
+        "fading": Field(np.int8, ("bonds",), 0, 8), "failed": Field(np.int8, ("bonds",), 0, 5),
     },
     "instant": {"force": _real("bodies", 6), "pull": _real(3, 3), "mark": Field(np.int64, None, -np.inf, np.inf)},
     "": {"time": Field(np.float64)},
@@ -132,7 +132,7 @@ FIELDS = {
 
 
 def _prepare_check(part: str, name: str, field: Field) -> tuple:
-    """Full name of a field, the field, type and dimensions as arrays have them, and whether it may be any number."""
+    """Full name of a field, the field, type and dimensions of its array, and whether any number is allowed."""
     unbounded = field.dtype is np.float64 and field.shape is not None and not field.optional and field.low == -LARGEST
     dimensions = None if field.shape is None else len(field.shape)
     return f"{part}.{name}".strip("."), field, np.dtype(field.dtype), dimensions, unbounded
@@ -151,7 +151,7 @@ def check_parts(parts: Mapping[str, Any]) -> None:
     entries = []
     for part, noun in parts.items():
         if part and getattr(noun, "_fields", None) != tuple(FIELDS[part]):
-            raise ValueError(f"{part} must be those of a State, but {type(noun).__name__} was given")
+            raise ValueError(f"{part} must be those of a State, got {type(noun).__name__}")
         values = noun if part else (noun.time,)
         entries += [(name, value, *known) for (name, *known), value in zip(_ENTRIES[part], values, strict=True)]
     for name, value, field, dtype, dimensions, _ in entries:
@@ -161,7 +161,7 @@ def check_parts(parts: Mapping[str, Any]) -> None:
     for name, value, field, *_ in entries:
         _check_shape(name, value, field, sizes)
     for name, value, field, _, _, unbounded in entries:
-        if unbounded:  # the sum of squares tells in one pass that nothing is NaN or too large
+        if unbounded:  # a finite sum of squares shows in one pass that no entry is NaN or too large
             known = value[: sizes["pairs"]] if field.shape[0] == "rows" else value
             if _sum_squares(known) <= LARGEST**2:
                 continue
@@ -176,7 +176,7 @@ def check_parts(parts: Mapping[str, Any]) -> None:
 
 
 def _sum_squares(values: np.ndarray) -> float:
-    """Sum of squares. For long arrays BLAS would wake threads, which go on spinning beside those of a run."""
+    """Sum of squares without BLAS, whose threads would keep spinning beside those of a run."""
     return np.vdot(values, values) if values.size < LONG else np.einsum("...i,...i->...", values, values).sum()
 
 
@@ -188,9 +188,9 @@ def check_entry(name: str, value, field: Field, sizes: Mapping[str, int]) -> Non
 
 
 def _sizes(parts: Mapping[str, Any]) -> dict[str, int]:
-    """Lengths of the arrays of a state, and the last index of what other arrays number.
+    """Lengths of the arrays of a state, and the largest values of indices.
 
-    Parts without the others tell what they can: a control knows the number of bodies, not that of grains.
+    Incomplete states define only some of these: a control defines the number of bodies, but not that of grains.
     """
     known = {}
     if "instant" in parts:
@@ -229,7 +229,7 @@ def _check_type(name: str, value, field: Field) -> None:
     elif not isinstance(value, np.ndarray) or value.dtype != field.dtype or value.ndim != len(field.shape):
         got = f"{value.dtype} in {value.ndim} dimensions" if isinstance(value, np.ndarray) else type(value).__name__
         raise ValueError(
-            f"{name} has type {got}: an array of {np.dtype(field.dtype)} in {len(field.shape)} dimensions is needed"
+            f"{name} must be an array of {np.dtype(field.dtype)} in {len(field.shape)} dimensions, got {got}"
         )
 
 

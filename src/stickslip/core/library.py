@@ -57,7 +57,7 @@ _data = _first_member if _first_member(_SAMPLE) == _interface(_SAMPLE) else _int
 
 
 class _Layout:
-    """Members of a struct, the names of what they are read from, and how these are converted."""
+    """Members of a struct, the names of their sources, and the converters."""
 
     def __init__(self, name: str, members, sources):
         fields = [(key, ctypes.c_void_p if pointer else _SCALARS[kind]) for kind, pointer, key in members]
@@ -78,7 +78,7 @@ class _Function:
         pointer.restype = ctypes.c_void_p if "*" in result else _SCALARS[result.strip()]
 
     def __call__(self, *values):
-        alive: list = []  # what pointers refer to, until the function returns
+        alive: list = []  # targets of pointers, kept until the function returns
         pairs = zip(self._converters, values, strict=True)
         return self._call(*[value if convert is None else convert(value, alive) for convert, value in pairs])
 
@@ -108,7 +108,7 @@ class _Core:
         return _Layout(name, members, [self._source(*member) for member in members])
 
     def _source(self, kind: str, pointer: bool, name: str):
-        """Name of what a member of a struct is read from, and its converter."""
+        """Name of the source of a struct member, and its converter."""
         before, _, rest = name.partition("_")
         if rest and not pointer and before in _SIZES:
             return rest, _SIZES[before]
@@ -137,7 +137,7 @@ class _Core:
         return struct_address if dtype is None else array_address
 
     def fill(self, kind: str, value):
-        """Struct filled from a tuple or dictionary, for calls that use it often; it keeps alive what it points to."""
+        """Struct filled from a tuple or dictionary, for repeated calls; it keeps the targets of its pointers alive."""
         layout = self.structs[kind]
         given = layout.read_dict(value) if isinstance(value, dict) else layout.read_tuple(value)
         out = layout.type()

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from .arguments import Positive, Requirement, checked, knows_bonds, require_shape
-from .contacts.bonds import bond_rows
+from .contacts.bonds import bond_rows, is_beam, limits_of_bonds
 from .contacts.forces import HELD, bodies, check_materials
 from .contacts.jacobian import linearise
 from .contacts.neighbors import body_radii, check_list, gap_of_bonds, shifts
@@ -21,11 +21,13 @@ from .state import OPEN, State, grain_volumes, groups, volume
 
 HELD_FAST = 1 << 20  # supports of a body that cannot move: more than any grain needs
 
-ROUND_OFF = 1e-9  # share of the radius by which positions are uncertain: pairs that are closer to contact may do either
+ROUND_OFF = (
+    1e-9  # fraction of the radius by which positions are uncertain, so that pairs closer to contact may touch or not
+)
 
 
 def require_committed(name: str, state: State) -> None:
-    """Raise ValueError if the memory of contacts does not tell which bodies touch at the positions of the state.
+    """Raise ValueError if the contact memory does not belong to the positions of the state.
 
     Pairs within the range of a law may be in contact across a gap.
     """
@@ -251,14 +253,14 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
     Parameters
     ----------
     least : int, see `least_supports`
-    known : (N,) bool, grains known to be rattlers, whatever they touch
+    known : (N,) bool, grains known to be rattlers, irrespective of contacts
     """
     n, rows = len(state.grains.radius), touching(state)
     unit, number = supports(state)
     i, j = unit[state.contacts.i[rows]], unit[state.contacts.j[rows]]
-    if state.bonds:  # a beam alone holds a grain
+    if state.bonds:  # a single beam can hold a grain
         bonds = state.bonds
-        beams = bonds.intact & (bonds.stiffness[:, 1 : state.cell.dim + 1] > 0).all(axis=1)
+        beams = is_beam(bonds, state.cell.dim)
         i = np.append(i, np.repeat(unit[bonds.i[beams]], least))
         j = np.append(j, np.repeat(unit[bonds.j[beams]], least))
     loose = np.zeros(state.n_bodies, bool)
@@ -279,7 +281,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
 def coordination(state: Committed, least: int = 2) -> float:
     """Mean number of contacts of grains that have contacts and are not rattlers; zero if there are none.
 
-    Contacts with rattlers do not count, those with walls do. `least` is that of `rattlers`.
+    Contacts with rattlers are excluded, those with walls included. `least` is that of `rattlers`.
     """
     n, rows = len(state.grains.radius), touching(state)
     held = np.append(~rattlers(state, least), np.ones(len(state.walls.mass), bool))
@@ -289,11 +291,19 @@ def coordination(state: Committed, least: int = 2) -> float:
 
 
 @checked
+@knows_bonds
 def elastic_energy(state: State, law: Law) -> float:
-    """Energy stored in the normal springs, Σ ∫ F_n dδ up to the overlap [energy]; tangential forces have no potential.
+    """Energy stored in normal springs and in bonds [energy]; tangential forces of contacts have no potential.
 
-    This is k δ²/2 per contact of a linear law and (2/5) k δ^{5/2} of a Hertzian one.
+    Normal springs store Σ ∫ F_n dδ up to the overlap, k δ²/2 per contact of a linear law and (2/5) k δ^{5/2} of a
+    Hertzian one. A bond stores ½ (k_n (|r| − r₀)² + k_s |u|² + k_b |β|² + k_ψ ψ²), see `core/contacts/bonds.py`; one
+    that fades stores the work that its loads do if they grow in proportion.
     """
     check_materials(state, law)
     struct, shift = law_struct(law, members=("energy", "range")), shifts(state.contacts, state.cell.vectors)
-    return core.elastic_energy(struct, state.cell.dim, bodies(state), state.contacts, shift)
+    here = bodies(state)
+    stored = core.elastic_energy(struct, state.cell.dim, here, state.contacts, shift)
+    if not state.bonds:
+        return stored
+    held = limits_of_bonds(state.bonds, state.cell.dim, here, state.cell.vectors).energy[state.bonds.intact]
+    return stored + float(held.sum())

@@ -14,7 +14,8 @@ from .progress import Size, require_sizes
 from .readable import pluralize, readable
 
 OPEN, STICK, SLIDE = 0, 1, 2  # mode of a contact
-MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius; it holds one if grains do not overlap
+FAILURES = "", "tension", "shear", "bending", "twisting", "compression"  # loads that break a bond
+MAX_IN_CUBE = 100  # centres in a cube with edges of the smallest radius, which has one centre if grains do not overlap
 
 
 @readable(head=lambda value: _describe_grains(value))
@@ -71,10 +72,10 @@ class Cell(NamedTuple):
 class Contacts(NamedTuple):
     """Neighbour list: pairs within range, sorted by key, each with its memory. The first `count[0]` rows are valid.
 
-    The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` tells which of them
-    touch. r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` hold r_ij and R_i angle_i + R_j angle_j as they were when
-    `slip` was last committed. `origin` holds the positions of the bodies when the list was built. The list is rebuilt
-    before its next use if a body has moved by half the skin since then, or if it is `stale`.
+    The list holds all pairs closer than a skin, so that it stays valid for many steps. `mode` marks pairs that touch.
+    r_ij = r_i − r_j + cellᵀ·image. `pair` and `roll` contain r_ij and R_i angle_i + R_j angle_j at the last commit of
+    `slip`. `origin` holds the positions of the bodies when the list was built. The list is rebuilt before its next use
+    if a body has moved by half the skin since then, or if it is `stale`.
     """
 
     i: np.ndarray  # (C,) int32
@@ -89,10 +90,10 @@ class Contacts(NamedTuple):
     origin: np.ndarray  # (N + W, 3) [length]
     skin: float  # [length]
     gap: float  # largest gap across which pairs are listed even without the skin, as some laws require [length]
-    stale: bool  # whether the list does not fit the present positions, for example because the cell was deformed
+    stale: bool  # whether the list is invalid at the present positions, for example after a deformation of the cell
     count: np.ndarray  # (1,)
     rolling: np.ndarray | None = (
-        None  # (C, columns) of rotations (7) and of a law's own memory; None if the law has none
+        None  # (C, columns) of rotations (7) and additional memory of the law; None without either
     )
 
     def check_entries(self) -> None:
@@ -141,8 +142,9 @@ class Control(NamedTuple):
 class Bonds(NamedTuple):
     """Bonds between grains, one row each, from `packings.bonded`. Columns of four: tension, shear, bending, twisting.
 
-    A bond acts beside the contact law, and also across a gap. Its forces follow from the present positions and
-    orientations of its two grains and from those of rest, which its memory holds. See `core/contacts/bonds.py`.
+    A bond acts in addition to the contact law, also across a gap. Its forces follow from the present positions and
+    orientations of its two grains and from their rest configuration, stored in its memory. See
+    `core/contacts/bonds.py`.
     """
 
     i: np.ndarray  # (K,) int32, less than j
@@ -150,16 +152,17 @@ class Bonds(NamedTuple):
     image: np.ndarray  # (K, 3) int16
     intact: np.ndarray  # (K,) bool: not broken
     length: np.ndarray  # (K,) at rest [length]
-    arm: np.ndarray  # (K,) share of the distance between j and the point at which the shear force acts
+    arm: np.ndarray  # (K,) fraction of the bond length from j to the point of action of the shear force
     direction: np.ndarray  # (K, 3) unit vector from j to i at rest, turned with j
-    turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since rest
+    turn: np.ndarray  # (K, 4) quaternion of the rotation of i relative to j since the rest configuration
     angle_i: np.ndarray  # (K, 3) angle of i to which `direction` and `turn` belong [rad]
     angle_j: np.ndarray  # (K, 3) angle of j, likewise [rad]
     stiffness: np.ndarray  # (K, 4) [force/length] twice, [force length] twice
     damping: np.ndarray  # (K, 4) [force time/length] twice, [force time] twice
     strength: np.ndarray  # (K, 4) [force] twice, [force length] twice; 1e300: none
-    form: np.ndarray  # (K,) int8: how strengths are combined, see `bond_shares`
+    form: np.ndarray  # (K,) int8: combination of strengths, see `bond_shares`
     fading: np.ndarray  # (K,) int8: power of the share of the strength by which loads fade before failure, or 0
+    failed: np.ndarray  # (K,) int8: load that broke it, see `FAILURES`; 0 for intact ones, or if it is not known
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if an entry is not allowed, see `fields`."""
@@ -213,10 +216,10 @@ def as_numbers(value, dtype=float) -> np.ndarray:
     array = np.asarray(value)
     if array.dtype.kind not in "biufO" or any(isinstance(v, complex) for v in array.ravel() if array.dtype.kind == "O"):
         what = {"c": "complex numbers", "M": "dates", "m": "time differences", "O": "complex numbers"}
-        raise ValueError(f"{what.get(array.dtype.kind, 'words')} were given where real numbers are needed")
+        raise ValueError(f"expected real numbers, got {what.get(array.dtype.kind, 'words')}")
     if np.issubdtype(dtype, np.integer) and array.dtype.kind in "fO":
         for value in array[(array != np.round(array.astype(float))) | (abs(array) > 2**53)].flat:
-            raise ValueError(f"{value:g} was given where whole numbers are needed, at most 2^53 in size")
+            raise ValueError(f"expected whole numbers of at most 2^53 in size, got {value:g}")
     return np.asarray(array, dtype)
 
 
@@ -230,7 +233,7 @@ def as_rows(value, n, width=None, dtype=float):
         return np.array(np.broadcast_to(array, shape), order="C")
     except ValueError:
         raise ValueError(
-            f"an array of shape {array.shape} was given where {shape} is needed: one row for each body, or one for all"
+            f"expected an array of shape {shape}, one row for each body or one for all, got {array.shape}"
         ) from None
 
 
@@ -290,7 +293,7 @@ def flat_walls(
     normal = as_rows(normal, n, 3)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     if not (size > 0).all():
-        raise ValueError("a wall's normal of length zero was given: give a vector that points towards the grains")
+        raise ValueError("the normal of a wall has zero length: give a vector that points towards the grains")
     return Walls(
         as_rows(point, n, 3),
         normal / size,
@@ -319,7 +322,7 @@ def box(
     """
     size = as_numbers(size)
     if size.ndim not in (1, 2) or not np.isfinite(size).all() or (size.ndim == 1 and not (size > 0).all()):
-        raise ValueError(f"a cell of size {size.tolist()} was given: use positive lengths, or vectors as rows")
+        raise ValueError(f"cell must be positive lengths or a matrix with the box vectors as rows, got {size.tolist()}")
     vectors = np.diag(size) if size.ndim == 1 else size
     if dim == 2 and vectors.shape == (2, 2):
         vectors = np.block([[vectors, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]])
@@ -382,7 +385,7 @@ def loads(
     gravity : (3,) [length/time²]
     """
     if min(n_grains, n_walls) < 0:
-        raise ValueError(f"{n_grains} grains and {n_walls} walls were given: neither may be negative")
+        raise ValueError(f"numbers of grains and walls must not be negative, got {n_grains} and {n_walls}")
     n = n_grains + n_walls
     require_sizes([Size("these are", n, "bodies", "use fewer")])
     control = Control(
@@ -484,25 +487,27 @@ def check(state: State) -> None:
     least = 1e-4 * float(grains.radius.min())
     if not skin >= least:
         raise ValueError(
-            f"a skin of {skin:g} was given: it must be at least {least:g}, 1e-4 of the smallest "
-            f"radius, or contact lists would be rebuilt at every step"
+            f"skin must be at least {least:g}, 1e-4 of the smallest radius, or contact lists would be rebuilt at "
+            f"every step, got {skin:g}"
         )
 
 
 def _check_space(state: State) -> None:
-    """Raise ValueError with a one-sentence message if the cell and the walls are none."""
+    """Raise ValueError with a one-sentence message if cell or walls are degenerate."""
     walls, cell = state.walls, state.cell
     if not len(state.grains.radius):
-        raise ValueError("a state of 0 grains was given: at least 1 is needed")
+        raise ValueError("a state needs at least one grain")
     if cell.periodic.any() and abs(np.linalg.det(cell.vectors)) < 1e-300:
         raise ValueError("the cell's vectors span no volume: give three independent vectors")
     if cell.dim == 2 and cell.periodic.any() and abs(np.linalg.det(cell.vectors[:2, :2])) < 1e-300:
         raise ValueError("the first two of the cell's vectors span no area: give two independent vectors in the plane")
     if cell.dim == 2 and (cell.periodic[2] or walls.normal[:, 2].any()):
-        raise ValueError("a two-dimensional cell that is periodic or has walls along z was given: neither is allowed")
+        raise ValueError("a two-dimensional cell must not be periodic or have walls along z")
     size = np.linalg.norm(walls.normal, axis=1)
     if not (abs(size - 1) < 1e-6).all():
-        raise ValueError(f"a wall's normal of length {size[abs(size - 1).argmax()]:g} was given: give a unit vector")
+        raise ValueError(
+            f"the normal of a wall must be a unit vector, got one of length {size[abs(size - 1).argmax()]:g}"
+        )
 
 
 def _check_bonds(bonds: Bonds | None) -> None:
@@ -515,12 +520,12 @@ def _check_bonds(bonds: Bonds | None) -> None:
 
 
 def _check_crowding(grains: Grains) -> None:
-    """Raise ValueError if so many grains are in one place that a list of all pairs would exhaust the memory."""
+    """Raise ValueError if the local density of grains is so large that a list of all pairs would exhaust the memory."""
     cells = np.floor(grains.position / grains.radius.min()) % 2.0**20
     _, place, count = np.unique(cells @ [1.0, 2.0**20, 2.0**40], return_index=True, return_counts=True)
     if count.max() > MAX_IN_CUBE:
         x = ", ".join(f"{v:.4g}" for v in grains.position[place[count.argmax()]])
-        raise ValueError(f"{count.max()} grains were given within one grain radius of ({x}): move them apart")
+        raise ValueError(f"{count.max()} grains lie within one grain radius of ({x}): move them apart")
 
 
 def grain_volumes(state: State) -> np.ndarray:
@@ -567,7 +572,7 @@ def _check_control(state: State) -> None:
                 f"must be free, frozen or driven alike along each direction, and none may rotate"
             )
     if (np.diff(control.knots) <= 0).any():
-        raise ValueError("knots that do not increase were given: each time must be later than the one before")
+        raise ValueError("knots must increase: each time must be later than the previous one")
     held = (control.spring > 0) & ~control.free[:, :3]
     if held.any():
         body, axis = np.argwhere(held)[0]
@@ -579,11 +584,9 @@ def _check_control(state: State) -> None:
     moves = control.cell_free | (control.cell_rate != 0) | (cell.rate != 0)
     periodic = cell.periodic & (np.arange(3) < cell.dim)
     if moves[~periodic].any() or moves[:, ~periodic].any():
-        raise ValueError("a deformation was given along an axis that is not periodic: only periodic cells deform")
+        raise ValueError("a cell deforms only along periodic axes: make this axis periodic, or omit its deformation")
     if len(state.walls.mass) or (control.group >= 0).any():
-        raise ValueError(
-            "a deforming cell was given with walls or rigid groups, which cannot deform with it: omit one of them"
-        )
+        raise ValueError("a cell with walls or rigid groups cannot deform: omit either")
 
 
 def _describe_grains(grains: Grains) -> str:
@@ -610,7 +613,7 @@ def _describe_bonds(bonds: Bonds) -> str:
 
 def _describe_modes(contacts: Contacts) -> str:
     if contacts.stale and not contacts.count[0]:
-        return "contacts not looked for yet"
+        return "contacts not yet searched"
     touching, sliding = _count_contacts(contacts)
     moved = " when last evaluated" if contacts.stale else ""
     return f"{pluralize(touching, 'contact')} ({sliding} sliding){moved}"
@@ -626,7 +629,7 @@ def _contact_rows(contacts: Contacts):
     count = int(contacts.count[0])
     touching, sliding = _count_contacts(contacts)
     if contacts.stale and not count:
-        yield "contacts", "not looked for yet: the first evaluation of forces finds them"
+        yield "contacts", "not yet searched: the first evaluation of forces finds them"
         return
     longest = float(np.linalg.norm(contacts.slip[:count][contacts.mode[:count] != OPEN], axis=1).max(initial=0.0))
     yield "contacts that touch", touching, "", "when last evaluated" if contacts.stale else ""

@@ -27,7 +27,7 @@ def split_label(heading: str) -> tuple[str, str | None]:
 def format_table(
     headings: Iterable[str], rows: Iterable[Iterable], *, digits: int | None = 9, comments: Iterable[str] = ()
 ) -> str:
-    """CSV of rows of numbers and words; None is an empty cell.
+    """CSV text from rows of numbers and words; None is an empty cell.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
     Raises
     ------
     ValueError
-        with one sentence that names the line.
+        with a one-sentence message that names the line.
     """
     try:
         text = read_text(path, remedy=remedy, fallback="cp1252")
@@ -66,7 +66,7 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
         raise ValueError(
             f"{path} contains no data: give a header such as 'time [s], load_point [um], friction [-]' and rows"
         )
-    mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")  # commas may be decimal ones
+    mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")  # commas may be decimal commas
     rows = split_rows(path, lines, mark)
     for number, row in rows:
         if len(row) != len(rows[0][1]):
@@ -79,8 +79,8 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
 def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None) -> list[tuple[int, list[str]]]:
     """Number and fields of each numbered line; separated by `mark`, or by white space if it is None.
 
-    Decimal commas, between quotation marks if commas separate, become points. Files with both are refused if one of
-    them may separate thousands throughout.
+    Decimal commas, between quotation marks if commas separate, become points. Files with both points and commas are
+    rejected if either may separate thousands throughout.
     """
     if mark is None:
         split = [line.split() for _, line in lines]
@@ -103,6 +103,6 @@ def _check_decimals(path: str | Path, fields: list[tuple[int, str]]) -> None:
     points = [field for field in fields if commas and _DECIMAL_POINT.match(field[1])]
     if points and any(all(_THOUSANDS.match(number) for _, number in marked) for marked in (commas, points)):
         raise ValueError(
-            f"{path} has numbers with points and with commas ({points[0][1]!r} in line {points[0][0]}, "
-            f"{commas[0][1]!r} in line {commas[0][0]}), of which one may separate thousands: write all with points"
+            f"{path} has numbers with points and commas ({points[0][1]!r} in line {points[0][0]}, {commas[0][1]!r} in "
+            f"line {commas[0][0]}), one of which may separate thousands: write all numbers with decimal points"
         )

@@ -9,12 +9,12 @@ import numpy as np
 
 from .reading import read_bytes
 
-LONGEST = 1000  # of a message [characters]
+LONGEST = 1000  # longest message [characters]
 _MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # UTF-32-LE's starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
 # all but tabs and line feeds, and marks that turn the direction of writing
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-_MAX_DIGITS = 40  # of a whole number in a file; valid ones have at most twenty
+_MAX_DIGITS = 40  # longest whole number in a file [digits]; valid ones have at most twenty
 
 
 def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> str:
@@ -22,7 +22,7 @@ def read_text(path: str | Path, *, remedy: str, fallback: str | None = None) -> 
 
     Parameters
     ----------
-    remedy : what to do if the file is not text, for the error message
+    remedy : advice in the error message if the file is not text
     fallback : encoding of files that are not UTF-8, such as "cp1252"; by default they are rejected
 
     Raises
@@ -75,7 +75,7 @@ class SentenceError(ValueError):
 
 
 def bounded(sentence: str) -> str:
-    """Return a message with what it quotes shortened; its beginning, what was got, and its end, what to do, stay."""
+    """Return a message shortened in the middle, in a quoted value; its beginning and end, the remedy, are kept."""
     sentence = printable(sentence)
     if len(sentence) <= LONGEST:
         return sentence
@@ -85,7 +85,7 @@ def bounded(sentence: str) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Text with its control characters written as in Python: a terminal obeys those of a foreign text.
+    r"""Text with control characters escaped as in Python, because a terminal would obey them.
 
     Examples
     --------

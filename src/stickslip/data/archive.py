@@ -30,13 +30,16 @@ from ..core.units import Units, units_from
 from .nodes import ArchiveError, Node, known_nouns, make_node, refuse_damage, restore
 from .run_files import write_atomically
 
-SCHEMA, OLDEST = 5, 4  # written, and the oldest that is read
+SCHEMA, OLDEST = 5, 4  # schema that is written, and the oldest one that is read
 REMEDY = "give the results.h5 of a run"
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _VERSIONS = ("numpy", "scipy", "h5py")
-_FILTERS = {"compression": "gzip", "shuffle": True}  # of datasets with more than 1000 numbers
+_FILTERS = {"compression": "gzip", "shuffle": True}  # filters of datasets with more than 1000 numbers
 _LONG, _CHUNK = 2**16, 2**19  # least size of a column that has chunks of its own, and largest size of these [bytes]
-_SAMPLE, _WORTH = 2048, 0.5  # part of a plane that is compressed as a trial [bytes], and largest ratio that counts
+_SAMPLE, _WORTH = (
+    2048,
+    0.5,
+)  # size of the sample of a plane [bytes], and the largest ratio at which compression is worthwhile
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
@@ -91,7 +94,7 @@ def read(path: str | Path, *, nouns: Iterable[type] = (), remedy: str = REMEDY) 
     Parameters
     ----------
     nouns : classes of other NamedTuples and enums to restore; those not given are returned as dictionaries and strings
-    remedy : for a file that is no archive: the inputs that the caller accepts
+    remedy : advice if the file is not an archive: the inputs that the caller accepts
 
     Raises
     ------
@@ -113,7 +116,7 @@ def units(path: str | Path) -> dict[str, str]:
 
 
 def named_units(path: str | Path) -> Units | None:
-    """Units that `write` was given; None if they are not named. Errors as in `read`."""
+    """Units passed to `write`; None if they are not named. Errors as in `read`."""
     with _open(path) as file:
         return units_from(file.attrs["units"], int(file.attrs["dim"])) if "units" in file.attrs else None
 
@@ -142,7 +145,7 @@ def _check_checksum(path, remedy: str) -> None:
     with open(path, "rb") as file:
         block = file.read(_BLOCK)
         if not block.startswith(_HEADER):
-            raise ArchiveError(f"{path} is not an archive of stickslip: {remedy}")
+            raise ArchiveError(f"{path} is not a stickslip archive: {remedy}")
         digest = hashlib.file_digest(file, "sha256").hexdigest().encode()
     if block[len(_HEADER) :].strip() != digest:
         raise ArchiveError(

@@ -1,9 +1,9 @@
-"""Checkpoints of an unfinished run: named pieces, from which a run that was killed can be resumed.
+"""Checkpoints of an unfinished run: named pieces, from which a killed run can be resumed.
 
-Pieces are records in files that only grow and that name the scenario to which they belong; they are never used for
-another one, and removed when the run has written its results. Every process appends to a file of its own, so that no
+Pieces are records in files that only grow. Each file names the scenario to which its pieces belong; they are never used
+for another one, and are removed when the run has written its results. Every process appends to its own file, so that no
 locks are needed. A process that is killed while it appends leaves an incomplete record at the end of its file: reading
-ends before the first record that does not match its checksum. The first record of a file says what it belongs to.
+stops at the first record that does not match its checksum. The first record of a file identifies its owner.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ from .run_files import SCENARIO, write_atomically
 
 SUFFIX = ".records"
 SYNC = 1.0  # shortest time between two flushes to disk: a power failure loses no more work than this [s]
-_FRAME = struct.Struct("<IHQ")  # checksum of what follows, length of the name, length of the content
+_FRAME = struct.Struct("<IHQ")  # checksum of the rest, length of the name, length of the content
 
 
 class Record(NamedTuple):
@@ -45,7 +45,7 @@ class Record(NamedTuple):
 
 
 class Index:
-    """Records of a file by name, as far as it has been read, and what the file belongs to."""
+    """Records of a file by name, as far as it has been read, and the owner of the file."""
 
     def __init__(self, first: bytes):
         self.first, self.end = first, 0
@@ -64,7 +64,7 @@ def record_files(folder: Path) -> list[Path]:
 
 
 def _read_appended(path: Path) -> Index:
-    """Read what has been appended to a file since the last call."""
+    """Read records appended to a file since the last call."""
     with path.open("rb") as file:
         first = file.read(_FRAME.size)
         index = _INDEX.get(path)
@@ -87,7 +87,7 @@ def _read_appended(path: Path) -> Index:
 
 
 def append_record(folder: Path, name: str, content: bytes, about: dict) -> None:
-    """Append a record; it survives whatever happens to this process.
+    """Append a record; it survives a crash of this process.
 
     Parameters
     ----------
@@ -115,11 +115,11 @@ def _to_frame(name: str, content: bytes) -> bytes:
     return b"".join([struct.pack("<I", crc32(content, crc32(label, crc32(sizes)))), sizes, label, content])
 
 
-# a folder and a file in the folder of the results, and the folders of a sweep's members and of legs for LAMMPS
+# a folder and a file beside the results, and the folders of sweep members and of LAMMPS legs
 UNFINISHED, SWEEP, MEMBERS, LEGS = "unfinished", "sweep.json", "members", "lammps"
 # temporary folders: results being written, a sweep that replaces another, pieces being removed
 WRITING, ANEW, GONE = ".writing", ".anew", f".{UNFINISHED}"
-OTHER_VERSION = "resume with that version, or start again with --overwrite"
+OTHER_VERSION = "resume with that version, or restart with --overwrite"
 _NOTE, _PART = "scenario-", "part-"  # followed by a digest: scenario of the run, and of its parts
 
 
@@ -167,7 +167,7 @@ class Checkpoint(NamedTuple):
         return self if self._has_note else None
 
     def check(self) -> None:
-        """Raise ArchiveError if a piece of this part, or of its own parts, cannot be used."""
+        """Raise ArchiveError if a piece of this part, or of its parts, cannot be used."""
         for folder in (self.folder, *sorted(path for path in self.folder.rglob("*") if path.is_dir())):
             inside = folder.relative_to(self.folder)
             if UNFINISHED not in inside.parts:
@@ -190,7 +190,7 @@ class Checkpoint(NamedTuple):
         return hashlib.sha256(self.scenario.encode()).hexdigest()[:16]
 
     def save(self, name: str, value: Any) -> None:
-        """Write a piece, all or nothing; it survives whatever happens to this process."""
+        """Write a piece, all or nothing; it survives a crash of this process."""
         self.announce()
         about = {"scenario": self.scenario, "stickslip": __version__, "part": self._place, "core": build.best_level()}
         append_record(self.folder, name, to_bytes(make_node(value, self.units)), about)
@@ -201,7 +201,7 @@ class Checkpoint(NamedTuple):
         Raises
         ------
         ArchiveError
-            if the piece belongs to another scenario, version or part, or to a law that is not known, or is damaged.
+            if the piece belongs to another scenario, version or part, or to an unknown law, or is damaged.
         """
         piece = self._find()[name]
         with _refuse_damage(piece.path):
@@ -212,7 +212,9 @@ class Checkpoint(NamedTuple):
     def _find(self) -> Mapping[str, Record]:
         """Existing pieces by name."""
         if any(not path.name.startswith(".") for path in self.folder.glob("*.h5")):
-            raise ArchiveError(f"{self.folder} contains checkpoints in the form of an earlier version: {OTHER_VERSION}")
+            raise ArchiveError(
+                f"{self.folder} contains checkpoints in the format of an earlier version: {OTHER_VERSION}"
+            )
         indices = [read_index(path) for path in record_files(self.folder)]
         for index in indices:
             self._check(index.about)
@@ -221,13 +223,14 @@ class Checkpoint(NamedTuple):
     def _check(self, about: dict) -> None:
         if about and about["scenario"] != self.scenario:
             raise ArchiveError(
-                f"{self.folder} was computed for a scenario other than the folder's, perhaps with another law: restore "
+                f"{self.folder} was computed for another scenario than that of the folder, perhaps with another law: "
+                "restore "
                 f"that scenario, or run the new one with --overwrite"
             )
         if about and about["stickslip"] != __version__:
             raise ArchiveError(
-                f"{self.folder} was computed by stickslip {about['stickslip']}, and this is {__version__}, whose "
-                f"numbers may differ: {OTHER_VERSION}"
+                f"{self.folder} was computed by stickslip {about['stickslip']}, whose numbers may differ from those "
+                f"of this version, {__version__}: {OTHER_VERSION}"
             )
         if about and about["part"] != self._place:
             raise ArchiveError(f"{self.folder} contains pieces of {about['part']}: restore the original names")
@@ -242,11 +245,11 @@ class Checkpoint(NamedTuple):
 
 
 def _refuse_damage(path: Path):
-    return refuse_damage(path, "a checkpoint", "remove it and resume again, which computes its part anew")
+    return refuse_damage(path, "a checkpoint", "remove it and resume again, so that its part is computed anew")
 
 
 def read_index(path: Path) -> Index:
-    """Index of a file of pieces; ArchiveError if it does not say what they belong to."""
+    """Index of a file of pieces; ArchiveError if it does not identify their owner."""
     with _refuse_damage(path):
         index = _read_appended(path)
         if index.found or index.about:
@@ -271,20 +274,20 @@ def is_worth_resuming(folder: Path) -> bool:
 
 
 def note_on_levels(folder: Path) -> str:
-    """Sentence on checkpoints that were computed by the core for other processors; empty if there are none."""
+    """Sentence on checkpoints computed by the core for other processors; empty if there are none."""
     levels = {read_index(path).about.get("core") for path in folder.rglob(f"*{SUFFIX}")}
     others, level = sorted(levels - {None, build.best_level()}), build.best_level()
     if not others:
         return ""
     return (
-        f"{folder} contains checkpoints of the core for {' and '.join(others)}, and this is the one for {level}: the "
-        f"results will agree with those of an undisturbed run to round-off, not bit for bit"
+        f"{folder} contains checkpoints computed by the core for {' and '.join(others)}, but this is the core for "
+        f"{level}: results will agree with those of an uninterrupted run to round-off, not bit for bit"
         + (f"; STICKSLIP_LEVEL={others[0]} continues with that core" if others[0] in build.usable_levels() else "")
     )
 
 
 def read_pieces(folder: Path) -> tuple[dict[str, Node], dict[str, str]]:
-    """Pieces that an unfinished run has saved so far, by part and name, and what they belong to."""
+    """Pieces that an unfinished run has saved so far, by part and name, and their owner."""
     pieces, about = {}, {}
     for path in sorted((folder / UNFINISHED).rglob(f"*{SUFFIX}")):
         index, part = read_index(path), path.parent.relative_to(folder / UNFINISHED)
@@ -313,12 +316,12 @@ def load_or_compute(kept: Checkpoint | None, name: str, make: Callable[[], Any],
 
 
 def kind_of_result(function: Callable) -> Any:
-    """Annotation of what a function, or a partial one, returns; Any if it has none."""
+    """Return annotation of a function or a partial one; Any if it has none."""
     return getattr(getattr(function, "func", function), "__annotations__", {}).get("return", Any)
 
 
 def abandon(kept: Checkpoint) -> None:
-    """Remove what a run saved before its input proved to be wrong; results of an earlier run remain."""
+    """Remove pieces of a run whose input proved to be wrong; results of an earlier run remain."""
     remove_checkpoint(kept.run)
     if all(path.name == SCENARIO or path.name.startswith(".") for path in kept.run.iterdir()):
         (kept.run / SCENARIO).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Sheets of laboratory tables as they are stored: text with any header, HDF5, MATLAB, binary XLOOK."""
+"""Laboratory tables as stored in files: text with any header, HDF5, MATLAB, binary XLOOK."""
 
 import csv
 import re
@@ -15,20 +15,20 @@ from ..core.tables import split_rows
 from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
-REMEDY = "give a table as text, an HDF5, a MATLAB or a binary XLOOK file"
-TITLE = struct.Struct(">20s4i")  # of XLOOK: name, samples, columns, two unused
+REMEDY = "give a text table, or an HDF5, MATLAB or binary XLOOK file"
+TITLE = struct.Struct(">20s4i")  # header of XLOOK: name, samples, columns, two unused
 CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
-CHANNELS = (32, 16)  # numbers of them in the header of present and of old files
-USUAL = 1e-20, 1e20  # magnitudes by which the order of bytes is found
-MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal ones
+CHANNELS = (32, 16)  # number of channels in the header of present and of old files
+USUAL = 1e-20, 1e20  # magnitudes by which the byte order is found
+MARKS = (";", "\t", ",", None)  # None: white space; commas come late, as they may be decimal commas
 COUNTS = re.compile(r"(\s*\d+\s*recs?\b)+\s*")  # numbers of records that XLOOK writes below the units
 COMMENTS = "#%"
 COMMENT = re.compile(r"\s*(#|%(?!\s*[;,\t]))")  # "%;kPa" is a row of units
-LEAST = 3  # rows that a first column must number
+LEAST = 3  # rows that a first column must number consecutively to count as row numbers
 
 
 class Sheet(NamedTuple):
-    """Columns of a table as they are stored, with K headings."""
+    """Columns of a table as stored, with K headings."""
 
     headings: list[str]  # (K,), empty where a column has none
     units: list[str | None]  # (K,) from a row of units or an attribute
@@ -37,19 +37,19 @@ class Sheet(NamedTuple):
 
 
 def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example: str, remedy: str = "") -> Sheet:
-    """Columns of a file, whose kind is found by its content.
+    """Columns of a file; its format is detected from its content.
 
     Parameters
     ----------
-    known : whether a heading is one that is sought, by which the row of headings is found
-    named : whether columns were numbered by the user, so that there need be no headings
-    example : of headings, for messages
-    remedy : for a table without headings, besides writing some
+    known : function that returns True for a wanted heading, by which the row of headings is found
+    named : whether the user gave column numbers, so that headings are not needed
+    example : example of headings, for messages
+    remedy : advice for a table without headings, besides adding them
 
     Raises
     ------
     ValueError
-        with one sentence.
+        with a one-sentence message.
     """
     try:
         content = read_bytes(path, remedy=REMEDY)
@@ -97,7 +97,7 @@ def _text_sheet(
 
 
 def _find_numbers(body: list[tuple[int, str]]) -> tuple[int | None, str | None]:
-    """Place of the first line that consists mostly of numbers, and what separates them."""
+    """Index of the first line that consists mostly of numbers, and their separator."""
     for k, (_, line) in enumerate(body):
         for mark in MARKS:
             fields = line.rstrip(mark).split(mark)
@@ -120,7 +120,7 @@ def _split_titles(line: str, mark: str | None, width: int) -> list[str]:
     if mark is not None:
         try:
             return [title.strip() for title in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
-        except csv.Error:  # as for a field without end
+        except csv.Error:  # as for a quotation that is not closed
             return []
     apart = [title for title in re.split(r"\s{2,}|\t", line.strip()) if title]
     return apart if len(apart) == width else re.split(r"\s+(?![\[(])", line.strip())
@@ -133,7 +133,7 @@ def _fit_width(titles: list[str], rows: list[tuple[int, list[str]]]) -> list[str
     numbers = [row[0] for _, row in rows[:LEAST]]
     if len(titles) != len(rows[0][1]) - 1 or len(rows) < LEAST or not all(map(str.isdecimal, numbers)):
         return titles
-    if not any("." in field for _, row in rows[:LEAST] for field in row):  # commas may be decimal ones
+    if not any("." in field for _, row in rows[:LEAST] for field in row):  # commas may be decimal commas
         return titles
     return ["", *titles] if len(set(np.diff([int(number) for number in numbers]))) == 1 else titles
 
@@ -143,13 +143,13 @@ def _check_widths(path: Path, headings: list[str], rows: list[tuple[int, list[st
     for number, row in rows:
         if len(row) != len(headings):
             raise ValueError(
-                f"{path}, line {number}, has {len(row)} fields but the header has {len(headings)}: correct the line, "
-                f"or, if commas are decimal ones, separate columns by semicolons"
+                f"{path}, line {number}, has {len(row)} fields, but the header has {len(headings)}: correct the line, "
+                "or separate columns by semicolons if numbers have decimal commas"
             )
 
 
 def _hdf5_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, str | None]]:
-    """Arrays of an HDF5 file or of a MATLAB file of version 7.3, with their units; compound tables by their fields."""
+    """Arrays of an HDF5 file or a MATLAB 7.3 file, with their units; compound tables by their fields."""
     import h5py
 
     arrays: dict[str, tuple[np.ndarray, str | None]] = {}
@@ -197,15 +197,15 @@ def _matlab_arrays(path: Path, content: bytes) -> dict[str, tuple[np.ndarray, st
 
 
 def _look_sheet(path: Path, content: bytes) -> Sheet | None:
-    """Sheet of a binary XLOOK file; None if the content is another.
+    """Sheet of a binary XLOOK file; None if the file is not one.
 
     A header of 16 or 32 channels, whose integers are big-endian, is followed by the columns, one after the other, as
-    floating-point numbers of 4 or 8 bytes in the order of the machine that wrote them. Neither is stated in the file:
-    the length decides the one, and the magnitude of the numbers the other.
+    floating-point numbers of 4 or 8 bytes in the byte order of the machine that wrote them. The file states neither:
+    the size of numbers follows from its length, and the byte order from their magnitudes.
 
     Source
     ------
-    Layout of the header as read by pylook (Leeman Geophysical), checked with the examples of XLOOK.
+    Header layout as read by pylook (Leeman Geophysical), checked against XLOOK's example files.
     """
     if len(content) < TITLE.size + CHANNELS[-1] * CHANNEL.size:
         return None
@@ -225,24 +225,26 @@ def _look_sheet(path: Path, content: bytes) -> Sheet | None:
             break
     else:
         raise ValueError(
-            f"{path} is a damaged XLOOK file: its length is not that of its {count} columns; copy it again"
+            f"{path} is a damaged XLOOK file: its length does not match its {count} columns; copy it again"
         )
     if len({length for *_, length in used}) > 1:
         told = ", ".join(f"{name} {length}" for name, _, length in used[:5])
-        raise ValueError(f"{path} has columns of different lengths ({told}): give one value of each for each sample")
+        raise ValueError(
+            f"{path} has columns of different lengths ({told}): every column needs one value for each sample"
+        )
 
     def usual(values: np.ndarray) -> float:
         size = np.abs(values)
         return float(((size == 0) | (size > USUAL[0]) & (size < USUAL[1])).mean())
 
-    with np.errstate(invalid="ignore", over="ignore"):  # of NaN in the other order of bytes
+    with np.errstate(invalid="ignore", over="ignore"):  # of NaN in the other byte order
         values = max((np.frombuffer(content, order + kind, total, start) for order in "<>"), key=usual).astype(float)
     names, units, _ = zip(*used, strict=True)
     return Sheet(list(names), [unit.strip("[]() ") or None for unit in units], values=np.split(values, count))
 
 
 def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], known: Callable[[str], bool]) -> Sheet:
-    """Sheet of the columns among the arrays of a file; groups may hold them, and one matrix may be all of them."""
+    """Sheet of the columns among the arrays of a file; columns may be in groups, or in a single matrix."""
     columns = {
         name: (array.ravel(), unit) for name, (array, unit) in arrays.items() if 1 < array.size == max(array.shape)
     }
@@ -252,13 +254,15 @@ def _array_sheet(path: Path, arrays: dict[str, tuple[np.ndarray, str | None]], k
         return Sheet([""] * matrix.shape[1], [None] * matrix.shape[1], values=list(matrix.T))
     groups = {name.rpartition("/")[0] for name in columns if known(name.rpartition("/")[2])}
     if len(groups) > 1:
-        raise ValueError(f"{path} has records in {len(groups)} groups ({', '.join(sorted(groups)[:5])}): keep one")
+        raise ValueError(f"{path} has records in {len(groups)} groups ({', '.join(sorted(groups)[:5])}): keep only one")
     group = next(iter(groups), "")
     columns = {name.rpartition("/")[2]: value for name, value in columns.items() if name.rpartition("/")[0] == group}
     lengths = {name: len(array) for name, (array, _) in columns.items() if known(name)}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:5])
-        raise ValueError(f"{path} has columns of different lengths ({told}): give one value of each for each sample")
+        raise ValueError(
+            f"{path} has columns of different lengths ({told}): every column needs one value for each sample"
+        )
     length = next(iter(lengths.values()), None)
     columns = {name: value for name, value in columns.items() if length in (None, len(value[0]))}
     return Sheet(

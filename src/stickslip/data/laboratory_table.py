@@ -1,6 +1,6 @@
-"""Columns of laboratory tables by the names and units that laboratories give them, in metres, seconds and pascals.
+"""Columns of laboratory tables, found by usual names and units and converted to metres, seconds and pascals.
 
-One table of names serves records of friction and tests of soils. A reader says which of them it wants.
+The same table of names serves friction records and soil tests. A reader selects the columns that it needs.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ STRESS |= {"kg/cm2": 98066.5, "psf": 47.88025898034, "ksf": 47880.25898034, "tsf
 NUMBER = {"-": 1.0, "1": 1.0, "": 1.0, "na": 1.0}
 STRAIN = NUMBER | {"%": 1e-2, "percent": 1e-2, "pct": 1e-2, "per_cent": 1e-2, "m/m": 1.0, "mm/mm": 1.0}
 SPEED = {f"{m}/{s}": value / span for m, value in LENGTH.items() for s, span in TIME.items()}
-COLUMNS = {  # where several columns of a file have names of one quantity, the first of these names is taken
+COLUMNS = {  # if several columns of a file have names for the same quantity, the first of these names is used
     "time": (TIME, ("time", "t", "sample_time", "elapsed_time", "test_time", "time_elapsed")),
     "load_point": (
         LENGTH,
@@ -113,8 +113,8 @@ OTHER_LANGUAGES = {  # names in German and French
 }  # fmt: skip
 COLUMNS |= {name: (COLUMNS[name][0], (*COLUMNS[name][1], *words.split())) for name, words in OTHER_LANGUAGES.items()}
 NAMES = {alias for _, aliases in COLUMNS.values() for alias in aliases}
-ABSENT = (-9999.0, -999.0, -99999.0)  # written by some programs where there is no number
-SIMILAR = 0.1  # relative deviation within which a ratio is that of two units
+ABSENT = (-9999.0, -999.0, -99999.0)  # placeholders of some programs for missing numbers
+SIMILAR = 0.1  # relative tolerance within which a ratio equals that of two units
 SHOWN = 8  # columns that a message lists
 DASHES, PRIMES = "−–—‐-", "’′ʹ`´"
 
@@ -123,10 +123,10 @@ class Wanted(NamedTuple):
     """Columns that a reader looks for."""
 
     columns: tuple[str, ...]  # names in `COLUMNS`
-    example: str  # of headings, for messages
-    rows: str  # kind of the rows of `known.TABLE` for other columns
-    numbered: str = ""  # example of columns by number, as options take them, if there is such an option
-    besides: tuple[str, ...] = ()  # columns that are found by their headings even if the user names others
+    example: str  # example of headings, for messages
+    rows: str  # kind of the rows in `known.TABLE` for other columns
+    numbered: str = ""  # example of column numbers in the syntax of the option, if there is one
+    besides: tuple[str, ...] = ()  # columns that are found by heading even if the user names others
 
 
 class LaboratoryTable(NamedTuple):
@@ -139,7 +139,7 @@ class LaboratoryTable(NamedTuple):
     places: dict[str, tuple[int, float]]  # of wanted columns, and factors that convert them to SI units
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Numbers in wanted columns in SI units, without rows of which one is missing; a warning counts these."""
+        """Numbers in the wanted columns in SI units, without incomplete rows, which a warning counts."""
         path, rows = self.path, self.sheet.rows or []
         values = {
             name: self.sheet.values[k] if self.sheet.values is not None
@@ -152,13 +152,13 @@ class LaboratoryTable(NamedTuple):
             place = f"line {rows[first][0]}" if rows else f"sample {first + 1}"
             warnings.warn(
                 f"{path}: {missing.sum()} of {len(missing)} rows lack a number (an empty cell, nan or -9999) and are "
-                f"left out; the first is {place}",
+                f"skipped; the first is {place}",
                 stacklevel=2,
             )
         return {name: column[~missing] * self.places[name][1] for name, column in values.items()}
 
     def loose_numbers(self, k: int) -> np.ndarray:
-        """Numbers in a column, NaN for what is none."""
+        """Numbers in a column, NaN for other entries."""
         if self.sheet.values is not None:
             return self.sheet.values[k]
         column = np.full(len(self.sheet.rows or ()), np.nan)
@@ -172,11 +172,11 @@ class LaboratoryTable(NamedTuple):
         return self.headings[self.places[name][0]]
 
     def groups(self, stresses: str = "") -> list[tuple[str, str, str]]:
-        """Heading, group and reason of each column; those of known names that are not taken are without influence.
+        """Heading, group and reason of each column; known columns that are not used have no influence.
 
         Parameters
         ----------
-        stresses : reason for which stresses that are not understood matter
+        stresses : reason why unknown stresses matter
         """
         used, out = {k for k, _ in self.places.values()}, []
         for k, heading in enumerate(self.sheet.headings):
@@ -190,12 +190,12 @@ class LaboratoryTable(NamedTuple):
         return out
 
     def list_unknown(self) -> str:
-        """Headings that are not understood, for a message; empty without any."""
+        """Unknown headings, for a message; empty if there are none."""
         strange = [name for name, group, _ in self.groups() if group == known.UNKNOWN]
         return ", ".join(repr(shortened(name)) for name in strange[:SHOWN]) + " …" * (len(strange) > SHOWN)
 
     def list_columns(self) -> str:
-        """Headings of the file, for a message; empty without any."""
+        """Headings of the file, for a message; empty if there are none."""
         seen = [repr(shortened(field)) for field in self.headings if field]
         return ", ".join(seen[:SHOWN]) + (f" and {len(seen) - SHOWN} more" if len(seen) > SHOWN else "")
 
@@ -205,7 +205,7 @@ def open_table(path: Path, wanted: Wanted, named: dict[str, int | str] | None = 
 
     Parameters
     ----------
-    named : numbers of columns, or their headings, by the names they stand for; see `friction.read_record`
+    named : column numbers or headings by standard name; see `friction.read_record`
 
     Raises
     ------
@@ -217,7 +217,7 @@ def open_table(path: Path, wanted: Wanted, named: dict[str, int | str] | None = 
             near = difflib.get_close_matches(name, wanted.columns, n=1)
             columns = ", ".join(wanted.columns)
             hint = f"did you mean {near[0]!r}?" if near else f"use {columns}, with a unit such as 'time [s]'"
-            raise ValueError(f"a column {name!r} was named, which is not known: {hint}")
+            raise ValueError(f"the column name {name!r} is unknown: {hint}")
     numbered = wanted.numbered
     sheet = read_sheet(
         path, lambda heading: _is_wanted(heading, wanted, named), named=named is not None, example=wanted.example,
@@ -246,10 +246,12 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
 
     Parameters
     ----------
-    aliases : names of the column that is sought, in lower case, with underscores
+    aliases : names of the wanted column, in lower case, with underscores
     units : units that the column may have
     """
-    whole = re.match(r"\s*\([^()]*\)(?=.*\S)", heading)  # as in "(σ1 − σ3) [kPa]", whose first brackets hold no unit
+    whole = re.match(
+        r"\s*\([^()]*\)(?=.*\S)", heading
+    )  # as in "(σ1 − σ3) [kPa]", whose first brackets do not contain a unit
     name, unit = split_label(heading[whole.end() :] if whole else heading)
     name = f"{heading[: whole.end()]} {name}" if whole else name
     word = plain_word(name)
@@ -267,18 +269,18 @@ def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> 
 
 
 def unit_of_time(ratio: float, stated: float = 1.0) -> str:
-    """Unit in which times seem to be that are too short by a ratio; empty if that is not the ratio of two units.
+    """Likely unit of times that are too short by a ratio; empty if the ratio is not that of two units.
 
     Parameters
     ----------
-    stated : length of their unit [s]
+    stated : length of their stated unit [s]
     """
     near = [unit for unit in ("s", "min", "h", "d", "ms") if abs(TIME[unit] / stated / ratio - 1) < SIMILAR]
     return near[0] if ratio > 0 and near and TIME[near[0]] != stated else ""
 
 
 def _is_wanted(heading: str, wanted: Wanted, named: dict[str, int | str] | None) -> bool:
-    """Whether a heading names a column that is sought."""
+    """Return True if a heading names a wanted column."""
     if named is not None and heading in named.values():
         return True
     columns = (COLUMNS[name] for name in wanted.columns)
@@ -288,18 +290,20 @@ def _is_wanted(heading: str, wanted: Wanted, named: dict[str, int | str] | None)
 def _named_headings(
     path: Path, sheet: Sheet, columns: dict[str, int | str], wanted: Wanted
 ) -> tuple[list[str], bool]:  # fmt: skip
-    """Headings by which the user names columns, and whether the file has none of its own."""
+    """Headings given by the user, and whether the file itself has none."""
     width, headings, bare = len(sheet.headings), [""] * len(sheet.headings), not any(sheet.headings)
     for name, place in columns.items():
         if isinstance(place, str):
             if place not in sheet.headings:
                 seen = ", ".join(repr(shortened(heading)) for heading in sheet.headings[:SHOWN] if heading)
                 raise ValueError(
-                    f"{path}: column {place!r} was given for {name!r}: the file has {seen or 'no headings'}"
+                    f"{path}: the column {place!r} for {name!r} does not exist: the file has {seen or 'no headings'}"
                 )
             place = sheet.headings.index(place)
         if not 0 <= place < width:
-            raise ValueError(f"{path}: column {place} was given for {name!r}: the file has columns 0 to {width - 1}")
+            raise ValueError(
+                f"{path}: column {place} for {name!r} does not exist: the file has columns 0 to {width - 1}"
+            )
         headings[place] = name
         aliases, units = _described(name, wanted)
         own, given = unit_of(sheet.headings[place], aliases, units)[1] or sheet.units[place], split_label(name)[1]
@@ -307,7 +311,7 @@ def _named_headings(
             headings[place] = f"{name} [{own}]"
         elif given and own and units.get(own) != units.get(given):
             warnings.warn(
-                f"{path}: --columns gives {name!r}, but the file has the unit {own!r} for it: {given!r} is taken",
+                f"{path}: --columns gives {name!r}, but the unit in the file is {own!r}: {given!r} is used",
                 stacklevel=3,
             )
     for besides in wanted.besides:
@@ -320,7 +324,7 @@ def _named_headings(
 
 
 def _described(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[str, float]]:
-    """Names and units of the column for which a user's name stands."""
+    """Names and units of the column to which a user's name refers."""
     columns = (COLUMNS[each] for each in wanted.columns)
     return next(
         ((aliases, units) for units, aliases in columns if unit_of(name, aliases, units)[0] in aliases), ((), {})
@@ -328,7 +332,7 @@ def _described(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[str, fl
 
 
 def _is_missing(column: np.ndarray) -> np.ndarray:
-    """Samples without a number, or with one of `ABSENT` if it is farther from all others than any two neighbours."""
+    """Samples without a number, or with one of `ABSENT` farther from all others than any two neighbours."""
     missing = ~np.isfinite(column)
     for mark in ABSENT:
         others = np.unique(column[~missing & (column != mark)])
@@ -350,7 +354,7 @@ def _match_columns(
         if alias is None:
             continue
         if len(chosen) > 1:
-            raise ValueError(f"{path} has two columns for {column}: keep one")
+            raise ValueError(f"{path} has two columns for {column}: keep only one")
         others = [header[k] for k, (word, _) in enumerate(labels) if word in aliases and k != chosen[0]]
         if others:
             warnings.warn(f"{path}: {column} is {header[chosen[0]]!r}, not {others[0]!r}", stacklevel=2)
@@ -358,7 +362,7 @@ def _match_columns(
         places[column] = (chosen[0], _factor(path, alias, own or row, units, si))
         below_it = _known_unit(row, units)
         if own and below_it and units[below_it] != places[column][1]:
-            raise ValueError(f"{path}: {alias} has the unit {own!r} in its heading and {row!r} below it: keep one")
+            raise ValueError(f"{path}: {alias} has the unit {own!r} in its heading and {row!r} below it: keep only one")
     return places
 
 
@@ -379,7 +383,7 @@ def _factor(path: Path, word: str, unit: str | None, units: dict[str, float], si
 
 
 def _spelled(unit: str) -> str:
-    """Unit as it is written: keys of pascals are in lower case."""
+    """Unit in its usual spelling: keys of pascals are in lower case."""
     return re.sub(r"^([hkmg]?)pa$", lambda part: part[1].translate({109: "M", 103: "G"}) + "Pa", unit)
 
 
@@ -388,7 +392,7 @@ def _plain_unit(unit: str) -> str:
 
 
 def _known_unit(unit: str | None, units: dict[str, float]) -> str | None:
-    """Unit among those of a column, without regard to case if none is spelled like it; None if there is none."""
+    """Unit among those of a column, ignoring case if there is no exact match; None if there is none."""
     given = _plain_unit(unit or "")
     return next((u for u in units if u == given), None) or next((u for u in units if u.lower() == given.lower()), None)
 

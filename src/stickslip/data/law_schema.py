@@ -1,11 +1,11 @@
-"""Tables of a scenario for laws and packings: sets of keys, of which each experiment takes some.
+"""Scenario tables for laws and packings: sets of keys from which each experiment selects.
 
-Experiments have their own defaults of laws.
+Experiments have their own default laws.
 
-A law can be a Python file, which is a program, and scenarios come from anywhere. Reading a scenario therefore executes
-nothing: it stores the checksum of the file's text, so that a resumed run notices a change. The file is executed when a
-run builds its law, and only if this user has allowed this text. Digests of allowed texts are in the user's cache
-folder, where the author of a scenario cannot write.
+A law can be a Python file, that is, a program, and scenarios may come from untrusted sources. Reading a scenario
+therefore executes nothing: it stores the checksum of the file, so that a resumed run notices a change. The file is
+executed only when a run builds its law, and only if this user has allowed its present text. Digests of allowed texts
+are in the user's cache folder, where the author of a scenario cannot write.
 """
 
 import hashlib
@@ -38,12 +38,12 @@ class LawOrFile(ScenarioTable):
             return given
         if not isinstance(given, dict) or given.get("file") is None:
             if isinstance(given, dict) and {"parameters", "checksum"} & set(given):
-                raise ValueError("law.parameters was given without law.file: name the file, or give kn, kt, mu …")
+                raise ValueError("law.parameters requires law.file: name the file, or give kn, kt, mu …")
             return given
         others = [name for name in given if name not in ("file", "parameters", "checksum", "wall")]
         if others:
             raise ValueError(
-                f"law.file and law.{others[0]} were both given: set parameters of the file in law.parameters"
+                f"law.{others[0]} does not apply with law.file: set the parameters of the file in law.parameters"
             )
         return _with_checksum(given)
 
@@ -57,14 +57,14 @@ class LawOrFile(ScenarioTable):
 
 
 class LawFile(LawOrFile):
-    """A law in a user's Python file, instead of a kind and its parameters."""
+    """A law in a Python file, instead of a kind and its parameters."""
 
     file: str | None = Field(
         None,
-        description="Python file with a contact law; the path is relative to the scenario, and a run executes the file "
-        "if `--trust` has allowed it",
+        description="Python file with a contact law, relative to the scenario; runs execute it only after `--trust` "
+        "has allowed it",
     )
-    parameters: dict[str, Finite] = Field({}, description="of the law in the file, if different from those in the file")
+    parameters: dict[str, Finite] = Field({}, description="of the law, where they differ from the defaults in the file")
     checksum: str | None = Field(None, description="of the file's text; added automatically")
 
 
@@ -91,7 +91,7 @@ def _with_checksum(law: dict) -> dict:
 
 
 def with_laws(tables: dict, change: Callable[[dict], dict]) -> dict:
-    """Tables of a scenario with every table `law` changed, whether at the top or in a table `sample`."""
+    """Scenario tables with every table `law` changed, at the top level or in a table `sample`."""
     out = dict(tables)
     if isinstance(tables.get("law"), dict):
         out["law"] = change(tables["law"])
@@ -180,10 +180,10 @@ class Parameters(ScenarioTable):
 
 
 class Key(NamedTuple):
-    """A key of law tables."""
+    """Key of law tables."""
 
-    kind: Any  # annotation of its values; None is allowed as well where it is the default
-    words: str | None  # its unit in brackets at the end
+    kind: Any  # annotation of its values; None is also allowed where it is the default
+    words: str | None  # with its unit in brackets at the end
     default: Any = None  # of tables without this key
 
 
@@ -205,23 +205,21 @@ KEYS |= {
     "kind": Key(str, "name of the law", ""),
     "coulomb": Key(Literal["smooth", "sharp"], "how F_t approaches the Coulomb limit μ F_n", "sharp"),
     "kn": Key(Positive, "k_n, in a unit that depends on `kind`"),
-    "kt": Key(NotNegative, "k_t, as `kn`; if it has no value, 2/7 of `kn`"),
+    "kt": Key(NotNegative, "k_t, in the unit of `kn`; default: 2/7 of `kn`"),
     "young": Key(Positive, "E, which determines k_n and k_t, with `poisson` [stress]"),
     "poisson": Key(Annotated[float, Field(gt=-1, le=0.5)], "ν"),
     "mu": Key(NotNegative, "friction coefficient between grains", 0.5),
     "damping": Key(
         Literal[*DAMPING],
-        "what γ multiplies; if it has no value, viscoelastic for hertz_mindlin_reff, else mass_velocity",
+        "model of the dashpots, the factor of γ; default: viscoelastic for hertz_mindlin_reff, else mass_velocity",
     ),
     "damping_n": Key(
         NotNegative,
         "γ_n of the normal dashpot, in a unit that depends on `damping`; coefficient of restitution with tsuji and "
         "coeff_restitution",
     ),
-    "damping_t": Key(NotNegative, "γ_t of the tangential dashpot, as `damping_n`"),
-    "damping_ratio": Key(
-        NotNegative, "γ_t/γ_n, instead of `damping_t`; if neither has a value, 1/2 with a restitution, otherwise 0"
-    ),
+    "damping_t": Key(NotNegative, "γ_t of the tangential dashpot, in the unit of `damping_n`"),
+    "damping_ratio": Key(NotNegative, "γ_t/γ_n, instead of `damping_t`; default: 1/2 with a restitution, otherwise 0"),
     "restitution": Key(
         Annotated[float, Field(gt=0, le=1)],
         "coefficient of restitution of two equal grains, instead of damping coefficients",
@@ -234,15 +232,11 @@ KEYS |= {
     "size": Key(Positive, "diameter of the two grains [length]"),
     "speed": Key(Positive, "speed of their collision; not needed by a linear law [length/time]"),
     **{name: _own_key(name) for name in OWN_PARAMETERS},
-    "lever": Key(
-        Literal[*ARMS], "lever arms of tangential forces: radius, R, also if it has no value; overlap, R − δ/2"
-    ),
-    "memory": Key(
-        Literal[*MEMORIES], "memory of contacts: slip, also if it has no value; force, as in LAMMPS mindlin/force"
-    ),
-    "rolling": Key(Literal[*MODELS], "model of a moment that resists rolling; without a value, there is none"),
+    "lever": Key(Literal[*ARMS], "lever arms of tangential forces: radius (R, the default) or overlap (R − δ/2)"),
+    "memory": Key(Literal[*MEMORIES], "memory of contacts: slip (default) or force, as in LAMMPS mindlin/force"),
+    "rolling": Key(Literal[*MODELS], "model of rolling resistance; default: none"),
     **_moment_keys(ROLLING, "k_roll"),
-    "twisting": Key(Literal[*TWISTINGS], "model of a moment that resists twisting; without a value, there is none"),
+    "twisting": Key(Literal[*TWISTINGS], "model of twisting resistance; default: none"),
     **_moment_keys(TWISTING, "k_twist"),
     "tension": Key(bool, "whether dashpots may make contact forces attractive", True),
     "wall": Key(Parameters, None),
@@ -252,7 +246,7 @@ KEYS |= {
 class LawTable(LawOrFile):
     """Contact law: stiffness from k_n and k_t or elastic constants, damping from coefficients or a restitution.
 
-    `allow_laws` makes tables with keys. Keys that a table does not have are at the defaults of `KEYS`.
+    `allow_laws` makes tables with keys. Keys that a table does not have keep the defaults of `KEYS`.
     """
 
     def __getattr__(self, name: str):
@@ -270,14 +264,14 @@ class LawTable(LawOrFile):
             if missing:
                 raise ValueError(f"law.{missing[0]} is missing or zero: law.{key} = {model!r} needs it")
             if extra and model is None:
-                raise ValueError(f"law.{extra[0]} was given without law.{key}: give both or neither")
+                raise ValueError(f"law.{extra[0]} requires law.{key}: give both or neither")
             if extra:
-                raise ValueError(f"law.{extra[0]} was given with law.{key} = {model!r}, which has none: leave it out")
+                raise ValueError(f"law.{key} = {model!r} does not use law.{extra[0]}: leave it out")
         return self
 
     @property
     def dashpots(self) -> str:
-        """Dashpots of the law: those of `damping`, or else those that its kind has."""
+        """Dashpots of the law: those of `damping`, or else the default of its kind."""
         return self.damping or BY_NAME[self.kind].damping
 
     @model_validator(mode="after")
@@ -287,34 +281,31 @@ class LawTable(LawOrFile):
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
         own = [p.name for p in BY_NAME[self.kind].parameters]
         for name in sorted({*own} ^ {*given} & OWN_PARAMETERS.keys()):
-            remedy = (
-                "is missing: give it" if name in own else f"was given: it is no parameter of {self.kind}, leave it out"
-            )
+            remedy = "is missing: give it" if name in own else f"is not a parameter of {self.kind}: leave it out"
             raise ValueError(f"law.{name} {remedy}")
         elastic = [name for name in ("young", "poisson") if name in given]
         plain = [name for name in ("kn", "kt") if name in given]
         if elastic and plain:
             raise ValueError(
-                f"law.{elastic[0]} and law.{plain[0]} were both given: give young and poisson, or kn and kt"
+                f"law.{elastic[0]} and law.{plain[0]} exclude each other: give either young and poisson, or kn and kt"
             )
         if len(elastic) == 1:
-            raise ValueError(f"law.{elastic[0]} was given alone: give young and poisson")
+            raise ValueError(f"law.{elastic[0]} is not sufficient: give both young and poisson")
         if elastic and not BY_NAME[self.kind].uses_radius:
-            raise ValueError(f'law.young was given with law.kind = {self.kind!r}: use kind = "hertz_mindlin_reff"')
+            raise ValueError(f'law.young does not apply to law.kind = {self.kind!r}: use kind = "hertz_mindlin_reff"')
         if not elastic and self.kn is None:
             raise ValueError("law.kn is missing: give it, or young and poisson")
         if "damping_t" in given and "damping_ratio" in given:
-            raise ValueError("law.damping_t and law.damping_ratio were both given: give only one of them")
+            raise ValueError("law.damping_t and law.damping_ratio exclude each other: give only one")
         if self.restitution is None:
             for name in ("reading", "size", "speed"):
                 if name in given:
-                    raise ValueError(f"law.{name} was given without law.restitution: give both or neither")
+                    raise ValueError(f"law.{name} requires law.restitution: give both or neither")
         elif "damping_n" in given or "damping_t" in given:
-            raise ValueError("law.restitution and damping coefficients were both given: give only one of them")
+            raise ValueError("law.restitution and damping coefficients exclude each other: give only one")
         elif self.restitution < 1 and self.kind != "linear" and self.speed is None:
             raise ValueError(
-                f"law.restitution was given without law.speed, on which that of a {self.kind} law depends: also give "
-                f"law.speed"
+                f"law.restitution requires law.speed, on which the restitution of a {self.kind} law depends"
             )
         return self
 
@@ -324,9 +315,9 @@ if TYPE_CHECKING:
 
 
 def allow_laws(*kinds: str, si: bool = False, **defaults) -> "Callable[[Table], Table]":
-    """Give a law table the keys of some laws, the first of which is the default, and other keys with their defaults.
+    """Add to a law table the keys of some laws, the first of which is the default, and other keys with their defaults.
 
-    Descriptions name the laws, and the units of the default law; in SI units with `si`.
+    Descriptions name the laws, and the units of the default law (SI units with `si`).
     """
     usual, names = BY_NAME[kinds[0]], tuple(dict.fromkeys(kinds))
     own = {p.name: None for kind in names for p in BY_NAME[kind].parameters}
@@ -362,7 +353,7 @@ class PackingLaw(LawTable):
 
 
 def renamed_keys(law: dict) -> dict:
-    """Law table of a finished run with the present names of its keys, which were others in gouge before version 0.3."""
+    """Law table of a finished run with the present names of its keys; gouge had others before version 0.3."""
     if "gamma_n" not in law:
         return law
     kind = "hertz_mindlin_reff" + ("_rescaled" if law.get("rescaled") else "")
@@ -392,9 +383,10 @@ class Packing(ScenarioTable):
     @model_validator(mode="after")
     def _check_packing(self):
         if self.packing_fraction is not None and self.pressure is not None:
-            raise ValueError("packing.packing_fraction and packing.pressure were both given: give only one of them")
+            raise ValueError("packing.packing_fraction and packing.pressure exclude each other: give only one")
         if isinstance(self.radius, tuple) and len(self.radius) > self.grains:
             raise ValueError(
-                f"packing.radius has {len(self.radius)} entries for {self.grains} grains: give at most {self.grains}"
+                f"packing.radius must have at most {self.grains} entries for {self.grains} grains, got "
+                f"{len(self.radius)}"
             )
         return self

@@ -1,6 +1,6 @@
 """Manifest of a folder: digests of the files that runs have written there; and its lock.
 
-A file that does not match the manifest belongs to somebody else: runs neither replace nor remove it unless asked to.
+A file that does not match the manifest was written by something else: runs replace or remove it only with --overwrite.
 While a file is being replaced, the manifest lists both digests, so that a run that is killed at that moment leaves no
 unknown file. Only one process at a time works in a folder; the operating system releases the lock when it ends.
 """
@@ -21,9 +21,9 @@ from .checkpoint import ANEW, GONE, LEGS, MEMBERS, SWEEP, UNFINISHED, WRITING, u
 from .run_files import SCENARIO, write_atomically
 
 MANIFEST = "manifest.json"
-_ABOUT = "SHA-256 of the files that stickslip wrote here: it replaces no others"
-_FOLDER, _OTHER = "folder", "neither"  # in place of a digest, for folders and for anything else that is not a file
-_OVERWRITABLE = "overwritten.json"  # with the checkpoint: files that --overwrite may replace when the run ends
+_ABOUT = "SHA-256 of the files that stickslip wrote here; it does not replace any others"
+_FOLDER, _OTHER = "folder", "neither"  # in place of a digest, for folders and everything else that is not a file
+_OVERWRITABLE = "overwritten.json"  # stored with the checkpoint: files that --overwrite may replace when the run ends
 
 _PART = re.compile(r"\..+\.\d+(\.\w+)?")  # temporary file of an unfinished write
 _PIECE = re.compile(r".+\.(records|h5)|(scenario|part)(-\w+)?\.json|(reproduce|look)\.json|" + re.escape(_OVERWRITABLE))
@@ -49,7 +49,7 @@ def add_to_manifest(folder: Path, *names: str) -> None:
 
 
 def write_file(folder: Path, name: str, content: bytes) -> None:
-    """Write or replace a file of a run, all or nothing."""
+    """Write or replace a run file, all or nothing."""
     known, new = read_manifest(folder), hashlib.sha256(content).hexdigest()
     write_manifest(folder, known | {name: [*known.get(name, []), new]})
     write_atomically(folder / name, content)
@@ -73,8 +73,8 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
     Parameters
     ----------
-    ours : returns True if a run may write, replace or remove a file of this name; in a folder where a run has
-        left files, other files are ignored; hidden files are always ignored
+    ours : function that returns True if a run may write, replace or remove a file of this name; in a folder where a run
+    has left files, other files are ignored; hidden files always are
     """
     if not folder.is_dir():
         return []
@@ -91,18 +91,18 @@ def find_foreign(folder: Path, ours: Callable[[str], bool]) -> list[str]:
 
 
 def _is_empty_run_folder(path: Path) -> bool:
-    """Return True for a folder that runs create first and that a stopped run left without files."""
+    """Return True for a folder that runs create early, left empty by a stopped run."""
     if path.name not in (UNFINISHED, MEMBERS) or path.is_symlink() or not path.is_dir():
         return False
     return all(inner.is_dir() and not inner.is_symlink() for inner in path.rglob("*"))
 
 
 def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
-    """Check that the folders of runs are where they seem to be, and that the temporary ones contain nothing else.
+    """Check that run folders are not links, and that temporary ones contain no foreign files.
 
     Parameters
     ----------
-    ours : returns True if a run may write a result of this name
+    ours : function that returns True if a run may write a result of this name
 
     Raises
     ------
@@ -112,8 +112,7 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
     for path in (folder / MEMBERS, folder / LEGS):
         if link := next((inner for inner in (path, *path.rglob("*")) if inner.is_symlink()), None):
             raise ValueError(
-                f"{link} is a link, through which a run would write outside its folder: move it away or choose another "
-                f"--out"
+                f"{link} is a link that leads outside the run folder: move it away, or choose another --out"
             )
     for member in (folder / MEMBERS).iterdir() if (folder / MEMBERS).is_dir() else ():
         check_hidden(member, ours)
@@ -129,7 +128,8 @@ def check_hidden(folder: Path, ours: Callable[[str], bool]) -> None:
         else:
             continue
         raise ValueError(
-            f"{folder} contains {there}, where runs store unfinished results: move it away, or choose another --out"
+            f"{folder} contains {there}, a name that runs use for unfinished results: move it away, or choose another "
+            "--out"
         )
 
 
@@ -144,7 +144,7 @@ def _is_own_hidden(path: Path, piece: bool, ours: Callable[[str], bool]) -> bool
 
 
 def allow_overwriting(folder: Path, names: Iterable[str]) -> None:
-    """Allow the run that starts in this folder to replace these files when it finishes."""
+    """Allow the run starting in this folder to replace these files when it finishes."""
     (folder / UNFINISHED).mkdir(exist_ok=True)
     content = {"files": {name: [digest(folder / name)] for name in names}}
     write_atomically(folder / UNFINISHED / _OVERWRITABLE, json.dumps(content).encode())
@@ -159,7 +159,7 @@ def _read(path: Path) -> Files:
 
 
 TRIES = 20
-LOCK, HOLDER = ".lock", ".lock.json"  # both are removed when the work is done
+LOCK, HOLDER = ".lock", ".lock.json"  # both are removed at the end
 
 
 @contextmanager
@@ -172,7 +172,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
     Raises
     ------
     ValueError
-        with a one-sentence message: which process holds the lock and since when, or why the folder is not writable.
+        with a one-sentence message that names the process holding the lock, or why the folder is not writable.
     """
     from filelock import FileLock, Timeout
 
@@ -182,11 +182,15 @@ def lock_folder(folder: Path) -> Iterator[None]:
     if place.is_file():
         raise ValueError(f"{folder} is a file, not a folder: choose another --out")
     if name := _find_foreign_file(place):
-        raise ValueError(f"{folder} holds {name}, which stickslip did not write: move it away, or choose another --out")
+        raise ValueError(
+            f"{folder} contains {name}, which stickslip did not write: move it away, or choose another --out"
+        )
     made = [path for path in (place, *place.parents) if not path.exists()]
     lock = FileLock(place / LOCK, timeout=0)
     try:
-        for last in (False,) * (TRIES - 1) + (True,):  # another process may be removing a folder that it had created
+        for last in (False,) * (TRIES - 1) + (
+            True,
+        ):  # another process may just be removing a folder that it had created
             try:
                 place.mkdir(parents=True, exist_ok=True)
                 lock.acquire()
@@ -208,7 +212,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
             write_atomically(place / HOLDER, json.dumps(note).encode())
         yield
     finally:
-        for name in (HOLDER, LOCK):  # under the lock: a process that opened the old file sees it is gone, and retries
+        for name in (
+            HOLDER,
+            LOCK,
+        ):  # while locked: a process that opened the old file notices that it is gone, and retries
             with suppress(OSError):
                 (place / name).unlink()
         lock.release()

@@ -1,4 +1,4 @@
-"""States, results and nested containers as trees of nodes, which files can hold, and back.
+"""Conversion of states, results and nested containers to and from trees of nodes, which files can store.
 
 A node has attributes and either arrays and strings, or other nodes by name. The class of a NamedTuple or enum is the
 attribute `noun`, that of a tuple or list `sequence`, and that of the keys of a dictionary `keys`. Contact lists are
@@ -25,7 +25,7 @@ from ..core.text import SentenceError
 from ..core.units import Fields, Units, in_units, units_of
 
 _NOUNS = (State, Grains, Walls, Cell, Contacts, Control, Instant, Bonds, Law)
-_LENGTH = struct.Struct("<Q")  # of the outline of a tree in bytes
+_LENGTH = struct.Struct("<Q")  # length of the outline of a tree [bytes]
 
 
 # exceptions raised by HDF5, JSON and NumPy, and when objects are rebuilt, for damaged files
@@ -38,7 +38,7 @@ class ArchiveError(SentenceError):
 
 @contextmanager
 def refuse_damage(path, kind: str, remedy: str) -> Iterator[None]:
-    """Raise ArchiveError with one sentence for whatever a damaged file leads to."""
+    """Raise ArchiveError with one sentence for any error caused by a damaged file."""
     try:
         yield
     except ArchiveError:
@@ -95,7 +95,7 @@ def trimmed(contacts: Contacts) -> Contacts:
 
 
 def known_nouns(nouns: Iterable[type]) -> dict[str, type]:
-    """Classes that `restore` may build, by name: states and laws, those given, and those of their fields."""
+    """Classes that `restore` may build, by name: states and laws, the given ones, and those of their fields."""
     found = {noun.__name__: noun for noun in _NOUNS}
     rest = list(nouns)
     while rest:
@@ -119,7 +119,7 @@ def _classes_of_fields(noun: type) -> tuple[type, ...]:
 
 
 def restore(node: Node, known: dict[str, type]):
-    """Value of a node; classes that are not known become dictionaries and strings."""
+    """Value of a node; unknown classes become dictionaries and strings."""
     noun = known.get(node.attrs.get("noun", ""))
     if not isinstance(node.content, dict):
         value = _restore_leaf(node)
@@ -133,8 +133,9 @@ def restore(node: Node, known: dict[str, type]):
         return {number(name): value for name, value in tree.items()}
     if noun is Law and "own" in tree:
         tree["kind"] = _restore_kind(tree["kind"], tree.pop("own"))
-    made = restore_contacts(tree) if noun is Contacts else noun(**tree) if noun else tree
-    if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked with it
+    maker = {Contacts: restore_contacts, Bonds: restore_bonds}.get(noun)
+    made = maker(tree) if maker else noun(**tree) if noun else tree
+    if noun in (State, Law) or (noun and noun not in _NOUNS):  # parts of a state are checked together with it
         check_value(noun.__name__, made, noun)
     return made
 
@@ -208,8 +209,8 @@ def archive_fields(record) -> Fields:
 def restore_contacts(fields: dict) -> Contacts:
     """Contact list from its fields in a file.
 
-    Up to schema 4 of archives, and schema 1 of GSD files, the skin was an array, the gap its second entry, infinite
-    positions meant a stale list, and a law without rolling memory had an array without rows.
+    Up to archive schema 4 and GSD schema 1, skin was an array with the gap as second entry, infinite positions marked a
+    stale list, and a law without rolling memory had an array without rows.
     """
     fields = {name: v.item() if isinstance(v, np.ndarray) and not v.ndim else v for name, v in fields.items()}
     if "stale" not in fields:
@@ -219,3 +220,8 @@ def restore_contacts(fields: dict) -> Contacts:
         if not len(fields.get("rolling", ())):
             fields["rolling"] = None
     return Contacts(**fields)
+
+
+def restore_bonds(fields: dict) -> Bonds:
+    """Bonds from their fields in a file. Files of early versions do not contain the breaking loads."""
+    return Bonds(**{"failed": np.zeros(len(fields["i"]), np.int8)} | fields)

@@ -1,7 +1,7 @@
-"""Files that runs of any experiment write: their names, and atomic replacement.
+"""Files that runs of every experiment write: their names, and atomic replacement.
 
-An experiment names its own in `writes`. A file is written to a temporary one in the same folder, flushed to disk, and
-renamed.
+Experiments list further files in `writes`. A file is written under a temporary name in the same folder, flushed to
+disk, and renamed.
 """
 
 import errno
@@ -13,7 +13,7 @@ from pathlib import Path
 
 SCENARIO, NUMBERS = "scenario.json", "results.h5"
 CLAIMS, NOTES, CHART = "claims.json", "claims.md", "claims.png"
-REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of a call, for `stickslip resume`
+REPRODUCTION, OPTIONS = "reproduce.json", "sweep-options.json"  # arguments of the call, for `stickslip resume`
 LOOK = "look.json"  # how its figures are written
 PAGE, FILM = "report.html", "movie.gif"  # written by stickslip report and movie
 NAMES = (SCENARIO, NUMBERS, CLAIMS, NOTES, CHART, PAGE, FILM)
@@ -22,7 +22,7 @@ SHOWN = 8  # file names listed in a message
 
 
 def foreign_files_message(folder: Path, names: list[str]) -> str:
-    """Return the message about files that no run wrote."""
+    """Return the message about foreign files."""
     return (
         f"{folder} contains files that stickslip did not write or that have changed since ({join_names(names)}): "
         f"choose another --out, or add --overwrite"

@@ -23,8 +23,8 @@ from ..core.text import SentenceError, printable
 from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 HUGE = 1e30  # larger numbers make products overflow
-NO_LAW = "no contact law was given"
-UNDECIDED = "undecided: "  # how sentences on what acts on the grains, but was not taken over, begin
+NO_LAW = "the contact law is missing"
+UNDECIDED = "undecided: "  # beginning of sentences on actions on the grains that were not taken over
 LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
 BONDS = "bonds"
 
@@ -35,7 +35,7 @@ class PackingError(SentenceError):
 
 @contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Name a file in errors of calls that know its arrays only."""
+    """Add the name of a file to errors of calls that receive only its arrays."""
     try:
         yield
     except PackingError as problem:
@@ -43,7 +43,7 @@ def naming(path: str | Path) -> Iterator[None]:
 
 
 class Note(str):
-    """A note on a packing; code decides by its class and its subject `about`, never by its words."""
+    """A note on a packing; code decides by its class and its subject `about`, never by its wording."""
 
     about: str
 
@@ -54,15 +54,15 @@ class Note(str):
 
 
 class Assumption(Note):
-    """A note on what was assumed about a packing; files that are made from the packing repeat it."""
+    """A note on an assumption about a packing; files made from the packing repeat it."""
 
 
 class Absent(Assumption):
-    """A note on what a file does not contain, which may be why forces do not balance."""
+    """A note on information missing from a file, which may be why forces do not balance."""
 
 
 class Obstacle(Assumption):
-    """A note on what acts on the grains of a run but was not taken over, which leaves any verdict undecided."""
+    """A note on an action on the grains that was not taken over, which leaves any verdict undecided."""
 
     reason: str
 
@@ -74,7 +74,7 @@ class Obstacle(Assumption):
 
 
 class Account(str):
-    """A note on everything that a reader met, in the three groups of `known`."""
+    """A note on all names that a reader found, in the three groups of `known`."""
 
     groups: dict[str, list[str]]
 
@@ -85,9 +85,7 @@ class Account(str):
             group: list(dict.fromkeys(name for part in parts for name in part.get(group, ())))
             for group in (USED, HARMLESS, UNKNOWN)
         }
-        note = cls(
-            f"met: {', '.join(f'{len(names)} {group}' for group, names in groups.items())} (--json has the list)"
-        )
+        note = cls(f"met: {', '.join(f'{len(names)} {group}' for group, names in groups.items())} (--json lists them)")
         note.groups = groups
         return note
 
@@ -98,12 +96,12 @@ RENAMED = {"column of a dump": ", or, if `dump_modify colname` renamed it, give 
 def account_for(
     kind: str, names: Iterable[str], what: str, known: Mapping[str, str] | None = None, plain: Callable = str
 ) -> list[str]:
-    """Account of what a file has, and a note on each part that is not understood and may make or change a force.
+    """Account of the contents of a file, and a note on each unknown part that may exert or change a force.
 
     Parameters
     ----------
     kind : as in the table of `known`, where names are looked up after `plain`
-    known : groups of some of the names
+    known : groups of names known to the reader
     """
     groups: dict[str, list[str]] = {}
     notes: list[str] = []
@@ -113,42 +111,42 @@ def account_for(
         groups.setdefault(group, []).append(f"{kind} {name}")
         if group == UNKNOWN:
             word = kind.partition(" ")[0]
-            why = row.why or f"leave the {word} out if it has no influence on forces{RENAMED.get(kind, '')}"
-            notes.append(Obstacle(f"{word} {name} of {what} is not understood: {why}"))
+            why = row.why or f"remove the {word} if it has no influence on forces{RENAMED.get(kind, '')}"
+            notes.append(Obstacle(f"{word} {name} of {what} is unknown: {why}"))
     return [Account.of(groups), *notes]
 
 
 def with_one_account(notes: list[str]) -> list[str]:
-    """Notes with a single account of everything that readers met."""
+    """Notes with a single account of all names that readers found."""
     parts = [note.groups for note in notes if isinstance(note, Account)]
     rest = [note for note in dict.fromkeys(notes) if not isinstance(note, Account)]
     return [*rest, Account.of(*parts)] if parts else rest
 
 
 def account_of(notes) -> dict[str, list[str]]:
-    """What readers met, by group; empty if they kept no account."""
+    """Names that readers found, by group; empty if they kept no account."""
     return next((note.groups for note in notes if isinstance(note, Account)), {})
 
 
 def repeated_note(text: str) -> Assumption:
-    """Note that a file repeats from the one that it was made from: files store the sentence, whose beginning tells."""
+    """Note that a file repeats from its source: files store the sentence, whose beginning identifies its class."""
     text = printable(text)
     return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text, LAW if text.startswith(NO_LAW) else "")
 
 
 class MemoryNote(Note):
-    """A note on the memory of the contacts, which is made for every frame of a series."""
+    """A note on the memory of contacts, made for every frame of a series."""
 
 
 class NoMemory(MemoryNote, Assumption):
     """A note on contacts without memory."""
 
 
-NO_CONTACTS = NoMemory("no contacts were given: they were found from positions, without memory (zero slip)")
+NO_CONTACTS = NoMemory("contacts were found from positions, without memory (zero slip)")
 
 
 def law_note(law: Law) -> Assumption:
-    """Return the note on a law that nobody has given."""
+    """Return the note on a law that was not given."""
     return Assumption(f"{NO_LAW}: the defaults are assumed ({law_text(law)})", LAW)
 
 
@@ -158,7 +156,7 @@ def assumes_law(notes) -> bool:
 
 
 def notes_about(notes, *subjects: str) -> list[str]:
-    """Those of some notes that are about one of some subjects."""
+    """Notes about one of the given subjects."""
     return [note for note in notes if isinstance(note, Note) and note.about in subjects]
 
 
@@ -168,7 +166,7 @@ def law_text(law: Law) -> str:
 
 
 class PackingWarning(UserWarning):
-    """Issued if part of a packing was changed or is missing but the packing is still usable."""
+    """Issued if part of a packing was changed or is missing, although the packing is still usable."""
 
 
 @checked
@@ -216,7 +214,7 @@ def from_arrays(
     array([1], dtype=int8)
     """
     if dim not in (2, 3):
-        raise PackingError(f"dim = {dim} was given: 2 and 3 are allowed")
+        raise PackingError(f"dim must be 2 or 3, got {dim}")
     given = {
         "position": position, "radius": radius, "mass": mass, "cell": cell, "image": image, "slip": slip,
         "velocity": velocity, "spin": spin, "angle": angle, "external_force": external_force, "i0": i0,
@@ -238,20 +236,20 @@ def from_arrays(
     if pair_i is not None or pair_j is not None:
         state = _with_contacts(with_neighbor_list(state, law), law, pair_i, pair_j, image, slip, mode)
     elif image is not None or slip is not None or mode is not None:
-        raise PackingError("image, slip or mode was given without pair_i and pair_j: give these as well")
+        raise PackingError("image, slip and mode require pair_i and pair_j")
     return accepted(state, law, modes=mode is not None)
 
 
 def _masses(mass, density, radius, dim: int):
-    """Masses of grains from what was given: masses, densities, or nothing."""
+    """Masses of grains from given masses, given densities, or neither."""
     if density is None:
         return 1.0 if mass is None else mass
     if mass is not None:
-        raise PackingError("both mass and density were given: give one of them")
+        raise PackingError("mass and density exclude each other: give one")
     radius = _check_array("radius", radius, (None,))
     density = _check_array("density", density, () if np.ndim(density) == 0 else (len(radius),))
     if not (density > 0).all():
-        raise PackingError(f"density = {density.min():g} was given: it must be positive")
+        raise PackingError(f"density must be positive, got {density.min():g}")
     return density * (np.pi * radius**2 if dim == 2 else 4 / 3 * np.pi * radius**3)
 
 
@@ -277,8 +275,8 @@ def _build_state(position, radius, mass, motion: dict, cell, force, i0) -> State
     for k in np.flatnonzero(state.cell.periodic):
         if height[k] < largest:
             raise PackingError(
-                f"the box is {height[k]:.4g} wide across its vector {k}, less than the largest grain ({largest:.4g}): "
-                f"replicate it until it is wider"
+                f"the box is {height[k]:.4g} wide across its vector {k}, less than the diameter of the largest grain "
+                f"({largest:.4g}): replicate it until it is wider"
             )
     state = with_neighbor_list(state)
     _check_overlap(state)
@@ -299,7 +297,7 @@ def law_by_name(
     Raises
     ------
     PackingError
-        if a name is not known, or parameters are missing or inconsistent; the message is one sentence.
+        if a name is unknown, or parameters are missing or inconsistent; the message is one sentence.
 
     Examples
     --------
@@ -308,9 +306,9 @@ def law_by_name(
     """
     for name, value, known in (("law", law, LAWS), ("coulomb", coulomb, COULOMB), ("damping", damping, DAMPING)):
         if value not in known and not (name == "damping" and value is None):
-            raise PackingError(f"{name} {value!r} is not known: use {' or '.join(known)}")
+            raise PackingError(f"{name} must be {' or '.join(known)}, got {value!r}")
     if (young is None) != (poisson is None):
-        raise PackingError("only one of young and poisson was given: give both, or kn and kt")
+        raise PackingError("young and poisson must be given together: give both, or kn and kt")
     if young is not None and (not BY_NAME[law].uses_radius or kn is not None or kt is not None):
         raise PackingError("young and poisson replace kn and kt of hertz_mindlin_reff: give them only with that law")
     needed = {p.name: f"{p.words} [{p.unit}]" for p in BY_NAME[law].parameters}
@@ -318,7 +316,7 @@ def law_by_name(
     for name in sorted({*needed} - own):
         raise PackingError(f"{law} needs {name}, {needed[name]}: give it (--parameter {name}=…)")
     for name in sorted(own - {*needed}):
-        has = f"it has {', '.join(needed)}" if needed else "it has none of its own"
+        has = f"it has {', '.join(needed)}" if needed else "it has none"
         raise PackingError(f"{law} has no parameter {name}: {has}")
     model = {} if damping is None else {"damping": damping}
     try:
@@ -362,7 +360,7 @@ def _padded(rows):
 def _build_cell(cell, periodic, dim: int):
     if cell is None:
         if periodic is not None and np.any(periodic):
-            raise PackingError("periodic was given without a cell: give the box vectors as rows of cell")
+            raise PackingError("periodic requires a cell: give the box vectors as rows of cell")
         return box(dim=dim)
     if dim == 2 and np.shape(cell) in ((2,), (2, 2)):
         cell = np.diag([*cell, 1.0]) if np.ndim(cell) == 1 else np.vstack([_padded(cell), [0.0, 0.0, 1.0]])
@@ -388,15 +386,15 @@ def _check_overlap(state: State) -> None:
     if count and share.max() > 1:
         c = int(share.argmax())
         raise PackingError(
-            f"grains {i[c]} and {j[c]} overlap by {overlap[c]:.4g}, more than a radius: no contact law holds there; "
-            f"check positions, radii and cell"
+            f"grains {i[c]} and {j[c]} overlap by {overlap[c]:.4g}, more than a radius, where no contact law is "
+            "valid: check positions, radii and cell"
         )
 
 
 def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) -> State:
     """State with a given list of contacts and their slip, not yet projected."""
     if pair_i is None or pair_j is None:
-        raise PackingError("only one of pair_i and pair_j was given: give both")
+        raise PackingError("pair_i and pair_j must be given together")
     n = len(state.grains.radius)
     i = _check_array("pair_i", pair_i, (None,), int)
     m = len(i)
@@ -405,11 +403,11 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     slip = np.zeros((m, 3)) if slip is None else _check_array("slip", slip, (m, 3))
     mode = np.full(m, STICK) if mode is None else _check_array("mode", mode, (m,), int)
     if not np.isin(mode, (STICK, SLIDE)).all():
-        raise PackingError("mode contains values other than 1 and 2: use 1 for sticking and 2 for sliding contacts")
+        raise PackingError("mode must be 1 for sticking and 2 for sliding contacts, but has other values")
     if m and not (min(i.min(), j.min()) >= 0 and max(i.max(), j.max()) < n):
         raise PackingError(f"pairs name grains {min(i.min(), j.min())} to {max(i.max(), j.max())}: use 0 to {n - 1}")
     if np.abs(image).max(initial=0) > 60:
-        raise PackingError("an image of more than 60 boxes was given: shift positions by whole boxes")
+        raise PackingError("images must be within 60 boxes: shift positions by whole boxes")
     lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0] if m else np.zeros(0)
     flip = (i > j) | ((i == j) & (lead < 0))
     i, j = np.where(flip, j, i), np.where(flip, i, j)
@@ -435,7 +433,7 @@ def _with_contacts(state: State, law: Law, pair_i, pair_j, image, slip, mode) ->
     reach = state.grains.radius[contacts.i[:count]] + state.grains.radius[contacts.j[:count]]
     touches = np.linalg.norm(branch, axis=1) < reach
     if bridges_gaps(law.kind):
-        listed = contacts._replace(mode=contacts.mode.copy())  # bonds across gaps exist if they are in the list
+        listed = contacts._replace(mode=contacts.mode.copy())  # bonds across gaps exist if they are listed
         listed.mode[row[there]] = mode[there]
         touches = forces(state._replace(contacts=listed), law)[1].mode[:count] != OPEN
     there[there] = touches[row[there]]
@@ -474,7 +472,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
     count = int(state.contacts.count[0])
     longest = np.abs(state.contacts.slip[:count]).max(initial=0.0)
     if longest > HUGE:
-        raise PackingError(f"a slip of {longest:.3g} was given: at most {HUGE:g} is allowed; the file may be damaged")
+        raise PackingError(f"slip must be at most {HUGE:g}, got {longest:.3g}; the file may be damaged")
     _, trial = forces(state, law, memory=memory if memory == FROZEN else memory | GIVEN)
     branch = branch_vectors(state)
     normal = branch / np.linalg.norm(branch, axis=1)[:, None]
@@ -496,7 +494,7 @@ def accepted(state: State, law: Law, *, memory: int = FREE, modes: bool = False,
 
 
 def _apply_modes(state: State, law: Law, trial, cut, within: float) -> None:
-    """Copy the modes of a state and the limiting slip of its sliding contacts to trial memory, except where it was cut.
+    """Copy modes, and the limiting slip of sliding contacts, from a state to trial memory, except where slip was cut.
 
     A contact marked as sliding far below the limit slid under another law, or one without friction: its mode is
     determined by its slip.

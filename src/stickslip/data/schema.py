@@ -26,12 +26,12 @@ from ..core.readable import folded, format_value, table
 from ..core.text import SentenceError
 from ..core.units import SI, Units, units_from
 
-LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also for parameters of laws: products of two or three do not overflow
+LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes, also of law parameters: products of two or three do not overflow
 
 
 def _check_size(value: float) -> float:
     if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise PydanticCustomError("size", "it must be 0, or between {small} and {large} in magnitude", SIZES)
+        raise PydanticCustomError("size", "its magnitude must be 0, or between {small} and {large}", SIZES)
     return value
 
 
@@ -55,11 +55,11 @@ class ScenarioError(SentenceError):
 
 
 def require_lammps_for_ranks(engine: str, ranks: int) -> None:
-    """Raise ValueError if several MPI processes are requested of an engine that has none."""
+    """Raise ValueError if several MPI processes are requested for an engine without MPI."""
     if ranks > 1 and engine != "lammps":
         raise ValueError(
-            f'ranks = {ranks} was given with engine = {engine!r}, which has no MPI processes: use engine = "lammps", '
-            f"or leave ranks out"
+            f'ranks = {ranks} requires engine = "lammps", as engine = {engine!r} has no MPI processes: use it, or '
+            "leave ranks out"
         )
 
 
@@ -73,7 +73,7 @@ Table = TypeVar("Table", bound=ScenarioTable)
 
 
 class UnitNames(ScenarioTable):
-    """Names of units, which are printed with numbers; those of force, stress, velocity and so on are products."""
+    """Names of units, which are printed with numbers; units of force, stress and so on are their products."""
 
     length: str = Field(description='name of the unit of length, such as "mm": up to 12 letters')
     mass: str = Field(description="name of the unit of mass")
@@ -92,13 +92,13 @@ class ScenarioBase(ScenarioTable):
 
     si: ClassVar[bool] = False  # True if its units are SI by definition
     units: Annotated[Literal["SI"] | UnitNames | None, BeforeValidator(_check_units)] = Field(
-        None, description="units of all numbers: printed with them, and without effect on them; default: not named"
+        None, description="units of all numbers, which are only printed and not converted; default: not named"
     )
     if TYPE_CHECKING:
         experiment: str  # its name, a literal in each class
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over the sizes of the run, each with the keys that determine it and how to reduce it."""
+        """Iterate over the sizes of the run, each with the keys that determine it and advice on reducing it."""
         yield from ()
 
     @model_validator(mode="after")  # pydantic calls validators of a base class first, before others make arrays
@@ -110,19 +110,19 @@ class ScenarioBase(ScenarioTable):
     def _keep_si(self):
         if self.si and self.units not in (None, "SI"):
             raise ValueError(
-                f"units were given, but experiment = {self.experiment!r} is in SI units by definition: leave units out"
+                f"units do not apply to experiment = {self.experiment!r}, which is always in SI units: leave them out"
             )
         return self
 
     @model_serializer(mode="wrap")
     def _serialise_given_units(self, handler):
-        """Omit units that were not given; such a scenario keeps the text and digest of earlier versions."""
+        """Omit units that are not named; such a scenario keeps the text and digest of earlier versions."""
         out = handler(self)
         return out if self.units is not None else {key: value for key, value in out.items() if key != "units"}
 
     @property
     def dim(self) -> int:
-        """Number of dimensions, on which the unit of stress depends: that of the first table that has one."""
+        """Number of dimensions in the first table that has one; it determines the unit of stress."""
         tables = (getattr(self, name) for name in type(self).model_fields)
         return next((table.dim for table in tables if hasattr(table, "dim")), 3)
 
@@ -158,7 +158,7 @@ class ScenarioBase(ScenarioTable):
 
 
 def split_unit(description: str | None) -> tuple[str, str]:
-    """Split the description of a key into its words and the unit in brackets at its end, empty if it has none.
+    """Split the description of a key into its text and the unit in brackets at its end, empty if there is none.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def given_keys(
 ) -> Iterator[tuple[str, object, str, str]]:
     """Iterate over the dotted keys of a scenario that differ from their defaults: key, value, unit and meaning.
 
-    `usual` is the default of the whole table, whose keys may differ from those of its class.
+    `usual` is the default of the whole table, whose values may differ from those of its class.
     """
     for name, field in type(table).model_fields.items():
         value, words_and_unit = getattr(table, name), split_unit(field.description)
@@ -192,7 +192,7 @@ def given_keys(
 
 
 def error_message(problem: ValidationError, kind: type[BaseModel], place: str = "") -> str:
-    """Message about an unknown key or, if there is none, the first error: the given value, and what is allowed.
+    """Message about an unknown key or, if there is none, the first error: the given value, and the values allowed.
 
     `place` is the dotted name of the table, empty for a whole scenario.
     """
@@ -216,14 +216,17 @@ def error_message(problem: ValidationError, kind: type[BaseModel], place: str = 
     got = repr(list(first["input"]) if isinstance(first["input"], tuple) else first["input"])
     if first["type"] == "too_short":
         least = first["ctx"]["min_length"]
-        message = f"it should have at least {least} {'entry' if least == 1 else 'entries'}"
+        message = f"input should have at least {least} {'entry' if least == 1 else 'entries'}"
     elif first["type"] == "tuple_type":
-        message = "it should be a list"
+        message = "input should be a list"
     elif first["type"] == "literal_error":  # of a key that may be a word or a number
         others = [error["msg"] for error in errors[1:] if error["loc"][:-1] == first["loc"][:-1]]
         message = ", or ".join([message, *(other.removeprefix("Input should be ") for other in others)])
     got = got if len(got) <= 100 else f"{got[:97]}…"
-    return f"{name or 'the scenario'}{entry} = {got} was given, but {message.replace('input ', 'it ')}"
+    what = f"{name or 'the scenario'}{entry}"
+    if message.startswith("input should"):
+        return f"{what} {message.replace('input should', 'must')}, got {got}"
+    return f"{what} = {got} is not allowed: {message}"
 
 
 def _locate(where, table: type[BaseModel], place: str):
@@ -267,7 +270,7 @@ def validate_scenario(kind: type[ScenarioBase], /, **tables):
     Raises
     ------
     ScenarioError
-        with a one-sentence message that names the key, the value that was given, and what is allowed.
+        with a one-sentence message that names the key, the value, and the values allowed.
     """
     return validate_table(kind, tables)
 

@@ -31,7 +31,7 @@ MPI = "`pip install mpich` installs the library"
 
 
 class OptionalPart(NamedTuple):
-    """An optional part: what was found, whether it works, and the remedy if not."""
+    """An optional part: the version found, whether it works, and the remedy if not."""
 
     name: str
     purpose: str
@@ -77,7 +77,7 @@ def compiled_core() -> dict[str, str]:
 def parts() -> list[OptionalPart]:
     """Check every extra and external engine."""
     return [
-        _check_extra("laws", "laws of your own"),
+        _check_extra("laws", "user-defined laws"),
         _check_extra("fast", "PARDISO, a solver", _check_pardiso),
         _check_extra("cluster", "Dask clusters"),
         _check_extra("exchange", "other formats"),
@@ -111,7 +111,7 @@ def _check_pardiso() -> str:
         got = factorised(sparse.csc_array(np.diag([2.0, 4.0])), method="pardiso")(np.array([2.0, 4.0]))
     except Exception as problem:  # a library without its MKL may raise anything
         return f"it cannot be loaded ({_one_line(problem.__cause__ or problem)})"
-    return "" if np.allclose(got, 1.0) else f"it found x = {got} for diag(2, 4) x = (2, 4)"
+    return "" if np.allclose(got, 1.0) else f"it returned x = {got} for diag(2, 4) x = (2, 4)"
 
 
 def _check_lammps() -> str:
@@ -152,7 +152,7 @@ def _one_line(problem: Exception) -> str:
 def examine(*, as_json: bool = False) -> tuple[bool, str]:
     """Examine this installation and show the results.
 
-    Return whether every number is right, together with the JSON or the verdict.
+    Return True if all numbers are right, with the JSON or the verdict.
     """
     tables = versions(), threads(), compiled_core(), parts()
     if not as_json:

@@ -115,7 +115,7 @@ def measure(report: Report = silent, *, with_wings: bool = True) -> dict[str, fl
         report("self-check", k / len(groups), part)
         try:
             numbers |= {name: float(v) if isinstance(v, np.floating) else v for name, v in group().items()}
-        except Exception as problem:  # a broken compiler or library is what the self-check looks for
+        except Exception as problem:  # the purpose of the self-check is to detect a broken compiler or library
             said = f"{part}: {type(problem).__name__}: {' '.join(str(problem).split())[:300]}"
             numbers[PROBLEM] = "; ".join(filter(None, [numbers.get(PROBLEM), said]))
     return numbers

@@ -1,11 +1,11 @@
 """Many independent runs, in local processes or on a Dask cluster.
 
 run_members      call a function for many tasks; one that fails is reported and the others continue
-trial            one call in a process of its own, with a time limit
+trial            one call in a separate process, with a time limit
 reach            check that runs can be distributed as requested
 default_workers  number of cores that this process may use
 
-Member           result of one run, or the sentence that says why it failed
+Member           result of one run, or the reason why it failed
 Spread           number of simultaneous runs, and where they run
 Workers          type of `workers`: a number of processes, or the address of a Dask scheduler
 """

@@ -32,7 +32,7 @@ PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx", "inproc")
 PATIENCE = 10.0  # timeout for the scheduler's first answer [s]
 PAUSE = 1.0  # shortest time between two messages of one task, because a scheduler receives those of many tasks [s]
 POLL = 2.0  # time between two queries of the cluster [s]
-AHEAD = 256  # smallest number of tasks that wait on the scheduler for a free worker
+AHEAD = 256  # least number of tasks kept waiting on the scheduler for a free worker
 
 
 @contextmanager
@@ -98,9 +98,9 @@ def _resolve_address(address: str) -> str:
         with ThreadPoolExecutor(1) as apart:  # an event loop may be running already, as in notebooks
             kind = apart.submit(asyncio.run, asyncio.wait_for(_request_identity(address), PATIENCE)).result()["type"]
     except TimeoutError:
-        raise OSError(f"the program that listens there did not answer within {PATIENCE:g} s") from None
+        raise OSError(f"the program listening there did not answer within {PATIENCE:g} s") from None
     except Exception:  # another program's answer can fail in any way if it is parsed as that of a scheduler
-        raise ValueError("the program that listens there is not a scheduler") from None
+        raise ValueError("the program listening there is not a scheduler") from None
     if kind != "Scheduler":
         raise ValueError(f"a Dask {kind} listens there")
     return address
@@ -155,12 +155,12 @@ def _events(client, events, futures: dict, ask):
     ask(ahead)
     while futures:
         if client.status != "running":
-            raise SchedulerGoneError("the Dask scheduler is gone")
+            raise SchedulerGoneError("the Dask scheduler has disappeared")
         if time.monotonic() - looked >= POLL:
             try:
                 looked, slots = time.monotonic(), sum(client.nthreads().values())
-            except OSError:  # it has just gone
-                raise SchedulerGoneError("the Dask scheduler is gone") from None
+            except OSError:  # it has just disappeared
+                raise SchedulerGoneError("the Dask scheduler has disappeared") from None
             ahead = max(AHEAD, 2 * slots)
             if not slots:
                 yield "said", next(iter(futures)), "the cluster", 0.0, "no workers yet, waiting for the first"
@@ -175,7 +175,7 @@ def _result_of(future) -> tuple[bytes | None, str | None]:
     """Result of a task, or the reason why it failed."""
     killed = require("distributed.scheduler", "cluster").KilledWorker
     if future.cancelled():
-        raise SchedulerGoneError("the Dask scheduler is gone, or has lost the tasks")
+        raise SchedulerGoneError("the Dask scheduler has disappeared, or has lost the tasks")
     try:
         return future.result()
     except killed:

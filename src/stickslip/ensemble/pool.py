@@ -65,7 +65,7 @@ def reach(workers: Workers) -> Spread:
     if workers is None or isinstance(workers, int):
         number = default_workers() if workers is None else workers
         if number < 1:
-            raise ValueError(f"workers = {number} was given: at least 1 is needed")
+            raise ValueError(f"workers must be at least 1, got {number}")
         return Spread(number, f"{number} process{'es' if number > 1 else ''}")
     from . import cluster
 
@@ -99,23 +99,24 @@ def run_members(
 
     Parameters
     ----------
-    function : importable by name, so that other processes find it; with `report` it receives a function as its last
-        argument, to which it tells its own progress in the same way
+    function : importable by name, so that other processes find it; with `report`, its last argument is a function by
+    which it reports its own progress in the same way
     workers : number of processes, each on one core, or 1 to run everything in this process; or the address of a Dask
         scheduler, such as "tcp://host:8786" (or its JSON file, or a `distributed.Client`)
     stage : name of the work, for `report`
-    report : called as report(stage, share done, text) with the number of finished members, and what one of them tells
+    report : called as report(stage, share done, text) with the number of finished members, and a message from one of
+    them
     describe : outcome of a member in a few words, for `report`
     load : load(k) returns the result of task k if it has already finished, else None; finished tasks are not run again
     save : called as save(k, result) in this process, as soon as task k has finished
-    together : run all tasks at once, each in a thread of this process, as tasks need that wait for each other
+    together : run all tasks at once, each in a thread of this process, for tasks that wait for each other
 
     Raises
     ------
     ValueError
         if `function` is defined in a script or notebook and more than one process is requested.
     RuntimeError
-        with the number of unfinished members, if the scheduler of a cluster is gone.
+        with the number of unfinished members, if the scheduler of a cluster disappears.
 
     Examples
     --------

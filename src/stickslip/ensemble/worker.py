@@ -1,9 +1,9 @@
 """A worker process that runs tasks one after another: it receives them on stdin and sends results on stdout.
 
-It is a plain child process rather than a `multiprocessing` process, as those of pebble, loky and `concurrent.futures`
-are: these import the user's script, and Dask workers are daemons, which may not have such children. Dask workers need a
-child process because compiled kernels hold the interpreter's lock while they run, and a worker that is silent for
-minutes is considered dead. A worker process ends when its parent is gone.
+It is a plain child process, unlike the `multiprocessing` processes of pebble, loky and `concurrent.futures`: these
+import the user's script, and Dask workers are daemons, which may not have such children. Dask workers need a child
+process because compiled kernels hold the interpreter's lock while they run, and a worker that is silent for minutes is
+considered dead. A worker process ends with its parent.
 
 `run_tasks` runs tasks in such processes on this machine, with one thread each, and replaces a process that dies.
 """
@@ -48,7 +48,7 @@ class SchedulerGoneError(RuntimeError):
 
 
 def describe_error(problem: Exception) -> str:
-    """Message of an exception, and its type unless it is one whose message is a sentence."""
+    """Message of an exception, and its type unless the message is a sentence."""
     plain = isinstance(problem, RuntimeError | ValueError) and str(problem)
     return str(problem) if plain else f"{type(problem).__name__}: {problem}"
 
@@ -107,7 +107,7 @@ class WorkerProcess:
         return signal.strsignal(-code).lower() if code < 0 and signal.strsignal(-code) else f"exit code {code}"
 
     def kill(self) -> None:
-        """Kill the process, whatever it is doing."""
+        """Kill the process at once."""
         self.process.kill()
 
     def end(self) -> None:
@@ -124,12 +124,12 @@ waiting_processes: list[WorkerProcess] = []
 
 
 def _origin() -> tuple:
-    """What a process inherits when it is started."""
+    """State that a process inherits when it is started."""
     return os.getpid(), os.getcwd(), list(sys.path), dict(os.environ)
 
 
 def _take(waiting: list[WorkerProcess]) -> WorkerProcess:
-    """Return a waiting process that inherited what a new one would, or start a new one."""
+    """Return a waiting process with the same inherited state as a new one, or start one."""
     with suppress(IndexError):
         while True:
             process = waiting.pop()
@@ -157,7 +157,7 @@ def _send(stream, message: tuple) -> None:
 
 
 def serve() -> None:
-    """Run tasks until the parent is gone; what they print goes to stderr.
+    """Run tasks until the parent ends; their output goes to stderr.
 
     The arguments of the process are folders to import from, searched after all others. The process always ends in this
     function, because the listening thread holds stdin and the interpreter would otherwise abort at shutdown.
@@ -167,7 +167,7 @@ def serve() -> None:
         _serve()
         code = 0
     except BrokenPipeError:
-        code = 0  # the parent is gone
+        code = 0  # the parent has ended
     except BaseException:
         traceback.print_exc()
     finally:
@@ -196,7 +196,7 @@ def _serve() -> None:
 
 
 def _listen(stream, asked) -> None:
-    """Queue incoming tasks; end this process, whatever it is doing, when the stream ends."""
+    """Queue incoming tasks; end this process at once when the stream ends."""
     try:
         while True:
             asked.put(pickle.load(stream))

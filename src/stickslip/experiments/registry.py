@@ -39,6 +39,7 @@ class Experiments(Mapping[str, Experiment]):
 EXPERIMENTS = Experiments()
 LARGEST_INTEGER = 2**63 - 1
 INTEGER_RANGE = "integers are limited to 64 bits; use a smaller one or write it as a float such as 1e30"
+NAMED_FILES = (("sweep", "draws"), ("packing", "file"), ("packing", "contacts"), ("normal_stress", "file"))
 _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None): "null"}
 
 
@@ -129,13 +130,13 @@ def scenario_class(tables: dict) -> type[ScenarioBase]:
             raise ScenarioError(str(missing_wing(f"experiment = {name!r}", lacking[0])))
     if not EXPERIMENTS:
         raise ScenarioError(
-            f"experiment = {str(name)[:100]!r} was given, but no wing is installed: install stickslip again"
+            f"experiment = {str(name)[:100]!r} is not available, as no wing is installed: install stickslip again"
         )
     if not isinstance(name, str) or name not in EXPERIMENTS:
         near = get_close_matches(str(name).lower().replace("_", "-"), EXPERIMENTS, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise ScenarioError(
-            f"experiment = {str(name)[:100]!r} was given: use {', '.join(map(repr, EXPERIMENTS))}{hint}"
+            f"experiment must be one of {', '.join(map(repr, EXPERIMENTS))}, got {str(name)[:100]!r}{hint}"
         )
     return EXPERIMENTS[name].scenario
 
@@ -166,7 +167,7 @@ def scenario(*, trust: bool = False, **tables) -> ScenarioBase:
 
 @checked
 def read_scenario(path: str | Path, *, trust: bool = False) -> ScenarioBase:
-    """Read a scenario from a TOML file, or from the canonical text in the folder of a run; `trust` as in `scenario`."""
+    """Read a scenario from a TOML file, or from the canonical text in a run folder; `trust` as in `scenario`."""
     tables = read_tables(path)
     if "sweep" in tables:
         raise ScenarioError(f"{path} has a table [sweep] for many scenarios: use read_sweep, or remove the table")
@@ -229,12 +230,12 @@ def _check_whole_numbers(tree, path: Path, above: tuple = ()) -> None:
 
 
 def _resolve_files(tables: dict, folder: Path) -> dict:
-    """Return the tables with absolute paths of files of laws, packings and draws, relative to the scenario."""
+    """Return the tables with absolute paths of the files that they name, which are relative to the scenario."""
 
     def resolve(table: dict, key: str) -> dict:
         return table | {key: str(folder.absolute() / table[key])} if isinstance(table.get(key), str) else table
 
-    for table, key in (("sweep", "draws"), ("packing", "file"), ("packing", "contacts")):
+    for table, key in NAMED_FILES:
         if isinstance(tables.get(table), dict):
             tables[table] = resolve(tables[table], key)
     return with_laws(tables, lambda law: resolve(law, "file"))

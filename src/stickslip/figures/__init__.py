@@ -1,7 +1,7 @@
 """Figures: each function takes a result and returns a matplotlib Figure.
 
-Those of an experiment are in the module `figures` of its package, as `figures.flow.snapshots`. A notebook shows a
-figure as a picture; pyplot and its backend are left alone. `figure.savefig` or `save` writes it.
+Figures of an experiment are in the module `figures` of its package, such as `figures.flow.snapshots`. A notebook shows
+a figure as a picture; pyplot and its backend are not used. `figure.savefig` or `save` writes it.
 
     save                   write a figure as PNG, PDF or SVG, one or two columns wide, with letters of its panels
     Look                   formats, width and letters of the figures of a sweep
@@ -13,7 +13,7 @@ Any packing
     view                   three-dimensional view for a notebook (a K3D plot)
     movie                  animation of the frames of a run, written to a file
 
-What follows an instability
+Course of an instability
 
     failure_path           stress, growth and softest mode of a packing until it fails, with forecasts
     growth_by_amplitude    growth rate of a pair at finite amplitude

@@ -14,6 +14,7 @@ from ..solve.waves import Dispersion
 from .style import (
     BLACK,
     BLUE,
+    BROKEN,
     COLORS,
     GREEN,
     ORANGE,
@@ -37,7 +38,7 @@ _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
 _Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "forecasts", "sign"))]
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
 LOOK = {"elastic": (BLUE, "-"), "dipole": (GREEN, "--"), "odd": (RED, ":")}
-MARKED = 80  # points up to which each has a marker
+MARKED = 80  # number of points up to which each has a marker
 
 
 @styled
@@ -61,8 +62,12 @@ def failure_path(found: _Failure):
     }
     for k, (axes, (value, color, label)) in enumerate(zip(panels, rows, strict=True)):
         axes.plot(broken["strain"], broken[k], marker="." if len(strain) <= MARKED else None, ms=3, color=color)
-        for first, event in enumerate(found.events):
-            axes.axvline(event.strain, color=RED, lw=0.8, label=None if first else "event")
+        for name, color, events in (
+            ("event", RED, [e for e in found.events if not len(e.broken)]),
+            ("bond breaks", BROKEN, [e for e in found.events if len(e.broken)]),
+        ):
+            for first, event in enumerate(events):
+                axes.axvline(event.strain, color=color, lw=0.8, label=None if first else name)
         if found.onset:
             axes.axvline(found.onset.load, color=ORANGE, ls="--", lw=0.8, label="first pair")
         for one in found.forecasts:
@@ -111,10 +116,10 @@ def growth_by_amplitude(form: BirthForm):
 def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
     """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
 
-    Open circles and dashed curves are runs that slid by the distance, full ones those that slid on for another
-    duration; coloured bands are 95 % intervals of the loads at which half do so, and the lower panel shows the median
-    time until a run had slid. The grey band contains the loads at which sliding samples stopped; `strength` is the load
-    at which the sample slides by itself.
+    Open circles and dashed curves: runs that slid by the distance; full ones: runs that slid on for another duration.
+    Coloured bands are 95 % intervals of the load at which half of the runs do so. The lower panel shows the median time
+    until a run had slid. The grey band contains the loads at which sliding samples stopped; `strength` is the load at
+    which the sample slides spontaneously.
     """
     figure, (axes, below) = column_axes(2, 4.0, sharex=True, height_ratios=(3, 2))
     loads = found.loads
@@ -134,16 +139,12 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
             if np.isfinite(at):
                 axes.plot(x, expit((x - at) / width), style, color=color)
                 axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
-    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="half do: 95 % interval of load")
+    axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="load at which half slide, 95 %")
     axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
-    axes.plot([], [], "o-", color=BLACK, ms=3, label="then slid on as long again")
+    axes.plot([], [], "o-", color=BLACK, ms=3, label="slid for as long again")
     if len(found.arrest):
         axes.axvspan(
-            *np.clip(found.arrest_range, loads[0], top),
-            color=BLACK,
-            alpha=0.2,
-            lw=0,
-            label="sliding stops when lowered",
+            *np.clip(found.arrest_range, loads[0], top), color=BLACK, alpha=0.2, lw=0, label="stops at a lower load"
         )
     static = (
         (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),
@@ -166,8 +167,8 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
 def bursts(record: _Record, state: State, form: _Form):
     """Amplitude along the mode of a pair in a free run, with the predicted envelopes of its bursts.
 
-    Near the birth of the pair a burst has the envelope ±a₀/cosh(σ(t − t₀)), with the growth rate σ and the peak a₀ of
-    the form; only the times t₀ are those of the run.
+    Near the birth of the pair, a burst has the envelope ±a₀/cosh(σ(t − t₀)), with growth rate σ and peak a₀ from the
+    normal form; only the times t₀ are taken from the run.
     """
     time, amplitude = record.time, along_mode(record, state, form)
     figure, (above, below) = column_axes(2, 3.4, sharex=True)
@@ -220,7 +221,7 @@ def response_envelopes(
     ----------
     envelopes : results of `protocols.response_envelope` with control="strain"
     labels : one for each
-    names : of the components along the two axes of the plane
+    names : components along the two axes of the plane
     """
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
     closed = [np.append(np.arange(len(e.angle)), 0) for e in envelopes]
@@ -242,7 +243,7 @@ def response_envelopes(
     right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
     right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")
     if labels:
-        right.legend(loc="best", fontsize="small")
+        right.legend(loc="best", fontsize=7)
     return figure
 
 
@@ -282,10 +283,10 @@ def dispersion(waves: Dispersion, speeds: np.ndarray | None = None):
     Parameters
     ----------
     waves : from `modes.dispersion`
-    speeds : (K, dim) from `modes.elastic_speeds` for these wave vectors, drawn as lines ω = c k with their means
+    speeds : (K, dim) from `modes.elastic_speeds` for these wave vectors, drawn as lines ω = c k with the mean speeds c
     """
     if speeds is not None and (speeds.ndim != 2 or not len(speeds)):
-        raise ValueError(f"speeds has shape {speeds.shape}: give one of `elastic_speeds`, (K, dim)")
+        raise ValueError(f"speeds must have shape (K, dim), as from `elastic_speeds`, got {speeds.shape}")
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0))
     k, names = np.linalg.norm(waves.wavevector, axis=1), waves.names
     order, kinds = np.argsort(k, kind="stable"), list(dict.fromkeys(names))

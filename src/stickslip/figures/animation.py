@@ -22,10 +22,10 @@ from .style import SLIDE_DPI, SLIDE_MOVIE, OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
 FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
-PIXELS = 900  # width of the picture, up to half as much again for wide ones
-BITS = 6  # per channel of the colours from which the palette of a GIF is made
-WHITE = 247  # least value of colours shown as white: Pillow would take some of them for white
-STRETCH = 1.02  # of a contact between two stored states, above which it is left out there
+PIXELS = 900  # width of the picture, up to 1.5 times as much for wide ones
+BITS = 6  # bits per channel of the colours from which the palette of a GIF is made
+WHITE = 247  # least channel value of colours shown as white: Pillow would mistake some of them for white
+STRETCH = 1.02  # gap of a contact between two stored states above which it is omitted
 
 
 @styled
@@ -40,7 +40,7 @@ def movie(
     ----------
     frames : from `frame_of` or `mode_frames`
     path : its extension selects the format: .gif, or .mp4, which requires ffmpeg
-    labels : a title for each frame
+    labels : titles of the frames
     mode : the mode that the frames show, for the colour "mode displacement"
     colour : one of `quantities`
     fps : frames per second
@@ -51,7 +51,7 @@ def movie(
     Raises
     ------
     ValueError
-        if the extension or the colour is not known, or the zoom is not allowed.
+        if the extension or the colour is unknown, or the zoom is not allowed.
     MissingExtraError
         if an MP4 is requested but ffmpeg is not available.
     RuntimeError
@@ -97,7 +97,7 @@ def movie(
 
 
 def _fit_texts(axes) -> None:
-    """Shrink the title and the words beside the scale bar where they would leave the picture."""
+    """Shrink the title and the text beside the scale bar if they would exceed the picture."""
     axes.apply_aspect()
     page = axes.figure.bbox
     for text in (axes.title, *axes.texts):
@@ -112,7 +112,7 @@ def check_movie(path: Path, fps: int) -> None:
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: use {' or '.join(ENDINGS)}")
     if not 1 <= fps <= 100:
-        raise ValueError(f"{fps} frames per second were requested: give 1 to 100")
+        raise ValueError(f"frames per second must be from 1 to 100, got {fps}")
     if path.suffix.lower() == ".mp4":
         _find_ffmpeg()
 
@@ -177,9 +177,9 @@ def frames_between(frames: list[Frame], count: int) -> list[Frame]:
     """`count` frames at equal intervals from the first stored frame to the last.
 
     Positions and angles follow monotone cubic interpolation in time (in number, if time does not advance): smooth
-    curves through the stored values that do not overshoot. Cells, walls and velocities are interpolated linearly. A
-    contact that only one of the two neighbouring stored frames has fades with the distance to that frame, and is left
-    out where its grains are apart; forces of a contact that both have are interpolated. All else is that of the nearer
+    curves through the stored values that do not overshoot. Cells, walls and velocities are interpolated linearly.
+    Forces of a contact in both neighbouring stored frames are interpolated; a contact in only one of them fades with
+    the distance to that frame, and is omitted while its grains are apart. Everything else is taken from the nearer
     stored frame.
 
     Parameters

@@ -21,9 +21,9 @@ MARKS = {  # colour, marker, filled: distinguishable without colours
 REACH = 4.0  # range of the axis in tolerances; values beyond it are arrows at the edge
 PITCH = 0.165  # height of a row [inch]
 MARGIN = 1.15  # height of title, axis and legend [inch]
-LEFT, WIDE = 2.1, 1.3  # left edge and width of the axes [inch]
-SIZE = 6  # of texts [points]
-SHORT = 34  # longest label [characters]
+LEFT, WIDE = 2.0, 1.15  # left edge and width of the axes [inch]
+SIZE = 7  # font size of texts [points]
+SHORT = 32  # longest label [characters]
 
 
 class Row(NamedTuple):
@@ -33,13 +33,13 @@ class Row(NamedTuple):
     group: str  # figure of the paper
     verdict: str
     deviation: tuple[float, ...]  # of the measurement, in tolerances: one number, two ends of a window, or empty
-    error: float  # in tolerances; 0 if there is none
+    error: float  # in tolerances; 0 without one
     measured: str
     paper: str
     beside_reference: bool  # True if deviation and value refer to a reference instead of the paper
     unit: str = ""
     own: bool = True  # False for a variant of the paper's model, which counts separately
-    instead: str = ""  # drawn in place of a deviation: the answer to a statement, or why there is no value
+    instead: str = ""  # drawn in place of a deviation: the answer to a statement, or the reason for a missing value
 
 
 @styled
@@ -68,7 +68,7 @@ def claims_chart(rows: list[Row], title: str):
     return figure
 
 
-COLUMNS = (1.04, 1.75, 2.2, 3.04)  # left edges of the texts, in widths of the axes
+COLUMNS = (1.04, 1.98, 2.56, 3.55)  # left edges of the texts, in widths of the axes
 
 
 def _label(groups: list[str], k: int, row: Row) -> str:
@@ -79,7 +79,7 @@ def _label(groups: list[str], k: int, row: Row) -> str:
 
 def _draw_row(axes, k: int, row: Row) -> None:
     if row.verdict not in MARKS:
-        raise ValueError(f"the verdict {row.verdict!r} was given: use {', '.join(MARKS)}")
+        raise ValueError(f"a verdict must be one of {', '.join(MARKS)}, got {row.verdict!r}")
     color, marker, filled = MARKS[row.verdict]
     face = color if filled else "white"
     style = {"marker": marker, "ms": 4, "color": color, "mfc": face, "mew": 0.9, "ls": "", "clip_on": False}
@@ -97,7 +97,7 @@ def _draw_row(axes, k: int, row: Row) -> None:
         axes.plot(x, k, **style, zorder=3)
     if row.instead:
         box = {"facecolor": "white", "edgecolor": color, "lw": 0.5, "pad": 1.2}
-        axes.text(0, k, row.instead, fontsize=6, ha="center", va="center", color=color, bbox=box, zorder=4)
+        axes.text(0, k, row.instead, fontsize=SIZE, ha="center", va="center", color=color, bbox=box, zorder=4)
     grey = {"color": "0.45", "style": "italic"} if row.beside_reference else {}
     place = {"transform": axes.get_yaxis_transform(), "fontsize": SIZE, "va": "center"}
     axes.text(COLUMNS[0], k, row.measured, **place)
@@ -126,4 +126,4 @@ def _draw_legend(figure, rows: list[Row]) -> None:
     if any(row.beside_reference for row in rows):
         handles.append(Line2D([], [], ls=""))
         labels.append("italic: a reference, not the paper's value")
-    figure.legend(handles, labels, loc="lower left", ncol=3, fontsize=6.5, handletextpad=0.4, columnspacing=1.4)
+    figure.legend(handles, labels, loc="lower left", ncol=3, fontsize=SIZE, handletextpad=0.4, columnspacing=1.4)

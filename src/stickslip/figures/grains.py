@@ -11,10 +11,10 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.path import Path
 
-from ..core.arguments import Bodies, Numbers, Positive, checked
+from ..core.arguments import Bodies, Numbers, Positive, checked, knows_bonds
 from ..core.laws.builtin import Law
 from ..core.measure import Committed, branch_vectors, least_supports, rattlers, touching, wrapped
-from ..core.state import OPEN, SLIDE, State
+from ..core.state import OPEN, SLIDE, STICK, State
 from ..data.exchange.frame import Frame, frame_of
 from .outlines import (
     APART,
@@ -23,6 +23,7 @@ from .outlines import (
     Zoom,
     body_limits,
     cell_edges,
+    drawn_bonds,
     outside,
     outside_words,
     quantities,
@@ -31,16 +32,17 @@ from .outlines import (
     wall_edges,
     zoomed,
 )
-from .style import BLACK, BLUE, PURPLE, RED, WIDTH, label_axes, styled, subplots
+from .style import BLACK, BLUE, BOND, BROKEN, PURPLE, RED, WIDTH, label_axes, styled, subplots
 
 GREY, PALE = "#b4bac0", "#e4e9ee"
 NEAR = 0.01  # largest gap of open pairs that are drawn, over the mean radius
-SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front: what is in front hides the rest
-PIECES = 6  # most pieces of the line of a contact, each in its own slab
-SHINING = 2000  # grains up to which balls have a highlight: it would not be seen on smaller ones
+SLABS = 32  # depth slabs of balls and pieces of lines, drawn from back to front
+PIECES = 6  # largest number of pieces of a contact line, each in its own slab
+SHINING = 2000  # number of grains up to which balls have a highlight, which would be invisible on smaller balls
 SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
+CEMENT = 3.0  # width of a bond over that of a contact with the mean force
 THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
 WIDEST = 100.0  # figure [inches]
@@ -63,11 +65,12 @@ class Layout(NamedTuple):
 
 
 @styled
+@knows_bonds
 def packing(
     state: Committed, law: Law | None = None, *, mode: Mode | None = None, colour: str | None = None, title: str = "",
     width: Positive = WIDTH, zoom: Zoom = 1.0,
 ):  # fmt: skip
-    """Draw grains, contacts (width by normal force, colour by status), walls, cell, and the orbits of a mode.
+    """Draw grains, contacts (width by normal force, colour by status), bonds, walls, cell, and the orbits of a mode.
 
     A mode moves grain i along Re(u_i exp(−iωt)), an ellipse. It is drawn at each grain, with an arrow at t = 0. All
     ellipses are enlarged by the same factor, so that the largest reaches one mean radius. In three dimensions, balls
@@ -76,12 +79,12 @@ def packing(
     Parameters
     ----------
     state : accepted state
-    law : contact law; without it, forces are not known, and all contacts have the same width
+    law : contact law; without it, forces are unknown, and all contacts have the same width
     mode : translation, rotation and exponent, as returned by `read_mode`
     colour : one of `quantities`; without it, rattlers are white and other grains grey
     width : width of the figure [inches]
-    zoom : enlargement of the view on the grains. A few that have left the others, at most 5 % at each side, are outside
-        the view, and the figure says so; "all" shows every grain
+    zoom : enlargement of the view on the grains. A few grains that have left the others, at most 5 % at each side, are
+    outside the view, as the figure notes; "all" shows every grain
 
     Returns
     -------
@@ -101,7 +104,7 @@ def packing(
     ''
     """
     if width > WIDEST:
-        raise ValueError(f"width = {width:g} was given: at most {WIDEST:g} inches are drawn")
+        raise ValueError(f"width must be at most {WIDEST:g} inches, got {width:g}")
     frame = frame_of(state, law) if law is not None else bare_frame(state)
     layout = layout_of([frame], colour=colour, mode=mode, zoom=zoom)
     wide, tall = layout.high - layout.low
@@ -117,7 +120,7 @@ def packing(
 
 
 def bare_frame(state: State) -> Frame:
-    """Frame of a state whose law is not known, with contacts but without forces."""
+    """Frame of a state with unknown law: contacts without forces."""
     c, rows = state.contacts, touching(state)
     contacts = {name: getattr(c, name)[rows] for name in ("i", "j", "mode")} | {"branch": branch_vectors(state)[rows]}
     ends = np.concatenate([contacts["i"], contacts["j"]])
@@ -141,7 +144,7 @@ def layout_of(frames: list[Frame], *, colour: str | None = None, mode: Mode | No
         if colour == "displacement" and frame is frames[0] and len(frames) > 1:
             continue
         if colour not in fields:
-            raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(fields)}")
+            raise ValueError(f"the colour {colour!r} is not available: these grains have {', '.join(fields)}")
         values.append(fields[colour][0])
         units = fields[colour][1]
     every = np.concatenate(values)
@@ -161,10 +164,10 @@ def draw(
     place = wrapped(state) @ basis.T
     colors = _face_colours(frame, layout, mode, first)
     drawn = ScalarMappable(Normalize(*layout.limits), cmap="viridis")
-    start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
+    i, j, start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
     slab, back = np.zeros(len(place), int), np.zeros(len(start), int)
     if dim == 3:
-        start, ends, width, color = _visible_pieces(frame, start, ends, width, color)
+        start, ends, width, color = _visible_pieces(frame, i, j, start, ends, width, color)
         slab, back = (_depth_slabs(z, place[:, 2]) for z in (place[:, 2], 0.5 * (start[:, 2] + ends[:, 2])))
     for number in np.unique(slab):
         rows = slab == number
@@ -191,10 +194,10 @@ def draw(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
     axes.axis("off")
-    margin = high[1] - layout.high[1]  # white covers grains below the view, and the row of pixels where they are cut
+    margin = high[1] - layout.high[1]  # white covers grains below the view, and the row of pixels at the cut
     below = low[1] - 0.5 * margin, layout.low[1] - margin
     axes.axhspan(*below, facecolor="white", lw=0, zorder=60, clip_on=False)
-    long = 2 * float(state.grains.radius.mean())  # of the scale bar
+    long = 2 * float(state.grains.radius.mean())  # width of the scale bar
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)
     away = int(outside(place[:, :2], layout.low, layout.high).sum())
@@ -223,7 +226,7 @@ def _draw_balls(axes, place: np.ndarray, radius: np.ndarray, colors, *, zorder: 
 
 
 def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zorder: float, **style) -> None:
-    """Draw lines (E, 2, 3); in space, in pieces among the balls, which have these depths."""
+    """Draw lines (E, 2, 3); in three dimensions in pieces between the balls, which have given depths."""
     if dim == 2 or not len(lines):
         axes.add_collection(LineCollection(lines[..., :2], zorder=zorder, **style), autolim=False)
         return
@@ -236,12 +239,12 @@ def _draw_outlines(axes, lines: np.ndarray, depth: np.ndarray, dim: int, *, zord
         axes.add_collection(collection, autolim=False)
 
 
-def _visible_pieces(frame: Frame, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray):
-    """Pieces of the lines between the surfaces of drawn balls, which have depths of their own."""
-    c, radius = frame.contacts, BALL[3] * frame.state.grains.radius
+def _visible_pieces(frame: Frame, i, j, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray):
+    """Pieces of the lines between the surfaces of drawn balls, each with its own depth."""
+    radius = BALL[3] * frame.state.grains.radius
     long = np.linalg.norm(ends - start, axis=1)
-    other = np.where(c["j"] < len(radius), radius[np.minimum(c["j"], len(radius) - 1)], 0.0)
-    first, last = radius[c["i"]] / long, 1 - other / long
+    other = np.where(j < len(radius), radius[np.minimum(j, len(radius) - 1)], 0.0)
+    first, last = radius[i] / long, 1 - other / long
     reach = (np.ptp(start[:, 2]) if len(start) else 0.0) or 1.0
     count = int(np.clip(np.ceil(SLABS * long.max(initial=0.0) / reach), 1, PIECES))
     share = first[:, None] + (last - first)[:, None] * np.linspace(0, 1, count + 1)
@@ -251,7 +254,7 @@ def _visible_pieces(frame: Frame, start: np.ndarray, ends: np.ndarray, width: np
 
 
 def _segments(axes, start: np.ndarray, ends: np.ndarray, width: np.ndarray, color: np.ndarray) -> EllipseCollection:
-    """Line segments as ellipses of no height, with one path for all: a `LineCollection` makes a path for each."""
+    """Line segments as ellipses of zero height with a common path; a `LineCollection` makes a path for each."""
     along = ends - start
     angle = np.degrees(np.arctan2(along[:, 1], along[:, 0]))
     lines = EllipseCollection(
@@ -283,11 +286,15 @@ def draw_orbits(axes, frame: Frame, mode: Mode) -> None:
 
 def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True, colour: str | None = None) -> None:
     """Draw the legend of lines and balls below the drawing."""
-    slides = int((frame.contacts["mode"] == SLIDE).sum())
+    sticks, slides = (int((frame.contacts["mode"] == mode).sum()) for mode in (STICK, SLIDE))
     handles = [
-        Line2D([], [], color=BLUE, lw=2, label=f"contact sticks ({len(frame.contacts['mode']) - slides})"),
+        Line2D([], [], color=BLUE, lw=2, label=f"contact sticks ({sticks})"),
         Line2D([], [], color=RED, lw=2, label=f"slides ({slides})"),
     ]
+    if frame.state.bonds:
+        held = int(frame.state.bonds.intact.sum())
+        handles.append(Line2D([], [], color=BOND, lw=4, label=f"bond ({held})"))
+        handles.append(Line2D([], [], color=BROKEN, lw=4, label=f"broken ({len(frame.state.bonds.i) - held})"))
     if near and (number := len(_nearly_touching(frame))):
         handles.append(Line2D([], [], color="0.35", lw=0.8, ls=":", label=f"open ({number})"))
     if colour is None and (free := int(_rattlers(frame).sum())):
@@ -331,7 +338,7 @@ def start_drawing(frame: Frame, layout: Layout, width: float):
     wide, tall = layout.high - layout.low
     figure, axes = subplots(figsize=(width, min(width * tall / wide, 1.6 * width) + 0.6))
     none = {name: value[:0] for name, value in frame.contacts.items()}
-    draw(axes, frame._replace(contacts=none), layout, near=False)
+    draw(axes, frame._replace(contacts=none, state=frame.state._replace(bonds=None)), layout, near=False)
     return figure, axes
 
 
@@ -343,14 +350,18 @@ def contact_segments(frame: Frame) -> np.ndarray:
 
 
 def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis: np.ndarray):
-    """Starts, ends, widths and colours of contact lines."""
-    c = frame.contacts
-    start = place[c["i"]]
-    size = np.clip(_normal_forces(frame) / layout.mean, 0.12, MOST)
+    """Bodies, starts, ends, widths and colours of the lines of bonds and, in front of these, of contacts."""
+    bonds, touch = drawn_bonds(frame), frame.contacts["mode"] != OPEN  # others are bonds across gaps
+    c = {name: frame.contacts[name][touch] for name in ("i", "j", "branch", "mode")}
+    size = np.clip(_normal_forces(frame)[touch] / layout.mean, 0.12, MOST)
     color = np.where((c["mode"] == SLIDE)[:, None], to_rgba(RED), to_rgba(BLUE))
+    held = np.where(bonds["intact"][:, None], to_rgba(BOND), to_rgba(BROKEN))
     points = (72 / axes.figure.dpi * np.array(axes.bbox.size) / (layout.high - layout.low)).min()  # per length
     scale = min(THICK if layout.dim == 2 else 0.8 * THICK, THIN * points * 2 * frame.state.grains.radius.mean())
-    return start, start - c["branch"] @ basis.T, scale * size, color
+    band = min(CEMENT * THICK, 2 * THIN * points * 2 * frame.state.grains.radius.mean())
+    i, j, branch = (np.concatenate([bonds[name], c[name]]) for name in ("i", "j", "branch"))
+    width = np.concatenate([np.full(len(bonds["i"]), band), scale * size])
+    return i, j, place[i], place[i] - branch @ basis.T, width, np.concatenate([held, color])
 
 
 def _normal_forces(frame: Frame) -> np.ndarray:
@@ -382,9 +393,9 @@ def _places(frame: Frame) -> np.ndarray:
 
 
 def _drawing_limits(frame: Frame, hidden: float) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the drawing: those of grains and cell, and walls as far as they are near.
+    """Corners of the drawing: those of grains, cell, and nearby parts of walls.
 
-    A share `hidden` of the grains may be outside at each side if they have left the others.
+    At most a fraction `hidden` of the grains may be outside at each side, if they have left the others.
     """
     basis, radius = view_basis(frame), BALL[frame.state.cell.dim] * frame.state.grains.radius
     place = _places(frame)

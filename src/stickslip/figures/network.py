@@ -28,19 +28,20 @@ SLAB = 30.0  # between spheres, largest angle between directions of the rose and
 def forces(source: Source, law: Law | None = None, *, title: str = ""):
     """Contact forces: distribution, lengths of force chains, strong network, and rose of contacts and normal forces.
 
-    The network of spheres is seen along the intermediate principal stress, and its rose has contacts within 30° of the
-    plane of the others. Curves in the rose have the anisotropies of `measure.force_anisotropy`.
+    Networks of spheres are viewed along the intermediate principal stress; their rose has contacts within 30° of the
+    plane of the other two principal stresses. Curves in the rose have the anisotropies of `measure.force_anisotropy`.
 
     Parameters
     ----------
-    source : accepted state, or measured forces as they were read, from `io.read_forces`
+    source : accepted state, or measured forces from `io.read_forces`
     law : Law of a state; None for measured forces
     """
     net = force_network(source, law)
     if not _is_enough(net):
         raise ValueError(
-            f"{pluralize(np.count_nonzero(net.inner), 'contact')} of grains with a mean normal force of "
-            f"{net.force_n.mean() if len(net.force_n) else 0:.3g} were given: the figure needs {FEW} or more that press"
+            f"the figure needs at least {FEW} contacts of grains that press, got "
+            f"{pluralize(np.count_nonzero(net.inner), 'contact')} with a mean normal force of "
+            f"{net.force_n.mean() if len(net.force_n) else 0:.3g}"
         )
     chains, strong = force_chains(source, law), strong_network(source, law)
     figure = OwnFigure(figsize=(PAGE, HEIGHT), layout="constrained")
@@ -103,7 +104,7 @@ def _draw_distribution(axes, net: ForceNetwork) -> None:
 def _draw_lengths(axes, chains: ForceChains) -> None:
     count, share = len(chains.lengths), chains.lengths.sum() / max(chains.loaded.sum(), 1)
     if not count:
-        axes.text(0.5, 0.5, "no chains of three grains or more", ha="center", va="center", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no chains of three or more grains", ha="center", va="center", transform=axes.transAxes)
         axes.set(xlim=(3, 10), ylim=(0, 1))
     else:
         length = np.arange(3, chains.lengths.max() + 1)
@@ -115,7 +116,7 @@ def _draw_lengths(axes, chains: ForceChains) -> None:
         axes.set_yscale("log")
         axes.set_ylim(0.5 / count, 1.5)
         legend_above(axes, title=f"in chains: {100 * share:.0f} % of the loaded grains")
-    label_axes(axes, x="length of a force chain, $L$ [grains]", y="share of chains at least as long", whole="x")
+    label_axes(axes, x="length of a force chain, $L$ [grains]", y="fraction of chains at least as long", whole="x")
 
 
 def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceChains, plane: np.ndarray) -> None:
@@ -152,7 +153,7 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncol=2, columnspacing=1.0)
     axes.set(xticks=[], yticks=[])
     if net.dim == 3:
-        axes.set_title("seen along the intermediate principal stress")
+        axes.set_title("viewed along the intermediate principal stress")
 
 
 def _draw_rose(axes, net: ForceNetwork, found, plane: np.ndarray) -> None:
@@ -181,7 +182,7 @@ def _draw_rose(axes, net: ForceNetwork, found, plane: np.ndarray) -> None:
     axes.set_yticks([1.0], labels=[""])
     axes.plot([], [], color="0.6", lw=0.5, label="mean")
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-    axes.tick_params(labelsize=6.5)
+    axes.tick_params(labelsize=7)
     axes.grid(lw=0.5, color="0.6")
     axes.set_axisbelow(False)
     axes.set_title(

@@ -1,4 +1,4 @@
-"""Outlines, view, and quantities that colour the grains, shared by drawings, movies and the interactive view."""
+"""Outlines, view, and quantities shown by colour, shared by drawings, movies and the interactive view."""
 
 from numbers import Real
 from typing import Annotated, Any
@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..core.arguments import Requirement, require_shape
+from ..core.contacts.bonds import bond_vectors
 from ..core.measure import wrapped
 from ..core.readable import pluralize
 from ..core.state import SLIDE
@@ -14,9 +15,10 @@ from ..core.units import current_units, unit_name
 from ..data.exchange.frame import Frame
 
 ASIDE = 0.05  # largest share of the grains that may be out of view at each side
-FEW = 10  # grains below which all are in view
+FEW = 10  # number of grains below which all are in view
 APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
-FAR = 3.0  # so may grains farther from the middle half than this, in widths of that half
+FAR = 3.0  # distance from the middle half of the grains, in widths of that half, beyond which they also may
+PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which it is not drawn
 ZOOMS = (0.01, 1000.0)  # least and greatest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
 DISPLACEMENT = "mode displacement"
@@ -35,16 +37,16 @@ def check_zoom(name: str, zoom) -> None:
     (low, high), number = ZOOMS, isinstance(zoom, Real) and not isinstance(zoom, bool)
     if not (low <= zoom <= high if number else isinstance(zoom, str) and zoom == "all"):
         got = f"{zoom:g}" if number else quoted(zoom)
-        raise ValueError(f"{name} = {got} was given: give a number from {low:g} to {high:g}, or all for every grain")
+        raise ValueError(f"{name} must be from {low:g} to {high:g}, or all for every grain, got {got}")
 
 
 Zoom = Annotated[Any, Requirement(check_zoom)]  # enlargement of the view on grains that are together, or "all"
 
 
 def body_limits(place: np.ndarray, gap: float, share: float = ASIDE) -> np.ndarray:
-    """(2, d) corners of positions (N, d), without grains that have left the others and would shrink the picture.
+    """(2, d) corners of positions (N, d), without grains far from the others, which would shrink the picture.
 
-    These are at most a share of the grains at each side that are beyond a gap, or far beyond the middle half.
+    These are at most a fraction of the grains at each side, beyond a gap or far beyond the middle half.
     """
     corners, most = [], int(np.ceil(share * len(place))) if len(place) >= FEW else 0
     for x in np.sort(place, axis=0).T:
@@ -68,13 +70,24 @@ def zoomed(box: np.ndarray, place: np.ndarray, zoom: Zoom) -> np.ndarray:
 
 
 def outside(place: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(N,) bool, True for grains whose centres are outside of a view."""
+    """(N,) bool, True for grains whose centres are outside a view."""
     return ((place < low) | (place > high)).any(axis=-1)
 
 
 def outside_words(count: int) -> str:
-    """Sentence on grains that are outside of a view."""
+    """Sentence on grains outside a view."""
     return f"{pluralize(count, 'grain')} {'is' if count == 1 else 'are'} outside the view"
+
+
+def drawn_bonds(frame: Frame) -> dict[str, np.ndarray]:
+    """Columns i, j, branch and intact of the bonds of a frame; broken ones only while their grains are near."""
+    state, bonds = frame.state, frame.state.bonds
+    if not bonds:
+        nothing = np.zeros(0, np.int32)
+        return {"i": nothing, "j": nothing, "branch": np.zeros((0, 3)), "intact": np.zeros(0, bool)}
+    branch = bond_vectors(bonds, state.grains.position, state.cell.vectors)
+    rows = bonds.intact | (np.linalg.norm(branch, axis=1) <= PARTED * bonds.length)
+    return {"i": bonds.i[rows], "j": bonds.j[rows], "branch": branch[rows], "intact": bonds.intact[rows]}
 
 
 def cell_edges(frame: Frame) -> np.ndarray:
@@ -112,7 +125,7 @@ def wall_edges(frame: Frame) -> np.ndarray:
 def view_basis(frame: Frame) -> np.ndarray:
     """(3, 3) unit vectors to the right, up and toward the viewer.
 
-    Three-dimensional packings are seen obliquely from above.
+    Three-dimensional packings are viewed obliquely from above.
     """
     up = np.array(up_direction(frame))
     if frame.state.cell.dim == 2:
@@ -177,7 +190,7 @@ def quantities(
     if mode is not None:
         for name, part in ((DISPLACEMENT, mode[0]), ("mode rotation", mode[1])):
             size = np.sqrt((np.abs(part) ** 2).sum(axis=1))
-            out[name] = (size / size.max() if size.max() > 0 else size, "share of the largest")
+            out[name] = (size / size.max() if size.max() > 0 else size, "fraction of the largest")
     return {name: (np.asarray(values), unit) for name, (values, unit) in out.items()}
 
 

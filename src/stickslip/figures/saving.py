@@ -21,7 +21,7 @@ class Look(NamedTuple):
 
     formats: tuple[str, ...] = ("png",)
     width: Literal[86, 178] = 86  # in mm
-    letters: bool = False  # of panels
+    letters: bool = True  # letters of panels, if there are several
     slides: bool = False  # 16:9 with large type, instead of a width
 
 
@@ -30,16 +30,16 @@ PLAIN = Look()
 
 @checked
 def save(
-    figure, path: str | Path, *, width: Literal[86, 178] | None = None, letters: bool = False, slides: bool = False
+    figure, path: str | Path, *, width: Literal[86, 178] | None = None, letters: bool = True, slides: bool = False
 ) -> Path:
-    """Write a figure as PNG, PDF or SVG, as the extension says; text remains text in PDF (TrueType) and SVG.
+    """Write a figure as PNG, PDF or SVG, according to the extension; text remains text in PDF (TrueType) and SVG.
 
     Parameters
     ----------
-    figure : of this package, or another one of matplotlib
-    width : 86 is one column, 178 two [mm]; default 86; figures with panels side by side are 178 wide anyway
+    figure : figure of this package, or any other matplotlib figure
+    width : 86 for one column (default), 178 for two [mm]; figures with panels side by side are always 178 wide
     letters : whether panels are lettered (a), (b) …, if there are several
-    slides : whether the figure is 16:9, with type and lines as large as a lecture hall needs, instead of a width
+    slides : whether the figure is 16:9, with type and lines large enough for a lecture hall, instead of a width
     """
     path = Path(path)
     if (kind := path.suffix.lower().removeprefix(".")) not in FORMATS:
@@ -49,14 +49,14 @@ def save(
 
 
 def look_of(formats: tuple[str, ...] = ("png",), *, width: int | None, letters: bool, slides: bool) -> Look:
-    """Look of figures; raise ValueError if slides are asked for with a width, which they have none."""
+    """Look of figures; raise ValueError if slides are combined with a width."""
     if slides and width is not None:
-        raise ValueError(f"width {width} was given with slides: slides are 16:9, so leave out one of the two")
+        raise ValueError(f"width {width} does not apply to slides, which are 16:9: leave out one of the two")
     return Look(formats, width or PLAIN.width, letters, slides)
 
 
 def render(figure, kind: str = "png", look: Look = PLAIN) -> bytes:
-    """Return a figure as the content of a file; the figure stays as it is."""
+    """Return a figure as the content of a file; the figure itself is not changed."""
     content = BytesIO()
     with common_style(), _arranged(figure, look):
         dpi = {"dpi": SLIDE_PIXELS / figure.get_figwidth()} if look.slides and kind == "png" else {}
@@ -65,7 +65,7 @@ def render(figure, kind: str = "png", look: Look = PLAIN) -> bytes:
 
 
 def render_all(name: str, figure, look: Look) -> dict[str, bytes]:
-    """Contents of the files of a figure by name; `name` is that of the PNG, which is always among them."""
+    """Contents of the files of a figure by name; `name` is that of the PNG file, which is always written."""
     stem = name.removesuffix(".png")
     return {f"{stem}.{kind}": render(figure, kind, look) for kind in dict.fromkeys(("png", *look.formats))}
 
@@ -94,7 +94,7 @@ def _arranged(figure, look: Look):
 
 
 def _reach(axes) -> float:
-    """How far the numbers of the vertical axis reach to the left of it [pixels]; its words may be taller than it."""
+    """Extent of the numbers of the vertical axis to its left [pixels]; its label may be taller than the axis."""
     boxes = [label.get_window_extent() for label in axes.get_yticklabels() if label.get_text() and label.get_visible()]
     return max((axes.bbox.x0 - box.x0 for box in boxes), default=0.0)
 
@@ -104,7 +104,7 @@ def _letter(figure) -> list:
     seen: dict = {}
     for axes in figure.axes:
         if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>":
-            seen.setdefault(axes.get_subplotspec() or axes, axes)  # of twins only the first
+            seen.setdefault(axes.get_subplotspec() or axes, axes)  # only the first of twins
     if len(seen) < 2:
         return []
     figure.draw_without_rendering()
@@ -115,4 +115,8 @@ def _letter(figure) -> list:
         left = max(far for other, far in reach.items() if abs(other.bbox.x0 - axes.bbox.x0) < 1)
         place = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "left", "va": "bottom"}
         out.append(axes.annotate(f"({letter})", (0, 1), (-left * 72 / figure.dpi, 4), **place, fontsize=8))
+        box = out[-1].get_window_extent()
+        beside = [words.get_window_extent() for words in (axes.title, axes.get_legend()) if words]
+        if hidden := [words.y1 for words in beside if words.overlaps(box)]:
+            out[-1].xyann = out[-1].xyann[0], (max(hidden) - axes.bbox.y1) * 72 / figure.dpi + 2
     return out

@@ -1,7 +1,7 @@
 """Common style of all figures: width, palette, labels and ticks of axes, envelopes of fast oscillations, legends.
 
 Figures are one column wide (86 mm), or two (178 mm), in the colour-blind-safe palette of Okabe and Ito. For slides they
-are laid out on a small canvas of 16:9, which is shown enlarged, and type and lines with it.
+are laid out on a small 16:9 canvas, which is enlarged together with type and lines.
 """
 
 import re
@@ -22,13 +22,13 @@ from matplotlib.ticker import AutoLocator, LogFormatterMathtext, LogLocator, Sca
 
 from ..core.arguments import checked
 from ..core.scales import ROUND_OFF
-from ..core.units import unit_name
+from ..core.units import current_units, unit_name
 
 WIDTH, PAGE = 86 / 25.4, 178 / 25.4  # inches, one column and two
 SLIDE, SLIDE_STEP = 2.7, 1.1  # inches, height of the canvas of a figure on a slide, and its growth until panels fit
 # (8 points on it are as large as 22 on a slide 7.5 inches high)
-PANEL, DRAWING = 0.4, 0.9  # inches, least height of a panel there, and of a drawing with axes
-LEAST_LABEL = 0.7  # of its size, to which a long label is shrunk there
+PANEL, DRAWING = 0.4, 0.9  # inches, least height of a panel on slides, and of a drawing with axes
+LEAST_LABEL = 0.7  # fraction of its size to which a long label is shrunk on slides
 SLIDE_PIXELS = 1920  # width of figures on slides
 SLIDE_MOVIE, SLIDE_DPI = (5.12, 2.88), 250  # canvas of a movie on slides [inches], of 1280 × 720 pixels
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
@@ -40,14 +40,15 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
     "#56B4E9",
     "#000000",
 )
+BOND, BROKEN = "#C9A66B", PURPLE  # lines of bonds, under those of contacts
 COLORS = (BLUE, SKY, GREEN, ORANGE, RED, PURPLE, BLACK)
 STYLE = {
     "figure.dpi": 200,
     "savefig.dpi": 300,
     "font.size": 8,
     "axes.labelsize": 8,
-    "legend.fontsize": 6.5,
-    "legend.title_fontsize": 6.5,
+    "legend.fontsize": 7,
+    "legend.title_fontsize": 7,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
     "axes.linewidth": 0.7,
@@ -61,29 +62,30 @@ STYLE = {
     "ytick.right": True,
     "axes.formatter.use_mathtext": True,
     "axes.prop_cycle": matplotlib.cycler(color=COLORS),
-    "figure.constrained_layout.use": False,  # figures choose: matplotlib would give one to those without when saved
-    "pdf.fonttype": 42,  # TrueType: journals refuse Type 3
+    "figure.constrained_layout.use": False,  # figures choose: matplotlib would otherwise add one when saving
+    "pdf.fonttype": 42,  # TrueType: journals do not accept Type 3
     "ps.fonttype": 42,
     "svg.fonttype": "none",  # text remains text
     "svg.hashsalt": "stickslip",  # the same figure has the same bytes
 }
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
 STRESS = "force/length^(dim-1)"  # without named units
-POWERS = (-3, 4)  # powers of ten up to and from which one is taken out of the numbers of an axis, into its unit
+DIMENSIONS = re.compile(r"(?:(?:length|time|mass|force|energy|stress)\b|[\d^²³()/ ])+")
+POWERS = (-3, 4)  # powers of ten up to and from which the power moves from the numbers of an axis to its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
 DIGIT = 0.65  # width of a digit over the size of the font
-BIN = 1.0  # width of the bins of an envelope [points]: less than one oscillation per bin can be seen
+BIN = 1.0  # width of the bins of an envelope [points], below which oscillations are visible
 
 
 Words = str | tuple[str, str]  # quantity, or quantity and unit
 
 
-_DRAWING = RLock()  # matplotlib has one set of settings: threads would restore each other's
+_DRAWING = RLock()  # matplotlib settings are global: threads would restore each other's
 
 
 @contextmanager
 def common_style(**more):
-    """Draw in the common style, with more settings if given; those of the user are restored."""
+    """Draw in the common style, with further settings if given; those of the user are restored."""
     with _DRAWING, matplotlib.rc_context(STYLE | more):
         yield
 
@@ -101,14 +103,14 @@ def styled(function):
 
 
 class OwnFigure(Figure):
-    """Figure in the common style wherever it is shown or saved; pyplot, and thereby its backend, does not know it."""
+    """Figure in the common style wherever it is shown or saved, unknown to pyplot and its backend."""
 
     def __init__(self, *args, **options) -> None:
         super().__init__(*args, **options)
         FigureCanvasAgg(self)
 
     def draw(self, renderer) -> None:
-        """Draw in the common style, which matplotlib also needs for ticks made only now."""
+        """Draw in the common style, which also affects ticks that are created only now."""
         with common_style():
             super().draw(renderer)
 
@@ -130,12 +132,12 @@ def subplots(rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], *
 
 
 def fit_slide(figure) -> dict:
-    """Give a figure a canvas of 16:9, as small as its panels allow, so that type is large when it is shown enlarged.
+    """Set a 16:9 canvas, as small as the panels allow, so that type is large after enlargement.
 
-    Labels that are longer than their axes are shrunk. Returns their sizes before that.
+    Labels longer than their axes are shrunk. Returns their previous sizes.
     """
     height, most, sizes = SLIDE, 2 * max(figure.get_size_inches()), {}
-    with warnings.catch_warnings(action="ignore"):  # of matplotlib, that panels have no room
+    with warnings.catch_warnings(action="ignore"):  # matplotlib's warning that panels have no room
         while True:
             for text, size in sizes.items():
                 text.set_fontsize(size)
@@ -199,20 +201,22 @@ def label_axes(
 ) -> None:  # fmt: skip
     """Label axes with a quantity, or a pair of quantity and unit, after their scales have been chosen.
 
-    Dimensions such as "length" become the units in use.
+    Dimensions such as "length" become the units in use, or "units of length".
 
-    `whole` contains the names of axes whose numbers are integers, `least` the least ranges of axes by name: they do not
-    zoom into noise. No linear axis zooms into round-off.
+    `whole` contains the names of axes with integers, `least` the least ranges of axes by name, which prevent zooming
+    into noise. No linear axis zooms into round-off.
 
-    Every axis of a figure is labelled here. Linear axes get as many ticks as fit side by side; if their numbers are
-    large or small, the label takes up a power of ten, as in "strain [10⁻⁵]". Logarithmic axes of little more than a
-    decade also show 2 and 5.
+    All axes of figures are labelled by this function. Linear axes get as many ticks as fit side by side; if their
+    numbers are large or small, a power of ten moves to the label, as in "strain [10⁻⁵]". Logarithmic axes of little
+    more than a decade also show 2 and 5.
     """
     for name, label in (("x", x), ("y", y), ("z", z)):
         if label is None:
             continue
         quantity, unit = (label, "") if isinstance(label, str) else label
         unit = unit_name(unit).replace(STRESS, "stress")
+        if current_units() is None and DIMENSIONS.fullmatch(unit) and unit != "1":
+            unit = f"units of {unit}"
         axis = getattr(axes, f"{name}axis")
         axis.set_label_text(axis_label(quantity, unit))
         if axis.get_scale() == "linear":
@@ -224,7 +228,7 @@ def label_axes(
 
 
 class _PowerFormatter(ScalarFormatter):
-    """Numbers without offset; a power of ten that is common to them goes into the label of the axis."""
+    """Numbers without offset; their common power of ten is in the label of the axis."""
 
     def __init__(self, quantity: str, unit: str) -> None:
         super().__init__(useOffset=False, useMathText=True)
@@ -242,7 +246,7 @@ class _PowerFormatter(ScalarFormatter):
 
 
 class _FittingLocator(AutoLocator):
-    """As many round numbers as fit side by side."""
+    """Locator of as many round numbers as fit side by side."""
 
     def __init__(self, *, integer: bool, least: float = 0.0) -> None:
         super().__init__()
@@ -250,7 +254,7 @@ class _FittingLocator(AutoLocator):
         self.least = least
 
     def nonsingular(self, v0: float, v1: float) -> tuple[float, float]:
-        """Limits of an axis without margins, wider than those of the data where these differ by noise only."""
+        """Limits of an axis without margins, wider than the data if these differ only by noise."""
         low, high = sorted((v0, v1))
         size = max(abs(low), abs(high))
         noise = self.least if high - low < self.least else 0.05 * size if high - low <= ROUND_OFF * size else 0.0
@@ -291,9 +295,9 @@ class _MinorFormatter(LogFormatterMathtext):
 
 
 def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, middle: bool = True) -> None:
-    """Plot a signal; if it turns more often than lines can be told apart, plot its envelope instead.
+    """Plot a signal, or its envelope if it oscillates too fast for separate lines.
 
-    The envelope is the least and the greatest value in each bin, as a pale band, and with `middle` the mean as a line.
+    The envelope is a pale band from the least to the greatest value in each bin; `middle` adds the mean as a line.
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
     known = np.isfinite(x) & np.isfinite(y)
@@ -303,7 +307,7 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
     if turns <= bins or x[-1] <= x[0]:
         axes.plot(x, y, color=color, lw=lw, label=label)
         return
-    bins = min(bins, turns // 4)  # two oscillations or more, because a part of one does not reach the envelope
+    bins = min(bins, turns // 4)  # at least two oscillations, as part of one may not reach the envelope
     starts = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], bins, endpoint=False)))
     count = np.diff(np.r_[starts, len(x)])
     at, mean = (np.add.reduceat(values, starts) / count for values in (x, y))
@@ -324,7 +328,7 @@ def _count_turns(y: np.ndarray) -> int:
 
 
 def legend_above(axes, *handles, title: str = "", ncol: int = 2, **options) -> None:
-    """Draw the legend above axes, where it hides nothing, below a title."""
+    """Draw the legend above the axes and below the title."""
     if not handles and not axes.get_legend_handles_labels()[0]:
         axes.set_title(title)
         return

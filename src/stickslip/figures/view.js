@@ -23,9 +23,10 @@ function unpacked(k) { // arrays of a frame, decoded on first use
     f.i = new Int32Array(bytes(p.i).buffer);
     f.j = new Int32Array(bytes(p.j).buffer);
     f.branch = floats(p.branch);
-    f.lines = data.widths.flatMap((_, size) => ["stick", "slide"].map((kind) => ({ name: `${kind} ${size}`, rows: [] })));
-    const size = bytes(p.size), slides = bytes(p.mode);
-    for (let c = 0; c < size.length; c++) f.lines[2 * size[c] + slides[c]].rows.push(c);
+    f.lines = data.widths.flatMap((_, size) => data.lines.map((kind) => ({ name: `${kind} ${size}`, rows: [] })));
+    const size = bytes(p.size), kind = bytes(p.mode);
+    for (let c = 0; c < size.length; c++) f.lines[data.lines.length * size[c] + kind[c]].rows.push(c);
+    f.lines = f.lines.filter((line) => byName[line.name]); // bonds have one width
     f.values = Object.fromEntries(Object.entries(p.values).map(([name, text]) => [name, floats(text)]));
     f.edges = floats(p.edges);
     f.walls = floats(p.walls);
@@ -257,7 +258,8 @@ function legend(about) {
     bar.id = "bar";
     parts.push(words(number(about.low)), bar, words((about.cut ? "≥ " : "") + number(about.high)));
   }
-  const kinds = ["stick", "slide"].flatMap((kind) => [swatch("line", hex(data.colours[kind])), words(`${kind}s`)]);
+  const names = { stick: "sticks", slide: "slides", bond: "bond", broken: "broken bond" };
+  const kinds = data.lines.flatMap((kind) => [swatch("line", hex(data.colours[kind])), words(names[kind])]);
   key.replaceChildren(...parts, words("— contacts, wider with force:"), ...kinds);
 }
 function swatch(name, background) {

@@ -16,7 +16,7 @@ from matplotlib import colormaps
 
 from ..core.arguments import Requirement, checked, require_filled, require_shape
 from ..core.measure import wrapped
-from ..core.state import SLIDE
+from ..core.state import OPEN, SLIDE
 from ..core.units import with_unit
 from ..data.exchange.frame import Frame
 from .outlines import (
@@ -27,6 +27,7 @@ from .outlines import (
     Zoom,
     body_limits,
     cell_edges,
+    drawn_bonds,
     outside,
     quantities,
     unit_mode,
@@ -34,12 +35,19 @@ from .outlines import (
     wall_edges,
     zoomed,
 )
-from .style import BLUE, COLORS, RED
+from .style import BLUE, BOND, BROKEN, COLORS, RED
 
-SMOOTH = 3000  # largest number of grains with antialiasing, which takes most of the time without a graphics card
+SMOOTH = 3000  # largest number of grains with antialiasing, which is slow without a graphics card
 MOST = 24e6  # size of the frames in a page, before compression [bytes]
-WIDTHS = (0.5, 1.0, 2.0, 4.0)  # of contact lines, for force over its mean up to each value; the last one for all above
+WIDTHS = (
+    0.5,
+    1.0,
+    2.0,
+    4.0,
+)  # widths of contact lines, for force over its mean up to each value; the last for all above
 LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
+LINES = {"stick": BLUE, "slide": RED, "bond": BOND, "broken": BROKEN}  # names and colours of lines
+CEMENT = 2  # number of the width of bonds
 KINDS = 8  # largest number of separate colours for materials
 FOV = {2: 12.0, 3: 30.0}  # degrees; almost parallel in the plane
 WITHOUT_WEBGL = """<script>
@@ -61,7 +69,8 @@ def view(
     """Three-dimensional view of a packing for a notebook, as a K3D plot.
 
     Grains are balls coloured by a quantity. Contacts are lines from centre to centre, wider for larger normal forces,
-    blue if they stick and red if they slide. The first mode, if any is given, is animated.
+    blue if they stick and red if they slide; bonds are sand-coloured, and purple once they are broken. The
+    first mode, if any is given, is animated.
 
     Parameters
     ----------
@@ -135,7 +144,8 @@ def view_data(
         "modes": [_mode_data(m, frames[at]) for m in modes],
         "eye": view_basis(first).tolist(), "box": view_box([frames[k] for k in chosen], zoom).tolist(), "fov": FOV[dim],
         "map": (red << 16 | green << 8 | blue).tolist(),  # 0xrrggbb
-        "colours": {"stick": _to_int(BLUE), "slide": _to_int(RED), "kinds": [_to_int(c) for c in COLORS]},
+        "lines": list(LINES) if any(frame.state.bonds for frame in frames) else list(LINES)[:2],
+        "colours": {name: _to_int(c) for name, c in LINES.items()} | {"kinds": [_to_int(c) for c in COLORS]},
         "widths": [float(LINE[dim] * w * radius.mean()) for w in WIDTHS],
     }  # fmt: skip
 
@@ -148,7 +158,7 @@ def _select_frames(frames: list[Frame]) -> list[int]:
 
 
 def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:
-    """Name, unit and range of a quantity; for the material, also `kinds`, values with separate colours."""
+    """Name, unit and range of a quantity; for the material also `kinds`, the values with separate colours."""
     values = np.concatenate([v for v, _ in series]).astype(float)
     low, high = float(values.min()), float(values.max())
     if name == "material":
@@ -159,14 +169,17 @@ def _describe_quantity(name: str, series: list[tuple[np.ndarray, str]]) -> dict:
 
 
 def _frame_data(frame: Frame, label: str) -> dict:
-    state, c = frame.state, frame.contacts
+    state, bonds, touch = frame.state, drawn_bonds(frame), frame.contacts["mode"] != OPEN
+    c = {name: column[touch] for name, column in frame.contacts.items()}
     force = np.asarray(c.get("force_n", np.ones(len(c["i"]))), float)
     mean = force.mean() if len(force) and force.mean() > 0 else 1.0
+    i, j, branch = (np.concatenate([c[name], bonds[name]]) for name in ("i", "j", "branch"))
+    kind = np.concatenate([c["mode"] == SLIDE, np.where(bonds["intact"], 2, 3)])
+    size = np.append(np.searchsorted(WIDTHS[:-1], force / mean), np.full(len(bonds["i"]), CEMENT))
     return {
-        "label": label, "position": _encode(wrapped(state)), "i": _encode(c["i"], np.int32),
-        "j": _encode(c["j"], np.int32), "branch": _encode(c["branch"]), "mode": _encode(c["mode"] == SLIDE, np.uint8),
-        "size": _encode(np.searchsorted(WIDTHS[:-1], force / mean), np.uint8), "edges": _encode(cell_edges(frame)),
-        "walls": _encode(wall_edges(frame)),
+        "label": label, "position": _encode(wrapped(state)), "i": _encode(i, np.int32), "j": _encode(j, np.int32),
+        "branch": _encode(branch), "mode": _encode(kind, np.uint8), "size": _encode(size, np.uint8),
+        "edges": _encode(cell_edges(frame)), "walls": _encode(wall_edges(frame)),
     }  # fmt: skip
 
 
@@ -190,7 +203,7 @@ def _choose_quantity(data: dict, colour: str | None) -> int:
 
 def _plot(data: dict, shown: int, height: int):
     """K3D plot of the first frame."""
-    import k3d  # takes a third of a second, and only this function needs it
+    import k3d  # the import takes a third of a second, and only this function needs it
 
     frame = data["frames"][0]
     position = _decode(frame["position"]).reshape(-1, 3)
@@ -206,13 +219,15 @@ def _plot(data: dict, shown: int, height: int):
     )  # fmt: skip
     plot += k3d.points(position, point_sizes=sizes, colors=colors, shader="3d", name="grains")
     branch, i = _decode(frame["branch"]).reshape(-1, 3), _decode(frame["i"], np.int32)
-    slides, size = (_decode(frame[name], np.uint8) for name in ("mode", "size"))
+    kinds, size = (_decode(frame[name], np.uint8) for name in ("mode", "size"))
     start = position[i] + ([0, 0, 1.05 * sizes.max() / 2] if data["dim"] == 2 else 0)
-    for kind, color in ((0, BLUE), (1, RED)):
+    for kind, name in enumerate(data["lines"]):
         for number, width in enumerate(data["widths"]):
-            rows = (slides == kind) & (size == number)
+            if kind > 1 and number != CEMENT:
+                continue
+            rows = (kinds == kind) & (size == number)
             ends = np.stack([start[rows], start[rows] - branch[rows]], axis=1)
-            plot += _lines(k3d, ends, f"{('stick', 'slide')[kind]} {number}", _to_int(color), width)
+            plot += _lines(k3d, ends, f"{name} {number}", data["colours"][name], width)
     for name, color in (("edges", 0x555555), ("walls", 0x8A6D3B)):
         plot += _lines(k3d, _decode(frame[name]).reshape(-1, 2, 3), name, color, 0.1 * float(sizes.mean() / 2))
     plot.camera = _camera(data)
@@ -238,7 +253,7 @@ def _camera(data: dict) -> list[float]:
 
 
 def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
-    """(2, 3) corners of the box that the camera shows: grains that are together, and cells, in all frames."""
+    """(2, 3) corners of the box shown by the camera: grains that are together, and cells, in all frames."""
     share, places, corners = 0.0 if zoom == "all" else ASIDE, [], []
     for frame in frames:
         place, radius = wrapped(frame.state), frame.state.grains.radius.max()
@@ -249,7 +264,7 @@ def view_box(frames: list[Frame], zoom: Zoom = 1.0) -> np.ndarray:
 
 
 def count_out_of_view(frames: list[Frame], zoom: Zoom = 1.0) -> int:
-    """Number of grains that are outside of the box in a frame."""
+    """Number of grains outside the box in a frame."""
     box = view_box(frames, zoom)
     return int(np.any([outside(wrapped(frame.state), *box) for frame in frames], axis=0).sum())
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
+import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
 
 from ..core.arguments import NotNegative, Numbers, Positive, Seed, Values, checked, require_index, require_positive
 from ..core.contacts.forces import forces
@@ -28,12 +28,12 @@ SHARE = 0.15  # time step over the stable one of such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over that of such a contact
 CRITICAL = 4.0  # drag of grains and cell times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
-STEPS = 20_000_000  # largest number of a compression
+STEPS = 20_000_000  # largest number of time steps of a compression
 NARROWEST = 2  # smallest width of the loose cell over the largest diameter
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
-BOX_STEPS, BLOCKS = 20_000, 150  # of a box: steps of a block of damped dynamics, and largest number of blocks
+BOX_STEPS, BLOCKS = 20_000, 150  # boxes: steps in a block of damped dynamics, and largest number of blocks
 SOFT = 0.01  # largest pressure over kn; beyond it overlaps are not small
-FRACTION = 0.86  # of a box: packing fraction of the jammed packing
+FRACTION = 0.86  # boxes: packing fraction of the jammed packing
 LOOSENED = 1.15  # expansion of the jammed packing before the walls compress it
 
 
@@ -64,31 +64,31 @@ def compressed(
 
     Grains that do not touch are compressed by a cell whose normal strains follow the stress, σ_xx = σ_yy = σ_zz = p.
     Drag brings them to rest, and Newton's method balances forces and pressure. Friction acts from the first contact on,
-    so that the contact number lies between 2 dim without friction and dim + 1 with much of it; the distance to the
-    latter is set by μ and p. The cell's inertia and the drag are such that the pressure is approached without
-    oscillation, at inertial numbers near p/k, the pressure over the stiffness of a contact.
+    so that the contact number lies between 2 dim without friction and dim + 1 at large friction, depending on μ and p.
+    The inertia of the cell and the drag are chosen such that the pressure is approached without oscillation, at
+    inertial numbers near p/k, the pressure over the stiffness of a contact.
 
     Parameters
     ----------
     pressure : float [force/length^(dim−1)]
     mu : friction coefficient, not negative, of the law `hertz_mindlin(mu=mu)`; give this or a law
     dim, radius, mass, seed, tolerance : as in `jammed`
-    law : Law with which to compress
+    law : Law of the compression
     report : called as report(stage, share, text) during the compression, with the share of the pressure that was
         reached, and a text that gives pressure, unbalanced force, contact number and packing fraction
 
     Returns
     -------
     State, PackingInfo
-        the state is at rest in a cell that is held fixed. The least number of contacts of a grain that is not a
-        rattler is 2, without friction dim + 1
+        the state is at rest in a fixed cell. Grains that are not rattlers have at least 2 contacts, or dim + 1 without
+        friction
 
     Raises
     ------
     ValueError
         if grains under this law cannot carry the pressure.
     NotInEquilibriumError
-        if the pressure was not reached; the message says how far the compression got.
+        if the pressure was not reached; the message states the pressure that was reached.
 
     Source
     ------
@@ -108,8 +108,8 @@ def compressed(
     start = random_grains(n, LOOSE.get(dim, 1.0), dim, radius=radius, mass=mass, i0=None, seed=seed)
     if _width(start) < NARROWEST * 2 * start.grains.radius.max():
         raise ValueError(
-            f"{n} grains were given: their cell would be narrower than {NARROWEST} of the largest grains, so that "
-            f"it could collapse; use more grains"
+            f"the cell of {n} grains would be narrower than {NARROWEST} of the largest grains and could collapse: use "
+            "more grains"
         )
     tolerance = BALANCED * natural_scales(start, law).force if tolerance is None else tolerance
     require_positive(tolerance=tolerance)
@@ -120,15 +120,17 @@ def compressed(
     return end, packing_info(end, law)
 
 
-def check_pressure(law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int) -> None:
-    """Raise ValueError with one sentence if grains under a law cannot carry a pressure."""
+def check_pressure(
+    law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int, name: str = "pressure"
+) -> None:  # fmt: skip
+    """Raise ValueError with one sentence if grains under a law cannot carry a pressure; `name` is its key."""
     position = np.zeros((len(radius), dim))
     position[:, 0] = np.cumsum(2 * radius)
     start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))
-    compression_scales(start, law, pressure, BALANCED * natural_scales(start, law).force)
+    compression_scales(start, law, pressure, BALANCED * natural_scales(start, law).force, name)
 
 
-def compression_scales(start: State, law: Law, pressure: float, tolerance: float) -> Scales:
+def compression_scales(start: State, law: Law, pressure: float, tolerance: float, name: str = "pressure") -> Scales:
     """Scales of a compression; ValueError if the pressure is out of reach."""
     grains, dim = start.grains, start.cell.dim
     diameter, depth = 2 * float(grains.radius.mean()), DEEPEST * float(grains.radius.min())
@@ -136,13 +138,13 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
     force, most = pressure * area, _force_between(start, law, depth)
     if not force <= most:
         raise ValueError(
-            f"pressure = {pressure:g} was given: grains under this law would overlap by more than {DEEPEST:g} of their "
-            f"radius; give at most {most / area:.2g}, or a stiffer law"
+            f"{name} must be at most {most / area:.2g}, or grains under this law would overlap by more than "
+            f"{DEEPEST:g} of their radius, got {pressure:g}; use a stiffer law"
         )
     if force < RESOLVED * tolerance:
         raise ValueError(
-            f"pressure = {pressure:g} was given: its contact forces of {force:.2g} are too small for a tolerance of "
-            f"{tolerance:g}; give a pressure of at least {RESOLVED * tolerance / area:.2g}, or a smaller tolerance"
+            f"{name} = {pressure:g} gives contact forces of {force:.2g}, too small for a tolerance of "
+            f"{tolerance:g}: use a pressure of at least {RESOLVED * tolerance / area:.2g}, or a smaller tolerance"
         )
     overlap = scipy.optimize.brentq(lambda x: _force_between(start, law, x) - force, 0.0, depth, rtol=1e-6, xtol=1e-300)
     slope = (_force_between(start, law, 1.01 * overlap) - force) / (0.01 * overlap)
@@ -151,8 +153,8 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
     steps = 0.1 * scales.stiffness * scales.time / scales.dt  # for a linear strain of a tenth
     if not steps <= STEPS:
         raise ValueError(
-            f"pressure = {pressure:g} was given: a slow compression to it would take about {steps:.0e} steps; give a "
-            f"higher pressure, or a softer law"
+            f"a slow compression to pressure = {pressure:g} would take about {steps:.0e} steps: use a higher "
+            "pressure, or a softer law"
         )
     return scales
 
@@ -217,7 +219,7 @@ def _width(state: State) -> float:
 
 
 def stopped(state: State) -> State:
-    """State that does not move, at time zero."""
+    """State at rest, at time zero."""
     return resting(state)._replace(instant=None, time=0.0)
 
 
@@ -309,7 +311,7 @@ class _Scales(NamedTuple):
     """Units of a packing of disks, all 1 by default."""
 
     length: float  # sum of the smallest and the largest radius [length]
-    mass: float  # of a disk of that diameter [mass]
+    mass: float  # mass of a disk of that diameter [mass]
     time: float  # √(mass/kn) [time]
 
 
@@ -354,7 +356,7 @@ def settle(state: State, law: Law, tolerance: float, time: float = 1.0) -> State
 
 def _contact_law(kn: float, kt: float, mu: float, pressure: float, scales: _Scales) -> Law:
     if not kn / LARGEST < pressure <= SOFT * kn:
-        raise ValueError(f"pressure = {pressure} was given: it must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}")
+        raise ValueError(f"pressure must be above 0 and at most {SOFT:g} kn = {SOFT * kn:g}, got {pressure}")
     rate = 0.2 / scales.time
     return linear(kn, kt, mu, coulomb="sharp", damping="mass_velocity", damping_n=rate, damping_t=rate)
 
@@ -372,10 +374,10 @@ def with_load(control: Control, wall: int, factor: float) -> Control:
 
 @checked
 def with_machine(state: State, wall: int, stiffness: Positive) -> State:
-    """State in which a spring exerts the present force on a wall: a testing machine of finite stiffness.
+    """State in which a spring exerts the present force on a wall, like a testing machine of finite stiffness.
 
-    A leg that moves the load point (`with_travel`) drives the displacement of the wall if the machine is much stiffer
-    than the packing, and its force if it is much softer.
+    Moving the load point (`with_travel`) controls the displacement of the wall if the machine is much stiffer than the
+    packing, and its force if it is much softer.
 
     Parameters
     ----------
@@ -394,7 +396,7 @@ def with_machine(state: State, wall: int, stiffness: Positive) -> State:
     require_index(state.n_bodies, wall=wall)
     pull, control, place = state.control.force[wall], state.control, body_positions(state)[wall]
     if not pull.any():
-        raise ValueError(f"body {wall} has no force that a machine could exert: give a wall under a force")
+        raise ValueError(f"body {wall} has no force to be exerted by a machine: give a wall under a force")
     for axis in np.flatnonzero(pull):
         control = spring_loaded(control, [wall], [place + pull / stiffness], stiffness, axis=int(axis))
     force = control.force.copy()

@@ -20,9 +20,9 @@ from ..solve.moduli import VOIGT, elastic_moduli, isotropic_tensor, voigt
 from ..solve.newton import Factorisation
 from .compression import stopped
 
-SIZE = 1e-4  # of a probe, in mean overlaps per diameter
-BALANCED = 1e-7  # residual over the change of forces that a probe makes
-ROUND_OFF = 1e-15  # of a position, over the width of the cell
+SIZE = 1e-4  # size of a probe, in mean overlaps per diameter
+BALANCED = 1e-7  # residual over the change of forces in a probe
+ROUND_OFF = 1e-15  # round-off of a position, over the width of the cell
 NORMALS = 90  # normals of bands over half a circle, before the least is refined
 
 
@@ -38,9 +38,9 @@ class Envelope(NamedTuple):
     plane: np.ndarray  # (2, dim, dim) e₁ and e₂, orthonormal
     strain: np.ndarray  # (M, dim, dim) [1]
     stress: np.ndarray  # (M, dim, dim) [force/length^(dim−1)]
-    elastic: np.ndarray  # (M, dim, dim) of what was not imposed, if contacts at the limit stick
+    elastic: np.ndarray  # (M, dim, dim) response if contacts at the limit stick
     slides: np.ndarray  # (M,) contacts that slide
-    control: str  # "strain" or "stress": what was imposed
+    control: str  # imposed quantity, "strain" or "stress"
 
     @property
     def work(self) -> np.ndarray:
@@ -54,7 +54,7 @@ class Envelope(NamedTuple):
 
     @property
     def cones(self) -> list[tuple[float, float]]:
-        """Ranges of angle with negative second-order work, anticlockwise [rad]; the begin may be negative."""
+        """Ranges of angle with negative second-order work, anticlockwise [rad]; the start may be negative."""
         return negative_ranges(self.angle, self.work)
 
     @property
@@ -80,16 +80,16 @@ def response_envelope(
     """Probe a packing with small increments of strain or stress in all directions of a plane, by quasi-static steps.
 
     Increments are measured from the state, whose cell may be tilted or turned; it is first brought to rest.
-    Contacts may start and cease to slide, so that the response is linear only within sectors of directions. Its
-    elastic part is that of the same packing if contacts at the Coulomb limit stick.
+    Contacts may start or cease to slide, so that the response is linear only within sectors of directions. Its elastic
+    part is the response if contacts at the Coulomb limit stick.
 
-    Of 30 disks with sliding contacts, slow dynamics over strains of 2e-7 had the same stress to 0.7 % after 400 units
-    of time, and to 0.07 % after 4000; `quasirigid.probe_statuses`, without a finite step, has the same strains to
+    For 30 disks with sliding contacts, slow dynamics over strains of 2e-7 gave the same stress to 0.7 % after 400 units
+    of time, and to 0.07 % after 4000; `quasirigid.probe_statuses`, without a finite step, gives the same strains to
     2e-4 (`tests/unit/test_envelope.py`).
 
     Parameters
     ----------
-    state : in equilibrium, in a fully periodic cell, without walls or rigid groups; its control does not matter
+    state : in equilibrium, in a fully periodic cell, without walls or rigid groups; its control is ignored
     directions : int, evenly spaced in angle
     control : "strain" imposes all components of the strain, "stress" all components of the stress
     plane : two symmetric (dim, dim) tensors that span the plane; default: yy and xx for disks, yy and (xx + zz)/√2 for
@@ -118,9 +118,9 @@ def response_envelope(
     ([], True)
     """
     require_sizes([Size("these are", directions, "directions", "use fewer")])
-    least = 1e3 * _round_off(state) if len(touching(state)) else 0.0  # forces are then known to 1e-3
+    least = 1e3 * _round_off(state) if len(touching(state)) else 0.0  # forces are then accurate to 1e-3
     if not least <= size <= 1:
-        raise ValueError(f"size = {size:g} was given: probes of this packing have sizes from {least:.1g} to 1")
+        raise ValueError(f"size must be from {least:.1g} to 1 for probes of this packing, got {size:g}")
     if plane is None:
         along = np.diag(np.eye(state.cell.dim)[1])
         plane = [along, np.eye(state.cell.dim) - along]  # yy, and the other normal components together
@@ -184,7 +184,7 @@ class _StrainProbe:
         held = stopped(state._replace(control=control))
         self.state = self.settle(held) if imbalance(held, law) <= BALANCED_BELOW else None
         if self.state is None:
-            raise ValueError("a packing that is not in equilibrium was given: use `equilibrate` first")
+            raise ValueError("the packing is not in equilibrium: use `equilibrate` first")
         self.before = stress(self.state, law)
 
     def answer(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
@@ -196,7 +196,7 @@ class _StrainProbe:
         return direction, 0.5 * (change + change.T)[:dim, :dim] / self.step, _slides(end)
 
     def settle(self, state: State) -> State | None:
-        """Return the equilibrium that Newton's method reaches, or None."""
+        """Return the equilibrium found by Newton's method, or None."""
         try:
             end, outcome = equilibrate(
                 state, self.law, tolerance=self.tolerance, keep=self.keep, check="nothing", steps=1
@@ -230,7 +230,7 @@ def _slides(state: State) -> int:
 
 
 def _sticking(state: State) -> State:
-    """Return the state with contacts at the limit held as if they stuck."""
+    """Return the state with contacts at the limit treated as sticking."""
     return with_mode(state, state.contacts.mode == SLIDE, STICK)
 
 
@@ -238,18 +238,18 @@ def _orthonormal(plane: np.ndarray, dim: int) -> np.ndarray:
     """Return an orthonormal basis of the plane of two tensors."""
     if plane.shape != (2, dim, dim) or not np.allclose(plane, plane.transpose(0, 2, 1)):
         raise ValueError(
-            f"a plane of shape {plane.shape} was given: two symmetric tensors of shape {(dim, dim)} span one"
+            f"plane must be two symmetric tensors of shape {(dim, dim)}, got an array of shape {plane.shape}"
         )
     first = plane[0] / np.linalg.norm(plane[0])
     second = plane[1] - (plane[1] * first).sum() * first
     if not np.linalg.norm(second) > 1e-9 * np.linalg.norm(plane[1]):
-        raise ValueError("two tensors that are multiples of each other were given: they must span a plane")
+        raise ValueError("the two tensors are multiples of each other: they must span a plane")
     return np.array([first, second / np.linalg.norm(second)])
 
 
 @readable
 class Localisation(NamedTuple):
-    """Weakest plane of a packing against a band of shear: the acoustic tensor n·C·n with the least determinant."""
+    """Plane of a packing with the least resistance to a shear band: least determinant of the acoustic tensor n·C·n."""
 
     normal: np.ndarray  # (dim,) of the plane
     determinant: float  # of its acoustic tensor, over that of the isotropic tensor nearest to the elastic moduli [1]
@@ -257,7 +257,7 @@ class Localisation(NamedTuple):
 
 @checked
 def localisation(state: Committed, law: Law) -> Localisation:
-    """Return the plane, of all orientations, whose acoustic tensor n_b C_abcd n_d has the least determinant.
+    """Return the plane whose acoustic tensor n_b C_abcd n_d has the least determinant of all orientations.
 
     C is the tangent modulus with contacts at the limit sliding, as under continued loading. A determinant of zero means
     that a band across n may form.

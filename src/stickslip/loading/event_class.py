@@ -1,11 +1,12 @@
-"""Events of quasi-static paths: their kinds, what announces one, which contact starts it, and what it changes."""
+"""Events of quasi-static paths: kinds, precursors, triggering contacts, and changes."""
 
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
+import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
 
+from ..core.contacts.bonding import bond_shares, broken_since, without_failure
 from ..core.contacts.forces import FREE
 from ..core.contacts.jacobian import linearise
 from ..core.contacts.neighbors import with_neighbor_list
@@ -19,21 +20,25 @@ from ..solve.spectrum import REAL_BELOW
 from .event_path import TIME_STEP, Judge, Point, displacement
 
 EVENT_RATIO = 8.0  # between the distances from an event at which the spectrum is computed
-VANISHES, STEEPEST = 0.25, 8.0  # least exponent of a quantity that tends to zero at an event, and greatest sought
-PROBE, TRIED = 1e-3, 10  # part of a strain step that extrapolates forces, and contacts tried on the motion ahead
-BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket up to which a contact that changes is sought
-NEAREST, ALMOST = 5, 0.99  # most mobilised sticking contacts that are tried, too, if their mobilisation is above this
+VANISHES, STEEPEST = 0.25, 8.0  # least and greatest exponent of a quantity that tends to zero at an event
+PROBE, TRIED = (
+    1e-3,
+    10,
+)  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
+BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket within which a contact change is sought
+NEAREST, ALMOST = 5, 0.99  # mobilisation above which the most mobilised sticking contacts are also tried
 RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which it is measured, over the largest one
 
 
 class EventKind(Enum):
-    """What announces and starts an event. The value of each member is a description."""
+    """Precursor and start of an event. The value of each member is a description."""
 
     SADDLE_NODE = "a real eigenvalue reaches zero"
     PAIR = "a complex pair with growing oscillations"
     SLIDING = "a contact starts to slide"
     OPENING = "a contact opens"
+    BREAKING = "a bond breaks"
     UNSTABLE = "the state before was already unstable"
     UNRESOLVED = "unresolved"
 
@@ -43,7 +48,7 @@ class Event(NamedTuple):
     """Discontinuity of a quasi-static path; see `find_events`. Strains count from the first state."""
 
     strain: float  # upper end of the bracket [1]
-    below: float  # its lower end, the last strain that the path reaches without a jump or loss of stability
+    below: float  # its lower end, the last strain before a jump or loss of stability
     kind: EventKind
     exponent: float  # p of (γ_c − γ)^p for λ_min, for pairs Re λ − (Im λ/drag)²; see `fit_power`; NaN if flat
     exponent_error: float  # its standard error
@@ -54,17 +59,18 @@ class Event(NamedTuple):
     trigger: tuple[int, int]  # grains of the contact whose sliding or opening starts the event; (−1, −1) without
     mobilisation: float  # |F_t|/(μ F_n) of that contact in the last stable state, or NaN
     # smallest λ, for pairs Re λ − (Im λ/drag)², of the last stable state with that contact sliding or open; negative
-    # if this makes it unstable, NaN without such a contact [1/time²]
+    # and unstable; NaN without such a contact [1/time²]
     switched: float  # [1/time²]
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
     stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
     jump: float  # root mean square non-affine displacement, in mean diameters
-    participation: float  # of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
+    participation: float  # participation of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
     opened: int  # contacts that opened
     closed: int  # contacts that closed
     # root mean square distance, in mean diameters, between the state at the end of the strain step and that of Newton's
     # method alone in one step; NaN if Newton's method fails
     newton_distance: float
+    broken: np.ndarray = np.zeros((0, 3), int)  # (B, 3) bonds that broke in it: grains, index in `FAILURES`
 
 
 @readable(head=lambda steps: pluralize(len(steps.strain), "strain step"))
@@ -76,7 +82,7 @@ class StrainStep(NamedTuple):
     nonaffine_rate: np.ndarray  # root mean square of dq/dγ over the supported grains, from J alone [length]
     growth: np.ndarray  # growth rate |Im √λ| of the fastest pair without drag, 0 without a pair [1/time]
     tangent_modulus: np.ndarray  # d(−σ_xy)/dγ, from J alone [force/length^(dim−1)]
-    switch: np.ndarray  # smallest λ_min if one of the most mobilised sticking contacts slides [1/time²]
+    switch: np.ndarray  # smallest λ_min if one of the most mobilised sticking contacts slid [1/time²]
     shear_stress: np.ndarray  # −σ_xy [force/length^(dim−1)]
     pressure: np.ndarray  # [force/length^(dim−1)]
     loss_ahead: np.ndarray  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
@@ -89,7 +95,7 @@ class Events(NamedTuple):
     events: tuple[Event, ...]
     steps: StrainStep
     state: State  # at the end of the path
-    drag: float  # of the dynamics that decide where an event ends [1/time]
+    drag: float  # drag of the dynamics that determine the end of an event [1/time]
     step: float  # largest strain step
     resolution: float  # largest width of a bracket
     end: str  # reason why the search ended
@@ -105,6 +111,7 @@ class Break(NamedTuple):
     beyond: Point | None  # unstable equilibrium at the upper end, if the branch continues
     after: Point  # where dynamics ends
     goal: float  # upper end of the bracket
+    snaps: bool = False  # whether a bond at its strength starts it
 
 
 class Profile(NamedTuple):
@@ -118,7 +125,7 @@ class Profile(NamedTuple):
 
 
 def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
-    """Describe an event, except for where Newton's method alone leads."""
+    """Describe an event, without the result of Newton's method alone."""
     judge, before, after = event.before.judge, event.before, event.after
     # spectra at distances step · 8^(−k) down to a few widths of the finer bracket
     width, rows = event.upper - event.last.strain, []
@@ -129,7 +136,8 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
             rows.append((away, *_softness(point)))
         away /= EVENT_RATIO
     profile = Profile(*np.array(rows).reshape(-1, 5).T)
-    kind, (power, error) = _classify(event, profile)
+    broken = broken_since(after.state, before.state)
+    kind, (power, error) = (EventKind.BREAKING, (np.nan,) * 2) if event.snaps else _classify(event, profile)
     trigger, row, values = None, -1, None
     if kind is EventKind.UNRESOLVED and (trigger := find_trigger(event.last, event.upper)):
         kind, row, values = trigger
@@ -141,23 +149,34 @@ def describe(event: Break, step: float, bracket: tuple[float, float]) -> Event:
         growth = float(event.beyond.exponents.max())
     elif values is not None:
         growth = float(judge.exponents(values).max())
+    elif event.snaps:
+        growth = np.nan
     else:
         growth = motion_growth(before, event.upper, judge)
     moved = displacement(before.state, after.state, after.strain - before.strain, judge.way)
     jump, participation = jump_size(moved, before.response.support.grains)
     (shear, pressure), end = before.stress, after.stress[0]
-    # contacts that bear nothing neither open nor close
+    # contacts without force count as neither opened nor closed
     (held, touched), (holds, touches) = (
         (set(p.state.contacts.key[np.flatnonzero(p.response.support.contacts)].tolist()),
          set(p.state.contacts.key[touching(p.state)].tolist())) for p in (before, after)
     )  # fmt: skip
+    grains = (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1)
+    grains = _weakest(event.last) if event.snaps else grains
+    broken = broken[np.argsort((broken[:, :2] != grains).any(axis=1), kind="stable")]  # the trigger is the first
     return Event(
         bracket[1], bracket[0], kind, power, error, profile.distances, profile.softest, profile.re_pair,
-        profile.growth, (int(contacts.i[row]), int(contacts.j[row])) if trigger else (-1, -1),
+        profile.growth, grains,
         float(event.last.response.mobilisation[row]) if trigger else np.nan,
         margin(values, judge.drag) if trigger else np.nan, growth, (shear - end) / pressure,
-        jump / judge.diameter, participation, len(held - touches), len(holds - touched), np.nan,
+        jump / judge.diameter, participation, len(held - touches), len(holds - touched), np.nan, broken,
     )  # fmt: skip
+
+
+def _weakest(point: Point) -> tuple[int, int]:
+    """Grains of the bond with the largest share of its strength."""
+    bonds, first = point.state.bonds, int(bond_shares(point.state).argmax())
+    return int(bonds.i[first]), int(bonds.j[first])
 
 
 def _point_at(event: Break, strain: float) -> Point | None:
@@ -188,10 +207,10 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
     proportional to the values, which is the constant β; so is the leading effect of another mode that takes over far
     from the event.
 
-    The error has two parts: the strain of the event is known to be within a bracket only, and corrections of higher
-    order are neglected. The latter count as the first correction, or as the change without the nearest value if that
-    is more. Where d = A λ² + B λ³, as where a contact with the stiffness √overlap is about to open, p is between 1/3
-    and 1/2 until A λ² dominates.
+    The error has two parts: the strain of the event is only known to lie within a bracket, and corrections of higher
+    order are neglected. The latter are estimated by the first correction, or by the change without the nearest value if
+    that is larger. Where d = A λ² + B λ³, as where a contact with the stiffness √overlap is about to open, p is between
+    1/3 and 1/2 until A λ² dominates.
 
     Parameters
     ----------
@@ -233,7 +252,7 @@ def _power(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _classify(event: Break, profile: Profile) -> tuple[EventKind, tuple[float, float]]:
-    """Kind of an event as far as spectra tell, and the exponent with its error."""
+    """Kind of an event as far as determined by spectra, and the exponent with its error."""
     if not event.last.stable:
         return EventKind.UNSTABLE, (np.nan, np.nan)
     for kind, values in ((EventKind.SADDLE_NODE, profile.softest), (EventKind.PAIR, profile.margin)):
@@ -268,7 +287,7 @@ def find_trigger(last: Point, upper: float) -> tuple[EventKind, int, np.ndarray]
 
 
 def _grows(values: np.ndarray, drag: float) -> bool:
-    """Return True if one of the eigenvalues belongs to a mode that grows under the drag."""
+    """Return True if an eigenvalue belongs to a mode that grows under the drag."""
     return margin(values, drag) < -REAL_BELOW * np.abs(values).max()
 
 
@@ -283,6 +302,8 @@ def _upcoming(last: Point, upper: float):
         contacts = dict(zip(key, zip(line.closed, line.slides, strict=True), strict=True))
         for row in np.flatnonzero(response.support.contacts).tolist():
             closed, slides = contacts.get(int(state.contacts.key[row]), (0.0, 0.0))
+            if not response.line.closed[row]:  # a bond across a gap
+                continue
             if not closed:
                 yield row, OPEN
             elif slides and state.contacts.mode[row] == STICK:
@@ -290,13 +311,13 @@ def _upcoming(last: Point, upper: float):
 
 
 def loss_ahead(point: Point, strain: float) -> float:
-    """Strain after which a contact is lost on the linear motion ahead, so that the state is then unstable; ∞ without.
+    """Strain at which the linear motion ahead loses a contact and the state becomes unstable; ∞ if there is none.
 
-    A contact is lost where it reaches the Coulomb limit or opens. Forces and what is left to the limit are extrapolated
-    from their change over a small part of `strain`. The contacts that are lost first are tried, one by one.
+    A contact is lost where it reaches the Coulomb limit or opens. Forces and distances to the limit are extrapolated
+    from their change over a small part of `strain`. Contacts are tried one by one in the order of their loss.
 
-    The law is evaluated at rest, as in quasi-static loading. Slides were found within a twentieth of a strain step of
-    where they were announced at its beginning (50 disks, `tests/events/test_loss_ahead.py`).
+    The law is evaluated at rest, as in quasi-static loading. Sliding started within a twentieth of a strain step of the
+    strain predicted at its beginning (50 disks, `tests/events/test_loss_ahead.py`).
     """
     response, state, part = point.response, point.state, PROBE * strain
     there = displaced(point.strained_to(point.strain + part), response.free, _coordinates(response, part))
@@ -333,7 +354,7 @@ def motion_growth(point: Point, strain: float, judge: Judge) -> float:
 
     It is a mean over the last rise of K from 1 % to 50 % of its maximum.
     """
-    start = point.strained_to(strain)
+    start = without_failure(point.strained_to(strain))
     dt = TIME_STEP * stable_time_step(start, judge.law)
     _, record, outcome = run(start, judge.law, RUN, dt, drag=judge.drag, spin_drag=judge.drag, every=SAMPLE, threads=1)
     energy = record.kinetic_energy

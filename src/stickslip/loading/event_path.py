@@ -1,9 +1,9 @@
-"""Points of a quasi-static path, forecasts of its next event, and the dynamics that decide where it goes from there.
+"""Points of a quasi-static path, forecasts of its next event, and the dynamics that determine its continuation.
 
-Forecasts are made from quantities that vanish at the event as a known power. Near a saddle node the strain that is left
+Forecasts are made from quantities that vanish at the event as a known power. Near a saddle node, the remaining strain
 is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates far from it if a contact of
-stiffness √overlap is about to open. Near the birth of a complex pair the squared gap between two real eigenvalues is
-linear in the strain. A contact reaches the Coulomb limit, or opens, where the linear motion ahead says so.
+stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap between two real eigenvalues is
+linear in the strain. Contacts are predicted to reach the Coulomb limit, or to open, by linear extrapolation.
 """
 
 from collections.abc import Iterator
@@ -12,13 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.contacts.bonding import bond_shares, with_strength_of, with_weakest_broken, without_failure
 from ..core.contacts.forces import accept, forces
 from ..core.contacts.neighbors import with_neighbor_list
 from ..core.dynamics.run import stable_time_step
 from ..core.laws.builtin import Law
 from ..core.measure import contact_forces, mean_normal_force, touching, volume
 from ..core.readable import readable
-from ..core.state import State
+from ..core.scales import natural_scales
+from ..core.state import OPEN, State
 from ..solve.balance import with_modes_under
 from ..solve.equilibrate import equilibrate, relax
 from ..solve.freedom import displaced
@@ -28,18 +30,20 @@ from ..solve.shear_response import PRUNE, Response, damped_exponents, root_mean_
 from .settling import SIMPLE, Deformation
 
 BEND = 0.05  # distance of a step from the motions predicted at its ends, over the larger of them, in a continuous path
-JUMP = 10.0  # motion over that predicted in a bracket, from which it is a jump
-STILL = 1e-7  # displacement below which nothing jumped, in mean overlaps
+JUMP = 10.0  # motion over its prediction in a bracket, above which it is a jump
+TINY = 1e-4  # overlap that replaces the mean in a cemented packing without overlaps, over the mean diameter
+UNLOADED = 1e-3  # force that replaces the mean in a cemented packing at rest, over the natural one
+STILL = 1e-7  # displacement below which there was no jump, in mean overlaps
 BALANCED = 5e-11  # largest unbalanced force, over the mean normal force
-ITERATIONS, PATIENCE = 30, 3  # of Newton's method, and its steps that may leave more than half of the residual
-RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which dynamics hands over to Newton's method, over the mean normal force
+ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those that leave more than half of the residual
+RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which Newton's method follows dynamics, over the mean normal force
 KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
-LEFT = 10.0  # distance from an unstable equilibrium at which it has been left, over that of the start
-TIME_STEP = 0.2  # of dynamics, in units of the longest stable one
-MOST_STEPS = 500_000  # of dynamics
+LEFT = 10.0  # distance from an unstable equilibrium at which it counts as left, over that of the start
+TIME_STEP = 0.2  # time step of dynamics, in units of the longest stable one
+MOST_STEPS = 500_000  # largest number of steps of dynamics
 # dynamics from an unstable equilibrium: times of growth, then of decay, and steps at most
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
-AROUND = 0.3  # distance from an equilibrium around which a packing oscillates without end, in mean overlaps
+AROUND = 0.3  # distance from an equilibrium about which a packing oscillates endlessly, in mean overlaps
 MOST_DEPARTURES = 5  # from one unstable equilibrium to another
 GROWS_ABOVE = 1e-9  # exponent above which a mode grows, in units of the highest frequency
 
@@ -52,7 +56,7 @@ class Judge:
         way: Deformation = SIMPLE,
     ):  # fmt: skip
         self.law, self.drag, self.prune, self.slip, self.way = law, drag, prune, slip, way
-        self.force = mean_normal_force(state, law)
+        self.force = mean_normal_force(state, law) or UNLOADED * natural_scales(state, law).force
         self.diameter = float(2 * state.grains.radius.mean())
         self.overlap = mean_overlap(state)
         self.keep = Factorisation()
@@ -70,12 +74,25 @@ class Judge:
         return damped_exponents(eigenvalues, self.drag)
 
     def supported_grains(self, state: State) -> np.ndarray:
-        """(N,) grains of a state that are left after pruning."""
+        """(N,) grains of a state that remain after pruning."""
         return support(state, self.law, prune=self.prune).grains
 
     def rest(self, state: State, steps: int = MOST_STEPS) -> tuple[State, bool]:
-        """State to which damped dynamics leads, and whether it came to rest; Newton's method only removes residuals."""
-        here = state
+        """Final state of damped dynamics, and whether it came to rest; Newton's method only removes residuals.
+
+        Until then, bonds do not break unless they fade. Bonds at their strength then break one by one, in the order of
+        load over strength, with dynamics after each.
+        """
+        end, rested = self._rest(state, steps)
+        while rested and (weaker := with_weakest_broken(end)) is not end:
+            end, rested = self._rest(weaker, steps)
+        return end, rested
+
+    def _rest(self, state: State, steps: int) -> tuple[State, bool]:
+        here, rested = self._calm(without_failure(state), steps)
+        return with_strength_of(here, state), rested
+
+    def _calm(self, here: State, steps: int) -> tuple[State, bool]:
         for share in RESTING:
             dt = TIME_STEP * stable_time_step(here, self.law)
             if not np.isfinite(dt):
@@ -96,7 +113,7 @@ class Point:
 
     def __init__(self, strain: float, state: State, judge: Judge, *, tolerated: bool = False):
         self.strain, self.state, self.judge = strain, state, judge
-        self.tolerated = tolerated  # whether dynamics was found to stay near here although the spectrum is unstable
+        self.tolerated = tolerated  # whether dynamics stays near this state although the spectrum is unstable
 
     @cached_property
     def response(self) -> Response:
@@ -106,7 +123,7 @@ class Point:
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of the supported grains; of all, if only these are stable, because a contact is about to open."""
+        """Eigenvalues of the supported grains, or of all if only these are stable as a contact is about to open."""
         pruned = self.response.eigenvalues
         return (
             self.response.with_all_contacts
@@ -127,6 +144,11 @@ class Point:
     def stable(self) -> bool:
         """True if no mode grows under the drag."""
         return not self._grows(self.eigenvalues)
+
+    @cached_property
+    def holds(self) -> bool:
+        """True if no bond is at its strength."""
+        return bool(bond_shares(self.state).max(initial=0.0) < 1)
 
     @property
     def oscillates(self) -> bool:
@@ -171,20 +193,27 @@ class Point:
 def commit(state: State, law: Law) -> State:
     """State with the memory of its contacts committed, each in its mode under a given law.
 
-    Contacts of packings made without friction slide without slip, which has no meaning under a law with friction.
+    Contacts of packings made without friction are marked as sliding without slip, which is meaningless under a law with
+    friction.
     """
     here = with_neighbor_list(state, law)
     return with_modes_under(accept(here, forces(here, law)[1]), law)
 
 
 def mean_overlap(state: State) -> float:
-    """Mean overlap of touching contacts [length]; zero without contacts."""
+    """Mean overlap of touching contacts [length]; zero without contacts.
+
+    Without overlaps in a cemented packing, 1e-4 mean diameters.
+    """
     rows, contacts = touching(state), state.contacts
     if not len(rows):
         return 0.0
     radius = state.grains.radius
     apart = np.linalg.norm(contacts.pair[rows], axis=1)
-    return float((radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart).mean())
+    overlap = radius[contacts.i[rows]] + radius[contacts.j[rows]] - apart
+    if state.bonds:
+        overlap = overlap[contacts.mode[rows] != OPEN]
+    return float(overlap.mean()) if len(overlap) else TINY * 2 * float(radius.mean())
 
 
 def displacement(a: State, b: State, strain: float = 0.0, way: Deformation = SIMPLE) -> np.ndarray:
@@ -202,8 +231,8 @@ def distance(a: State, b: State, grains: np.ndarray) -> float:
 def continuous(a: Point, b: Point, bend: float = BEND) -> bool:
     """Return True if grains moved from one point to the next as the linear responses at both ends predict.
 
-    If a contact changes in between, the motion lies between the two predictions. So the distance from the line between
-    them counts, not that from either of them; `bend` is the largest one, over the larger prediction.
+    If a contact changes in between, the motion lies between the two predictions. The criterion is therefore the
+    distance from the line between them; `bend` is its largest value over the larger prediction.
     """
     both, strain = a.response.support.grains & b.response.support.grains, b.strain - a.strain
     if not both.any():
@@ -241,9 +270,9 @@ def depart(point: Point) -> tuple[Point | None, bool]:
     Returns
     -------
     Point or None
-        where dynamics comes to rest elsewhere; None if it returns, or oscillates without end around the equilibrium
+        point where dynamics comes to rest elsewhere; None if it returns, or oscillates endlessly about the equilibrium
     bool
-        whether it came to rest at all
+        whether it came to rest
     """
     start, grains = point.with_kick(), point.response.support.grains
     time = E_FOLDS / point.exponents.max() + DECAYS / point.judge.drag
@@ -257,7 +286,7 @@ def depart(point: Point) -> tuple[Point | None, bool]:
 def fall(point: Point, strain: float) -> Point | None:
     """Point to which dynamics leads from the state of another point at an advanced strain.
 
-    If it oscillates without end around an equilibrium, the result is that equilibrium; otherwise None.
+    If it oscillates endlessly about an equilibrium, the result is that equilibrium; otherwise None.
     """
     end, rested = point.judge.rest(point.strained_to(strain))
     if rested:
@@ -269,7 +298,7 @@ def fall(point: Point, strain: float) -> Point | None:
 
 
 def settle(point: Point) -> Point:
-    """Point that dynamics reaches from one that may be an unstable equilibrium; it may oscillate around the last."""
+    """Point reached by dynamics from a possibly unstable equilibrium; it may oscillate about the result."""
     for _ in range(MOST_DEPARTURES):
         if point.stable:
             return point
@@ -283,9 +312,9 @@ def settle(point: Point) -> Point:
 
 COUPLED = 0.5  # overlap of the modes of two real eigenvalues from which these are followed
 SAME = 0.05  # relative change of their mean from step to step
-WINDOWS = (3, 4, 5, 6)  # steps from which the strain of an event is extrapolated
-FAR = 6.0  # strain steps beyond which nothing is forecast
-LEVEL = 0.8  # of the intervals
+WINDOWS = (3, 4, 5, 6)  # number of steps from which the strain of an event is extrapolated
+FAR = 6.0  # number of strain steps beyond which no forecast is made
+LEVEL = 0.8  # level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
 # Quantiles of ln(strain left / strain left by the extrapolation) where the event came, that with the scatter of the
 # windows contain LEVEL of them: of packings that `python -m benchmarks forecast` does not use, and of the saddle nodes
@@ -298,7 +327,7 @@ class Signs(NamedTuple):
 
     strain: np.ndarray  # (S,)
     softest: np.ndarray  # (S,) smallest real eigenvalue [1/time²]
-    loss_ahead: np.ndarray  # (S,) strain to the loss of a contact that leaves an unstable state
+    loss_ahead: np.ndarray  # (S,) strain to the loss of a contact that causes instability
     couples: list[np.ndarray]  # (K, 3) of each step: mean eigenvalue, squared gap, overlap of coupled real modes
     pairs: np.ndarray  # (S,) complex pairs
     events: np.ndarray  # (E,) strains of all events so far
@@ -308,13 +337,13 @@ class Signs(NamedTuple):
 class Forecast(NamedTuple):
     """Forecast of the strain of the next event, or of the next complex pair, with an interval of 80 %.
 
-    The interval holds if the event comes at all: it contained the strain of 80 % of those that came in other packings.
-    It is widened by the scatter of the extrapolations from several windows of steps. Many announced events do not come,
-    or much later, because the contact that is lost only makes the packing move a little: see the documentation.
+    The interval is valid if the event occurs at all: it contained the strains of 80 % of the events that occurred in
+    other packings. It is widened by the scatter of extrapolations from several windows of steps. Many predicted events
+    do not occur, or only much later, because the lost contact causes only a small motion: see the documentation.
     """
 
     of: str  # "event" or "pair"
-    basis: str  # what it rests on
+    basis: str  # basis of the forecast
     made: float  # strain at which it was made
     strain: float
     low: float
@@ -328,14 +357,14 @@ class Forecast(NamedTuple):
         )
 
     def signed(self, sign: int) -> "Forecast":
-        """Forecast of a path whose strain falls, if the sign is −1."""
+        """Forecast in the strain of the path, which falls if the sign is −1."""
         return self._replace(**{name: sign * getattr(self, name) for name in ("made", "strain", "low", "high")})
 
 
 def forecast(signs: Signs) -> list[Forecast]:
     """Forecast of the next event, and of the next pair, from the last steps of a path; without a sign there is none.
 
-    Of an event it is the earlier one of a saddle node and of the loss of a contact.
+    For events, it is the earlier one of a saddle node and the loss of a contact.
     """
     if not len(signs.strain):
         return []
@@ -347,7 +376,7 @@ def forecast(signs: Signs) -> list[Forecast]:
 
 
 def extrapolations(signs: Signs, basis: str) -> tuple[str, np.ndarray]:
-    """Strains that are left from the last step, extrapolated from several windows; none if most windows give none."""
+    """Remaining strains from the last step, extrapolated from several windows; none if most windows give none."""
     step = float(np.diff(signs.strain[-2:]).sum())
     found = {SADDLE: _to_saddle_node, PAIR: _to_pair, CONTACT: _to_loss}[basis](signs)
     left = np.array([value for value in found if 0 < value <= FAR * step])
@@ -389,7 +418,7 @@ def zero_of_power(strain: np.ndarray, value: np.ndarray) -> float:
 
 
 def _to_loss(signs: Signs) -> list[float]:
-    """Strains to the loss of a contact, as announced at each of the last steps."""
+    """Strains to the loss of a contact, as predicted at each of the last steps."""
     last = signs.strain[-WINDOWS[0] :]
     left = last + signs.loss_ahead[-WINDOWS[0] :] - last[-1]
     return left.tolist() if np.isfinite(left[-1]) and left[-1] > 0 else []
@@ -412,7 +441,7 @@ def _to_pair(signs: Signs) -> list[float]:
 
 
 def _history(signs: Signs, mean: float) -> tuple[np.ndarray, np.ndarray]:
-    """Strains and squared gaps of a couple, followed back from the last step by the mean of its eigenvalues."""
+    """Strains and squared gaps of coupled eigenvalues, followed back from the last step by their mean."""
     rows = list(_back(signs, mean))[::-1]
     return np.array([signs.strain[k] for k, _ in rows]), np.array([square for _, square in rows])
 

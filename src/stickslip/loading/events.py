@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..core.arguments import POSITIVE, Positive, checked
+from ..core.arguments import POSITIVE, Positive, checked, knows_bonds
+from ..core.contacts.bonding import broken_since
 from ..core.laws.builtin import KEEPS_FORCE, Law, damping_model, rescales
 from ..core.measure import touching
 from ..core.progress import NotInEquilibriumError, Report, silent
@@ -31,13 +32,14 @@ from .settling import Deformation, Mode, deformation
 SMALLEST = 0.02  # displacement of an event, in mean overlaps
 FINER = 1024  # ratio of a bracket's width to that of the finer one, from which distances to an event are measured
 MOST_STEPS = 1_000_000  # strain steps of a search
-TRIALS = 200  # most steps that are tried to find the finer bracket
-THOROUGH = 4  # steps, in widths of a bracket, up to which Newton's method may converge slowly
-SWITCHED = 5  # most mobilised sticking contacts that are tried in the switch test of each strain step
-SKEW = 0.5  # shear of the cell at which a less skewed one is chosen
+TRIALS = 200  # largest number of steps to find the finer bracket
+THOROUGH = 4  # step, in widths of a bracket, up to which Newton's method may converge slowly
+SWITCHED = 5  # number of most mobilised sticking contacts tried in the switch test of each strain step
+SKEW = 0.5  # shear of the cell at which it is replaced by a less skewed one
 
 
 @checked
+@knows_bonds
 def find_events(
     state: State, law: Law, *, to: Positive, drag: Positive, step: Positive = 4e-4,
     resolution: Positive = 1e-6, most: Annotated[int, POSITIVE] | None = None, smallest: Positive = SMALLEST,
@@ -48,8 +50,10 @@ def find_events(
 
     The path is followed by Newton's method. A step counts as continuous if it ends at an equilibrium that is stable
     under the drag and if the grains moved as the linear responses at both ends predict. Any other step is divided in
-    halves, down to `resolution`; from the last stable state, dynamics with the drag then decides where the path goes.
-    If that is not a continuation of the path, there is an *event*. See `EventKind` and `Event` for what is determined.
+    halves, down to `resolution`; from the last stable state, dynamics with the drag then determines the next state. If
+    this is not a continuation of the path, there is an *event*; `EventKind` and `Event` list its properties. Breaks of
+    bonds are also events: the path ends where the first bond is at its strength. It breaks, and dynamics determines the
+    next state, on the way to which others may break.
 
     Parameters
     ----------
@@ -61,11 +65,11 @@ def find_events(
         `stable_time_step`, which is a tenth to once the highest frequency [1/time]
     step : largest strain step
     resolution : largest width of a bracket
-    smallest : root mean square non-affine displacement of grains, in mean overlaps of the given state, from which a
-        jump is an event; smaller ones are part of the path, such as the stick-slip of a single contact
-    most : number of events after which the search ends, with the strain step in which it is reached
-    prune : share of the mean overlap below which a contact supports nothing; see `solve.shear_response`
-    mode, sign : how the cell is deformed, see `aqs`; stresses are those that do work on the strain
+    smallest : root mean square non-affine displacement of grains, in mean overlaps of the given state, above which a
+    jump is an event; smaller jumps, such as stick-slip of a single contact, are part of the path
+    most : number of events after which the search ends, at the end of the strain step
+    prune : fraction of the mean overlap below which a contact does not support grains; see `solve.shear_response`
+    mode, sign : deformation of the cell, see `aqs`; stresses are the work conjugates of the strain
     report : called as report(stage, share done, text) after each strain step
 
     Raises
@@ -99,7 +103,7 @@ def find_events(
             end = f"at strain {search.point.strain:.6g} dynamics did not come to rest"
             break
         if search.fell_apart:
-            end = f"at strain {search.point.strain:.6g} the packing fell apart: nothing bears a load any more"
+            end = f"at strain {search.point.strain:.6g} the packing fell apart and no longer bears any load"
             break
         report("search for events", goal / to, f"strain {goal:.4g}, {len(search.events)} events")
     steps = StrainStep(*np.array(rows).reshape(-1, len(StrainStep._fields)).T)
@@ -107,56 +111,56 @@ def find_events(
 
 
 def check_packing(state: State, law: Law) -> None:
-    """Raise ValueError for a packing that only strain does not load, or a law with which events are not sought."""
+    """Raise ValueError for a packing that is not loaded by strain alone, or an unsuitable law."""
     control, dim = state.control, state.cell.dim
     if len(state.walls.mass):
-        raise ValueError("a packing with walls was given: events are sought in a periodic cell that can be sheared")
+        raise ValueError("the packing has walls: events are sought in a periodic cell under shear")
     if not state.cell.periodic[:dim].all():
-        raise ValueError("a packing without a periodic cell was given: make its cell periodic in all dimensions")
+        raise ValueError("the cell of the packing must be periodic in all dimensions")
     acts = (control.force, control.torque, control.gravity, control.spring, control.rate, control.cell_free)
     if any(part.any() for part in acts) or not control.free[:, :dim].all() or (control.group >= 0).any():
-        raise ValueError("a packing with loads, springs or grains that are not free was given: only strain may act")
+        raise ValueError("the packing has loads, springs or grains that are not free: only strain may act")
     if damping_model(law):
-        raise ValueError("a law with dashpots was given: the drag is the only dissipation; omit damping")
+        raise ValueError("the law has dashpots, but drag must be the only dissipation: omit damping")
     if rescales(law):
-        raise ValueError("a law with rescaled=True was given: its forces have no tangent at an accepted state")
+        raise ValueError("the law must not have rescaled=True: its forces have no tangent at an accepted state")
     if law.properties & KEEPS_FORCE:
         raise ValueError(
-            "a law with a memory of forces was given: events are sought with slips, with_memory(law, 'slip')"
+            "the law has a memory of forces, but events are sought with slips: use with_memory(law, 'slip')"
         )
 
 
 def _check(to: float, step: float, resolution: float) -> None:
     if to > MOST_STEPS * step:
-        raise ValueError(f"to = {to:g} was given with step = {step:g}: at most {MOST_STEPS} steps are taken")
+        raise ValueError(f"to = {to:g} with step = {step:g} exceeds the limit of {MOST_STEPS} steps")
     if resolution > step:
-        raise ValueError(f"resolution = {resolution:g} was given with step = {step:g}: it may not be larger")
+        raise ValueError(f"resolution must not exceed step, got {resolution:g} and {step:g}")
 
 
 def first_point(state: State, law: Law, drag: float, prune: float, way: Deformation) -> Point:
     """Given state at rest under the law; contacts of a packing made without friction first become sticking ones."""
     here = commit(state, law)
     if not len(touching(here)):
-        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+        raise ValueError("the packing has no contacts and bears no load: compress it first")
     judge = Judge(here, law, drag, prune, way=way)
     end, outcome = equilibrate(here, law, tolerance=BALANCED * judge.force, check="nothing")
     if not outcome.ok:
         raise NotInEquilibriumError("the first state of the path could not be brought to rest", outcome)
     point = Point(0.0, end, Judge(end, law, drag, prune, way=way))
     if not point.response.support.grains.any():
-        raise ValueError("a packing of rattlers was given: compress it first")
+        raise ValueError("all grains of the packing are rattlers: compress it first")
     return point
 
 
 class Search:
-    """A path, followed from one strain step to the next, and what was found on it."""
+    """A path followed from one strain step to the next, and the events found on it."""
 
     def __init__(self, point: Point, step: float, resolution: float, smallest: float):
         self.point, self.step, self.resolution = point, step, resolution
         self.least = smallest * point.judge.overlap  # displacement of an event
         self.events: list[Event] = []
         self.history = [point]  # since the last event
-        self.loss: Break | None = None  # where stability was lost, if the path went on
+        self.loss: Break | None = None  # strain at which stability was lost, if the path continued
 
     def advance(self, goal: float) -> bool:
         """Follow the path to a strain; False if dynamics does not come to rest."""
@@ -183,7 +187,7 @@ class Search:
 
     @property
     def fell_apart(self) -> bool:
-        """True if only rattlers are left, and nothing to follow."""
+        """True if only rattlers remain."""
         return not self.point.response.support.grains.any()
 
     def _distance_from(self, other: Point | None) -> float:
@@ -201,12 +205,12 @@ class Search:
             )
 
     def _try(self, strain: float) -> Point | None:
-        """Point of Newton's method at a strain; it must not fail by impatience where that matters."""
+        """Point of Newton's method at a strain, with enough iterations where failure matters."""
         return self.point.newton(strain, thorough=strain - self.point.strain <= THOROUGH * self.resolution)
 
     def _continues(self, trial: Point | None) -> bool:
         """Return True if a trial point continues the path."""
-        if trial is None or not continuous(self.point, trial):
+        if trial is None or not trial.holds or not continuous(self.point, trial):
             return False
         trial.tolerated = not trial.stable and self.point.tolerated and depart(trial)[0] is None
         return trial.stable or trial.tolerated
@@ -218,10 +222,16 @@ class Search:
             self.loss = None
 
     def _judge(self, trial: Point | None, goal: float) -> bool:
-        """Let dynamics decide over a step that is as short as a bracket; False if it does not come to rest."""
+        """Let dynamics determine the end of a step as short as a bracket; False if it does not come to rest."""
         before = self.point
-        beyond = trial if trial is not None and not trial.stable and continuous(before, trial) else None
-        if beyond is not None:
+        snaps = trial is not None and not trial.holds and continuous(before, trial)
+        beyond = trial if not snaps and trial is not None and not trial.stable and continuous(before, trial) else None
+        if snaps:
+            end, rested = before.judge.rest(trial.state)
+            if not rested:
+                return False
+            after, jumps = settle(Point(goal, end, before.judge)), True
+        elif beyond is not None:
             other = depart(beyond)[0]
             beyond.tolerated = other is None
             after = settle(other) if other else beyond
@@ -231,12 +241,13 @@ class Search:
             if after is None:
                 return False
             jumps = self._is_far(before, after) and is_jump(before, after) and not continuous(before, after)
+        jumps = jumps or len(broken_since(after.state, before.state)) > 0
         lost = before.stable and not after.stable
         if not (jumps or lost):
             self._accept(after)
             return True
         path, upper = self._refine_break(before, goal) if before.stable else ([before], goal)
-        break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal)
+        break_ = Break(self.history + path[1:], path[-1], upper, before, beyond, after, goal, snaps)
         if path[-1].strain == goal:  # still shorter steps pass
             self._accept(path[-1])
         elif jumps:
@@ -251,9 +262,9 @@ class Search:
         return jump_size(moved, a.response.support.grains)[0] > self.least
 
     def _record(self, event: Break) -> None:
-        """Add an event. If stability was lost within the last strain step, the instability took a while to grow."""
+        """Add an event; if stability was lost within the last strain step, the instability has grown since then."""
         loss = self.loss
-        if loss is not None and event.goal - loss.goal <= self.step:
+        if loss is not None and not event.snaps and event.goal - loss.goal <= self.step:
             bracket, beyond = (loss.before.strain, loss.goal), loss.after
             event = event._replace(history=loss.history, last=loss.last, upper=loss.upper, beyond=beyond)
         else:
@@ -262,16 +273,16 @@ class Search:
         self.point, self.history, self.loss = event.after, [event.after], None
 
     def _refine_break(self, start: Point, goal: float) -> tuple[list[Point], float]:
-        """Points of the path up to a break, and the strain beyond which it lies; the goal if nothing breaks.
+        """Points of the path up to a break, and the strain beyond it; the goal if there is no break.
 
-        Where the path is too rough for long steps, what is left to the goal is the bracket.
+        If the path is too rough for long steps, the bracket extends to the goal.
         """
         waiting, path = [goal], [start]
         for _ in range(TRIALS):
             if not waiting:
                 break
             trial = path[-1].newton(waiting[-1], thorough=True)
-            if trial is not None and continuous(path[-1], trial) and trial.stable:
+            if trial is not None and trial.holds and continuous(path[-1], trial) and trial.stable:
                 path.append(trial)
                 waiting.pop()
             elif waiting[-1] - path[-1].strain > self.resolution / FINER:
@@ -282,7 +293,7 @@ class Search:
 
 
 def _predictors(point: Point) -> tuple:
-    """Row of `StrainStep`, but for its last column."""
+    """Row of `StrainStep`, without its last column."""
     response, (shear, pressure) = point.response, point.stress
     values = point.eigenvalues
     growth = np.abs(np.sqrt(values[values.imag > 0]).imag).max(initial=0.0)

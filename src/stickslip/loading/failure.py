@@ -7,15 +7,17 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ..core.arguments import POSITIVE, Positive, checked
+from ..core.arguments import POSITIVE, Positive, checked, knows_bonds
+from ..core.contacts.bonding import bond_shares
 from ..core.dynamics.run import stable_time_step
 from ..core.laws.builtin import Law, damping_model, with_values
 from ..core.measure import touching
 from ..core.progress import NotInEquilibriumError, Outcome, Report, Status, silent
 from ..core.readable import pluralize, readable
-from ..core.state import SLIDE, State
+from ..core.state import FAILURES, SLIDE, State
 from ..data.checkpoint import Checkpoint, load_or_compute
 from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
+from ..solve.bond_failure import first_break
 from ..solve.freedom import backbone
 from ..solve.sensitivity import contact_sensitivity
 from ..solve.shear_response import PRUNE, softest
@@ -30,19 +32,20 @@ from .settling import Deformation, Mode, deformation
 
 STEP = 0.02  # default strain step, in mean overlaps over the mean diameter
 STEPS = 500  # default largest number of steps
-LONGEST = 0.1  # strain step: beyond it nothing of the packing is left
+LONGEST = 0.1  # largest strain step, beyond which the packing does not persist
 RESOLUTION = 2.5e-3  # width of the bracket of an event, in strain steps
 DRAG = 0.1  # default drag, in units of the highest frequency
-AT_MOST = 2500  # coordinates: each step needs several dense spectra
+AT_MOST = 2500  # largest number of coordinates, as each step needs several dense spectra
 MOST_STEPS = 100_000
 COUPLES = 8  # pairs of coupled real modes that are stored at each step
-TRIED, DECISIVE = 25, 5  # changes of contacts whose spectrum is computed, and those that are reported
+TRIED, DECISIVE = 25, 5  # numbers of contact changes whose spectrum is computed, and of those reported
 CHANGES = ("opens", "closes", "starts to slide", "sticks again")
+TO_BREAK = 20  # most steps that lead to the first break by linear response, where the step is not given
 
 
 @readable(head=lambda step: f"strain {step.strain:.6g}, {pluralize(step.pairs, 'complex pair')}")
 class PathStep(NamedTuple):
-    """End of a strain step, an equilibrium, with what happened on the way."""
+    """End of a strain step, an equilibrium, with the changes during the step."""
 
     strain: float  # from the first state, negative if it falls [1]
     stress: float  # does work on the strain: −σ_xy, (σ_yy − σ_xx)/2, pressure or σ_yy [force/length^(dim−1)]
@@ -53,13 +56,15 @@ class PathStep(NamedTuple):
     exponent: float  # largest exponent of growth under the drag, negative if the state is stable [1/time]
     negative: int  # directions of negative stiffness
     touching: int  # contacts
-    sliding: int  # contacts at the Coulomb limit that bear something
-    loss_ahead: float  # strain after which, on the linear motion, a contact is lost and leaves an unstable state
+    sliding: int  # contacts with force at the Coulomb limit
+    loss_ahead: float  # strain at which the linear motion loses a contact and becomes unstable
     couples: np.ndarray  # (K, 3) coupled real modes: mean eigenvalue [1/time²], squared gap [1/time^4], overlap [1]
-    changes: np.ndarray  # (C, 3) what a contact did since the last step, index in CHANGES, and its two grains
+    changes: np.ndarray  # (C, 3) change of a contact since the last step, index in CHANGES, and its two grains
     events: tuple[Event, ...]  # discontinuities since the last step; their strains count upwards
-    tolerated: bool  # the spectrum is unstable, but dynamics was found to stay here
+    tolerated: bool  # the spectrum is unstable, but dynamics stays near this state
     state: State
+    bonds: int = 0  # intact bonds
+    bond_share: float = 0.0  # largest share of its strength that a bond bears
 
     @property
     def verdict(self) -> str:
@@ -71,7 +76,7 @@ class PathStep(NamedTuple):
 
 @readable
 class PairLife(NamedTuple):
-    """A complex pair from its birth to its death. Brackets are NaN where the path begins or ends with the pair."""
+    """A complex pair from its birth to its death. Brackets are NaN if the path begins or ends with the pair."""
 
     born_below: float  # strains between which it was born
     born: float
@@ -109,7 +114,7 @@ class Failure(NamedTuple):
     onset: Change | None  # bracket of the first complex pair
     decisive: tuple[DecisiveContact, ...]  # contacts of the last state on which its growth depends most
     verdict: str  # on the last state
-    reason: str  # why the path ended
+    reason: str  # reason why the path ended
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -129,7 +134,7 @@ class Failure(NamedTuple):
 
     @property
     def end(self) -> str:
-        """What became of the packing, in one sentence."""
+        """Outcome of the path, in one sentence."""
         last, events = self.steps[-1], self.events
         out = f"at strain {last.strain:.6g} {self.reason}"
         if self.onset:
@@ -167,31 +172,34 @@ class Loading(NamedTuple):
 
 
 @checked
+@knows_bonds
 def shear_to_failure(
-    state: State, law: Law, *, until: Literal["first-pair", "first-event"] | float = "first-event",
+    state: State, law: Law, *, until: Literal["first-pair", "first-event", "first-break"] | float = "first-event",
     mode: Mode = "simple", reverse: bool = False, step: Positive | None = None, limit: Positive | None = None,
     drag: Positive | None = None, prune: Annotated[float, POSITIVE] = PRUNE, kept: Checkpoint | None = None,
     report: Report = silent,
 ) -> Failure:  # fmt: skip
-    """Shear or compress a packing quasi-statically from where it is until it fails, or to a given strain.
+    """Shear or compress a packing quasi-statically from its present state until it fails, or to a given strain.
 
     Each strain step follows the path as `find_events` does: by Newton's method where the path is smooth and stable
     under the drag, and by dynamics with the drag where it is not. Dashpots of the law have no influence on the
-    equilibria; they are left out until the verdict on the last state. Each step depends on the state before it alone,
-    so that a path that is continued from `kept` has the same bits.
+    equilibria; they are ignored until the verdict on the last state. Each step depends only on the previous state, so
+    that a path continued from `kept` is bitwise identical.
 
     Parameters
     ----------
     state : packing at rest in a periodic cell, without walls and loads
-    until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path; or a strain, negative
-        to shear the other way or to unload
-    mode, reverse : how the cell is deformed, see `aqs`; True counts the strain downwards, with "first-…"
-    step : largest strain step; default 0.02 mean overlaps over the mean diameter, as one digit
+    until : "first-pair", the birth of a complex pair; "first-event", a discontinuity of the path, such as the break of
+        a bond; "first-break", the first break of a bond; or a strain, negative for shear in the opposite direction or
+        unloading. Breaks on the way to it are events
+    mode, reverse : deformation of the cell, see `aqs`; with "first-…", reverse=True lets the strain fall
+    step : largest strain step; default 0.02 mean overlaps over the mean diameter, as one digit; with bonds at most a
+        twentieth of the strain at which the first one breaks by linear response
     limit : strain at which the path ends without an instability; default 500 steps
-    drag : ν of the dynamics that decide over events, see `find_events`; default a tenth of the highest
+    drag : ν of the dynamics that determine events, see `find_events`; default a tenth of the highest
         frequency [1/time]
     prune : see `find_events`
-    kept : where each step is saved as soon as it is finished
+    kept : storage in which each step is saved as soon as it is finished
     report : called as report(stage, share done, text with strain, stress and growth)
 
     Raises
@@ -222,12 +230,15 @@ def shear_to_failure(
         if not steps:
             raise
         reason = f"no equilibrium was found beyond ({problem.outcome})"
-    names = {"first-pair": "without a complex pair", "first-event": "without an event"}
+    names = {
+        "first-pair": "without a complex pair", "first-event": "without an event",
+        "first-break": "without a broken bond",
+    }  # fmt: skip
     return _conclude(how, law, steps, reason or f"the path ended {names.get(how.until, 'as asked')}", report)
 
 
 def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterator[PathStep]:
-    """Steps of a path up to its largest strain, each saved as soon as it is finished, or loaded."""
+    """Steps of a path up to its largest strain, each loaded from a file, or computed and saved."""
     before = None
     for k in range(int(np.ceil(round(how.limit / how.step, 9))) + 1):
         goal = min(how.limit, k * how.step)
@@ -241,11 +252,13 @@ def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterat
 def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRUNE) -> Loading:
     """Check a packing and the options of a path, and complete these from the packing."""
     bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
+    if until == "first-break" and not (state.bonds and state.bonds.intact.any()):
+        raise ValueError("first-break requires intact bonds: packings.bonded makes them")
     check_packing(state, bare)
     if len(touching(state)) and not len(backbone(state, law)):
-        raise ValueError("a packing of rattlers was given: it bears no load; compress it first")
+        raise ValueError("all grains of the packing are rattlers, so that it bears no load: compress it first")
     if not len(touching(state)):
-        raise ValueError("a packing without contacts was given: it bears no load; compress it first")
+        raise ValueError("the packing has no contacts and bears no load: compress it first")
     if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(rest)}; let it come to rest first (--settle)")
     if (size := len(backbone(state, law))) > AT_MOST:
@@ -255,36 +268,46 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
         )
     if not isinstance(until, str):
         if not (np.isfinite(until) and until):
-            raise ValueError(f"until = {until:g} was given: give a strain other than zero, first-pair or first-event")
+            raise ValueError(f"until must be a nonzero strain, first-pair, first-event or first-break, got {until:g}")
         if limit is not None or reverse:
-            raise ValueError("a strain was given with limit or reverse: its size and sign say both already")
+            raise ValueError("limit and reverse do not apply if until is a strain, whose size and sign state both")
         limit, reverse = abs(until), until < 0
+    sign = -1 if reverse else 1
+    way = deformation(mode, 2 if state.cell.dim == 2 else 3, sign)
     if step is None:
-        share = STEP * mean_overlap(state) / float(2 * state.grains.radius.mean())
+        share = min(STEP * mean_overlap(state) / float(2 * state.grains.radius.mean()), _break_ahead(state, law, way))
         step = float(f"{share:.0e}") if limit is None else min(float(f"{share:.0e}"), limit)
     if step > LONGEST:
-        raise ValueError(f"a step of {step:g} was given: use at most {LONGEST:g}, a hundredth of it for a smooth path")
+        raise ValueError(f"step must be at most {LONGEST:g}, got {step:g}; use a hundredth of that for a smooth path")
     limit = STEPS * step if limit is None else limit
     if not step <= limit <= MOST_STEPS * step:
         raise ValueError(
-            f"a step of {step:g} was given for a strain of {limit:g}: use one between {limit / MOST_STEPS:.3g} and "
-            f"{limit:g}"
+            f"step must be between {limit / MOST_STEPS:.3g} and {limit:g} for a strain of {limit:g}, got {step:g}"
         )
     drag = DRAG * 2 / stable_time_step(state, bare) if drag is None else drag
-    way = deformation(mode, 2 if state.cell.dim == 2 else 3, -1 if reverse else 1)
     return Loading(bare, way, until, limit, step, drag, prune)
 
 
+def _break_ahead(state: State, law: Law, way: Deformation) -> float:
+    """Longest step on the way to the first break by linear response; infinite without bonds that break."""
+    if not state.bonds or not state.bonds.intact.any():
+        return np.inf
+    dim = state.cell.dim
+    return first_break(state, law, strain=way.gradient[:dim, :dim]).at / TO_BREAK or np.inf
+
+
 def _reached(until: str | float, steps: list[PathStep]) -> str:
-    """Return why a path ends here; empty if it goes on."""
+    """Return the reason why a path ends here; empty if it continues."""
     now = steps[-1]
     if _fell_apart(now):
-        return "the packing fell apart: nothing bears a load any more"
+        return "the packing fell apart and no longer bears any load"
     if until == "first-pair" and now.pairs:
         return "the packing has a complex pair" + (" where it is" if len(steps) == 1 else "")
+    if until == "first-break" and (lost := [row for event in now.events for row in event.broken]):
+        return "a bond broke: that of grains {} and {}, by {}".format(*lost[0][:2], FAILURES[lost[0][2]])
     if until == "first-event":
         if len(steps) == 1 and now.exponent > 0 and not now.tolerated:
-            return "the packing is unstable where it is"
+            return "the packing is unstable in its present state"
         if now.events:
             return "the path jumped to another state"
     return ""
@@ -305,7 +328,7 @@ def _begin(how: Loading, state: State) -> PathStep:
 
 
 def _advance(how: Loading, before: PathStep, goal: float) -> PathStep:
-    """Strain step from an equilibrium to the next, which depends on nothing else."""
+    """Strain step from an equilibrium to the next one, independent of anything else."""
     judge = Judge(before.state, how.law, how.drag, how.prune, way=how.way)
     start = Point(abs(before.strain), before.state, judge, tolerated=before.tolerated)
     search = Search(start, how.step, how.resolution, SMALLEST)
@@ -330,13 +353,14 @@ def _measure(how: Loading, point: Point, before: Point | None, events: tuple[Eve
         int((real < -REAL_BELOW * np.abs(modes.eigenvalues).max(initial=0.0)).sum()), len(touching(state)),
         int((slides & friction).sum()), loss_ahead(point, how.step), _couples(modes),
         _changes(before, point) if before else np.zeros((0, 3), int), events, bool(point.tolerated), state,
+        int(state.bonds.intact.sum()) if state.bonds else 0, float(bond_shares(state).max(initial=0.0)),
     )  # fmt: skip
 
 
 def _couples(modes: Spectrum) -> np.ndarray:
     """(K, 3) pairs of real modes that are far from orthogonal: mean eigenvalue, squared gap, overlap.
 
-    Where two real eigenvalues meet and become complex, their modes become the same; where they only cross, they do not.
+    When two real eigenvalues meet and become complex, their modes coincide; when they only cross, they do not.
     """
     real = np.flatnonzero((modes.eigenvalues.imag == 0) & (modes.eigenvalues.real > 0))
     values, shapes = modes.eigenvalues.real[real], modes.modes[:, real].real * np.sqrt(modes.free.mass)[:, None]
@@ -351,7 +375,7 @@ def _couples(modes: Spectrum) -> np.ndarray:
 
 
 def _changes(a: Point, b: Point) -> np.ndarray:
-    """(C, 3) contacts that opened, closed, started to slide or stick again; without those that bear nothing."""
+    """(C, 3) contacts that opened, closed, started to slide or stick again; without those that bear no force."""
     (old, holds), (new, bears) = (
         ({key: row for row, key in _touching_pairs(p.state)}, p.response.support.contacts) for p in (a, b)
     )
@@ -367,7 +391,7 @@ def _changes(a: Point, b: Point) -> np.ndarray:
 def _touching_pairs(state: State) -> Iterator[tuple[int, tuple[int, int, int]]]:
     """Yield rows of touching contacts with their grains and the number among the contacts of the same grains.
 
-    Images would not do: they change when a less skewed cell is chosen.
+    Images are not suitable keys: they change with the choice of a less skewed cell.
     """
     contacts, seen = state.contacts, {}
     for row in touching(state).tolist():
@@ -377,7 +401,7 @@ def _touching_pairs(state: State) -> Iterator[tuple[int, tuple[int, int, int]]]:
 
 
 def signs_of(steps) -> Signs:
-    """Series that forecasts rest on, since the last event."""
+    """Series for forecasts, since the last event."""
     last = max((k for k, step in enumerate(steps) if step.events), default=0)
     after, events = steps[last:], [event.strain for step in steps for event in step.events]
     return Signs(
@@ -399,7 +423,7 @@ def _conclude(how: Loading, law: Law, steps: list[PathStep], reason: str, report
         found = bisect_change(clean, abs(steps[born].strain), protocol, lambda s: bool(len(s.pairs)))
         onset = Change(how.way.sign * found.below, how.way.sign * found.above)
     last, decisive = steps[-1].state, ()
-    verdict = "only rattlers are left" if _fell_apart(steps[-1]) else stability(last, law, report=report).verdict
+    verdict = "only rattlers remain" if _fell_apart(steps[-1]) else stability(last, law, report=report).verdict
     if steps[-1].pairs:
         found = contact_sensitivity(last, how.law, most=TRIED, report=report)
         decisive = tuple(

@@ -1,4 +1,4 @@
-"""The state in balance that is nearest to measured positions and contact forces, whose overlaps are not known."""
+"""Balanced state nearest to measured positions and contact forces, whose overlaps are unknown."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -22,13 +22,16 @@ from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_
 from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
 
 STEPS, SETTLED = 100, 1e-8  # linearisations, and largest last change over the errors
-FALLS, SHORTEST = 0.7, 1 / 4  # a step longer than this share of the last one halves all later ones, down to a quarter
+FALLS, SHORTEST = (
+    0.7,
+    1 / 4,
+)  # a step longer than this fraction of the last one halves all later ones, down to a quarter
 LEAST_ERROR = 1e-5  # smallest estimated error over the mean radius or force
-FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and within which grains may come to touch
+FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and within which grains may touch
 OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
 WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that of this force, so that steps do not cycle
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
-FACETS = 8  # of the Coulomb cone between spheres
+FACETS = 8  # number of facets of the Coulomb cone between spheres
 BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that of this force
 
 
@@ -37,16 +40,16 @@ class Adjustment(NamedTuple):
     """Changes of measured positions and forces that make the forces balance, in errors of measurement."""
 
     chi_square: float  # Σ (change/error)² over all coordinates and forces
-    degrees: int  # of freedom: equations and limits that bind
+    degrees: int  # degrees of freedom: equations and active limits
     position_error: float  # mean error of a coordinate, given or estimated [length]
     force_error: float  # mean error of a normal force, given or estimated [force]
-    largest_move: float  # of a coordinate
+    largest_move: float  # largest displacement of a coordinate
     rms_move: float  # of all coordinates
     largest_force: float  # change of a normal or tangential force
     rms_force: float  # of all forces
     at_limit: int  # contacts at the Coulomb limit
-    moved_to_limit: int  # of these, contacts measured beyond it
-    opened: tuple[tuple[int, int], ...]  # grains of contacts that bear no force in balance
+    moved_to_limit: int  # of these, contacts measured beyond the limit
+    opened: tuple[tuple[int, int], ...]  # grains of contacts without force in balance
 
     def __str__(self) -> str:
         return (
@@ -60,15 +63,15 @@ class Adjustment(NamedTuple):
 
 @checked
 def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[State, Adjustment]:
-    """State in exact balance that is nearest to measured positions and contact forces of disks or spheres.
+    """State in exact balance nearest to measured positions and contact forces of disks or spheres.
 
-    Minimises Σ Δx²/σ_x² + Σ ΔF²/σ_F² over positions, normal and tangential forces. Every free grain is in balance,
-    each contact has the overlap and the slip that the law gives for its forces, none exceeds the Coulomb limit or
-    pulls, and no other grains overlap. The equations are linearised until nothing changes; each linear problem is
-    solved by an interior-point method. Contacts whose force vanishes open. Grains that are held need not balance, but
-    their positions were measured like all others. Errors that were not measured are estimated: of positions from the
-    gaps at contacts, of forces from the imbalance of free grains; chi² then says little. Tangential forces of spheres
-    turn with the branch vector of their contact, and errors are those of each component.
+    Minimises Σ Δx²/σ_x² + Σ ΔF²/σ_F² over positions, normal and tangential forces. Constraints: every free grain is in
+    balance, overlap and slip of each contact follow from its forces by the law, no contact exceeds the Coulomb limit or
+    pulls, and no other grains overlap. The equations are linearised repeatedly until convergence; each linear problem
+    is solved by an interior-point method. Contacts whose force vanishes open. Held grains need not balance, but their
+    positions count as measured like all others. Unknown errors are estimated: of positions from the gaps at contacts,
+    of forces from the imbalance of free grains; chi² is then of little significance. Tangential forces of spheres turn
+    with the branch vector of their contact, and errors are those of each component.
 
     Parameters
     ----------
@@ -79,7 +82,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
     Returns
     -------
     State, Adjustment
-        the balanced state, and what was changed
+        the balanced state, and the changes made
 
     Raises
     ------
@@ -115,7 +118,7 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
     frame = options.pop("frame", None)
     for name in LAMMPS_OPTIONS:
         if name in options:
-            raise PackingError(f"{name} was given with {path.name}, measured forces that do not have it: leave it out")
+            raise PackingError(f"{name} does not apply to the measured forces in {path.name}: leave it out")
     given, own = law_from_file(options)
     measured = read_forces(path, contacts, frame=frame)
     with naming(path):
@@ -124,18 +127,20 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
     notes = [*measured.notes, str(change), mass_note(path.name)] + ([] if options else [law_note(law)])
     as_given, opposite = (np.linalg.norm(_imbalance(measured, sign)[measured.free]) for sign in (1.0, -1.0))
     if measured.dim == 2 and opposite < as_given / 2:
-        notes.append("forces balance better with opposite ft, which is positive if it turns grains from x to y")
+        notes.append(
+            "forces balance better with the opposite sign of ft, which is positive if it turns grains from x to y"
+        )
     return Reading(with_inertia(state, i0), law, with_one_account(notes))
 
 
 def _check_law(law: Law) -> None:
     if len(law.table) > 1 or needs_rows(law) or angular_columns(law) or bridges_gaps(law.kind):
         raise PackingError(
-            "a law of several materials, with moments, a memory of its own or lever arms R − δ/2 was given: measured "
-            "forces need one whose forces follow from overlap and slip"
+            "measured forces need a law of one material whose forces follow from overlap and slip, without moments, "
+            "other memory or lever arms R − δ/2"
         )
     if not law.table[0, 0, MU] > 0:
-        raise PackingError("a law without friction was given: measured tangential forces need mu above zero")
+        raise PackingError("measured tangential forces need a law with friction: use mu > 0")
 
 
 class _Network(NamedTuple):
@@ -150,7 +155,7 @@ class _Network(NamedTuple):
     spent: float = 0.0  # chi² of the forces of opened contacts
 
     def without(self, rows: np.ndarray, change: np.ndarray) -> "_Network":
-        """Network in which these contacts are open."""
+        """Network with these contacts open."""
         m, ends = self.measured, self.measured.ends[:, rows]
         if rows.all():
             raise PackingError("no contact bears a force in balance: mark the grains at the edge as fixed")
@@ -178,7 +183,7 @@ class _Network(NamedTuple):
         return m.position + place.reshape(-1, m.dim), m.force_n + force_n, before + force_t.reshape(-1, m.dim - 1)
 
     def solve(self) -> tuple[np.ndarray, int]:
-        """(D (N + C),) smallest change that balances, and the number of equations and inequalities that bind."""
+        """(D (N + C),) smallest balancing change, and the number of equations and active inequalities."""
         change, share, size, bent = self.start, 1.0, np.inf, None
         for _ in range(STEPS):
             nearest = nearest_point(*self.linearised(change), bent, change)
@@ -232,13 +237,13 @@ class _Network(NamedTuple):
         return a, a @ change - np.concatenate(values[:3]), g, g @ change - np.concatenate(values[3:])
 
     def bearing(self, change: np.ndarray) -> np.ndarray:
-        """(D (N + C),) mask without the tangential forces of contacts that are about to open, which keep turning."""
+        """(D (N + C),) mask without tangential forces of contacts about to open, whose directions do not converge."""
         m = self.measured
         bears = self.at(change)[1] > 2 * self.least
         return np.concatenate([np.ones(m.position.size + len(bears), bool), np.repeat(bears, m.dim - 1)])
 
     def curvature(self, change: np.ndarray, pushes: np.ndarray):
-        """Second derivative of the limits of tangential forces times their multipliers, by which iterations converge.
+        """Second derivative of the limits of tangential forces times their multipliers, needed for convergence.
 
         That of |t| is (1 − t̂ ⊗ t̂)/|t|.
         """
@@ -260,12 +265,12 @@ class _Network(NamedTuple):
         size = np.linalg.norm(_imbalance(self.measured), axis=1) * self.measured.free
         k = int(np.argmax(size))
         return (
-            f"no forces within the Coulomb limit balance all free grains, farthest from balance is grain "
-            f"{self.measured.ids[k]} with {size[k]:.3g}: check its contacts and mu, or mark grains at walls as fixed"
+            f"no forces within the Coulomb limit balance all free grains; the largest imbalance is {size[k]:.3g} "
+            f"at grain {self.measured.ids[k]}: check its contacts and mu, or mark grains at walls as fixed"
         )
 
     def result(self, change: np.ndarray, binding: int, density) -> tuple[State, Adjustment]:
-        """Balanced state, and what was changed."""
+        """Balanced state, and the changes made."""
         m, law, (place, force_n, force_t) = self.measured, self.law, self.at(change)
         radii, size = m.radius[m.ends], np.linalg.norm(force_t, axis=1)
         overlap, line = overlap_of_force(law, radii, force_n)
@@ -293,11 +298,11 @@ class _Network(NamedTuple):
 
 
 def _network(measured: MeasuredForces, law: Law) -> _Network:
-    """Network with its errors and the pairs that might touch, without contacts that nothing can balance."""
+    """Network with its errors and the pairs that might touch, without contacts that cannot be balanced."""
     if measured.free.all() and not measured.load.any():
         raise PackingError(
-            "no grain is held and there are no loads: grains that press each other need something around them, so mark "
-            "those at the edge as fixed"
+            "no grain is held and there are no loads, so that grains under pressure cannot balance: mark those at the "
+            "edge as fixed"
         )
     m = _with_errors(measured, law)
     _check_limit(m, law)
@@ -320,14 +325,14 @@ def _loose_contacts(m: MeasuredForces) -> np.ndarray:
     for c in np.flatnonzero(rows & (m.force_n > FAR * m.force_n_error)):
         grain = m.ids[next(k for k in m.ends[:, c] if loose[k])]
         raise PackingError(
-            f"grain {grain} has one contact, with the force {m.force_n[c]:.4g}, which nothing balances: mark the grain "
-            f"as fixed if it touches a wall, or give its other contacts"
+            f"grain {grain} has a single contact, with an unbalanced force of {m.force_n[c]:.4g}: mark the grain as "
+            "fixed if it touches a wall, or give its other contacts"
         )
     return rows
 
 
 class _Directions(NamedTuple):
-    """Directions at C contacts of grains at some place; tangential forces have D − 1 components."""
+    """Directions at C contacts for given positions; tangential forces have D − 1 components."""
 
     normal: np.ndarray  # (C, D) from j to i
     across: np.ndarray  # (C, D − 1, D) unit vectors of the components; in a plane n × z
@@ -394,7 +399,7 @@ def _sizes(force_t: np.ndarray) -> np.ndarray:
 def _facets(force_t: np.ndarray) -> list[np.ndarray]:
     """Directions (C, D − 1) in which tangential forces are limited: ±, or around the cone, the first along the force.
 
-    Where iterations end, the first facet touches the cone at the force, and the others are not reached.
+    At convergence, the first facet touches the cone at the force, and the others are inactive.
     """
     if force_t.shape[1] == 1:
         return [np.ones_like(force_t), -np.ones_like(force_t)]
@@ -441,7 +446,7 @@ def _imbalance(m: MeasuredForces, sign: float = 1.0) -> np.ndarray:
 
 
 def _with_errors(m: MeasuredForces, law: Law) -> MeasuredForces:
-    """Network with errors of positions estimated from gaps, and of forces from imbalance, where none were measured."""
+    """Network with missing errors estimated: of positions from gaps, and of forces from imbalance."""
     mean = m.force_n.mean()
     overlap, _ = overlap_of_force(law, m.radius[m.ends], np.maximum(m.force_n, OPENS * mean))
     miss = _separations(m.position, m.ends)[1] + overlap - m.radius[m.ends].sum(axis=0)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
+import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
 
 from ..core.arguments import Positive, Seed, Values, checked, knows_bonds, require_index
 from ..core.contacts.forces import accept, forces
@@ -66,7 +66,7 @@ def disk_array(
     array([0.5, 1.5, 2.5])
     """
     if n < 1:
-        raise ValueError(f"n = {n} was given: at least 1 disk is needed")
+        raise ValueError(f"n must be at least 1 disk, got {n}")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)  # True is 1
     radius = as_rows(radius, n)
@@ -92,14 +92,14 @@ def with_push(state: State, push: float, disk: int = 0) -> State:
     return state._replace(control=state.control._replace(force=force))
 
 
-DENSEST = 1.5  # packing fraction beyond which grains overlap by a good part of their radius
-MANY = 2000  # grains from which FIRE is used; known numbers rest on the samples that L-BFGS-B makes of fewer
+DENSEST = 1.5  # packing fraction beyond which grains overlap by a large part of their radius
+MANY = 2000  # number of grains from which FIRE is used; for fewer, stored numbers depend on samples from L-BFGS-B
 JAMMED = {2: 0.84, 3: 0.64}  # packing fractions around which frictionless grains jam
 
 
 @readable(head=lambda info: _describe(info), rows=lambda info: _rows(info))
 class PackingInfo(NamedTuple):
-    """Properties of a packing. Rattlers have less than dim + 1 contacts without friction, less than 2 with it."""
+    """Properties of a packing. Rattlers have fewer than dim + 1 contacts without friction, or fewer than 2 with it."""
 
     packing_fraction: float  # [1]
     pressure: float  # [force/length^(dim−1)]
@@ -163,7 +163,7 @@ def jammed(
     if (packing_fraction is None) == (pressure is None):
         raise ValueError("give either packing_fraction or pressure")
     if packing_fraction is not None and packing_fraction > DENSEST:
-        raise ValueError(f"packing_fraction = {packing_fraction} was given: at most {DENSEST} is allowed")
+        raise ValueError(f"packing_fraction must be at most {DENSEST}, got {packing_fraction}")
     given = hertz_mindlin() if law is None else law
     law = frictionless(given)
     start = packing_fraction or 1.03 * JAMMED.get(dim, 1.0)
@@ -175,9 +175,8 @@ def jammed(
     report = packing_info(state, law)
     if not _is_jammed(state, law, tolerance):
         raise ValueError(
-            f"packing fraction {report.packing_fraction:.4g} does not jam: no force between grains exceeds the "
-            f"tolerance of {tolerance:g}; grains without friction "
-            f"need about {JAMMED[dim]} in {dim} dimensions"
+            f"grains do not jam at packing fraction {report.packing_fraction:.4g}: no force between them exceeds the "
+            f"tolerance of {tolerance:g}; frictionless grains need about {JAMMED[dim]} in {dim} dimensions"
         )
     return accept(state, forces(state, given)[1]), report
 
@@ -221,8 +220,8 @@ def _rows(info: PackingInfo):
     yield "packing fraction", info.packing_fraction, "", "volume of the grains over that of the cell"
     yield "pressure", info.pressure, pressure
     yield "contacts", info.contacts, "", f"{info.sliding} of them at the Coulomb limit"
-    yield "mean contact number", info.coordination, "", "of grains that are not rattlers"
-    yield "rattlers", info.rattlers, "", "grains that nothing holds"
+    yield "mean contact number", info.coordination, "", "without rattlers"
+    yield "rattlers", info.rattlers, "", "grains without support"
     yield "largest overlap", info.largest_overlap, "length", f"{info.overlap:.4g} on average"
     yield "residual", info.residual, "force", "largest unbalanced force or torque/R"
 
@@ -232,10 +231,10 @@ def random_grains(
 ) -> State:
     """State of grains at random positions in a square or cubic periodic box of a given packing fraction.
 
-    Powers are taken in units of `length`, by default the smallest diameter, so that units change nothing but units.
+    Powers are evaluated in units of `length`, by default the smallest diameter, so that results do not depend on units.
     """
     if dim not in JAMMED:
-        raise ValueError(f"dim = {dim} was given: 2 (disks) and 3 (spheres) are allowed")
+        raise ValueError(f"dim must be 2 (disks) or 3 (spheres), got {dim}")
     sizes = check_radii(radius, n)
     length = 2.0 * float(sizes.min()) if length is None else length
     volume = np.sum(np.pi * sizes**2 if dim == 2 else 4 / 3 * np.pi * sizes**3)
@@ -256,20 +255,20 @@ def random_grains(
 def check_radii(radius, n: int) -> np.ndarray:
     """Radii of n grains, from one, a few with equal numbers of grains, or n of them."""
     if n < 2:
-        raise ValueError(f"n = {n} was given: a packing needs at least 2 grains")
+        raise ValueError(f"a packing needs at least 2 grains, got n = {n}")
     require_sizes([Size(f"n = {n} makes", n, "grains", "use fewer")])
     n = int(n)
     sizes = np.atleast_1d(np.asarray(radius, float))
     if sizes.ndim != 1 or len(sizes) > n or not ((sizes >= 1e-100) & (sizes <= 1e100)).all():
         got = f"{radius} was" if np.ndim(radius) == 0 else f"{len(sizes)} numbers from {sizes.min():g} were"
-        raise ValueError(f"radius = {got} given: one, a few, or {n} positive numbers are needed")
+        raise ValueError(f"radius must be one, a few, or {n} positive numbers, got {got}")
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 
 def balance(state: State, law: Law, tolerance: float, length: float | None = None) -> State:
     """Minimise the elastic energy from the given positions, then balance the forces.
 
-    `length` is that of the first displacement, the Euclidean norm over all grains; by default the smallest diameter.
+    `length` is the Euclidean norm of the first displacement over all grains; default: the smallest diameter.
     """
     many, scales = len(state.grains.radius) >= MANY, natural_scales(state, law, length)
     near = quench(state, law, 0.5 * tolerance) if many else _minimise(state, law, scales)
@@ -283,7 +282,7 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
     """Minimise the elastic energy by L-BFGS-B, whose first step has the size 1 in its coordinates."""
     n, dim, length = len(state.grains.radius), state.cell.dim, scales.length
     scale = scales.force / length * float(state.grains.radius.mean()) ** 2  # [energy]
-    latest = [state]  # with its neighbour list, which stays valid for many evaluations
+    latest = [state]  # keep the neighbour list, which stays valid for many evaluations
 
     def state_at(q):
         position = np.zeros((n, 3))
@@ -296,7 +295,7 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
         loads, trial = forces(here, law)
         return elastic_energy(accept(here, trial), law) / scale, -loads.force[:n, :dim].ravel() * length / scale
 
-    with one_thread():  # many tiny systems: on a busy machine threads of BLAS would take ten times as long
+    with one_thread():  # many tiny systems: on a busy machine, BLAS threads would take ten times as long
         best = scipy.optimize.minimize(
             energy,
             state.grains.position[:, :dim].ravel() / length,
@@ -308,7 +307,7 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
 
 
 def _is_jammed(state: State, law: Law, tolerance: float) -> bool:
-    """Return True if the contact forces exceed what a balanced packing may have left over."""
+    """Return True if the contact forces exceed the residuals of a balanced packing."""
     return mean_normal_force(state, law) > tolerance
 
 
@@ -358,7 +357,7 @@ def sheared(state: State, strain: float, *, slip: bool = True) -> State:
 def reduced_cell(state: State) -> State:
     """Same packing in the least skewed cell of its lattice, for unlimited shear.
 
-    Nothing physical changes; only images and keys of the contacts are rewritten.
+    Nothing physical changes; only images of contacts and bonds, and keys of contacts, are rewritten.
     """
     vectors, change = state.cell.vectors.copy(), np.eye(3, dtype=np.int64)
     axes = [k for k in range(3) if state.cell.periodic[k]]
@@ -375,7 +374,8 @@ def reduced_cell(state: State) -> State:
     count = int(state.contacts.count[0])
     back = np.round(np.linalg.inv(change)).astype(np.int64)
     rows = _with_images(state.contacts, state.contacts.image[:count] @ back)
-    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows)
+    bonds = state.bonds and state.bonds._replace(image=(state.bonds.image @ back).astype(np.int16))
+    return state._replace(cell=state.cell._replace(vectors=vectors), contacts=rows, bonds=bonds)
 
 
 def wrapped(state: State) -> State:
@@ -385,7 +385,7 @@ def wrapped(state: State) -> State:
     """
     cell, contacts, n, count = state.cell, state.contacts, len(state.grains.radius), int(state.contacts.count[0])
     used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
-    box = np.zeros((state.n_bodies, 3), np.int64)  # walls stay where they are
+    box = np.zeros((state.n_bodies, 3), np.int64)  # walls keep their positions
     box[:n] = np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0)
     i, j, pair = contacts.i[:count], contacts.j[:count], contacts.pair.copy()
     between, shift = (j < n)[:, None], box @ cell.vectors
@@ -401,7 +401,7 @@ def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:
     image, key, slip, pair = (a.copy() for a in (contacts.image, contacts.key, contacts.slip, contacts.pair))
     image[:count] = images
     lead = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0]
-    mirrored = (contacts.i == contacts.j) & (lead < 0)  # a grain and its own image: such pairs are listed once
+    mirrored = (contacts.i == contacts.j) & (lead < 0)  # pairs of a grain and its own image are listed once
     for a in (image, slip, pair):
         a[mirrored] *= -1
     key[:count] = pack_keys(contacts.i[:count], contacts.j[:count], image[:count])
@@ -417,7 +417,7 @@ def _with_images(contacts: Contacts, images: np.ndarray) -> Contacts:
 def shear_strain(state: State) -> float:
     """Shear strain γ, the tangent of the angle by which the second cell vector leans along x.
 
-    In a turned cell whose second vector has no height, it is that of the vector that is highest along y.
+    In a rotated cell whose second vector has no height, it is the strain of the vector with the largest y component.
     """
     vectors = state.cell.vectors
     lean = vectors[1] if vectors[1, 1] else vectors[np.argmax(np.abs(vectors[:, 1]))]

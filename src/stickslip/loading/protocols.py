@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
+import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
 
 from ..core.arguments import NotNegative, Positive, Seed, Series, Several, checked, knows_bonds
 from ..core.contacts.neighbors import with_neighbor_list
@@ -21,12 +21,12 @@ from ..solve.equilibrate import relax
 from ..solve.newton import newton
 from ..solve.spectrum import Spectrum, match_pairs, mode_overlap, spectrum
 
-SAME_LOAD = 1e-9  # relative difference up to which a load is that of a state
+SAME_LOAD = 1e-9  # relative difference within which a load equals that of a state
 SAME_PAIR = 0.5  # overlap of modes above which pairs at neighbouring loads are the same
 # M between noise and the first change of the spectrum, where growth is fitted, over the square of the smallest diameter
 WINDOW = (1e-22, 1e-11)
 CHANGED = 0.01  # relative change of Im λ of the fastest pair beyond which the spectrum is not constant
-FUNNEL = (1e-17, 1e-13)  # likewise, range of M in which single turns of the trajectories are saved for the figure
+FUNNEL = (1e-17, 1e-13)  # range of M, likewise, in which single turns of the trajectories are saved for the figure
 LEAST, DURATION, STEP, VELOCITY = 5e4, 6e5, 0.1, 1e-13  # defaults of `release`, in natural units
 TURN, TURNS = 11, 16  # samples per turn, turns per chunk
 KEPT = 20_000  # samples of a time series that are saved
@@ -67,7 +67,7 @@ class Family(NamedTuple):
 def load_path(turning_points: Series, step: Positive, through: Several = ()) -> np.ndarray:
     """Loads from one turning point to the next in increments of at most `step`, including the loads in `through`.
 
-    They are numbers for `ramp`: whether they are absolute or measured from its first state is said there.
+    They are loads for `ramp`, which documents whether they are absolute or relative to its first state.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def load_path(turning_points: Series, step: Positive, through: Several = ()) -> 
         leg = np.union1d(np.round(np.linspace(a, b, n + 1), 12), inside)
         loads += list((leg if b > a else leg[::-1])[1:]) if a != b else []
     if waiting:
-        raise ValueError(f"load {waiting[0]} of `through` was given: it lies outside the turning points")
+        raise ValueError(f"load {waiting[0]} of `through` lies outside the turning points")
     return np.array(loads)
 
 
@@ -94,7 +94,7 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
     Raises
     ------
     NotInEquilibriumError
-        if there is no equilibrium; the message gives the load, how the solution ended, and what to try.
+        if there is no equilibrium; the message gives the load, the outcome of the solver, and a remedy.
     """
     end, outcome = newton(state, law, **options) if method == "newton" else relax(state, law, **options)
     if not outcome.ok:
@@ -106,19 +106,19 @@ def equilibrium(state: State, law: Law, *, method: str = "dynamics", what: str =
 class Protocol(NamedTuple):
     """Rules for applying loads and finding equilibria.
 
-    Loads are absolute, such as forces, unless `place` tells where a state is: then `ramp` measures them from the state
-    with which a path begins.
+    Loads are absolute, such as forces, unless `place` returns the load of a state: then `ramp` measures them from the
+    first state of a path.
     """
 
     law: Law
     apply: Callable[[State, float], State]  # the state under a new load
     settle: Callable[[State, float], tuple[State, Outcome]]  # the equilibrium at that load, or NotInEquilibriumError
     modes: bool = True  # whether spectra contain modes, which are needed to track pairs
-    check: Callable[[State, Equilibrium], Equilibrium] | None = None  # of each step, given the state before it
-    place: Callable[[State], float] | None = None  # load at which a state is, for loads that a state has, as a strain
+    check: Callable[[State, Equilibrium], Equilibrium] | None = None  # check of each step, given the previous state
+    place: Callable[[State], float] | None = None  # load of a state, if it is a property of the state such as strain
 
     def starting(self, state: State, load: float = 0.0) -> "Protocol":
-        """Protocol with loads that are measured such that a state is at a given one; the same if loads are absolute."""
+        """Protocol whose loads are measured such that a state is at a given load; unchanged if loads are absolute."""
         if self.place is None:
             return self
         apply, origin = self.apply, self.place(state) - load
@@ -127,7 +127,8 @@ class Protocol(NamedTuple):
     def step(self, state: State, load: float) -> Equilibrium:
         """Apply one increment of the load, to a given value, and find the equilibrium.
 
-        A load that a state has, such as the strain of `aqs`, is that of the cell unless `starting` moves its origin.
+        A load that is a property of the state, such as the strain of `aqs`, is that of the cell unless `starting` moves
+        its origin.
         """
         end, outcome = self.settle(self.apply(state, load), load)
         point = Equilibrium(float(load), end, spectrum(end, self.law, modes=self.modes), outcome)
@@ -139,14 +140,14 @@ class Protocol(NamedTuple):
 def ramp(
     state: State, loads: Series, protocol: Protocol, report: Report = silent, *, kept: Checkpoint | None = None
 ) -> list[Equilibrium]:
-    """Equilibria along a path of loads, each found from the one before it.
+    """Equilibria along a path of loads, each found from the previous one.
 
-    Loads of `aqs` are strains measured from the given state, so that the path starts there at 0 however its cell is
-    tilted; a path whose first load is the strain of its cell goes on from there. Other loads are absolute, such as
-    forces. A state in motion is first brought to rest.
+    Loads of `aqs` are strains measured from the given state, so that the path starts there at 0 for any tilt of its
+    cell; a path whose first load is the strain of its cell continues from there. Other loads are absolute, such as
+    forces. A moving state is first brought to rest.
 
     `report` is called as report(stage, share done, text) after each.
-    Equilibria saved in `kept` are loaded, not solved for again. The continued path then agrees with an uninterrupted
+    Equilibria saved in `kept` are loaded instead of computed. The continued path then agrees with an uninterrupted
     one to within the tolerance of the solver.
     """
     path, begin = [], 0.0
@@ -163,7 +164,7 @@ def ramp(
 
 
 def solve_point(state: State, load: float, protocol: Protocol, kept: Checkpoint | None, name: str) -> Equilibrium:
-    """Equilibrium at the next load of a path, or the one that was saved under a name."""
+    """Equilibrium at the next load of a path, or the one saved under a name."""
     if kept and kept.has(name):
         state, outcome = kept.load(name, tuple[State, Outcome])
         return Equilibrium(float(load), state, spectrum(state, protocol.law, modes=protocol.modes), outcome)
@@ -200,7 +201,7 @@ def bisect_change(
 def follow_pair(
     path: list[Equilibrium], members: dict[int, int], protocol: Protocol, *, relative: float = 1e-6
 ) -> Family:
-    """Follow one pair, given as a mapping from point of the path to eigenvalue, to its birth and death.
+    """Follow one pair, given as a mapping from points of the path to eigenvalues, to its birth and death.
 
     Each is located to within `relative` in the load.
     """
@@ -299,7 +300,7 @@ class Growth(NamedTuple):
     frequency: float  # ω_r [1/time]
     start: float  # window of the fit [time]
     stop: float  # [time]
-    decades: float  # of M inside the window
+    decades: float  # decades of M inside the window
 
 
 @checked
@@ -398,7 +399,7 @@ class Released(NamedTuple):
     turns: np.ndarray  # (L, TURN, H, 3) displacements of the grains that are not rattlers [length]
     close_time: np.ndarray  # (K,) times of all samples of a few turns [time]
     close_msd: np.ndarray  # (K,) [length²]
-    strain: float = np.nan  # of the state, if the caller knows it [1]
+    strain: float = np.nan  # strain of the state, if given by the caller [1]
 
     @property
     def corrected_rate(self) -> float:
@@ -479,8 +480,8 @@ def release(
     Parameters
     ----------
     least, duration, dt : default: 5e4, 6e5 and 0.1 of the natural unit of time, see `relax` [time]
-    seed, velocity : of the initial perturbation: random velocities in all resisted modes, with this standard deviation,
-        by default 1e-13 smallest diameters per natural unit of time [length/time]
+    seed, velocity : seed and standard deviation of the initial random velocities in all resisted modes, by default
+    1e-13 smallest diameters per natural unit of time [length/time]
     report : called as report(stage, share done, text)
 
     Raises
@@ -503,7 +504,7 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    # samples per chunk: chunks for the growth, and as many afterwards if the run must be longer
+    # number of chunks of the growth; a longer run appends the same number. Entries: samples per chunk
     count = max(20, snapshots)
     chunks = [max(1, int(min(e_folds / rate, duration) / dt / every / count))] * count
     rest = int(min(least, duration) / dt / every) - sum(chunks)

@@ -26,9 +26,9 @@ from .event_path import Judge, Point, commit, continuous, displacement, distance
 from .protocols import Equilibrium, Protocol
 from .settling import Deformation, Mode, deformation
 
-STEADY = 0.2  # relative change of the motion per strain from one step to the next, up to which it needs no other check
+STEADY = 0.2  # relative change of the motion per strain between steps below which no other check is needed
 LOOSE = 0.2  # likewise, of the motion of a step from the linear prediction
-HALVINGS = 4  # of a step whose grains do not move as the linear responses predict
+HALVINGS = 4  # for steps in which grains do not move as the linear responses predict
 BALANCED = 1e-9  # under a stress: default tolerance, in units of the normal force on a grain
 
 
@@ -40,28 +40,28 @@ def aqs(
 ) -> Protocol:  # fmt: skip
     """Protocol of athermal quasi-static shear: the load is the strain γ, and each step ends with `equilibrate`.
 
-    In `ramp` γ is measured from the first state, whose cell may be tilted; see there.
+    `ramp` measures γ from the first state, whose cell may be tilted.
 
-    Newton's method finds equilibria whether they are stable or not, and may land on another branch than that on which
-    the step began. Both are checked: the first by the spectrum of the step; the second by the motion of the grains,
-    which must continue that of the step before or follow from the Jacobians at both ends. Where it does not, the step
-    is repeated in up to 16 smaller ones, which must lead to the same state.
+    Newton's method finds stable and unstable equilibria, and may end on another branch than that on which the step
+    began. Stability is checked by the spectrum of the step. The branch is checked by the motion of the grains, which
+    must continue that of the previous step or follow from the Jacobians at both ends. Otherwise the step is repeated in
+    up to 16 smaller ones, which must lead to the same state.
 
     Parameters
     ----------
     slip : whether the affine displacement contributes to the slip; see `strained`
     tolerance : float, largest unbalanced force or torque/R [force]; default: as in `equilibrate`
     modes : whether spectra along the path contain modes
-    on_instability : what happens after a step to an unstable equilibrium or another branch. "tell": the outcome of the
-        step has `unstable` or `left` set and contains a warning; the first one on a path that is not only about complex
-        pairs, which the spectra of the path contain, is also issued as an UnstableEquilibriumWarning.
-        "follow-dynamics": the end is that of damped dynamics from the state before the step, if this equilibrium is
-        unstable under the drag or on another branch; there is a warning, too. "stop": a LeftPathError is raised
-    drag : of the dynamics, for translations and rotations; needed for "follow-dynamics", because it decides which
-        oscillations grow. If given, only pairs that grow in spite of it count as unstable [1/time]
+    on_instability : action after a step to an unstable equilibrium or another branch. "tell": the outcome of the step
+    has `unstable` or `left` set and contains a warning; the first warning on a path that does not concern only complex
+    pairs (which are in the spectra of the path) is also issued as an UnstableEquilibriumWarning. "follow-dynamics": if
+    this equilibrium is unstable under the drag or on another branch, the step ends where damped dynamics from the
+    previous state leads, also with a warning. "stop": a LeftPathError is raised
+    drag : drag of the dynamics, on translations and rotations; required for "follow-dynamics", because it determines
+    the oscillations that grow. If given, only pairs that grow despite the drag count as unstable [1/time]
     mode : "simple" shear along x with the gradient along y; "pure" shear, γ = ln(Lx/Ly); "isotropic" compression,
         ε = −ln V; "uniaxial" compression along y, ε = −ln Ly
-    sign : −1 counts the strain downwards: a growing load shears the other way, or unloads
+    sign : −1 reverses the strain: a growing load shears in the opposite direction, or unloads
 
     Raises
     ------
@@ -78,7 +78,7 @@ def aqs(
     [0, 0]
     """
     if on_instability == "follow-dynamics" and drag is None:
-        raise ValueError("on_instability='follow-dynamics' was given without drag: it decides which oscillations grow")
+        raise ValueError("on_instability='follow-dynamics' requires drag, which determines the oscillations that grow")
     keep, watch = Factorisation(), Watch(law, slip, modes, on_instability, drag, partial(_way, mode, sign))
 
     def apply(state, strain):
@@ -121,7 +121,7 @@ class Watch:
         if self.choice == "follow-dynamics":
             point, followed = self._follow(start, point, left)
             notes += ["damped dynamics led to another state"] if followed else []
-        if not self.warned and (left or unstable.negative):  # pairs are seen in the spectrum
+        if not self.warned and (left or unstable.negative):  # complex pairs are already in the spectrum
             self.warned = True
             more = "further warnings are in the outcomes of the path"
             said = f"at strain {point.load:g} {'; '.join(notes)}; {more}"
@@ -153,7 +153,7 @@ class Watch:
         return Judge(state, self.law, self.drag or 0.0, slip=self.slip, way=self.way(state))
 
     def _follow(self, start: State, point: Equilibrium, left: bool) -> tuple[Equilibrium, bool]:
-        """Equilibrium to which damped dynamics leads, and whether it is another one."""
+        """Equilibrium reached by damped dynamics, and whether it is a different one."""
         way = self.way(start)
         start, begin, goal = commit(start, self.law), way.place(start), way.place(point.state)
         judge = self._judge(start)
@@ -169,12 +169,12 @@ class Watch:
 
 
 class Instability(NamedTuple):
-    """Growing modes of an equilibrium, and what they assume."""
+    """Growing modes of an equilibrium, and their assumptions."""
 
     negative: int  # directions of negative stiffness
     pairs: int  # complex pairs
     at_limit: bool  # contacts at the Coulomb limit keep sliding
-    undamped: bool  # the dashpots of the law are left out
+    undamped: bool  # the dashpots of the law are ignored
 
     def __str__(self) -> str:
         parts = [f"{pluralize(self.negative, 'direction')} of negative stiffness"] if self.negative else []
@@ -201,7 +201,7 @@ def branch_distance(start: Point, end: Point) -> float:
     -------
     float
         zero if grains moved as the linear responses predict, or if smaller steps lead to the same state; infinite if
-        they do not get there
+        smaller steps fail
     """
     if continuous(start, end, LOOSE):
         return 0.0
@@ -214,7 +214,7 @@ def branch_distance(start: Point, end: Point) -> float:
 
 
 def _trace(start: Point, strain: float, halvings: int) -> Point | None:
-    """Point that a path reaches at a strain if each step, halved if need be, is continuous."""
+    """Point of a path at a strain if all steps, halved if necessary, are continuous."""
     end = start.newton(strain) if halvings else start.equilibrium(strain)
     if end is not None and continuous(start, end, LOOSE):
         return end
@@ -229,7 +229,7 @@ def cell_shear(law: Law, normal_stress: Positive, *, tolerance: Positive = BALAN
     """Protocol of simple shear of a periodic cell under stress: the load is −σ_xy/σ_yy, absolute, not an increment.
 
     The cell's height follows the normal stress, and its shear along x follows the shear stress. Its other dimensions
-    stay as they are. Each step ends with `equilibrate`.
+    are fixed. Each step ends with `equilibrate`.
 
     Parameters
     ----------
@@ -260,9 +260,9 @@ def cell_shear(law: Law, normal_stress: Positive, *, tolerance: Positive = BALAN
 
 @checked
 def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> Protocol:
-    """Protocol of shear by a plate: the load is the force on it along x, over that which presses it along −y.
+    """Protocol of shear by a plate: the load is its force along x over the force that presses it along −y.
 
-    It is absolute: the force replaces one along x that acts already.
+    It is absolute: the force replaces any previous one along x.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> P
     Raises
     ------
     ValueError
-        if the given bodies are not pressed along −y; on the first step.
+        on the first step, if the given bodies are not pressed along −y.
 
     Examples
     --------
@@ -294,7 +294,7 @@ def plate_shear(law: Law, plate: Bodies, *, tolerance: Positive = BALANCED) -> P
         control, bodies = state.control, body_numbers(state.control, plate)
         force, free, rate = control.force.copy(), control.free.copy(), control.rate.copy()
         if not (force[bodies, 1] < 0).all():
-            raise ValueError(f"bodies {np.asarray(plate).tolist()} were given: a plate is pressed along −y")
+            raise ValueError(f"a plate is pressed along −y, but bodies {np.asarray(plate).tolist()} are not")
         free[bodies, 0], rate[bodies, 0] = True, 0.0
         force[bodies, 0] = -load * force[bodies, 1]
         return state._replace(control=control._replace(force=force, free=free, rate=rate))
@@ -310,7 +310,7 @@ def _settle(state: State, load: float, law: Law, tolerance: float) -> tuple[Stat
     try:
         end, outcome = equilibrate(state, law, tolerance=tolerance, check="nothing")
     except TooFarApartError:
-        end, outcome = state, Outcome(Status.STEPS_SPENT, np.inf, 0)  # the sample flowed without end
+        end, outcome = state, Outcome(Status.STEPS_SPENT, np.inf, 0)  # the sample flowed without coming to rest
     if not outcome.ok:
         raise NotInEquilibriumError(f"no equilibrium at a load of {load:.4g}", outcome)
     return end, outcome
@@ -321,11 +321,11 @@ def inflate(
     state: State, law: Law, grain: Bodies | None = None, *, growth: float = 1e-3, within: NotNegative = 0.0,
     steps: Annotated[int, POSITIVE] = 10, tolerance: float | None = None, report: Report = silent,
 ) -> Inflation:  # fmt: skip
-    """Inflate a grain in quasi-static steps, each of which ends with `equilibrate`, which commits the contact memory.
+    """Inflate a grain in quasi-static steps, each of which ends with `equilibrate` and commits the contact memory.
 
     Growth is measured from the radii of the state. Contacts may open, close and slide; `changes` of the result counts
-    them, without those of grains that were rattlers. At small growth the displacements are those of `modes.inflate`.
-    Masses do not change.
+    these changes, except at initial rattlers. At small growth the displacements are those of `modes.inflate`. Masses do
+    not change.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def inflate(
     Raises
     ------
     ValueError
-        where `modes.inflate` raises it, but for contacts that change.
+        as in `modes.inflate`, except for contacts that change.
     NotInEquilibriumError
         if a step has no equilibrium.
 
@@ -364,7 +364,7 @@ def inflate(
 
 
 def _steps(here: LinearisedState, grown: np.ndarray, growths: np.ndarray, tolerance) -> tuple[State, list]:
-    """State at the end of steps, and how many contacts opened, closed, began and stopped sliding in each."""
+    """State at the end of steps, and numbers of contacts that opened, closed, began and stopped sliding in each."""
     state, radius, keep, changes = here.state, here.state.grains.radius, Factorisation(), []
     before = _modes(here, state)
     for growth in growths:

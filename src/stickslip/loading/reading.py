@@ -21,33 +21,33 @@ from ..data.sample import Assumption, PackingError
 
 @checked
 def read_packing(path: str | Path, **options) -> Reading:
-    """Read one packing: from a file in any known format, the folder of a run, or tables of measured forces.
+    """Read one packing from a file in any known format, a run folder, or tables of measured forces.
 
-    The content of a file tells its format, not its name: .npz (names as in `from_arrays`) and .npy, archives, GSD,
-    LAMMPS restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns such as x, y, z,
-    radius (CSV, YADE, PFC). Text may be compressed. Of a folder, the newest restart file, or data and dump files, are
-    read with what its log or input script says of laws, walls, gravity and fixes. The folder of a run of this package
-    stands for its archive. Of measured forces (`contacts` is a table with a column fn, or the file one of PeGS), the
-    state is the nearest in balance, see `packings.from_forces`.
+    The format is detected from the content of a file, not from its name: .npz (names as in `from_arrays`) and .npy,
+    archives, GSD, LAMMPS restart, data and dump files, MercuryDPM's .data, extended XYZ, VTK, and tables with columns
+    such as x, y, z, radius (CSV, YADE, PFC). Text may be compressed. In a LAMMPS run folder, the newest restart file,
+    or data and dump files, are read together with laws, walls, gravity and fixes from the log or input script. A run
+    folder of this package stands for its archive. For measured forces (`contacts` is a table with a column fn, or the
+    file is a PeGS file), the result is the nearest balanced state, see `packings.from_forces`.
 
     Returns
     -------
     Reading
-        the state, its law, and notes on what was assumed or changed; `assumed` lists what was assumed
+        the state, its law, and notes on assumptions and changes; `assumed` lists the assumptions
 
     Parameters
     ----------
     law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
-        take precedence over the law in the file. LAMMPS's data and dump files contain no law; to read contacts from a
-        dump, give all of its parameters
+    take precedence over the law in the file. LAMMPS data and dump files contain no law; to read contacts from a dump,
+    give all of its parameters
     parameters : dict, other parameters of that law, such as {"work": 1e-3} of jkr, or those of a Python file
     i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
         in a dump; the last one by default, except of archives
-    contacts : path of the `dump local` that belongs to the grains and provides their memory, or of the table of
-        measured forces, see `read_forces`
-    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not those that their contents suggest
-    boundary : three letters as in LAMMPS, such as ppf, if the file does not say which directions are periodic
+    contacts : path of the `dump local` that belongs to the grains and provides their memory, of the table of measured
+        forces, see `read_forces`, or of a table of bonds with columns i, j, kn, ks … (YADE) or pb_kn, pb_ks … (PFC)
+    columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not detected correctly from their contents
+    boundary : three letters as in LAMMPS, such as ppf, if the file does not state the periodic directions
     atom_style : as in LAMMPS, such as "sphere" or "hybrid sphere bond", if a data file does not name it
 
     Raises
@@ -78,6 +78,14 @@ def read_packing(path: str | Path, **options) -> Reading:
 def read_packings(path: str | Path, *, frame: str | None = "all", **options) -> list[tuple[str, State, Law, list[str]]]:
     """Read all states of a file, each with its name, law and notes; options as in `read_packing`."""
     path, contacts = Path(path), options.get("contacts")
+    if contacts and Path(contacts).is_file():
+        from ..data.exchange.bond_tables import is_table_of_bonds, with_listed_bonds
+
+        if is_table_of_bonds(Path(contacts)):
+            found = read_packings(path, frame=frame, **options | {"contacts": None})
+            held = [with_listed_bonds(state, Path(contacts)) for _, state, *_ in found]
+            rest = zip(found, held, strict=True)
+            return [(name, state, law, [*notes, *more]) for (name, _, law, notes), (state, more) in rest]
     if path.is_dir() and (path / NUMBERS).is_file():
         path = path / NUMBERS
     if is_measured(path, contacts and Path(contacts)):
@@ -106,7 +114,7 @@ def convert(
     list of Path
         files that were written
     list of str
-        notes on what was read, and on what the new format does not store
+        notes on the input, and on data that the new format does not store
     """
     path, to = Path(path), Path(to)
     if to.suffix.lower() not in written():

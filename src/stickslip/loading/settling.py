@@ -3,6 +3,7 @@
 The cell may follow the stress.
 """
 
+from collections.abc import Callable
 from math import ceil
 from typing import Literal, NamedTuple
 
@@ -20,32 +21,40 @@ from ..core.progress import NotInEquilibriumError, Outcome, Report, silent
 from ..core.readable import readable
 from ..core.state import Control, State
 from ..solve.equilibrate import breaking, patience_for
-from ..solve.newton import Factorisation, approach, at_rest, newton
+from ..solve.newton import Factorisation, approach, at_rest
 from ..solve.shear_response import XY
 from .compression import Scales, critical_mass, stopped
 from .packing import shear_strain
 
 # unbalanced forces at which Newton's method is tried again, over the force of a contact that carries the pressure
 LEVELS = (1e-2, 1e-3, 1e-4)
-REST, MORE = 1e-6, 20_000  # where it fails at all of them: the force at which dynamics ends, and its most steps
-SETTLING_DRAG = 2.0  # times the time scale: the softest motions come to rest soonest when it is about critical
+REST, MORE = (
+    1e-6,
+    20_000,
+)  # if it fails at all of them: the force at which dynamics ends, and its largest number of steps
+SETTLING_DRAG = 2.0  # drag times the time scale: the softest motions come to rest soonest at critical drag
 OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the cell, over the pressure
-BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two looks at the forces, and largest number in a step
+BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two checks of the forces, and largest number in a load step
 POSTED = 20  # steps of dynamics between two entries in a ledger
-SLOW = 3.0  # times the time scale: duration of a step of the strain that dynamics makes
-STEPS = 500  # of the load in slow dynamics
+SLOW = 3.0  # duration of a strain step made by dynamics, over the time scale
+STEPS = 500  # number of steps of the load in slow dynamics
 SHARE = 0.1  # time step of slow dynamics over the stable one
 
 
-def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Factorisation) -> tuple[State, Outcome]:
+def settle(
+    state: State, law: Law, scales: Scales, *, tolerance: float, keep: Factorisation,
+    broke: Callable[[State, State], None] = lambda before, after: None,
+) -> tuple[State, Outcome]:  # fmt: skip
     """Equilibrium after a step of the load: by Newton's method or, where grains rearrange, by damped dynamics first.
 
     The drag is that of `compressed`, on the time scale on which the pressure moves a grain. Where Newton's method
-    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`. Bonds break as there.
+    stalls, this is much faster than drag on the time scale of a contact, as in `equilibrate`. Bonds break as in
+    `equilibrate`.
 
     Parameters
     ----------
     tolerance : largest unbalanced force or torque/R [force]
+    broke : called as broke(before, after) with the equilibrium in which a bond breaks, and the state without it
 
     Returns
     -------
@@ -67,7 +76,7 @@ def settle(state: State, law: Law, scales: Scales, *, tolerance: float, keep: Fa
         end, outcome = _come_to_rest(without_failure(here), law, scales, tolerance)
         return with_strength_of(end, here), outcome
 
-    return breaking(find, state, keep)
+    return breaking(find, state, keep, broke)
 
 
 def strain_step(
@@ -76,9 +85,8 @@ def strain_step(
 ) -> tuple[State, Outcome]:  # fmt: skip
     """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
 
-    Where Newton's method stalls, or ends on another branch, so that energies do not balance, dynamics strains the cell
-    at a constant rate within a few time scales, so that grains rearrange under the stress that they bear, and then
-    brings the sample to rest.
+    If Newton's method stalls, or ends on another branch so that energies do not balance, dynamics strains the cell at a
+    constant rate within a few time scales, so that grains rearrange under stress, and then brings the sample to rest.
 
     Parameters
     ----------
@@ -105,7 +113,7 @@ def strain_step(
 def _come_to_rest(
     state: State, law: Law, scales: Scales, tolerance: float, account: PathLedger | None = None
 ) -> tuple[State, Outcome]:
-    """Equilibrium that damped dynamics leads to."""
+    """Equilibrium reached by damped dynamics."""
     here, spent = state, 0
     for share in LEVELS:
         here, outcome, steps = _damp(here, law, scales, share * scales.force, LONGEST - spent, account)
@@ -113,8 +121,9 @@ def _come_to_rest(
         if not outcome.ok:
             raise NotInEquilibriumError("the sample does not come to rest", outcome)
         rest = stopped(here)._replace(time=state.time)
-        end, solved = newton(rest, law, tolerance=tolerance, patience=patience_for(state))
+        point, solved = approach(rest, law, tolerance=tolerance, patience=patience_for(state), keep=Factorisation())
         if solved.ok:
+            end = at_rest(point)
             if account:
                 account.stop(rest)
                 account.post(end)
@@ -152,9 +161,9 @@ def _advance(
 
 
 def servo_mass(state: State, pressure: float, scales: Scales, rate: float = 0.0) -> float:
-    """Mass of a cell that follows the stress to within `OFFSET` of the pressure while it deforms at a rate [mass].
+    """Mass of a cell whose stress stays within `OFFSET` of the pressure during deformation at a rate [mass].
 
-    Under the drag ν the stress exceeds the wanted one by M ℓ² ν L/V. The mass is at most the critical one.
+    Under the drag ν, the stress exceeds its target by M ℓ² ν L/V. The mass is at most the critical one.
     """
     dim, drag, most = state.cell.dim, SETTLING_DRAG / scales.time, critical_mass(state, pressure, scales)
     return min(OFFSET * pressure * volume(state) ** (1 - 2 / dim) / (drag * rate), most) if rate else most
@@ -176,7 +185,7 @@ def slow_dynamics(
 ) -> SlowRun:
     """Follow a packing by dynamics while its control changes linearly from one given control to the next.
 
-    The first leg begins at the control of the state, which may move. Loads are absolute, not increments.
+    The first leg begins at the control of the state, which may be in motion. Loads are absolute, not increments.
 
     Parameters
     ----------
@@ -192,7 +201,7 @@ def slow_dynamics(
         if a position is not a number.
     """
     if not 0 < until <= len(legs):
-        raise ValueError(f"until = {until} was given for {len(legs)} legs: it must be above 0 and at most {len(legs)}")
+        raise ValueError(f"until must be above 0 and at most {len(legs)} for {len(legs)} legs, got {until}")
     dt = SHARE * stable_time_step(state, law)
     points, here, loads, states, energy = (state.control, *legs), state, [], [], []
     steps = max(1, round(time * until / STEPS / dt))
@@ -227,7 +236,7 @@ class Deformation(NamedTuple):
 
     mode: Mode
     gradient: np.ndarray  # (3, 3) G, displacement gradient for a small unit strain
-    sign: int  # −1 if the strain falls along the path: it is then counted downwards
+    sign: int  # −1 if the strain falls along the path
 
     def finite(self, strain: float) -> np.ndarray:
         """(3, 3) exp(G ε) − 1; G is nilpotent or diagonal."""
@@ -239,7 +248,7 @@ class Deformation(NamedTuple):
         return strained(state, self.finite(strain), slip=slip)
 
     def place(self, state: State) -> float:
-        """Strain of the cell, from an origin of its own."""
+        """Strain of the cell, from an arbitrary origin."""
         across, along = np.abs(state.cell.vectors[: state.cell.dim, :2]).sum(axis=0)
         if self.mode == "simple":
             return self.sign * shear_strain(state)

@@ -1,11 +1,11 @@
-"""Kinetic threshold: from which load on a kicked sample slides, whether it slides on, and at which load it stops.
+"""Kinetic threshold: loads at which kicked samples start to slide, continue to slide, and stop.
 
-A sample that is at rest at a load is kicked with random velocities and runs freely. It has *slid* once what bears the
-load has moved by a given distance within the duration of a run (see `travel`). A run that has slid continues for as
-long again. It *lasts* if it moves on by that distance, and by a quarter of it in each quarter of that time; otherwise
-the sample has slid by a limited distance only. Near the threshold sliding samples stop at random times, so that fewer
-runs last the longer they are. The shares of both rise with the load; a logistic curve is fitted to each by maximum
-likelihood. Runs have independent random numbers, as the likelihood requires.
+A sample at rest under a load is kicked with random velocities and runs freely. It has *slid* once it has moved by a
+given distance under its load within the duration of a run (see `travel`). A run that has slid continues for the same
+duration again. It *lasts* if it moves on by that distance, and by a quarter of it in each quarter of that time;
+otherwise the sample has slid by a limited distance only. Near the threshold, sliding samples stop at random times, so
+that fewer runs last for longer durations. The fractions of both rise with the load; a logistic curve is fitted to each
+by maximum likelihood. Runs have independent random numbers, as the likelihood requires.
 """
 
 from functools import partial
@@ -30,12 +30,12 @@ from ..solve.balance import BALANCED_BELOW, force_imbalance, linearised, motion_
 from .packing import reduced_cell, wrapped
 from .protocols import Equilibrium, Protocol, perturbed
 
-KICK_LEGS = 40  # into which a run is divided, to see whether the sample has slid
-WINDOWS = 4  # of a duration, in each of which a run that lasts moves by its part of the distance
+KICK_LEGS = 40  # parts of a run, after each of which sliding is checked
+WINDOWS = 4  # parts of a duration, in each of which a lasting run moves by a part of the distance
 FAR = 8  # periodic boxes across which pairs are listed before grains are put back into the cell, of 64 at most
-SLOWING = 0.95  # travel in the last window over that in the first one, below which a sample still slows down
+SLOWING = 0.95  # travel in the last window over that in the first, below which a sample still slows down
 KICKS = (1e-13, 1e-4)  # default, in natural units
-SLID = 0.1  # distance by which a sample has slid, as of `travel`
+SLID = 0.1  # distance that counts as sliding, as in `travel`
 FINE, WIDTHS = 60, 80  # thresholds between two loads, and widths, at which the likelihood is evaluated
 BEYOND, WIDEST = 5, 50  # largest distance of a trial threshold from the loads and largest width, in their range
 DROP = 1.92  # of the log-likelihood at the ends of an interval of 95 % (half of the quantile 3.84 of χ² with 1 degree)
@@ -56,10 +56,10 @@ class KineticThreshold(NamedTuple):
     arrest: np.ndarray  # (R, 2) for each ramp down, load at which the sample stopped (−inf: none) and the one above
     first_pair: float  # smallest load on the path with a complex pair; NaN without
     first_limit: float  # smallest load on the path at which a contact is at the Coulomb limit; NaN without
-    duration: float  # of a run [time]
-    distance: float  # by which a run has slid, as of `travel`
-    lasting: np.ndarray  # (L, K) number of runs that lasted: they slid and went on for another `duration`
-    lasting_threshold: np.ndarray  # (K,) as `threshold`, of runs that last: the kinetic threshold proper
+    duration: float  # duration of a run [time]
+    distance: float  # distance that counts as sliding, as in `travel`
+    lasting: np.ndarray  # (L, K) number of runs that lasted: they slid and continued for another `duration`
+    lasting_threshold: np.ndarray  # (K,) as `threshold`, for runs that last: the kinetic threshold proper
     lasting_interval: np.ndarray  # (K, 2)
     lasting_width: np.ndarray  # (K,)
 
@@ -95,19 +95,19 @@ class KineticThreshold(NamedTuple):
 
 
 def _describe_rise(verb: str, at: float, interval, share) -> str:
-    """From which load on runs do something, in words."""
+    """Load from which runs slide or last, in words."""
     if np.isfinite(at):
-        return f"{verb} from {at:.4g} on (95 %: {interval[0]:.4g} to {interval[1]:.4g})"
+        return f"{verb} from {at:.4g} (95 %: {interval[0]:.4g} to {interval[1]:.4g})"
     if share.min() == share.max() and share.max() in (0, 1):
         return f"{'always' if share.max() else 'never'} {verb}"
-    return f"{verb} from a load on that is not bracketed by these loads"
+    return f"{verb} from a load that is not bracketed by these loads"
 
 
 def _describe_arrest(threshold: KineticThreshold) -> list[str]:
     """Outcome of the ramps down, in words."""
     count, stopped = len(threshold.arrest), np.isfinite(threshold.arrest[:, 0])
     if not count:
-        return [] if threshold.lasting.any() else ["no run slides on, from which the load could be lowered"]
+        return [] if threshold.lasting.any() else ["no run slides on, so that the load cannot be lowered"]
     lines = []
     if stopped.any():
         low, high = threshold.arrest[stopped, 0].min(), threshold.arrest[stopped, 1].max()
@@ -120,7 +120,7 @@ def _describe_arrest(threshold: KineticThreshold) -> list[str]:
 
 
 class _Dynamics(NamedTuple):
-    """Law, time step and drag with which samples are run."""
+    """Law, time step and drag of the runs."""
 
     law: Law
     leg: int  # steps
@@ -135,10 +135,10 @@ def kinetic_threshold(
     dt: Positive, loads=None, distance: Positive = SLID, ramps: int = 3, drag: NotNegative = 0.0,
     seed: int = 0, workers: Workers = None, kept: Checkpoint | None = None, report: Report = silent,
 ) -> KineticThreshold:  # fmt: skip
-    """Kick the equilibria of a load path and find from which load on they slide, and from which on they slide on.
+    """Kick the equilibria of a load path and find the loads from which they slide, and slide on.
 
-    Every run has its own random numbers, which depend on the seed, the load, the velocity in natural units and the
-    number of the run only. Results do not depend on `workers`, nor on the units unless the load itself has a unit.
+    The random numbers of each run depend only on the seed, the load, the velocity in natural units and the number of
+    the run. Results do not depend on `workers`, nor on units unless the load itself has a unit.
 
     The 95 % intervals contained the threshold of 400,000 velocities in 196 of 200 repetitions with ten kicks of a block
     at each of 20 loads, and that of known curves in 118 of 120 (`tests/wings/studies/test_threshold.py`).
@@ -146,19 +146,20 @@ def kinetic_threshold(
     Parameters
     ----------
     path : equilibria along a rising load, from `ramp`
-    protocol : how loads are applied, used to lower the load of a sliding sample
+    protocol : application of loads, used to lower the load of a sliding sample
     kicks : (K,) standard deviations of random initial velocities; default: 1e-13 and 1e-4 smallest diameters per
         natural unit of time, see `relax` [length/time]
     realizations : number of runs for each load and kick
     duration, dt : of a run [time]; a run that slides continues for another duration
-    loads : loads of the path that are tried, as they are in the path; default: all
-    distance : by which a sample has slid: shear strain of a cell whose shear follows a stress; or else the displacement
-        of a plate (rigid groups that are free to move) in mean diameters; or else the median one of all grains
-    ramps : largest number of sliding samples whose load is also lowered, through the loads that are tried: runs that
-        last, at the highest load with any. The load stays at each of them for a duration, and for more as long as the
-        sample slows down. The sample has stopped unless it slides throughout, as a run that lasts
+    loads : loads of the path to be tried; default: all
+    distance : distance that counts as sliding: shear strain of a cell whose shear follows a stress; or else
+    displacement of a plate (rigid groups that are free to move) in mean diameters; or else median displacement of all
+    grains
+    ramps : largest number of lasting runs, at the highest load with any, whose load is then lowered through the tried
+    loads. Each load acts for a duration, or longer while the sample slows down. The sample has stopped unless it slides
+    throughout, like a run that lasts
     drag : of all runs [1/time]
-    kept : where finished runs are saved; runs that it has are not repeated
+    kept : storage of finished runs, which are not repeated
     report : called as report(stage, share done, text)
 
     Raises
@@ -191,7 +192,7 @@ def kinetic_threshold(
     require_sizes([Size(f"realizations = {realizations} makes", realizations, "runs", "use fewer")])
     _require_count(0, seed=seed, ramps=ramps)
     if duration < KICK_LEGS * dt:
-        raise ValueError(f"duration = {duration:g} and dt = {dt:g} were given: a run needs at least {KICK_LEGS} steps")
+        raise ValueError(f"a run needs at least {KICK_LEGS} steps, got duration = {duration:g} and dt = {dt:g}")
     tried = _points_at(path, loads)
     protocol = protocol.starting(path[0].state, path[0].load)
     scales = natural_scales(tried[0].state, protocol.law)
@@ -202,8 +203,8 @@ def kinetic_threshold(
         _require_rest(point, protocol)
         if kicks.max() * dt > point.state.grains.radius.min():
             raise ValueError(
-                f"kicks = {kicks.max():g} and dt = {dt:g} were given: grains would move by more than a radius in a "
-                f"step; use smaller velocities"
+                f"with kicks = {kicks.max():g} and dt = {dt:g}, grains would move by more than a radius in a step: "
+                "use smaller velocities"
             )
     how = _Dynamics(protocol.law, max(1, round(duration / dt / KICK_LEGS)), dt, distance, drag)
     starts = [
@@ -245,23 +246,23 @@ def kinetic_threshold(
 def _require_count(least: int, **values) -> None:
     for name, value in values.items():
         if isinstance(value, bool | np.bool_) or not least <= value <= 10**18:
-            raise ValueError(f"{name} = {value} was given: use a whole number from {least} to 1e18")
+            raise ValueError(f"{name} must be a whole number from {least} to 1e18, got {value}")
 
 
 def _points_at(path: list[Equilibrium], loads) -> list[Equilibrium]:
     """Points of a path at the given loads, or all."""
     known = np.array([point.load for point in path])
     if not len(known) or (np.diff(known) <= 0).any():
-        raise ValueError(f"a path with the loads {known.tolist()} was given: it needs loads that rise")
+        raise ValueError(f"the loads of a path must increase, got {known.tolist()}")
     if loads is None:
         return list(path)
     try:
         wanted = np.unique(np.asarray(loads, float))
     except (TypeError, ValueError):
-        raise ValueError(f"loads = {loads!r} were given: use numbers, or None for all loads of the path") from None
+        raise ValueError(f"loads must be numbers, or None for all loads of the path, got {loads!r}") from None
     places = [int(np.argmin(np.abs(known - load))) for load in wanted]
     if not len(wanted) or not np.abs(known[places] - wanted).max() <= 1e-9 * np.abs(known).max():
-        raise ValueError(f"loads = {wanted.tolist()} were given: the path has {known.tolist()}")
+        raise ValueError(f"the path does not contain loads = {wanted.tolist()}: it has {known.tolist()}")
     return [path[place] for place in places]
 
 
@@ -271,7 +272,7 @@ def _require_rest(point: Equilibrium, protocol: Protocol) -> None:
     share = max(force_imbalance(here), motion_imbalance(here))
     if not share <= BALANCED_BELOW:
         raise ValueError(
-            f"a path was given whose state at a load of {point.load:.4g} is not at rest there (forces are off by "
+            f"the state of the path at a load of {point.load:.4g} is not at rest there (residual forces are "
             f"{share:.2g} of the mean contact force): use equilibria with their own loads, from ramp with this protocol"
         )
 
@@ -283,14 +284,14 @@ def _velocities(kicks) -> np.ndarray:
     except (TypeError, ValueError):
         out = np.zeros(0)
     if out.ndim > 1 or not len(out) or not (np.isfinite(out) & (out >= 0)).all():
-        raise ValueError(f"kicks = {kicks!r} were given: one or more velocities are needed, none of them negative")
+        raise ValueError(f"kicks must be one or more velocities, none of them negative, got {kicks!r}")
     if len(np.unique(out)) < len(out):
-        raise ValueError(f"kicks = {out.tolist()} were given: give each velocity once")
+        raise ValueError(f"kicks must be distinct velocities, got {out.tolist()}")
     return out
 
 
 def _seed(seed: int, load: float, kick: float, number: int) -> int:
-    """Seed of one run, independent of those of all others and of what else is run; `kick` is in natural units."""
+    """Seed of one run, independent of all other runs; `kick` is in natural units."""
     entropy = [seed, *np.array([load, float(f"{kick:.12g}")]).view(np.uint64).tolist(), number]
     return int(np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0])
 
@@ -298,14 +299,14 @@ def _seed(seed: int, load: float, kick: float, number: int) -> int:
 def fit_threshold(loads, slid, runs) -> tuple[float, tuple[float, float], float]:
     """Load at which half of the runs slide, its 95 % interval and the width of the logistic curve.
 
-    The likelihood is evaluated on a grid. Widths far below the spacing of the loads cannot be told apart: if all runs
-    above a load slide and none below it, the interval is the gap between these loads. What lies outside the loads is
-    not stated: a threshold outside them is NaN, and an end of the interval infinite. Shares that do not rise with the
-    load have no threshold.
+    The likelihood is evaluated on a grid. Widths far below the spacing of the loads cannot be distinguished: if all
+    runs above a load slide and none below it, the interval is the gap between these loads. A threshold outside the
+    loads is NaN, and an end of an interval outside them is infinite. Fractions that do not rise with the load have no
+    threshold.
     """
     loads, slid, runs = (np.asarray(a, float) for a in (loads, slid, runs))
     nothing = np.nan, (-np.inf, np.inf), np.nan
-    slope = ((slid - runs * slid.sum() / runs.sum()) * loads).sum()  # has the sign of that of the likeliest curve
+    slope = ((slid - runs * slid.sum() / runs.sum()) * loads).sum()  # has the sign of the slope of the likeliest curve
     if not (0 < slid.sum() < runs.sum() and slope > 1e-9 * runs.sum() * np.ptp(loads)):
         return nothing
     gap, span = np.diff(loads).min(), np.ptp(loads)
@@ -341,8 +342,8 @@ def _at_limit(state: State) -> bool:
 def travel(start: State, end: State) -> float:
     """Distance by which a sample has slid.
 
-    Of a cell whose shear follows a stress, its shear strain. Otherwise, in mean diameters, the displacement of rigid
-    groups that are free to move, such as a plate, or the median displacement of all grains if there are none.
+    If the shear of the cell follows a stress, its shear strain. Otherwise the displacement of rigid groups that are
+    free to move, such as a plate, or without these the median displacement of all grains, in mean diameters.
     """
     control, count = start.control, len(start.grains.radius)
     shear = control.cell_free & ~np.eye(3, dtype=bool)
@@ -378,7 +379,7 @@ def _run_until_slid(start: State, how: _Dynamics) -> tuple[State, float]:
 
 
 def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
-    """State of a sliding sample after a further duration and its travel in each window; none if it no longer slides."""
+    """State of a sliding sample after another duration, and its travel in each window; none if it no longer slides."""
     end, ways = start, []
     for _ in range(WINDOWS):
         before = end
@@ -387,11 +388,11 @@ def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
         ways.append(travel(before, end))
         if ways[-1] < how.distance / WINDOWS:
             return end, []
-    return end, ways if travel(start, end) >= how.distance else []  # else it has moved to and fro
+    return end, ways if travel(start, end) >= how.distance else []  # otherwise it has moved to and fro
 
 
 def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: int) -> tuple[tuple[State, ...], State]:
-    """Run a state on. If it flows across boxes, its grains are put back, and those of earlier states move with them."""
+    """Continue the run of a state. If it flows across boxes, its grains, and those of earlier states, are wrapped."""
     try:
         end, _, outcome = run(state, how.law, steps, how.dt, drag=how.drag, threads=1)
     except TooFarApartError as problem:
@@ -400,13 +401,13 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
         earlier, state = _run_leg(earlier, state, how, steps // 2)
         return _run_leg(earlier, state, how, steps - steps // 2)
     if outcome.broken:
-        raise NotInEquilibriumError("a run of the kinetic threshold blew up", outcome)
+        raise NotInEquilibriumError("a run of the kinetic threshold became unstable", outcome)
     if np.abs(end.contacts.image[: end.contacts.count[0]]).max(initial=0) <= FAR or end.control.spring.any():
         return earlier, end
     back = wrapped(reduced_cell(end))
     change = np.round(back.cell.vectors @ np.linalg.pinv(end.cell.vectors))
     shift = back.grains.position - end.grains.position
-    # of earlier states, `travel` needs positions and cell alone
+    # `travel` only needs positions and cell of earlier states
     moved = [
         old._replace(
             cell=old.cell._replace(vectors=change @ old.cell.vectors),
@@ -420,7 +421,7 @@ def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: in
 def _ramp_down(start, points: list[Equilibrium], protocol: Protocol, how: _Dynamics, report) -> np.ndarray:
     """(2,) load at which a sample that slides at the last point stops, −inf if none, and the one above it."""
     state, kick, seed = start
-    state, _ = _run_until_slid(perturbed(state, seed, kick), how)  # not for longer, as it may gain speed without limit
+    state, _ = _run_until_slid(perturbed(state, seed, kick), how)  # not longer, as its speed may grow without limit
     moving = points[-1].load
     for point in points[-2::-1]:
         state, ways = protocol.apply(state, point.load), [np.inf, 0.0]

@@ -1,1 +1,1 @@
-"""What a person reads: the terminal, tables of claims, and reports on one packing."""
+"""Output for people: terminal, claims tables, and reports on a packing."""

@@ -24,7 +24,7 @@ Value = float | bool | list | None
 class Claim(NamedTuple):
     """One row of a claims table.
 
-    `paper` is what the paper prints at `source`: True for a statement, None if it prints nothing. `reference` is any
+    `paper` is the printed value at `source`: True for a statement, None without one. `reference` is any
     other value to compare with, and `reference_source` its origin. `error` is one standard error of a number, 0 if the
     number is deterministic, and None if it is unknown or does not apply. `tolerance` is relative.
     """
@@ -66,7 +66,7 @@ def claim(
     paper, measured, reference = to_builtin(paper), to_builtin(measured), to_builtin(reference)
     error = None if error is None or not math.isfinite(error) else float(error)
     if not source.partition(":")[2].strip():
-        raise ValueError(f"{id}: source {source!r} was given: use 'PLACE: words', a place in the paper and its words")
+        raise ValueError(f"{id}: a source must be 'PLACE: words', a place in the paper and its words, got {source!r}")
     if (reference is None) == bool(reference_source):
         raise ValueError(f"{id}: give reference and reference_source together, or neither")
     word = verdict(paper, measured, tolerance, error, quantifier)
@@ -117,11 +117,11 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     """
     paper, measured = to_builtin(paper), to_builtin(measured)
     if not 0 <= tolerance < math.inf:
-        raise ValueError(f"a tolerance of {tolerance} was given: use a finite number, 0 or more")
+        raise ValueError(f"a tolerance must be finite and not negative, got {tolerance}")
     if error is not None and error < 0:
-        raise ValueError(f"an error of {error} was given: use a standard error of 0 or more")
+        raise ValueError(f"a standard error must not be negative, got {error}")
     if quantifier not in (IS, CAN, ALWAYS):
-        raise ValueError(f"quantifier {quantifier!r} was given: use is, can or always")
+        raise ValueError(f"quantifier must be is, can or always, got {quantifier!r}")
     return NO_REFERENCE if paper is None else _compare(paper, measured, tolerance, error, quantifier)
 
 
@@ -130,13 +130,19 @@ def _compare(target: Value, measured: Value, tolerance: float, error: float | No
         return UNDECIDED
     if isinstance(target, bool) or isinstance(measured, bool):
         if not (isinstance(target, bool) and isinstance(measured, bool)):
-            raise ValueError(f"{measured!r} was measured but {target!r} is printed: compare statements with statements")
+            raise ValueError(
+                f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare statements "
+                "with statements"
+            )
         holds = NOT_REFUTED if quantifier == ALWAYS else REPRODUCED
         return holds if measured == target else {IS: NOT_REPRODUCED, CAN: UNDECIDED, ALWAYS: REFUTED}[quantifier]
     if isinstance(target, list) != isinstance(measured, list) or (
         measured and isinstance(target, list) and len(measured) != len(target)
     ):
-        raise ValueError(f"{measured!r} was measured but {target!r} is printed: compare windows of the same length")
+        raise ValueError(
+            f"the measured value {measured!r} cannot be compared with the printed {target!r}: compare windows of the "
+            "same length"
+        )
     if isinstance(target, list):
         pairs = zip(target, measured, strict=True) if measured else ()
         ends = [_compare_numbers(p, m, tolerance, error) for p, m in pairs]
@@ -200,7 +206,7 @@ def _is_statement(made: Claim) -> bool:
 
 
 def note_quick_run(claims: list[Claim]) -> list[Claim]:
-    """Return the claims, with a note on those that a quick run did not measure."""
+    """Return the claims, with a note on those not measured in a quick run."""
     out = []
     for c in claims:
         reason = "left open by a quick run" if _is_statement(c) else "not measured by a quick run"

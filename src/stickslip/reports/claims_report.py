@@ -34,10 +34,10 @@ MEANING = {
     NOT_REPRODUCED: "beyond that, by more than two errors from the tolerance; a statement that does not hold",
     REFUTED: "claimed always to hold, with a counterexample in the note",
     NOT_REFUTED: "claimed always to hold, without a counterexample in the cases of the note",
-    UNDECIDED: "the error is too large to tell, or unknown; not measured; possible, but not observed",
+    UNDECIDED: "the error is too large or unknown; not measured; possible, but not observed",
     NO_REFERENCE: "the paper prints nothing to compare with",
 }
-WIDE = 120  # columns from which on each line includes the content of the figure
+WIDE = 120  # number of columns from which each line includes the content of the figure
 
 
 def write_claims(
@@ -120,7 +120,7 @@ def count_sentences(claims: list[Claim]) -> tuple[int, int]:
 
 
 def summarize(claims: list[Claim], shows: Shows) -> tuple[str, str, str]:
-    """Return three sentences: the numbers of decided sentences and of reproduced claims, and why others are not."""
+    """Return three sentences: numbers of decided sentences and reproduced claims, and reasons for the others."""
     own = [c for c in claims if not variant(c)]
     total, decided = count_sentences(claims)
     judged = [c for c in own if c.verdict != NO_REFERENCE]

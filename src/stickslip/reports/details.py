@@ -23,14 +23,14 @@ UNBALANCED = "since the packing is not in equilibrium"
 class Details(NamedTuple):
     """Computed quantities, or the reason why they could not be computed."""
 
-    participation: np.ndarray  # (K,) ratios of the growing modes, in their order
+    participation: np.ndarray  # (K,) participation ratios of the growing modes, in their order
     moduli: ElasticModuli | str
     transient: TransientGrowth | str
     contacts: ContactSensitivity | str
 
 
 def compute_details(state: State, law: Law, result: Stability, *, report: Report = silent) -> Details:
-    """Compute everything beyond the spectrum; progress is reported as report(stage, share done, text)."""
+    """Compute all details beyond the spectrum; progress is reported as report(stage, share done, text)."""
     participation = participation_ratio(result.modes, result.free)
     if not result.balanced:
         return Details(participation, UNBALANCED, UNBALANCED, UNBALANCED)

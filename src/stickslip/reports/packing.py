@@ -26,15 +26,16 @@ from ..solve.freedom import backbone
 from ..solve.stability import Stability
 from .terminal import console, new_table, show_table
 
-if TYPE_CHECKING:  # what a few options need, and else is not loaded
+if TYPE_CHECKING:  # needed by a few options only, otherwise not loaded
     from ..solve.birth import BirthForm
     from ..solve.gradient import VerdictProbability
+    from .bonds import BondDetails
     from .details import Details
 
 UNITS = {"Re λ": "1/time^2", "Im λ": "1/time^2", "period": "time", "e-folding time": "time"}
 UNITS |= dict.fromkeys(("ω", "growth rate", "Re s", "Im s"), "1/time")
 SHOWN = 12  # pairs listed in the table, and pairs of materials
-MOST_KINDS = 20  # of grains, or walls, whose laws are described
+MOST_KINDS = 20  # largest number of types of grains, or walls, whose laws are described
 _MODES = ("eigenvalue", "exponent", "translation", "rotation")  # arrays in a file of modes
 SETTLE_TOLERANCE = 1e-10  # residual over the mean normal contact force
 LAW_OPTIONS = ("law", "coulomb", "kn", "kt", "mu", "young", "poisson", "damping", "damping_n", "damping_t")
@@ -47,8 +48,8 @@ class Settling(NamedTuple):
     moved_rms: float  # root mean square over grains, in their radii
     lost: int  # contacts
     gained: int
-    before: float  # residual of the packing as it was given
-    how: str  # description of what the solver did
+    before: float  # residual of the given packing
+    how: str  # description of the work of the solver
 
     def __str__(self) -> str:
         return (
@@ -70,7 +71,7 @@ def find_birth_form(state: State, law: Law, *, dashpots: bool = True) -> "BirthF
 def find_probability(
     state: State, law: Law, error: float, *, dashpots: bool = True, report: Report = silent
 ) -> "VerdictProbability | str":
-    """Return how sure the verdict is with errors of positions, or the reason why that is not known."""
+    """Return the probability of the verdict with errors of positions, or the reason why it is unknown."""
     from ..solve.gradient import verdict_probability
     from .details import attempt
 
@@ -91,12 +92,12 @@ def probability_dict(sure: "VerdictProbability | str") -> dict:
 def show_probability(sure: "VerdictProbability | str") -> None:
     """Print the probability that a packing is stable, and the contact that decides."""
     if isinstance(sure, str):
-        console.print(f"what errors of the positions change is not known: {sure}")
+        console.print(f"the effect of errors in positions is unknown: {sure}")
         return
     part, i, j = ("Im λ" if sure.eigenvalue.imag else "λ"), *sure.contact
     value = sure.eigenvalue.imag or sure.eigenvalue.real
     console.print(
-        f"with these errors of the positions it is stable in {sure.stable} of {sure.samples} samples (probability "
+        f"with these errors in positions, it is stable in {sure.stable} of {sure.samples} samples (probability "
         f"{sure.low:.2g} to {sure.high:.2g}); {with_unit(f'{part} = {value:.4g} ± {sure.deviation:.2g}', '1/time^2')}, "
         f"most of it from the contact of grains {i} and {j} ({100 * sure.share:.2g} % of the variance)",
         style="bold",
@@ -104,7 +105,7 @@ def show_probability(sure: "VerdictProbability | str") -> None:
 
 
 def let_settle(state: State, law: Law) -> tuple[State, Settling]:
-    """Return the packing in equilibrium under a law, and how much it changed.
+    """Return the packing in equilibrium under a law, and its change.
 
     Raises
     ------
@@ -119,16 +120,16 @@ def let_settle(state: State, law: Law) -> tuple[State, Settling]:
         raise RuntimeError(f"no equilibrium was found under this law: {outcome}")
     moved = np.linalg.norm(end.grains.position - state.grains.position, axis=1) / state.grains.radius
     if not len(backbone(end, law)):
-        raise RuntimeError("the packing fell apart as it settled: only rattlers are left")
+        raise RuntimeError("the packing fell apart while settling: only rattlers are left")
     old, new = (set(packing.contacts.key[touching(packing)].tolist()) for packing in (state, end))
     rms = float(np.sqrt((moved**2).mean()))
     return end, Settling(float(moved.max()), rms, len(old - new), len(new - old), before, outcome.how)
 
 
 def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
-    """Return the verdict in one sentence, which says so if the packing was settled.
+    """Return the verdict in one sentence, which mentions settling.
 
-    Notes of a run on what acts on its grains but was not taken over, and on what a file lacks, decide it.
+    It depends on notes about actions on the grains that were not taken over, and about missing data.
     """
     sentence = f"{result.verdict}; {calm}" if calm else result.verdict
     left_out = "; ".join(note.reason for note in notes if isinstance(note, Obstacle))
@@ -140,19 +141,19 @@ def verdict(result: Stability, calm: Settling | None = None, notes=()) -> str:
 
 
 def is_stable(result: Stability, notes) -> bool | None:
-    """Return whether the packing is stable; None if that is undecided."""
+    """Return True if the packing is stable; None if undecided."""
     return None if any(isinstance(note, Obstacle) for note in notes) else result.stable
 
 
 def missing_parts(notes) -> str:
-    """What a file lacks for a verdict, if it has neither a contact law nor the memory of contacts; else empty."""
+    """Sentence on missing data, if a file has neither a contact law nor the memory of contacts; otherwise empty."""
     if assumes_law(notes) and any(isinstance(note, NoMemory) for note in notes):
         return "no verdict: the file has no contact law and no memory of tangential contacts"
     return ""
 
 
 class Geometry(NamedTuple):
-    """What positions and radii alone say of a packing."""
+    """Properties of a packing that follow from positions and radii alone."""
 
     contacts: int
     coordination: float  # mean number of contacts of grains that are not rattlers
@@ -160,7 +161,7 @@ class Geometry(NamedTuple):
     overlap: float  # largest overlap, over the smaller radius of the two grains
     mean_overlap: float  # the same, mean over contacts
     packing_fraction: float
-    volume: str  # what it was divided by
+    volume: str  # volume to which it refers
 
     def __str__(self) -> str:
         return (
@@ -171,7 +172,7 @@ class Geometry(NamedTuple):
 
 
 def geometry(state: State) -> Geometry:
-    """Return what positions and radii alone say: coordination, rattlers, overlaps, packing fraction."""
+    """Return the properties from positions and radii alone: coordination, rattlers, overlaps, packing fraction."""
     rows, grains, dim = touching(state), state.grains, state.cell.dim
     radius = np.append(grains.radius, np.full(len(state.walls.mass), np.inf))
     small = np.minimum(radius[state.contacts.i[rows]], radius[state.contacts.j[rows]])
@@ -192,23 +193,23 @@ def geometry(state: State) -> Geometry:
 
 
 def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[str]:
-    """Return the likely causes of unbalanced forces, from the packing, what its file lacks, and options for its law."""
+    """Return the likely causes of unbalanced forces, from the packing, missing data, and options for its law."""
     law = "another law than that of the packing"
     acts = [note.reason for note in notes if isinstance(note, Obstacle)]
     lacks = [note for note in notes if isinstance(note, Absent)]
-    known = [*acts, *result.causes[:-1], *lacks]  # the last cause says no more than `law`
+    known = [*acts, *result.causes[:-1], *lacks]  # the last cause is implied by `law`
     given = [f"--{name.replace('_', '-')}" for name in LAW_OPTIONS if options.get(name) is not None]
     if given:
         known.append(f"{law}: {', '.join(given)} came from the command line")
     elif assumes_law(notes):
-        known.append(f"{law}: none was given, so the defaults were used")
+        known.append(f"{law}: not given, so the defaults were used")
     return known or list(result.causes)
 
 
 def to_dict(
     result: Stability, more: "Details | None" = None,
     form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), notes=(),
-    shape: Geometry | None = None,
+    shape: Geometry | None = None, bonds: "BondDetails | None" = None,
 ) -> dict:  # fmt: skip
     """Return the JSON object with the documented keys; `why` gives the likely causes (see `likely_causes`)."""
     damped = result.undamped is not None
@@ -246,13 +247,17 @@ def to_dict(
         from . import details
 
         out["more"] = details.to_dict(more)
+    if bonds:
+        from . import bonds as cement
+
+        out["bonds"] = cement.to_dict(bonds)
     if form:
         out["after"] = {"reason": form} if isinstance(form, str) else _form_dict(form)
     return out
 
 
 def _form_dict(form: "BirthForm") -> dict:
-    """Numbers of the normal form; what is infinite is null."""
+    """Numbers of the normal form; infinite ones are null."""
     out = {"fate": form.fate, "verdict": form.verdict, "limit_contact": list(form.limit_contact)}
     out |= {"opening_contact": list(form.opening_contact), "closing_contact": list(form.closing_contact)}
     for name in (
@@ -267,13 +272,14 @@ def _form_dict(form: "BirthForm") -> dict:
 def show(
     result: Stability, law: Law, notes: list[str], more: "Details | None" = None,
     form: "BirthForm | str | None" = None, *, calm: Settling | None = None, why=(), remedy: str = "",
-    shape: Geometry | None = None, state: State | None = None,
+    shape: Geometry | None = None, state: State | None = None, bonds: "BondDetails | None" = None,
 ) -> None:  # fmt: skip
     """Print the verdict, a table of pairs and the details.
 
-    Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if its file has little else.
+    Also print `why` and `remedy` if the packing is not in equilibrium, and its geometry if the file contains little
+    else.
     """
-    # what was read, then what was assumed; what is left out stands in the verdict
+    # data read, then assumptions; omissions are part of the verdict
     for note in notes:
         if not isinstance(note, Assumption):
             console.print(note, style="yellow")
@@ -298,7 +304,7 @@ def show(
         _show_imbalance(result, why, remedy)
     if result.undamped:
         console.print("spectrum: damped, exponents s of exp(st) from M q̈ = J q + C q̇ at rest")
-        console.print(f"without the dashpots it would be: {result.undamped.motion}")
+        console.print(f"without dashpots: {result.undamped.motion}")
     console.print(f"method: {result.way}")
     if result.scope:
         console.print(f"scope: {result.scope}")
@@ -310,15 +316,19 @@ def show(
         from . import details
 
         details.show(more, result)
+    if bonds:
+        from . import bonds as cement
+
+        cement.show(bonds)
     if form:
         _show_form(form)
 
 
 def _show_form(form: "BirthForm | str") -> None:
     if isinstance(form, str):
-        console.print(f"what follows the instability is not known: {form}")
+        console.print(f"the course of the instability is unknown: {form}")
         return
-    console.print(f"what follows the instability: {form.verdict}", style="bold")
+    console.print(f"course of the instability: {form.verdict}", style="bold")
     rate = with_unit(f"{form.growth_rate:.4g}", "1/time")
     console.print(
         f"normal form of the fastest pair: σ = {rate}, β = {form.beta:.4g} ({form.bare:.4g} without "
@@ -347,7 +357,7 @@ def _show_imbalance(result: Stability, why, remedy: str) -> None:
 def describe_law(law: Law, state: State | None = None) -> str:
     """Describe a law: kind, Coulomb limit, parameters of each pair of materials, damping.
 
-    With a state, only pairs that may meet are named: types of grains from 1, and walls in their order.
+    With a state, only pairs that can meet are listed: types of grains from 1, and walls in their order.
     """
     coulomb = next(name for name, number in COULOMB.items() if number == law.coulomb)
     damping = next(name for name, number in DAMPING.items() if number == law.damping & ~NO_TENSION)
@@ -405,7 +415,7 @@ def _show_pairs(result: Stability) -> None:
 
 
 def check_modes(path: Path, packing: Path, *, asked: bool) -> None:
-    """Raise ValueError if the file of modes would replace the packing or a file that contains no modes."""
+    """Raise ValueError if the file of modes would replace the packing, or a file without modes."""
     if path.exists() and packing.exists() and path.samefile(packing):
         raise ValueError(f"--modes {path} would replace the packing: give another name")
     if not path.parent.is_dir():

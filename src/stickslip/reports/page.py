@@ -1,6 +1,6 @@
 """Pages and movies of packings: their content and their files; a page is one self-contained file.
 
-In the folder of a run they count as run files.
+In a run folder they count as run files.
 """
 
 from collections.abc import Iterator
@@ -35,10 +35,10 @@ from ..solve.balance import BALANCED_BELOW, imbalance, no_equilibrium_message
 from ..solve.stability import DENSE_UP_TO, stability
 from .packing import Settling, describe_law, find_birth_form, growing_modes, let_settle, likely_causes, verdict
 
-SEARCHED = 30_000  # coordinates up to which the verdict takes about a minute, and is sought without being asked for
-DRAWN = 2000  # grains up to which a packing and its forces are also drawn as figures
+SEARCHED = 30_000  # number of coordinates up to which the verdict takes about a minute and is computed by default
+DRAWN = 2000  # number of grains up to which a packing and its forces are also drawn as figures
 FORCES = "distribution, chains, strong network and directions of contact forces"
-MODES = 6  # modes that a page animates
+MODES = 6  # number of modes that a page animates
 REMEDY = "Give the missing data, or settle the packing with --settle"
 MARK_RANGE = 4096  # bytes at the beginning and end of a file that may contain the mark
 HELP = (
@@ -58,12 +58,12 @@ class PageContent(NamedTuple):
     modes: list  # translation, rotation, exponent of each, the fastest first
     sections: list[tuple[str, str]]  # heading and HTML, without the view
     without: str = ""  # reason why there is no view in three dimensions
-    warning: str = ""  # prominent warning: there is no equilibrium, or the packing was settled
-    unjudged: str = ""  # reason why no mode of the frame `at` is an instability: its forces do not balance
-    verdict: str = ""  # sentence on the stability of a packing, if it was computed and can be judged
-    stages: tuple[str, ...] = ()  # of a run with stages, for each frame
+    warning: str = ""  # prominent warning: no equilibrium, or a settled packing
+    unjudged: str = ""  # reason why modes of the frame `at` are not instabilities: its forces do not balance
+    verdict: str = ""  # sentence on the stability of a packing, if computed and in equilibrium
+    stages: tuple[str, ...] = ()  # stage of each frame, for a run with stages
     source: str = "file"  # whose units are those of the frames
-    decided: bool = True  # whether the verdict holds, with everything that acts on the grains
+    decided: bool = True  # whether the verdict includes all actions on the grains
 
 
 def packing_content(
@@ -79,7 +79,8 @@ def packing_content(
     settle : if True, the packing is settled first
     dashpots : if False, dashpots of the law are left out
     zoom : of the figure
-    search : if False and no file of modes is given, no verdict and no modes are computed; None: if that takes minutes
+    search : if False and no file of modes is given, no verdict and modes are computed; None: False if that takes
+    minutes
     """
     (state, law, notes), warnings = capture_warnings(read_packing, file, **options)
     notes, calm = [*notes, *warnings], None
@@ -94,7 +95,7 @@ def packing_content(
             result = stability(state, law, method=method, dashpots=dashpots, report=report)
         except ArithmeticError as problem:
             raise RuntimeError(f"the spectrum could not be computed ({problem}): give --modes") from None
-        # modes of a packing that is not in equilibrium are no instabilities, so none is shown
+        # modes of a packing out of equilibrium are not instabilities, so none is shown
         mine, facts = growing_modes(result)[:MODES] if result.balanced else [], _verdict_rows(result, calm, notes)
         if result.balanced:
             sentence = verdict(result, calm, notes)
@@ -108,7 +109,7 @@ def packing_content(
         mine = _read_modes(modes, n) if modes else []
         notes += [] if modes else ["the spectrum was not computed, so there is no verdict"]
         if large and not modes:
-            warning = f"no verdict was sought, which takes minutes for {n} grains: add --verdict. {warning}".strip()
+            warning = f"no verdict was computed, as it takes minutes for {n} grains: add --verdict. {warning}".strip()
         if not (rest := imbalance(state, law)) <= BALANCED_BELOW:
             why = warning = no_equilibrium_message(rest)
     frame = frame_of(state, law)
@@ -131,14 +132,14 @@ def packing_content(
 
 
 def write_forces(file: Path, path: Path, options: dict) -> list[str]:
-    """Write the figure of the contact forces of a packing, as PDF, PNG or SVG; return notes on what was read.
+    """Write a figure of the contact forces in a packing as PDF, PNG or SVG; return notes on the input.
 
-    Measured forces are drawn as they were read, without balance; options of a law are then not used.
+    Measured forces are drawn as read, without balancing; options of a law are then ignored.
     """
     contacts = options.get("contacts")
     if is_measured(file, contacts and Path(contacts)):
         source, law = read_forces(file, contacts, frame=options.get("frame")), None
-        notes = [*with_one_account(source.notes), f"{file.name}: forces are drawn as they were measured, not balanced"]
+        notes = [*with_one_account(source.notes), f"{file.name}: forces are drawn as measured, not balanced"]
     else:
         (source, law, notes), said = capture_warnings(read_packing, file, **options)
         notes = [*notes, *said]
@@ -197,7 +198,7 @@ def write_page(shown: PageContent, path: Path, *, colour: str | None = None, zoo
 
 
 def notes_on_view(shown: PageContent, zoom: Zoom) -> list[str]:
-    """Note on grains that are outside the view of a page when it is opened, if there are any."""
+    """Note on grains outside the initial view of a page, if there are any."""
     away = scene.count_out_of_view(shown.frames, zoom) if shown.frames else 0
     return [f"{outside_words(away)}: zoom out to see {'it' if away == 1 else 'them'}"] if away else []
 
@@ -214,6 +215,8 @@ def _describe_view(shown: PageContent) -> str:
     else:
         sentences.append("The view shows the packing.")
     sentences.append("Lines are contacts, wider for larger forces; blue ones stick, vermilion ones slide.")
+    if any(frame.state.bonds for frame in shown.frames):
+        sentences.append("Sand-coloured bands are bonds, and purple ones are broken.")
     return " ".join(sentences)
 
 
@@ -238,7 +241,7 @@ def _run_frames(shown: PageContent, count: int, whole: bool) -> tuple[list[Frame
         at = first + np.linspace(0, len(stored) - 1, count).round().astype(int)
         return frames, [shown.labels[k] for k in at]
     out = []
-    for t in (frame.state.time for frame in frames):  # the first state of a stage is the last of the one before
+    for t in (frame.state.time for frame in frames):  # the first state of a stage is the last one of the previous stage
         stage = (
             shown.stages[first + min(max(1, int(np.searchsorted(times, t))), len(times) - 1)] if shown.stages else ""
         )
@@ -299,7 +302,7 @@ def default_path(place: Path, name: str) -> Path:
 
 
 def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = False, made_from=()) -> None:
-    """Raise ValueError before any computation if a path is unsuitable or would replace a file from another program.
+    """Raise ValueError before any computation if a path is unsuitable or would replace a foreign file.
 
     Parameters
     ----------
@@ -322,11 +325,11 @@ def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = Fals
 def staged_file(path: Path) -> Iterator[Path]:
     """Context manager for a temporary file that replaces a page or movie.
 
-    A page or movie in the folder of a run is replaced or removed by the next run.
+    A page or movie in a run folder is replaced or removed by the next run.
     """
     with replace_atomically(path) as part:
         yield part
-        if _belongs_to_run(path):  # recorded before it exists, so that a killed process leaves no unknown file
+        if _belongs_to_run(path):  # recorded before it exists, so that a killed process does not leave an unknown file
             known = read_manifest(path.parent)
             write_manifest(path.parent, known | {path.name: [*known.get(path.name, []), digest(part)]})
     if _belongs_to_run(path):

@@ -21,17 +21,17 @@ from ..core.progress import displayed_by, hidden
 from ..core.text import printable
 from ..core.units import heading
 
-UNBROKEN = 1000  # columns of a pipe or file, whose lines other programs read
+UNBROKEN = 1000  # width of lines in a pipe or file, which other programs read
 
 
 def _width() -> int | None:
-    """Columns of the output if it is not a terminal and COLUMNS is not set."""
+    """Width of the output if it is not a terminal and COLUMNS is not set."""
     terminal = sys.stdout is not None and sys.stdout.isatty()
     return None if terminal or "COLUMNS" in os.environ else UNBROKEN
 
 
 class _Console(Console):
-    """Console that shows the control characters of texts; its own are sent."""
+    """Console that shows control characters in texts instead of sending them."""
 
     def render(self, renderable, options=None):
         for text, style, control in super().render(renderable, options):
@@ -41,8 +41,8 @@ class _Console(Console):
 # paths and names are printed verbatim
 console = _Console(soft_wrap=False, markup=False, highlight=False, width=_width())
 
-NARROW = 60  # columns below which the cells of tables would be broken
-WIDE = 110  # columns from which on a stage and its text share a line
+NARROW = 60  # width below which the cells of tables would be broken
+WIDE = 110  # width from which a stage and its text share a line
 STEADY = 5.0  # time after which the remaining time of a stage may be estimated [s]
 LINES = 30.0  # time between lines without a terminal [s]
 STYLE = {"title_justify": "left", "header_style": "bold", "box": SIMPLE_HEAD, "pad_edge": False}
@@ -134,7 +134,7 @@ def progress(*, transient: bool = False):
 
 @contextmanager
 def _unmeasured(bar: Progress, text: str):
-    """Line for work without a measure of its progress, below the stages while it lasts."""
+    """Line for work of unknown progress, shown below the stages while it lasts."""
     task = bar.add_task(text, total=None, text="", left="")
     try:
         yield
@@ -145,8 +145,8 @@ def _unmeasured(bar: Progress, text: str):
 def estimate_left(history: list[tuple[float, float]]) -> float | None:
     """Estimate the remaining time of a stage [s] from its elapsed times and shares; None if its rate is not steady.
 
-    The mean rate and the rate in the second half of the time must agree within a factor of 1.3. Otherwise nothing is
-    known about the rest: steps of a load path, for example, take longer the closer they are to the end.
+    The mean rate and the rate in the second half of the time must agree within a factor of 1.3. Otherwise the rest is
+    unknown: steps of a load path, for example, take longer towards its end.
     """
     (spent, share), half = history[-1], history[bisect(history, (0.5 * history[-1][0],)) - 1]
     if not 0.05 < share < 1 or spent < STEADY or share <= half[1]:
@@ -228,7 +228,7 @@ def show_pairs(title: str, pairs: dict) -> None:
 
 
 def show_lines(lines: Iterable[str]) -> None:
-    """Print sentences, each in lines of its own."""
+    """Print sentences, each on separate lines."""
     for line in lines:
         console.print(f"  {line}", soft_wrap=True)
 

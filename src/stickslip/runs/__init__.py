@@ -1,1 +1,1 @@
-"""Folders of runs: written, resumed, swept, opened as datasets, and shown as pages and JSON."""
+"""Run folders: written, resumed, swept, opened as datasets, and shown as pages and JSON."""

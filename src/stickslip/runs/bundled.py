@@ -22,7 +22,7 @@ from .sweep.definition import members, sweep
 
 
 def _bundled_folder(name: str) -> Path:
-    """Folder of a wheel, or else of a clone."""
+    """Folder in a wheel, or else in a clone."""
     installed = Path(__file__).parents[1] / f"_{name}"
     return installed if installed.is_dir() else Path(__file__).parents[3] / name
 
@@ -31,7 +31,7 @@ FOLDER, PAGES = _bundled_folder("examples"), _bundled_folder("docs")
 _WITHOUT_TEXT = {
     "lecture.ipynb": "A notebook for a lecture hour, with exercises: press and shear a packing until a pair is born",
     "wing": "A wing, a package that adds an experiment to `stickslip run` when it is installed",
-    "sheared": "What LAMMPS wrote for shear.lammps: 27 grains, three frames, for `stickslip watch`",
+    "sheared": "Output of LAMMPS for shear.lammps: 27 grains, three frames, for `stickslip watch`",
     "sheared_spheres.npz": "Fifty spheres, sheared until a complex pair exists, with the slip of every contact",
 }
 
@@ -129,13 +129,13 @@ def copy(*chosen: str, to: str | Path = "examples", overwrite: bool = False) -> 
 
 
 def pages() -> dict[str, str]:
-    """Return the names of all pages of documentation that are here, each with its title."""
+    """Return the names of all installed pages of documentation, each with its title."""
     texts = {name: file.read_text(encoding="utf-8") for name, file in _pages().items()}
     return {name: f"\n{text}".partition("\n# ")[2].partition("\n")[0] for name, text in texts.items()}
 
 
 def _pages() -> dict[str, Path]:
-    """Files of the pages of the laboratory, and of those in the folders of wings, by their names."""
+    """Files of the pages of the laboratory and of wings, by name."""
     files = sorted([*PAGES.glob("*.md"), *PAGES.glob("[!_]*/**/*.md")])
     names = [file.relative_to(PAGES).with_suffix("").as_posix() for file in files if file.name != "README.md"]
     own = [(name, Path(wing.module().__path__[0])) for wing in wings().values() for name in wing.pages]
@@ -145,7 +145,7 @@ def _pages() -> dict[str, Path]:
 
 @checked
 def page(name: str) -> str:
-    """Return a page of documentation as Markdown; the last part of its name is enough where only one page has it.
+    """Return a page of documentation as Markdown; the last part of its name suffices if unique.
 
     Raises
     ------

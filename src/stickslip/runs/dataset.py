@@ -34,7 +34,7 @@ MODES = {OPEN: "open", STICK: "stick", SLIDE: "slide"}
 
 @checked
 def open_dataset(place: str | Path) -> xr.DataTree:
-    """Open the results of a run or a sweep, or what an unfinished run has saved so far.
+    """Open the results of a run or a sweep, or the parts saved so far by an unfinished run.
 
     The node `frames` holds the states: position, velocity, … along `time` (or `load` if the frames correspond to loads
     along a quasi-static path, otherwise `frame`), and contacts as a ragged array (see `contact_table`). Every group of
@@ -70,7 +70,7 @@ def open_dataset(place: str | Path) -> xr.DataTree:
         return _open_unfinished(path)
     path = path / RESULTS if path.is_dir() else path
     if not path.is_file():
-        raise ValueError(f"{path} does not exist: give the folder of a run, or its results.h5")
+        raise ValueError(f"{path} does not exist: give a run folder, or its results.h5")
     tree, about, units = archive.read(path), archive.attributes(path), archive.units(path)
     return _build_tree(tree, units, about)
 
@@ -94,7 +94,7 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame: int | str) -> pd.DataFr
     """
     data = data["frames"].to_dataset() if isinstance(data, xr.DataTree) and "frames" in data else data
     if "contact_count" not in data:
-        raise ValueError("the dataset has no contacts: open the folder of a run that saves states")
+        raise ValueError("the dataset has no contacts: open a run folder with saved states")
     names = [str(name) for name in data.frame.values]
     if str(frame) not in names and not (isinstance(frame, int | np.integer) and -len(names) <= frame < len(names)):
         some = ", ".join(names[:4]) + (" …" if len(names) > 4 else "")
@@ -114,11 +114,11 @@ def contact_table(data: xr.DataTree | xr.Dataset, frame: int | str) -> pd.DataFr
 
 
 def _open_unfinished(folder: Path) -> xr.DataTree:
-    """Open what an unfinished run has saved so far."""
+    """Open the parts saved so far by an unfinished run."""
     pieces, about = read_pieces(folder)
     if not pieces:
-        raise ValueError(f"{folder} contains no results: give the folder of a run, or its results.h5")
-    with refuse_damage(folder, "results", "resume the run, which says what is damaged"):
+        raise ValueError(f"{folder} contains no results: give a run folder, or its results.h5")
+    with refuse_damage(folder, "results", "resume the run, which reports the damaged part"):
         tree = {name: restore(node, known_nouns(())) for name, node in pieces.items()}
     units = {f"{name}/{inner}": unit for name, node in pieces.items() for inner, unit in units_within(node).items()}
     return _build_tree(tree, units, about | {"finished": "no"})

@@ -1,4 +1,4 @@
-"""Folder of a run: checks before it, all its files as a unit, and what `stickslip resume` finds."""
+"""Run folder: checks before a run, all run files as a unit, and unfinished runs for `stickslip resume`."""
 
 import inspect
 import json
@@ -56,7 +56,7 @@ def prepare_folder(folder: Path, scenario, *, overwrite: bool = False) -> None:
     Raises
     ------
     ValueError
-        If the folder is a file, is not writable, or contains results of another scenario or files that no run wrote.
+        If the folder is a file, is not writable, or contains results of another scenario or foreign files.
     """
     check_writable(folder)
     if not folder.is_dir():
@@ -87,7 +87,7 @@ def check_writable(folder: Path) -> None:
 
 
 def _discard_previous(folder: Path, scenario, others: list[str]) -> None:
-    """Print what will be replaced, remove the checkpoint of another run, and record which files may be replaced."""
+    """Print and record the files that will be replaced, and remove the checkpoint of another run."""
     going = sorted({path.name for path in list_files(folder)} | {name for name in others if is_run_file(name)})
     if name := next((name for name in going if (folder / name).is_dir()), None):
         raise ValueError(
@@ -139,7 +139,7 @@ def staged_results(folder: Path, *, failures=()):
         files = {path.name: [digest(path)] for path in staging.iterdir()}
         if unknown := [name for name in files if not is_run_file(name)]:
             raise RuntimeError(
-                f"files named {join_names(unknown)} are no files of runs: name them in `writes` of the experiment"
+                f"files named {join_names(unknown)} are not run files: list them in `writes` of the experiment"
             )
         if others := find_foreign(folder, lambda name: is_run_file(name) or name in files):
             raise RuntimeError(
@@ -189,7 +189,7 @@ def save(staging: Path, scenario, numbers: dict) -> None:
 
 
 def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAIN) -> list[Path]:
-    """Write all files of a run as a unit and return the paths."""
+    """Write all run files as a unit and return the paths."""
     with (
         units_in_use(result.scenario.named_units),
         staged_results(folder, failures=experiment.failures(result)) as staging,
@@ -200,7 +200,7 @@ def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAI
 
 
 def write_comparison(folder: Path, scenario: ScenarioBase, draw: Callable, look: Look = PLAIN) -> tuple[str, ...]:
-    """Write the figures that lay a laboratory's test over a finished run, and return sentences about them."""
+    """Write figures that compare a laboratory test with a finished run, and return sentences about them."""
     with units_in_use(scenario.named_units):
         found = draw(archive.read(folder / NUMBERS))
         for name, figure in found.files.items():
@@ -256,23 +256,23 @@ def _write_files(staging: Path, files, figures, look: Look) -> None:
             (staging / each).write_bytes(content)
 
 
-WHERE = {"folder", "workers", "device", "report"}  # arguments of `reproduce` that do not change what is computed
+WHERE = {"folder", "workers", "device", "report"}  # arguments of `reproduce` that do not change the results
 
 
 class UnfinishedRun(NamedTuple):
-    """A run that was started in a folder and is not finished."""
+    """An unfinished run in a folder."""
 
     scenario: ScenarioBase | None
     reproduction: dict | None = None  # arguments of `reproduce`, if the run reproduces a paper
     sweep: dict | None = None  # tables, if it is a sweep
     figures: bool = False  # whether the members of the sweep draw figures
     look: Look = PLAIN  # of figures
-    part: tuple[int, int] | None = None  # of a sweep, if only this one is run here
+    part: tuple[int, int] | None = None  # part of a sweep, if only this one is run here
 
 
 @cache
 def reproduction_arguments(experiment: str) -> type[BaseModel]:
-    """Return the arguments of a paper's `reproduce` that define what is computed, as a model with their defaults."""
+    """Return the arguments of a paper's `reproduce` that determine its results, as a model with their defaults."""
     function = papers()[experiment].paper.reproduce.resolve()  # type: ignore[union-attr]
     kinds, parameters = get_type_hints(function), inspect.signature(function).parameters
     fields: dict[str, Any] = {name: (kinds[name], one.default) for name, one in parameters.items() if name not in WHERE}
@@ -287,7 +287,7 @@ def mark_reproduction(folder: Path, scenario, experiment: str, **arguments) -> N
 
 
 def mark_look(folder: Path, scenario, look: Look) -> None:
-    """Save how figures are written in the folder of a run when it starts, for `find_unfinished`."""
+    """Save the look of figures in a run folder at the start, for `find_unfinished`."""
     if look != PLAIN:
         checkpoint_in(folder, scenario).announce()
         write_atomically(folder / UNFINISHED / LOOK, json.dumps(look._asdict()).encode())
@@ -333,7 +333,7 @@ def find_unfinished(folder: Path) -> UnfinishedRun | None:
 
 
 def _read_arguments(path: Path) -> dict:
-    """Read the arguments of `reproduce` that `mark_reproduction` saved; ValueError if they are others."""
+    """Read the arguments of `reproduce` saved by `mark_reproduction`; ValueError if they are invalid."""
     saved = read_json(path)
     experiment = saved.pop("experiment", None)
     if not isinstance(experiment, str) or experiment not in papers():

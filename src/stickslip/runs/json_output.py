@@ -62,7 +62,7 @@ def describe_run(command: str, folder: Path, result, paths: list[Path], claims=N
 
 
 def describe_finished_run(command: str, folder: Path, scenario) -> dict:
-    """Describe a run that was already finished, so that nothing had to be done."""
+    """Describe a run that was already finished."""
     return common_fields(command, files=list_files(folder), folder=folder) | {"scenario": _scenario_entry(scenario)}
 
 

@@ -1,4 +1,4 @@
-"""Pages of the folder of a run or a sweep: claims, measures, series, figures, scenario, and the states."""
+"""Pages on a run folder or sweep: claims, measures, series, figures, scenario, and states."""
 
 import json
 import shlex
@@ -30,14 +30,14 @@ from ..solve.stability import stability
 from .sweep.dataset import DATASET, comparison_files, is_sweep, open_sweep
 from .sweep.report import describe_empty
 
-SMALL = 500  # grains up to which the states of a run are searched for an unstable one
-READABLE = {  # names of quantities that are not understood by themselves
+SMALL = 500  # number of grains up to which the states of a run are searched for an unstable one
+READABLE = {  # explanations of quantities with short names
     "unbalanced": "mean unbalanced force over mean contact force",
     "coordination": "contacts per grain, without rattlers",
     "kinetic_ratio": "kinetic over elastic energy",
     "msd": "mean-square displacement",
 }
-ROWS = 60  # of a table of measures or members; the number of omitted rows is shown
+ROWS = 60  # largest number of rows in a table of measures or members; the number of omitted rows is shown
 
 
 def load_content(
@@ -47,7 +47,7 @@ def load_content(
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder.
 
-    With `trust`, the law file of a run may be executed; `zoom` is that of figures of a packing.
+    With `trust`, the law file may be executed; `zoom` is that of figures of a packing.
     """
     if not is_run(place) and (place.is_dir() or place.is_file() or place.suffix):
         return packing_content(
@@ -57,14 +57,14 @@ def load_content(
     own = (*options.items(), ("modes", modes), ("settle", settle or None), ("no-dashpots", None if dashpots else True))
     given = [name for name, value in own if value is not None and name != "frame"]
     if given:
-        raise ValueError(f"--{given[0].replace('_', '-')} was given with {place}: it is only for packing files")
+        raise ValueError(f"--{given[0].replace('_', '-')} applies to packing files only, not to {place}")
     return folder_content(
         place, frame=options.get("frame"), search=search is not False, trust=trust, report=report
     )  # fmt: skip
 
 
 def is_run(place: Path) -> bool:
-    """Return True for a folder that is not the folder of a run of LAMMPS, and may be one of this package."""
+    """Return True for a folder that is not a LAMMPS run folder, and may be a run folder of this package."""
     return place.is_dir() and ((place / NUMBERS).exists() or not is_run_folder(place))
 
 
@@ -87,7 +87,7 @@ def folder_content(
         If there are no results or the run is not finished; the message is one sentence.
     """
     if not folder.exists():
-        raise ValueError(f"{folder} does not exist: give the folder of a run, or a packing")
+        raise ValueError(f"{folder} does not exist: give a run folder, or a packing")
     if is_sweep(folder):
         return _sweep_content(folder)
     if not (folder / NUMBERS).is_file():
@@ -249,7 +249,7 @@ def _scenario_table(text: str) -> str:
 
 
 def _flat(tree, above: str = ""):
-    """Yield dotted keys and values as JSON; lists of tables are numbered from 1."""
+    """Yield dotted keys and values as JSON; entries of lists of tables are numbered from 1."""
     tables = isinstance(tree, dict) or (isinstance(tree, list) and any(isinstance(item, dict) for item in tree))
     if not tables or not tree:
         yield above, json.dumps(tree, ensure_ascii=False)
@@ -271,7 +271,7 @@ def _list_scalars(tree: dict, units: dict[str, str], above: str = "") -> list[li
 
 
 def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
-    """Return the last, least and greatest values of each time series, which has as many values as there are times."""
+    """Return the last, least and greatest values of each time series."""
     rows, series = [], series if isinstance(series, dict) else {}
     shape = np.shape(series.get("time", next(iter(series.values()), ())))[:1]
     for name, values in series.items():
@@ -284,7 +284,7 @@ def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
 
 
 def _events_table(events: dict, units: dict[str, str]) -> str:
-    """Table of events that have a time: a row for each, times in years if they are long."""
+    """Table of events, one row each, with long times in years."""
     columns, cells = [], []
     for name in ("start", *(name for name in events if name not in ("start", "end"))):
         values, unit = in_readable_units(events[name], units.get(f"events/{name}", ""))
@@ -314,7 +314,7 @@ def _sweep_content(folder: Path) -> PageContent:
     if told := describe_empty(empty, _readable):
         text += page.paragraph(told, kind="soft")
     member = shlex.quote(str(folder / "members" / "NAME"))
-    without = f"A sweep has no packing: show that of a member with stickslip report {member}."
+    without = f"A sweep has no packing: show a member with stickslip report {member}."
     text += page.paragraph(without, kind="soft")
     shown = [folder / name for name in comparison_files() if name.endswith(".png") and (folder / name).is_file()]
     figures = [(path.stem.capitalize(), page.pictures({path.stem: path.read_bytes()})) for path in shown]

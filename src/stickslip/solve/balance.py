@@ -21,7 +21,7 @@ from .freedom import Freedom, freedom, mass_weighted, stiffness_of, unsupported_
 # first wrong ones appear beyond that. Text with eight digits leaves 2e-4 in packings of 60 grains and about 1e-3 in
 # larger ones.
 BALANCED_BELOW = 2e-3
-DIGITS = 13  # significant digits of positions that lost none to text or single precision
+DIGITS = 13  # significant digits of positions that were not truncated by text or single precision
 
 
 class LinearisedState(NamedTuple):
@@ -46,7 +46,7 @@ class LinearisedState(NamedTuple):
 
     @property
     def mean_force(self) -> float:
-        """Mean force that touching contacts and their bonds bear [force]; zero without contacts."""
+        """Mean force of touching contacts and their bonds [force]; zero without contacts."""
         return float(self.line.bearing[self.rows].mean()) if len(self.rows) else 0.0
 
     @property
@@ -90,11 +90,11 @@ def linearised(state: State, law: Law) -> LinearisedState:
 def imbalance(state: State, law: Law) -> float:
     """Largest component of an unbalanced force or torque/R over the mean normal contact force.
 
-    For each body, the mean of |F_n| is taken over the contacts of the group of grains, linked by contacts, to which it
-    belongs (for rattlers and held bodies over all contacts), so that strong forces in one group do not hide an
-    imbalance in a weaker one. Rattlers and what is held link no others. The result is zero if no force acts at all, and
-    infinite if forces act but no contact bears them. If the cell is free, the largest difference between its stress and
-    the imposed stress, over the larger of the two, is also taken into account.
+    For each body, |F_n| is averaged over the contacts of its group of grains linked by contacts (for rattlers and held
+    bodies over all contacts), so that strong forces in one group do not hide an imbalance in a weaker one. Rattlers and
+    held bodies do not link others. The result is zero if no force acts, and infinite if forces act but no contact bears
+    them. If the cell is free, the largest difference between its stress and the imposed stress, over the larger of the
+    two, is also included.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def balanced(state: State, law: Law) -> LinearisedState:
 
 
 def _local_force_scales(here: LinearisedState) -> np.ndarray:
-    """(N + W,) mean |F_n| of the connected part that each body belongs to; of all contacts if that part has none."""
+    """(N + W,) mean |F_n| in the connected group of each body, or of all contacts if the group has none."""
     state, rows = here.state, here.rows
     if not len(rows):
         return np.zeros(state.n_bodies)
@@ -171,10 +171,10 @@ def motion_imbalance(here: LinearisedState) -> float:
 
 
 def _speeds(here: LinearisedState) -> np.ndarray:
-    """(N,) speeds of grains: of their centers, or relative to a neighbor at the contact if that is more; 0 of rattlers.
+    """(N,) speeds of grains: of their centers, or relative to a neighbor at the contact if larger; 0 for rattlers.
 
-    A grain that spins about the normals of its contacts moves nothing there. Velocities are relative to their mean if
-    nothing holds the grains in place; those of walls and of the cell do not count.
+    Spin about the normal of a contact causes no motion there. Velocities are relative to their mean if nothing holds
+    the grains in place; velocities of walls and of the cell are ignored.
     """
     state, still, rows = here.state, ~here.loose, here.rows
     if not (len(rows) and still.any()):
@@ -201,7 +201,7 @@ def _ratio(part: float, whole: float) -> float:
 def no_equilibrium_message(residual: float, moves: float = 0.0) -> str:
     """Message given in place of a verdict if the state is not in equilibrium."""
     share = f"residual {_percent(residual)} of the mean contact force"
-    reason = share if np.isfinite(residual) else "no contact bears the forces that act"
+    reason = share if np.isfinite(residual) else "no contact bears the acting forces"
     if residual <= BALANCED_BELOW < moves:
         reason = f"the grains move, which changes forces by {_percent(moves)} of the mean contact force"
     return f"not in equilibrium ({reason}): stability cannot be judged"
@@ -229,7 +229,7 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
     bare = int((~state.contacts.slip[rows[bears]].any(axis=1)).sum())
     if bare:
         which = f"all {bare}" if bare == bears.sum() else f"{bare} of {bears.sum()}"
-        causes.append(f"no slips: {which} contacts are treated as never sheared")
+        causes.append(f"no slip: {which} contacts are treated as never sheared")
     control = state.control
     acts = any(a.any() for a in (control.force, control.torque, control.gravity, control.spring))
     free = control.free[: len(here.loose), : state.cell.dim].all()
@@ -248,7 +248,7 @@ def causes_of_imbalance(here: LinearisedState) -> tuple[str, ...]:
 
 
 def _load_causes(here: LinearisedState) -> list[str]:
-    """Loads and torques that what does not balance points to: gravity, lever arms, a wall."""
+    """Loads and torques suggested by the imbalance: gravity, lever arms, a wall."""
     state = here.state
     n, total = len(state.grains.radius), unbalanced_forces(state, forces(state, here.law)[0])
     free = state.control.free[:n, :3].any(axis=1)
@@ -276,13 +276,13 @@ def _load_causes(here: LinearisedState) -> list[str]:
             height = side * place[:, axis] + radius
             if (height[loose] > height.max() - 0.5 * radius[loose]).all():
                 causes.append(
-                    f"a wall: the {loose.sum()} grains whose forces do not balance are the {edge} along {'xyz'[axis]}"
+                    f"a wall: the {loose.sum()} grains with unbalanced forces are the {edge} along {'xyz'[axis]}"
                 )
     return causes
 
 
 def _like_a_load(state: State, pull: np.ndarray, small: float) -> str:
-    """The loads that accelerate all free grains as they are accelerated; empty if none do."""
+    """Loads that explain the accelerations of all free grains; empty if there are none."""
     control, n = state.control, len(state.grains.radius)
     free, mass = control.free[:n, :3].any(axis=1), state.grains.mass[:, None]
     push, weight = control.force[:n], mass * control.gravity
@@ -296,18 +296,17 @@ def _torque_cause(law: Law) -> str:
     """Reason why torques do not balance although forces do."""
     if law.properties & (ROLLING | TWISTING):
         return (
-            "moments: forces balance, torques do not, as where the memory of rolling or twisting is not that of the "
-            "packing at rest; LAMMPS reverses it where grains cross a periodic side"
+            "moments: forces balance but torques do not, as if the memory of rolling or twisting did not belong to "
+            "this packing; LAMMPS reverses it where grains cross a periodic side"
         )
     arms = "R − δ/2, are those of this law; R" if law.properties & LEVER else "R, are those of this law; R − δ/2"
-    return f"lever arms: forces balance, torques do not, as where other lever arms act ({arms} is the other)"
+    return f"lever arms: forces balance but torques do not, as with other lever arms ({arms})"
 
 
 def _precision_loss(state: State) -> tuple[str, float]:
     """Description of how positions were truncated, and the resulting error [length]; zero if they were not.
 
-    Positions do not count as truncated if they have as many digits as numbers of their size can have, or if they
-    are all whole numbers.
+    Positions do not count as truncated if they have all digits of double precision, or are all whole numbers.
     """
     place = state.grains.position
     largest = max(float(np.abs(place).max()), 1e-30)
@@ -343,7 +342,7 @@ def with_modes_under(state: State, law: Law) -> State:
 
 
 def modes_under(state: State, law: Law, line: Linearisation) -> State:
-    """State with the modes that follow from its linearisation; see `with_modes_under`."""
+    """State with modes from its linearisation; see `with_modes_under`."""
     contacts, count, radius = state.contacts, len(line.limit), body_radii(state)
     reach = radius[contacts.i[:count]] + radius[contacts.j[:count]]
     pull, mode = line.stiffness_t * np.linalg.norm(line.slip, axis=1), contacts.mode[:count]
@@ -362,7 +361,7 @@ def modes_under(state: State, law: Law, line: Linearisation) -> State:
 
 
 def with_mode(state: State, rows: np.ndarray, mode: int) -> State:
-    """State with the contacts of some rows in another mode."""
+    """State with the contacts in some rows in another mode."""
     modes = state.contacts.mode.copy()
     modes[rows] = mode
     return state._replace(contacts=state.contacts._replace(mode=modes))

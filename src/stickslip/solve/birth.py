@@ -11,16 +11,16 @@ varies slowly, and at third order
 
     a″ = σ² a + β |a|² a,   σ² = λ_i²/(4λ_r),   β = w₁·[½ C(u₀, u₀, u₀) + B(u₀, m) + B(u₀, s)]/(4λ_r),
 
-where N = ½ B(y, y) + C(y, y, y)/6, and m and s are the mean displacement and the second harmonic that the quadratic
-forces cause: A m = B(u₀, u₀), (A − 4λ_r) s = ½ B(u₀, u₀). If β < 0, the growth ends at |a| = σ √(2/|β|) and the motion
+where N = ½ B(y, y) + C(y, y, y)/6, and m and s are the mean displacement and the second harmonic caused by quadratic
+forces: A m = B(u₀, u₀), (A − 4λ_r) s = ½ B(u₀, u₀). If β < 0, the growth ends at |a| = σ √(2/|β|) and the motion
 returns: a burst. If β > 0, growth becomes faster. There is no term of first order in a′, because the motion between
 sticking contacts is reversible in time.
 
 At finite amplitude, harmonic balance of a motion with all harmonics gives σ²(a) = [λ_i² + w₁·N₁(a)/a]/(4λ_r), where N₁
 is the first harmonic of N; then a′² = 2 ∫ σ²(a) a da.
 
-Smooth friction has a term |s| s. Where a slip s changes sign it makes N₁ of second order, so that β describes smaller
-amplitudes only, and the harmonic balance decides between bursts and runaway.
+Smooth friction has a term |s| s. If a slip s changes sign, this term makes N₁ second order, so that β is valid for
+smaller amplitudes only, and the harmonic balance distinguishes bursts from runaway.
 
 Sources: the 1:1 resonance of reversible systems: Iooss & Pérouème, doi:10.1006/jdeq.1993.1034; slaved modes and
 amplitude equations: Nayfeh & Mook, doi:10.1002/9783527617586, Ch. 6.
@@ -49,14 +49,14 @@ from .stability import DENSE_UP_TO, stability
 
 NEAR_BIRTH = 1 / 3  # largest |q|/|p| of a pair near its birth
 MOST_DETUNED = 0.5  # relative change of β if the second harmonic grows with the pair
-PHASES = 24  # of the mode, along which the first limit is sought
+PHASES = 24  # points per period of the mode at which the first limit is sought
 LADDER, ROOT, SMALLEST = 1.5, 1e-6, 1e-9  # factor between amplitudes of this search, its accuracy, its first amplitude
 AFTER = 1.5  # largest amplitude of the harmonic balance, over that at which a contact is lost in linear growth
 TIMES = 32  # points of a period in the harmonic balance; harmonics up to a third of it
 SAMPLES = 36  # amplitudes at which the growth rate is computed
 MOST_ROUNDS, SETTLED = 60, 1e-8  # of the harmonic balance: iterations, and the relative change at which it ends
-LARGEST = 1.0  # slaved motion over that along the mode, beyond which the harmonic balance has no meaning
-PROBE = 0.02  # displacement at which nonlinear forces are measured, as a share of the amplitude of the first limit
+LARGEST = 1.0  # slaved motion over motion along the mode, above which the harmonic balance is meaningless
+PROBE = 0.02  # displacement for measuring nonlinear forces, over the amplitude of the first limit
 
 
 class Motion(NamedTuple):
@@ -94,7 +94,7 @@ class Plane(NamedTuple):
 
 @readable(head=lambda form: form.verdict)
 class BirthForm(NamedTuple):
-    """Normal form of a pair: how its growth continues at finite amplitude, and what ends it.
+    """Normal form of a pair: its growth at finite amplitude, and the end of growth.
 
     An amplitude a means a displacement 2 a cos(ω t) along `mode`, in the mass-weighted scalar product; its unit is
     that of length times √mass.
@@ -114,7 +114,7 @@ class BirthForm(NamedTuple):
     limit_contact: tuple[int, int]  # the bodies of that contact; (−1, −1) without
     opening: float  # amplitude at which a contact first opens
     opening_contact: tuple[int, int]
-    closing: float  # amplitude at which two grains first come into contact, after which nothing is predicted
+    closing: float  # amplitude at which two grains first come into contact, up to which the form is valid
     closing_contact: tuple[int, int]
     resonance: float  # |ω_k − 2ω|/(2ω) of the mode nearest to the second harmonic
     detuned: float  # relative change of β if the second harmonic grows at 2σ: the error of a slaved one
@@ -174,10 +174,10 @@ class BirthForm(NamedTuple):
 def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     """Normal form of a complex pair near its birth: bursts or runaway, and the contact that is lost first.
 
-    Forces are those of the trial memory around the accepted state, without velocities: laws with dashpots are refused.
-    In free runs of the disk array, a burst reached the predicted amplitude within 2 %, and the contact that was
-    predicted was lost at the predicted amplitude within 8 % (`tests/modes/test_birth.py`). Rattlers, which
-    nothing holds, stay where they are, and collisions with them do not count.
+    Forces are those of the trial memory around the accepted state, without velocities: laws with dashpots are rejected.
+    In free runs of the disk array, a burst reached the predicted amplitude within 2 %, and the predicted contact was
+    lost at the predicted amplitude within 8 % (`tests/modes/test_birth.py`). Rattlers are assumed not to move, and
+    collisions with them are ignored.
 
     Parameters
     ----------
@@ -193,9 +193,7 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     See the module: doi:10.1006/jdeq.1993.1034.
     """
     if damping_model(law):
-        raise ValueError(
-            "a law with dashpots was given: the normal form is that of motion without them, leave them out"
-        )
+        raise ValueError("the law has dashpots, but the normal form is that of motion without them: leave them out")
     here = linearised(state, law)
     here = here.with_modes(modes_under(state, law, here.line))
     (state, law, _, rows, _), residual, at_limit = here, force_imbalance(here), int(_at_limit(here).sum())
@@ -208,9 +206,9 @@ def birth_form(state: State, law: Law, *, pair: int = 0) -> BirthForm:
     pairs = stability(state, law).pairs
     pair = int(pair)
     if not 0 <= pair < len(pairs):
-        raise ValueError(f"pair {pair} was asked for, but the state has {pluralize(len(pairs), 'complex pair')}")
+        raise ValueError(f"pair {pair} does not exist: the state has {pluralize(len(pairs), 'complex pair')}")
     if not pairs[pair].real > 0:
-        raise ValueError(f"λ = {pairs[pair]:.3g} was found for pair {pair}: it does not oscillate before it grows")
+        raise ValueError(f"pair {pair} has λ = {pairs[pair]:.3g} and does not oscillate before it grows")
     free = here.backbone
     motion = _motion(state, law, free)
     plane = invariant_plane(motion.matrix, pairs[pair])
@@ -393,12 +391,12 @@ def first_changes(
     """Amplitudes at which a contact first reaches the Coulomb limit, opens, closes, or reverses its slip.
 
     Amplitudes are raised from `start` by factors of LADDER until contacts are lost, or grains move by a quarter of the
-    skin of the list of contacts; then they are bisected. Contacts of rattlers are left out.
+    skin of the contact list; then they are bisected. Contacts of rattlers are left out.
 
     Parameters
     ----------
-    motion : motion(a) gives (K, n) displacements in the course of a period, mass-weighted, or None if it is not known
-    rates : rates(a) gives the velocities of these, on which dashpots act; default: at rest
+    motion : motion(a) returns (K, n) mass-weighted displacements during a period, or None if unknown
+    rates : rates(a) returns the corresponding velocities, for dashpots; default: at rest
 
     Returns
     -------

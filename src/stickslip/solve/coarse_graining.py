@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 CUT = 6.0  # radius of the Gaussian, in widths
 MOST_POINTS, MOST_IMAGES = 10**7, 10**4
-CHUNK = 20_000  # sources whose weights are held at once
+CHUNK = 20_000  # number of sources whose weights are stored at once
 _FIELDS = {  # names, numbers of entries and units
     "density": (1, "mass/length^{dim}"), "packing_fraction": (1, "1"), "momentum": (3, "mass/(length^{less} time)"),
     "kinetic_stress": (9, "force/length^{less}"), "stress": (9, "force/length^{less}"),
@@ -97,7 +97,10 @@ def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tupl
     origin = np.where(cell.periodic, 0.0, low)
     length = np.linalg.norm(vectors, axis=1)[: cell.dim]
     if (number := np.prod(length / spacing)) > MOST_POINTS:
-        raise ValueError(f"spacing = {spacing:g} was given: the grid has {number:.2g} points, at most {MOST_POINTS:g}")
+        raise ValueError(
+            f"spacing = {spacing:g} gives a grid of {number:.2g} points: use a larger spacing, for at most "
+            f"{MOST_POINTS:g}"
+        )
     shape = [max(1, round(side)) for side in length / spacing]
     if cell.dim == 2:
         vectors[2], origin[2] = (0.0, 0.0, 1.0), -0.5
@@ -105,7 +108,7 @@ def _grid_of(state: State, spacing: float) -> tuple[np.ndarray, np.ndarray, tupl
 
 
 def _contact_sources(state: State, law: Law, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss points along the branch vectors, and what each adds to the stress."""
+    """Gauss points along the branch vectors, and their contributions to the stress."""
     rows = touching(state)
     branch, force = branch_vectors(state)[rows], contact_forces(state, law)[rows]
     longest = np.linalg.norm(branch, axis=1).max(initial=0.0)
@@ -133,12 +136,12 @@ def _smooth(cell, points, origin, vectors, width: float, position, values) -> np
 def _images(cell, origin, vectors, reach: float, position) -> tuple[np.ndarray, np.ndarray]:
     """Rows and places of all periodic images of positions within reach of the box."""
     inverse = np.linalg.inv(vectors)
-    margin = reach * np.linalg.norm(inverse, axis=0)  # reach as a share of the heights of the box
+    margin = reach * np.linalg.norm(inverse, axis=0)  # reach as a fraction of the heights of the box
     share = (position - origin) @ inverse
     share -= np.where(cell.periodic, np.floor(share), 0.0)
     most = [int(np.ceil(m)) if periodic else 0 for m, periodic in zip(margin, cell.periodic, strict=True)]
     if np.prod([2.0 * m + 1 for m in most]) > MOST_IMAGES:
-        raise ValueError(f"width = {reach / CUT:g} was given, wider than the cell: give a part of its size")
+        raise ValueError(f"width = {reach / CUT:g} exceeds the cell: use a fraction of its size")
     shifts = np.stack(np.meshgrid(*(np.arange(-m, m + 1) for m in most), indexing="ij"), axis=-1).reshape(-1, 3)
     moved = share[:, None] + shifts
     kept = ((moved > -margin) & (moved < 1 + margin)).all(axis=2)

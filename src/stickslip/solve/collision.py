@@ -27,10 +27,10 @@ from ..core.laws.kinds import Kind
 from ..core.laws.properties import dashpot_coefficients
 from ..core.readable import readable
 
-ROUND_OFF = 2e-12  # of γ_n, for a stiffness, a mass and a diameter of 1
-LONGEST = 100.0  # duration that is integrated, in units in which an elastic collision takes about 3
-MOST_CALLS = 200_000  # evaluations of the force, a hundred times those of a collision
-LEAST = 1e-4  # restitution that is looked for; below, collisions last long, and their final speed is round-off
+ROUND_OFF = 2e-12  # largest γ_n, for a stiffness, a mass and a diameter of 1
+LONGEST = 100.0  # longest integrated duration, in units in which an elastic collision takes about 3
+MOST_CALLS = 200_000  # largest number of force evaluations, a hundred times those of a collision
+LEAST = 1e-4  # smallest restitution; below it, collisions last long, and their final speed is round-off
 DOUBLINGS = 60
 
 
@@ -70,8 +70,8 @@ def collision(
     for number in pair:
         if number not in range(len(law.table)):
             raise ValueError(
-                f"material {number} was given, but the law has {len(law.table)} of them, numbered from 0: "
-                "add it with laws.for_pair(law, a, b)"
+                f"the law has {len(law.table)} materials, numbered from 0, but not material {number}: add it with "
+                "laws.for_pair(law, a, b)"
             )
     run, force, depth, span = _integrate(law, radius, mass, speed, pair, dense_output=True)
     course = run.sol(np.linspace(0, run.t[-1], 4001))
@@ -90,8 +90,8 @@ def _integrate(law: Law, radius: float, mass: float, speed: float, pair: tuple[i
     """Integrate a collision; return the result of SciPy, the force, and the units of its length and time."""
     if isinstance(law.kind, Kind) or BUILTIN_LAWS[law.kind].parameters:
         raise ValueError(
-            "a law was given whose normal force has parameters of its own: `collision` supports k δ and k δ^(3/2); "
-            "simulate the two grains with `run`"
+            "`collision` supports the normal forces k δ and k δ^(3/2) only: for this law, simulate the two grains "
+            "with `run`"
         )
     m_eff, power = mass / 2, BUILTIN_LAWS[law.kind].exponent
     damping_power = {VISCOELASTIC: 0.5, TSUJI: (power - 1) / 2, RESTITUTION: (power - 1) / 2}.get(
@@ -112,8 +112,8 @@ def _integrate(law: Law, radius: float, mass: float, speed: float, pair: tuple[i
         span = depth / speed
     if not all(1 / LARGEST < size < LARGEST for size in (depth, span, m_eff * speed)):
         raise ValueError(
-            f"mass = {mass:g} and speed = {speed:g} were given: an overlap of {depth:.3g} and a duration of {span:.3g} "
-            f"are beyond the range of numbers; use other units"
+            f"mass = {mass:g} and speed = {speed:g} give an overlap of {depth:.3g} and a duration of {span:.3g}, "
+            "beyond the range of numbers: use other units"
         )
     calls = count()
 
@@ -165,9 +165,9 @@ def with_restitution(
     '6.0e+07'
     """
     if not LEAST <= restitution <= 1:
-        raise ValueError(f"restitution = {restitution} was given: it must be at least {LEAST:g} and at most 1")
+        raise ValueError(f"restitution must be from {LEAST:g} to 1, got {restitution}")
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION):
-        raise ValueError("the law's damping_n is a coefficient of restitution already: give it when you create the law")
+        raise ValueError("damping_n of this law is already a coefficient of restitution: set it when creating the law")
 
     def with_damping(gamma):
         table = law.table.copy()
@@ -244,8 +244,8 @@ def eq8_damping(
     """
     if not (abs(poisson) < 0.5 and poisson**2 > 0 and np.isfinite(young) and young > 0) or abs(3 * ratio - 1) < 1e-9:
         raise ValueError(
-            f"young = {young}, poisson = {poisson}, ratio = {ratio} were given: Eq 8 has a solution only for "
-            f"positive E, ν between −1/2 and 1/2 except 0, and γ_t/γ_n other than 1/3"
+            "Eq 8 has a solution only for positive young, poisson between −1/2 and 1/2 except 0, and a ratio γ_t/γ_n "
+            f"other than 1/3, got {young}, {poisson} and {ratio}"
         )
     law = hertz_mindlin_reff(*elastic_constants(young, poisson), 0.0)
     law = with_restitution(law, restitution, radius=radius, mass=mass, speed=speed, ratio=ratio)

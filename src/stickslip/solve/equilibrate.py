@@ -1,7 +1,7 @@
 """Search for equilibrium: Newton's method with strongly damped dynamics as a fallback, that dynamics alone, and FIRE.
 
-A quench of a packing without friction minimises the elastic energy by FIRE, in one compiled loop. A step needs the
-normal forces of all pairs of the neighbour list and no energy. The loop is left only for a new list.
+A quench of a packing without friction minimises the elastic energy by FIRE, in one compiled loop. A step evaluates the
+normal forces of all pairs in the neighbour list, but no energy. The loop is interrupted only for a new list.
 
 Source of FIRE: Bitzek et al., doi:10.1103/PhysRevLett.97.170201, with their parameters, and the step back of Guénolé et
 al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The longest time step follows the stiffness.
@@ -35,20 +35,20 @@ from .newton import Factorisation, approach, at_rest, newton
 from .spectrum import soft_modes, symmetric_part_is_positive
 
 BALANCED = 5e-14  # default tolerance, in natural units of force
-# residuals over the mean normal force at which damped dynamics hands over to Newton again
+# residuals over the mean normal force at which Newton's method is tried again after damped dynamics
 STAGES = (3e-3, 3e-5, 3e-7, 3e-9)
 SHARES = (3e-1, 1e-2, 3e-4)  # likewise, over the residual at which Newton's method stalled
 FEW = 3000  # steps of damped dynamics in a stage before it starts again from the beginning of the step
 PATIENCE = (8, 1)  # in small and in large systems, see `patience_for`
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
-# further drags, tried one after the other: the softest modes of a nearly unjammed packing come to rest sooner, and a
+# further drags, tried in turn: the softest modes of a nearly unjammed packing come to rest sooner, and a
 # packing that creeps without end along one path may find a balance along another
 WEAK_DRAGS = (0.03, 0.01, 0.003)
 RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # of `relax`: tolerance, drag, time step, in natural units
-STEPS = 100_000  # of a quench: largest number
-SKIN = 0.5  # of a quench: of the neighbour list over the smallest radius: grains move far at first
-# of a quench: time step, mixing, steps downhill, longest time step, and whether the forces balance
+STEPS = 100_000  # quench: largest number of steps
+SKIN = 0.5  # quench: skin of the neighbour list over the smallest radius, large because grains move far at first
+# quench: time step, mixing, steps downhill, longest time step, and whether the forces balance
 PACE, AT_MINIMUM = (0.0, 0.1, 0.0, 1.0, 0.0), 4
 
 
@@ -57,7 +57,7 @@ class UnstableEquilibriumWarning(UserWarning):
 
 
 class LeftPathError(RuntimeError):
-    """A step of a load path ended at an unstable equilibrium or on another branch; the message says where."""
+    """A step of a load path ended at an unstable equilibrium or on another branch; the message gives the load."""
 
 
 @checked
@@ -74,16 +74,16 @@ def equilibrate(
     """Bring a packing back to equilibrium after a step in load or strain.
 
     Newton's method with the exact Jacobian is tried first. If it stalls, strongly damped dynamics continues from there
-    until the residual is 30 % of what it was, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
+    until the residual is 30 % of its value, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
     If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
-    3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting where the last one ended; at last, this is
-    repeated with weaker and weaker drag. Bonds at their strength then break one by one, the one with the largest share
-    first, with a new equilibrium after each. Only bonds that fade may break on the way, in damped dynamics.
+    3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting at the end of the previous one; finally, this is
+    repeated with weaker and weaker drag. Bonds at their strength then break one by one, in the order of load over
+    strength, with a new equilibrium after each. Before that, only bonds that fade may break, in damped dynamics.
 
     Parameters
     ----------
-    tolerance : float, largest unbalanced force or torque/R [force]; default: 5e-14 of the normal force that the law
-        gives, extrapolated to an overlap of the smallest diameter d, such as k_n d^{3/2}
+    tolerance : float, largest unbalanced force or torque/R [force]; default: 5e-14 of the normal force of the law,
+    extrapolated to an overlap of the smallest diameter d, such as k_n d^{3/2}
     keep : Factorisation, reused from one step of a path to the next
     check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all
         directions if there are fewer than 700 coordinates and otherwise, unless the symmetric part of the stiffness is
@@ -98,8 +98,8 @@ def equilibrate(
     State, Outcome
         `outcome.how` describes the method used. `outcome.fallback` is True if damped dynamics was needed.
         `outcome.unstable` is True if the equilibrium is unstable; an UnstableEquilibriumWarning is then also issued.
-        `outcome.warning` says so, or that the tolerance is too large for stability to be judged. Unless the outcome is
-        CONVERGED, the given state is returned.
+        `outcome.warning` contains the message, or states that the tolerance is too large to judge stability. Unless the
+        outcome is CONVERGED, the given state is returned.
 
     Examples
     --------
@@ -132,10 +132,17 @@ def equilibrate(
     return end, outcome
 
 
-def breaking(find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation):
-    """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each."""
+def breaking(
+    find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation,
+    broke: Callable[[State, State], None] = lambda before, after: None,
+):  # fmt: skip
+    """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each.
+
+    `broke` is called with that equilibrium and with the same state without the bond.
+    """
     end, outcome = find(state, keep)
     while outcome.ok and (weaker := with_weakest_broken(end)) is not end:
+        broke(end, weaker)
         end, outcome = find(weaker, Factorisation())
     lost = int((state.bonds.intact & ~end.bonds.intact).sum()) if state.bonds else 0
     if lost:
@@ -145,7 +152,7 @@ def breaking(find: Callable[[State, Factorisation], tuple[State, Outcome]], stat
 
 
 def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factorisation, steps: int):
-    """Newton's method; if it stalls, damped dynamics from where it stalled, and at last from the start of the step."""
+    """Newton's method; if it stalls, damped dynamics from there, and finally from the start of the step."""
     point, first = approach(state, law, tolerance=tolerance, patience=patience_for(state), keep=keep)
     if first.ok:
         return at_rest(point), first
@@ -247,9 +254,9 @@ def relax(
 
     Parameters
     ----------
-    tolerance : float [force]; default: 1e-14 F, where F is the normal force that the law gives, extrapolated to an
-        overlap of the smallest diameter d, such as k_n d^{3/2}
-    drag, spin_drag : float [1/time]; default: 0.05/√(m d/F), m the mass of the lightest grain; both alike
+    tolerance : float [force]; default: 1e-14 F, where F is the normal force of the law, extrapolated to an overlap of
+    the smallest diameter d, such as k_n d^{3/2}
+    drag, spin_drag : float [1/time]; default: 0.05/√(m d/F), with the mass m of the lightest grain; both equal
     dt : float [time]; default: 0.1 √(m d/F)
     steps : int, largest number allowed
 
@@ -282,7 +289,7 @@ def quench(state: State, law: Law, tolerance: float, steps: int = STEPS) -> Stat
     state : State without walls, all of whose grains are free
     law : Law without friction
     tolerance : float, largest unbalanced force [force]. It is also at most 1e-4 of the mean contact force, so that
-        grains which lose all contacts are not taken for jammed
+    grains that lose all contacts do not count as jammed
     steps : int, largest number of steps; if they do not suffice, the last positions are returned
     """
     check_kind(law.kind)

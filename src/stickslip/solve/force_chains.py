@@ -1,6 +1,6 @@
 """Statistics of a network of contact forces: chains, the strong network, anisotropies of contacts and forces.
 
-Each takes a state with its law, or measured forces.
+All functions accept a state with its law, or measured forces.
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -17,13 +17,13 @@ from ..core.readable import readable
 from ..core.state import State
 
 ANGLE = 45.0  # largest angle between a chain and the stress of its grains [degrees]
-SHORTEST = 3  # grains of a chain
+SHORTEST = 3  # least number of grains in a chain
 Source = State | Annotated[Any, Result("MeasuredForces", ("position", "pair_i", "force_n", "force_t"))]
 
 
 @readable
 class ForceNetwork(NamedTuple):
-    """Contacts that touch, of grains and with walls, and their forces."""
+    """Touching contacts, including those with walls, and their forces."""
 
     dim: int
     position: np.ndarray  # (N, 3) of grains [length]
@@ -63,8 +63,8 @@ class StrongNetwork(NamedTuple):
     strong: np.ndarray  # (C,) bool, of the touching contacts
     cluster: np.ndarray  # (C,) bool, of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
-    clusters: int  # of two grains or more
-    share_of_pressure: float  # that strong contacts bear, 1 if all do
+    clusters: int  # number of clusters of two grains or more
+    share_of_pressure: float  # fraction of the stress borne by strong contacts
 
 
 @readable
@@ -76,7 +76,7 @@ class Anisotropy(NamedTuple):
     tangential: float  # a_t
     contact_axis: np.ndarray  # (3,) direction in which most contacts point
     normal_axis: np.ndarray  # (3,) direction of the largest normal forces
-    deviator: float  # of the stress that they bear, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in space
+    deviator: float  # deviator of their stress, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in space
     dim: int
 
     @property
@@ -105,7 +105,7 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
     """
     if isinstance(source, State):
         if law is None:
-            raise ValueError("a state was given without a law: give the law, from which its forces follow")
+            raise ValueError("a state also needs its law, from which its forces follow")
         rows, line = touching(source), linearise(source, law)
         contacts, branch = source.contacts, branch_vectors(source)[rows]
         force, normal = line.force[rows], line.normal[rows]
@@ -114,7 +114,7 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
             contacts.j[rows].astype(int), branch, normal, force, np.einsum("ck,ck->c", force, normal),
         )  # fmt: skip
     if law is not None:
-        raise ValueError("a law was given with measured forces, which need none: leave it out")
+        raise ValueError("measured forces need no law: leave it out")
     m = source
     m.check_entries()
     place = np.pad(m.position, ((0, 0), (0, 3 - m.position.shape[1])))
@@ -153,7 +153,7 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
     [1, 2, 3]
     """
     if not 0 < angle <= 90:
-        raise ValueError(f"angle = {angle} was given: from 0 to 90 degrees are allowed")
+        raise ValueError(f"angle must be from 0 to 90 degrees, got {angle}")
     net = force_network(source, law)
     n, c = len(net.radius), net.inner
     first, second = net.pair_i, np.where(c, net.pair_j, 0)
@@ -266,7 +266,7 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
     dim, rows = net.dim, np.flatnonzero(net.inner)
     normal, force_n, across = net.normal[rows, :dim], net.force_n[rows], net.tangential[rows, :dim]
     if not force_n.sum() > 0:
-        raise ValueError(f"{len(rows)} contacts of grains were given, which do not press: no anisotropy is defined")
+        raise ValueError(f"none of the {len(rows)} contacts of grains presses, so that no anisotropy is defined")
     pairs = normal[:, :, None] * normal[:, None]
     of_contacts = _deviator(pairs.mean(axis=0)) * {2: 4.0, 3: 7.5}[dim]
     weight = 1 / np.maximum(1 + np.einsum("ca,ab,cb->c", normal, of_contacts, normal), 1 / len(rows))

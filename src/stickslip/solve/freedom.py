@@ -15,13 +15,13 @@ from ..core.measure import Committed, branch_vectors, least_supports, rattlers, 
 from ..core.readable import readable
 from ..core.state import State, groups
 
-ZERO_BELOW = 1e-10  # share of the largest |λ| below which an eigenvalue is zero
-PAIR_ABOVE = 1e-9  # share of the largest |λ| above which |Im λ| is more than round-off
+ZERO_BELOW = 1e-10  # fraction of the largest |λ| below which an eigenvalue is zero
+PAIR_ABOVE = 1e-9  # fraction of the largest |λ| above which |Im λ| is more than round-off
 
 
 @readable(head=lambda free: f"{len(free)} coordinates of {free.bodies} bodies")
 class Freedom(NamedTuple):
-    """Free coordinates q of x = P q + x₀, where x holds (x, y, z, R·angle) of every body.
+    """Free coordinates q of x = P q + x₀, where x contains (x, y, z, R·angle) of every body.
 
     P selects the free components; all others are prescribed. Components are ordered body by body. In two dimensions a
     grain has x, y and R·angle_z. A rigid group has one coordinate per direction, at the position of its first member.
@@ -65,8 +65,8 @@ class Freedom(NamedTuple):
         for state in others:
             if isinstance(state, State) and state.n_bodies != self.bodies:
                 raise ValueError(
-                    f"free coordinates of {self.bodies} bodies were given for a state with {state.n_bodies}: "
-                    "use freedom(state)"
+                    f"the free coordinates are those of {self.bodies} bodies, but the state has {state.n_bodies}: use "
+                    "freedom(state)"
                 )
 
     def __len__(self):
@@ -124,7 +124,7 @@ def freedom(state: State) -> Freedom:
 
 
 def unsupported_grains(state: State, law: Law) -> np.ndarray:
-    """(N,) mask of rattlers, given the number of contacts that a grain needs under this law."""
+    """(N,) mask of rattlers, by the number of contacts that a grain needs under this law."""
     return rattlers(state, least_supports(law, state.cell.dim))
 
 
@@ -152,7 +152,7 @@ def residual_vector(state: State, loads: ContactLoads, free: Freedom) -> np.ndar
 
     Parameters
     ----------
-    loads : first value that `forces` returns
+    loads : first result of `forces`
     free : coordinates, from `freedom`
     """
     force = unbalanced_forces(state, loads).ravel()
@@ -240,7 +240,7 @@ def assembled(state: State, blocks: np.ndarray, free: Freedom):
 def _block_matrix(state: State, blocks: np.ndarray):
     """(6B, 6B) matrix of all bodies in blocks of 6 × 6, without pairs whose block is zero; see `triplets`.
 
-    Blocks with the same place are summed, which is several times faster than to sum their entries.
+    Blocks at the same position are summed, which is several times faster than summing their entries.
     """
     size, used = 6 * state.n_bodies, np.flatnonzero(blocks.any(axis=(1, 2)))
     i, j, block = state.contacts.i[used], state.contacts.j[used], blocks[used]
@@ -287,7 +287,7 @@ def equations_of_motion(state: Committed, law: Law, free: Freedom | None = None)
 
     Source
     ------
-    doi:10.48550/arXiv.1908.11724, Eqs 6–8, and supplement Eqs 9–35 for J, which here has dashpots and any law.
+    doi:10.48550/arXiv.1908.11724, Eqs 6–8, and supplement Eqs 9–35 for J, here extended to dashpots and any law.
 
     Examples
     --------

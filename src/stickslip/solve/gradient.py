@@ -1,4 +1,4 @@
-"""Derivatives of eigenvalues and moduli by the adjoint, and what errors of positions make of a verdict."""
+"""Derivatives of eigenvalues and moduli by the adjoint method, and the effect of position errors on a verdict."""
 
 from collections.abc import Callable
 from typing import Annotated, NamedTuple
@@ -36,10 +36,10 @@ from .linear import suitable_threads
 from .moduli import adjoint_motion, elastic_moduli, solve_resisted
 from .stability import combine_stability, stability
 
-AT_MOST = 2_500  # coordinates; all modes are computed within minutes
+AT_MOST = 2_500  # number of coordinates for which all modes are computed within minutes
 STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))  # central differences of fourth order
 SMALL, LEAST = 0.02, 1e-3  # step over the smallest slip of a body, and smallest slip considered, over the overlap
-CONFIDENCE = 0.95  # of the interval of a probability
+CONFIDENCE = 0.95  # normal quantile of the interval of a probability
 
 
 @readable
@@ -48,11 +48,11 @@ class Gradient(NamedTuple):
 
     value: complex  # λ [1/time²]; s [1/time] with dashpots; or the modulus, which is real [force/length^(dim−1)]
     condition: float  # ‖u‖‖v‖/|uᴴv| of λ or s; derivatives diverge with it at the birth of a pair; else NaN
-    by_force: np.ndarray  # (N + W, 6) complex, to external forces and torques/R; grains and slips follow
-    by_radius: np.ndarray  # (N,) complex, to radii at constant M; grains and slips follow
-    by_parameter: dict[str, complex]  # to parameters between all materials, where not zero; grains follow
-    by_position: np.ndarray  # (N + W, 3) complex, to positions in which slips are given: errors of measurement
-    by_contact: np.ndarray  # (C, 3) complex, the same to the vector r_i − r_j of each pair in the list
+    by_force: np.ndarray  # (N + W, 6) complex, by external forces and torques/R, with relaxed grains and slips
+    by_radius: np.ndarray  # (N,) complex, by radii at constant M, with relaxed grains and slips
+    by_parameter: dict[str, complex]  # by nonzero parameters common to all materials, with relaxed grains
+    by_position: np.ndarray  # (N + W, 3) complex, by positions at given slips: effect of measurement errors
+    by_contact: np.ndarray  # (C, 3) complex, likewise by the vector r_i − r_j of each pair in the list
     damped: bool = False  # whether the value is s of motions exp(st)
 
     @property
@@ -188,14 +188,14 @@ def modulus_gradient(state: State, law: Law, strain: Numbers) -> Gradient:
 def residual_gradient(state: State, law: Law) -> Gradient:
     """Derivatives of the norm of the unbalanced forces, |Pᵀf|, of a state at rest off equilibrium.
 
-    The unit vector μ along Pᵀf is its own adjoint: d|Pᵀf| = μᵀ d(Pᵀf). Positions and slips are given; radii and
-    parameters change forces only. Rattlers do not count.
+    The unit vector μ along Pᵀf is its own adjoint: d|Pᵀf| = μᵀ d(Pᵀf). Positions and slips are fixed; radii and
+    parameters change forces only. Rattlers are excluded.
 
     Raises
     ------
     ValueError
         if all forces balance to round-off, where the norm has no derivative; for laws and cells that
-        `eigenvalue_gradient` refuses.
+        `eigenvalue_gradient` rejects.
 
     Examples
     --------
@@ -252,7 +252,7 @@ def _moved(state: State, whole: Freedom, axis: int, h: np.ndarray) -> State:
 
 
 def _by_given_position(task: "_Task", loads: np.ndarray | None = None) -> np.ndarray:
-    """(3, 2, C) derivatives of the contributions to positions along x, y, z, in which slips are given."""
+    """(3, 2, C) derivatives of the contributions with respect to positions along x, y, z, at given slips."""
     state, whole = task.here.state, _every_coordinate(task.here.state)
     out = np.zeros((3, *task.ends.shape), complex)
     for axis in range(state.cell.dim):
@@ -263,7 +263,7 @@ def _by_given_position(task: "_Task", loads: np.ndarray | None = None) -> np.nda
 
 
 def _by_radius(task: "_Task", pushed: np.ndarray) -> np.ndarray:
-    """(N,) derivatives to radii; see `contributions` for the loads."""
+    """(N,) derivatives with respect to radii; see `contributions` for the loads."""
     state, radius = task.here.state, task.here.state.grains.radius
 
     def grown(h: np.ndarray) -> np.ndarray:
@@ -273,7 +273,7 @@ def _by_radius(task: "_Task", pushed: np.ndarray) -> np.ndarray:
 
 
 class _Task(NamedTuple):
-    """A linearised state, what is differentiated, and what differences need."""
+    """A linearised state, the differentiated quantity, and data for differences."""
 
     here: LinearisedState
     answer: _Mode | _Modulus | None
@@ -294,7 +294,7 @@ class _Task(NamedTuple):
     def by_end(self, function: Callable) -> np.ndarray:
         """(2, C) derivatives of each contact's contribution to a property of its first and of its second body.
 
-        function(h) gives the contributions (C,) if the properties of bodies change by h (B,).
+        function(h) returns the contributions (C,) for changes h (B,) of the properties of bodies.
         """
         ends = self.ends
         out = np.zeros(ends.shape, complex)
@@ -318,7 +318,7 @@ class _Task(NamedTuple):
 
 
 def _adjoint(here: LinearisedState, free: Freedom, slope: np.ndarray) -> np.ndarray:
-    """(n,) complex μ of Jᵀμ = −slope; translations that nothing resists change nothing, up to errors of differences."""
+    """(n,) complex μ of Jᵀμ = −slope; free translations have no effect, up to errors of differences."""
     matrix = stiffness_of(here.state, here.line, blocks_of(here.state, here.law, here.line)[0], free)
     rigid, _ = np.linalg.qr(translations(here.dynamical_matrix(free), free) / np.sqrt(free.mass)[:, None])
     slope = slope - rigid @ (rigid.T @ slope)
@@ -327,7 +327,7 @@ def _adjoint(here: LinearisedState, free: Freedom, slope: np.ndarray) -> np.ndar
 
 
 def _by_parameter(task: _Task, pushed: np.ndarray) -> dict[str, complex]:
-    """Derivatives to the parameters of all laws that are equal between all materials and not zero."""
+    """Derivatives with respect to nonzero law parameters that are equal between all materials."""
     law, out = task.here.law, {}
     for name in PARAMETERS:
         values = law.table[..., parameter_names(law).index(name)] if name in parameter_names(law) else np.zeros(1)
@@ -351,20 +351,29 @@ def _differentiable(here: LinearisedState) -> LinearisedState:
     """The same linearised state, if its forces have derivatives that are implemented."""
     state, law = here.state, here.law
     if angular_columns(law):
-        raise ValueError("a law with moments or lever arms R − δ/2 was given: derivatives do not take it")
+        raise ValueError("derivatives do not support laws with moments or lever arms R − δ/2")
     if state.control.cell_free.any() or (state.control.group >= 0).any():
         raise ValueError(
-            "a cell that follows a stress, or a rigid group, was given: hold the cell and the grains apart"
+            "cells that follow a stress and rigid groups are not supported: hold the cell, and dissolve the groups"
         )
     if not len(here.backbone):
         raise ValueError("the packing has only rattlers: derivatives need grains that support each other")
     most = AT_MOST // 2 if damping_model(law) else AT_MOST
     if len(here.backbone) > most:
-        raise ValueError(f"{len(here.backbone)} coordinates were given: derivatives take at most {most}")
+        raise ValueError(f"derivatives support at most {most} coordinates, got {len(here.backbone)}")
     return here
 
 
 def _deciding_mode(here: LinearisedState) -> _Mode:
+    value, left, right = deciding_vectors(here)
+    return _Mode(value, float(np.linalg.norm(left) * np.linalg.norm(right)), *_at_contacts(here, left, right))
+
+
+def deciding_vectors(here: LinearisedState) -> tuple[complex, np.ndarray, np.ndarray]:
+    """λ that grows fastest or, if none grows, the softest, with modes u and v such that dλ = uᵀ dA' v.
+
+    A' = −A is the mass-weighted J. Translations and floppy modes, λ = 0, do not count.
+    """
     free = here.backbone
     with suitable_threads(len(free)):
         values, left, right = eig(here.dynamical_matrix(free).toarray(), left=True)
@@ -376,8 +385,7 @@ def _deciding_mode(here: LinearisedState) -> _Mode:
         k = int(np.argmin(np.where(np.isfinite(grows), values.real, np.inf)))
     k = k if values[k].imag >= 0 else int(np.argmin(np.abs(values - values[k].conj())))
     u, v = left[:, k], right[:, k]
-    product = np.vdot(u, v)
-    return _Mode(complex(values[k]), float(1 / abs(product)), *_at_contacts(here, u.conj() / -product, v))
+    return complex(values[k]), u.conj() / -np.vdot(u, v), v
 
 
 def _deciding_exponent(here: LinearisedState) -> _Mode:
@@ -432,7 +440,7 @@ def _colours(state: State) -> np.ndarray:
 
 
 def with_given_slips(state: State) -> State:
-    """State in which moved grains have the slips that were given; pairs that now touch stick, without slip."""
+    """State in which moved grains have given slips; pairs that now touch stick, without slip."""
     contacts, count = state.contacts, int(state.contacts.count[0])
     branch, over = branch_vectors(state), overlaps(state)
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
@@ -446,13 +454,13 @@ def with_given_slips(state: State) -> State:
 
 @readable
 class VerdictProbability(NamedTuple):
-    """Certainty of the verdict on a packing whose positions have errors."""
+    """Probability of the verdict on a packing whose positions have errors."""
 
     stable: int  # samples without a growing mode
     samples: int
     low: float  # bounds of the probability that it is stable, with a confidence of 95 %
     high: float
-    eigenvalue: complex  # λ that decides the verdict on the packing as it was given [1/time²]
+    eigenvalue: complex  # decisive λ of the given packing [1/time²]
     deviation: float  # standard deviation of Re λ, or of Im λ of a pair, to first order [1/time²]
     contact: tuple[int, int]  # bodies of the contact that contributes most to it
     share: float  # its share of the variance
@@ -473,13 +481,13 @@ def verdict_probability(
     seed: Seed = 0,
     report: Report = silent,
 ) -> VerdictProbability:
-    """Probability that a packing is stable if its positions have errors of measurement, and the contact that decides.
+    """Probability that a packing is stable given measurement errors of its positions, and the decisive contact.
 
-    Normal errors are added to all positions; slips stay those that were given. Errors of X-ray or photoelastic data
-    are much larger than the displacements to which forces are sensitive, so no balance is asked of the samples: forces
-    that balance the given positions are thought to be there. The contact that decides is the one whose distance
-    contributes most to the variance of λ to first order. For errors of 1e-4, this `deviation` was within 3 % of the
-    spread of 200 samples (`tests/modes/test_gradient.py`).
+    Normal errors are added to all positions; slips keep their given values. Errors of X-ray or photoelastic data are
+    much larger than the displacements to which forces are sensitive, so the samples need not balance: the balancing
+    forces of the given positions are assumed. The decisive contact is the one whose distance contributes most to the
+    variance of λ to first order. For errors of 1e-4, this `deviation` was within 3 % of the spread of 200 samples
+    (`tests/modes/test_gradient.py`).
 
     Parameters
     ----------
@@ -489,13 +497,15 @@ def verdict_probability(
     Raises
     ------
     ValueError
-        where `eigenvalue_gradient` raises it.
+        as in `eigenvalue_gradient`.
     """
     require_sizes([Size("these are", samples, "members", "use fewer samples")])
     if position_error > 1:
-        raise ValueError(f"position_error = {position_error:g} was given: it is a share of the mean radius, at most 1")
+        raise ValueError(f"position_error is a fraction of the mean radius, at most 1, got {position_error:g}")
     if damping_model(law):
-        raise ValueError("a law with dashpots was given: the probability of a verdict is that without them")
+        raise ValueError(
+            "the law has dashpots, but the probability of a verdict is computed without them: omit damping"
+        )
     here, error = _balanced(state, law), position_error * state.grains.radius.mean()
     slope = _eigenvalue_gradient(here)
     by_position, by_contact = (

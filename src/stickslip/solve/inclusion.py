@@ -20,14 +20,14 @@ from .freedom import Freedom, displaced, residual_vector, resized, stiffness_of
 from .gradient import STENCIL
 from .moduli import elastic_moduli, solve_resisted
 
-FEWEST, GRAINS = 5, 10  # rings of a fit, and grains of a ring
-MANY = 10  # centers from which errors are those of the scatter between them
+FEWEST, GRAINS = 5, 10  # least numbers of rings in a fit, and of grains in a ring
+MANY = 10  # number of centers from which errors are estimated from the scatter between them
 STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 20
-CONFIDENCE = 0.95  # of intervals
+CONFIDENCE = 0.95  # confidence of intervals
 ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
 ROUND_OFF = 1e-12  # smallest scatter over the radial displacement
 MODELS = ("elastic", "dipole", "odd")  # with 0, 1 and 2 components of κ²
-ANGLES = 8  # of κ² from which fits start
+ANGLES = 8  # number of angles of κ² from which fits start
 SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
 LEAST = 1e-9  # growth of a grain, above the round-off of positions and pressures
 RANGE = 0.25  # largest displacement over the skin of the list of contacts, up to which it is valid
@@ -73,8 +73,8 @@ class DisplacementFit(NamedTuple):
 class ScreeningFits(NamedTuple):
     """Fits of elasticity, screening by dipoles and odd screening to the same rings, with free amplitudes.
 
-    The amplitudes are free, so that the fits hold inside any boundary. κ_e² may be negative. Intervals follow from the
-    covariance of the rings, which move together. AICc is that of overdispersed data (Burnham & Anderson,
+    The amplitudes are free, so that the fits are valid inside any boundary. κ_e² may be negative. Intervals follow from
+    the covariance of the rings, which move together. AICc is that of overdispersed data (Burnham & Anderson,
     doi:10.1007/b97636, § 2.5).
 
     Source
@@ -85,7 +85,7 @@ class ScreeningFits(NamedTuple):
 
     rings: Rings
     models: list[DisplacementFit]  # "elastic", "dipole" and, in the plane, "odd"
-    lame: float  # A that the moduli predict; NaN if they do not [length^dim]
+    lame: float  # A predicted by the moduli; NaN without a prediction [length^dim]
 
     @property
     def preferred(self) -> str:
@@ -95,12 +95,12 @@ class ScreeningFits(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Sentence that says whether the sample answered as an elastic body."""
+        """Sentence on whether the sample responded like an elastic body."""
         elastic, best = self.models[0], self.models[MODELS.index(self.preferred)]
         if best is elastic:
             gain = elastic.aicc - min(fit.aicc for fit in self.models[1:])
             expected = "" if np.isnan(self.lame) else f"; {self.lame:.3g} from the moduli"
-            how = f"as an elastic body: A = {elastic.near.real:.3g} ± {elastic.errors[0]:.2g}{expected}"
+            how = f"like an elastic body: A = {elastic.near.real:.3g} ± {elastic.errors[0]:.2g}{expected}"
             return f"{how} (screening {'lowers' if gain > 0 else 'raises'} AICc by {abs(gain):.2g})"
         values, errors = (best.screening.real, best.screening.imag), best.errors[2 * len(self.rings.mean) :]
         parts = zip(("κ_e²", "κ_o²"), values, errors, strict=False)
@@ -135,7 +135,7 @@ def rings_of(offset, components, counted, width: float, within: tuple[float, flo
 
 
 def _parts(offset: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, int]:
-    """Independent part of each displacement that counts: its center, or its sector of eight; and how many there are."""
+    """Independent part of each counted displacement, its center or one of eight sectors, and the number of parts."""
     center = np.broadcast_to(np.arange(len(offset))[:, None], counted.shape)[counted]
     if len(offset) >= MANY:
         return center, len(offset)
@@ -146,7 +146,7 @@ def _parts(offset: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _ring_means(ring: np.ndarray, values: list[np.ndarray], part: np.ndarray, parts: int) -> Rings:
-    """Rings of distances and displacements, from the ring and the part of each."""
+    """Rings of distances and displacements, given the ring and the part of each."""
     count = np.bincount(ring)
     means = np.array([np.bincount(ring, value) / count for value in values])
     deviations = np.array(values) - means[:, ring]
@@ -161,7 +161,7 @@ def _ring_means(ring: np.ndarray, values: list[np.ndarray], part: np.ndarray, pa
 
 
 def screening_fits(rings: Rings, lame: float) -> ScreeningFits:
-    """Fit all models to rings; `lame` is the amplitude that the moduli predict."""
+    """Fit all models to rings; `lame` is the amplitude predicted by the moduli."""
     minima = [_minimum(rings, unknowns) for unknowns in range(len(rings.mean) + 1)]
     parts, left = minima[-1]
     excess = max(1.0, left @ left / (len(left) - 2 * len(rings.mean) - len(parts)))
@@ -184,7 +184,7 @@ def _functions(screening: complex, distance: np.ndarray, rings: Rings) -> np.nda
 def _design(screening: complex, rings: Rings) -> np.ndarray:
     """(kQ, 2k) displacements in rings per real amplitude: Re near, Re far and, in the plane, Im near, Im far.
 
-    The mean over a ring is that of two distances with the mean and variance of its own, exact to third order.
+    The mean over a ring is taken over two distances with the same mean and variance, exact to third order.
     """
     f = sum(_functions(screening, rings.radius + side * rings.spread, rings) for side in (-1, 1)) / 2
     return f.real if len(rings.mean) == 1 else np.block([[f.real, -f.imag], [f.imag, f.real]])
@@ -252,16 +252,16 @@ def _fit(rings: Rings, parts: np.ndarray, left: np.ndarray, excess: float) -> Di
 
 @readable(head=lambda field: f"{pluralize(len(field.centers), 'grain')} inflated by {field.growth:g}")
 class Inflation(NamedTuple):
-    """Displacements of the grains of a packing around grains that are inflated, each in its own experiment."""
+    """Displacements in a packing around inflated grains, each in a separate experiment."""
 
     growth: float  # relative growth of their radii
     centers: np.ndarray  # (M,) inflated grains
     offset: np.ndarray  # (M, N, dim) position relative to the center before, of the nearest image [length]
     displacement: np.ndarray  # (M, N, dim) without its mean if nothing holds the packing in place [length]
-    counted: np.ndarray  # (M, N) grains that count: free, no rattlers, not inflated
+    counted: np.ndarray  # (M, N) counted grains: free, no rattlers, not inflated
     diameter: float  # mean [length]
     outer: float  # distance up to which circles or spheres around all centers are whole [length]
-    volume: float  # of the periodic cell; NaN if grains are held, or there are walls or open sides
+    volume: float  # volume of the periodic cell; NaN if grains are held, or there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
     states: list[State]  # at the end of quasi-static steps; none in linear response
     changes: np.ndarray  # (M, K, 4) contacts that opened, closed, began and stopped sliding in each step
@@ -287,9 +287,9 @@ class Inflation(NamedTuple):
     def fit(self, *, inner: float | None = None, outer: float | None = None) -> ScreeningFits:
         """Fits of elasticity and of screening to means over rings, and their comparison; see `ScreeningFits`.
 
-        Rings are a mean diameter wide, shells in three dimensions half of it. Their errors are those of the scatter
-        between centers, if there are at least ten, else of that between eight equal sectors around each, so that they
-        hold although neighbors move together.
+        Rings are a mean diameter wide, shells in three dimensions half of it. Their errors follow from the scatter
+        between centers if there are at least ten, otherwise between eight equal sectors around each, so that they are
+        valid although neighbors move together.
 
         Parameters
         ----------
@@ -317,7 +317,7 @@ def inflate(
 
     In an isotropic elastic body the mean of u_r over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
     of area or volume V, B = −πA/V or −4πA/3V, and A = M/(2π(K + G)) or M/(4π(K + 4G/3)), with the force dipole M =
-    V ΔP for the change ΔP of the pressure of the packing, in which the answer of the neighbors is included.
+    V ΔP for the change ΔP of the pressure of the packing, which includes the response of the neighbors.
 
     Parameters
     ----------
@@ -329,7 +329,8 @@ def inflate(
     Raises
     ------
     ValueError
-        if the forces do not balance; if a grain is a rattler or held; if a contact changes; if nothing resists.
+        if the forces do not balance; if a grain is a rattler or held; if a contact changes; if nothing resists
+        inflation.
 
     Source
     ------
@@ -349,7 +350,7 @@ def inflate(
     free = here.backbone
     matrix = stiffness_of(here.state, here.line, blocks_of(here.state, law, here.line)[0], free)
     pulls = np.array([_pull(here, rows, free) for rows in grown]).T
-    scale = state.grains.radius.mean()  # pulls over it are of the order of J
+    scale = state.grains.radius.mean()  # forces over it are of the order of J
     motion = scale * solve_resisted(matrix, pulls / scale, free, "an inflated grain").T
 
     def at(k: int, growth: float) -> State:
@@ -363,27 +364,25 @@ def inflate(
 
 
 def inflated_grains(here: LinearisedState, grain, growth: float, within: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centers (M,), and which grains grow with each, (M, N) bool; ValueError if they cannot."""
+    """Centers (M,), and masks of the grains that grow with each, (M, N) bool; ValueError if they cannot."""
     state, n, moves = here.state, len(here.loose), _moves(here)
     if not (-1 < growth <= 1 and abs(growth) >= LEAST):
-        raise ValueError(
-            f"growth = {growth:g} was given: it must be above −1, at most 1, and not below {LEAST:g} in size"
-        )
+        raise ValueError(f"growth must be above −1 and at most 1, and at least {LEAST:g} in size, got {growth:g}")
     if state.control.cell_free.any():
-        raise ValueError("a cell that follows a stress was given: hold it while a grain is inflated")
+        raise ValueError("the cell follows a stress: hold it while a grain is inflated")
     if not moves.any():
-        raise ValueError("nothing is held by contacts and free to move: an inflation needs grains that bear forces")
+        raise ValueError("no free grain is held by contacts: an inflation needs grains that bear forces")
     if grain is None:
         away = np.linalg.norm(_offsets(state, _middle(state)[None])[0], axis=1)
         grain = np.where(moves, away, np.inf).argmin()
     centers = body_numbers(state.control, grain)
     if not len(centers) or len(np.unique(centers)) < len(centers):
-        raise ValueError("no grain was given, or one of them twice: give each grain once")
+        raise ValueError("grains must not be empty or repeated: give each grain once")
     for worst in centers[centers >= n]:
-        raise ValueError(f"body {worst} was given, a wall: only grains, 0 to {n - 1}, are inflated")
+        raise ValueError(f"only grains, 0 to {n - 1}, can be inflated, but body {worst} is a wall")
     for worst in centers[~moves[centers]]:
         kind = "a rattler" if here.loose[worst] else "held in place"
-        raise ValueError(f"grain {worst} was given, which is {kind}: inflate one that bears forces and is free")
+        raise ValueError(f"grain {worst} is {kind}: inflate a free grain that bears forces")
     size = 100.0 * len(centers) * n
     require_sizes([Size(f"{len(centers)} inflations of {n} grains take", size, "bytes", "inflate fewer grains")])
     grown = np.linalg.norm(_offsets(state, state.grains.position[centers]), axis=2) <= within
@@ -392,7 +391,7 @@ def inflated_grains(here: LinearisedState, grain, growth: float, within: float) 
 
 
 def as_inflation(here: LinearisedState, centers, grown, growth, displacement, ends, changes=None) -> Inflation:
-    """Result for displacements (M, N, 3) and states at the end, without a translation that nothing resists."""
+    """Result for displacements (M, N, 3) and final states, without a free translation."""
     state, law, moves, dim = here.state, here.law, _moves(here), here.state.cell.dim
     lame, size, control = np.full(len(centers), np.nan), np.nan, state.control
     if not len(state.walls.mass) and not control.spring.any() and control.free[:, :dim].all():
@@ -453,7 +452,7 @@ def _pull(here: LinearisedState, grown: np.ndarray, free: Freedom) -> np.ndarray
 
 
 def _check_contacts(here: LinearisedState, state_at, growth: float, largest: float) -> None:
-    """Raise ValueError with the first contact that changes, if one does; `largest` is the displacement per growth."""
+    """Raise ValueError for the first contact that changes, if any; `largest` is the displacement per growth."""
     contacts, change, allowed = here.state.contacts, "", growth
     reach = RANGE * contacts.skin / max(largest, here.state.grains.radius.max())
     if abs(growth) > reach:
@@ -463,13 +462,12 @@ def _check_contacts(here: LinearisedState, state_at, growth: float, largest: flo
         change, allowed = f"the contact ({contacts.i[row]}, {contacts.j[row]}) {kind}", allowed / 2
     if change:
         raise ValueError(
-            f"growth = {growth:g} was given, before which {change}: give {allowed:.2g} for a linear response, or use "
-            "protocols.inflate"
+            f"before growth = {growth:g}, {change}: use {allowed:.2g} for a linear response, or protocols.inflate"
         )
 
 
 def _changed_contact(here: LinearisedState, state: State) -> tuple[int, str] | None:
-    """Row of a contact that is in another mode in a linear response, and what it does."""
+    """Row of a contact that changes its mode in a linear response, and the change."""
     there, line = linearise(state, here.law, memory=FREE), here.line
     kinds = {
         "opens": (line.closed > 0) & (there.closed == 0),

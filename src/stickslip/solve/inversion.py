@@ -1,4 +1,4 @@
-"""From forces to a packing: overlap and slip of a contact with given forces, and nearest points under constraints."""
+"""From forces to a packing: overlap and slip of contacts with given forces, and nearest points under constraints."""
 
 from typing import NamedTuple
 
@@ -13,14 +13,14 @@ from ..core.measure import branch_vectors
 from ..core.state import STICK, assembly, box, disks
 
 INVERSIONS, BISECTIONS = 30, 60
-ROUND_OFF = 1e-15  # of a force, and of the sum of two radii
+ROUND_OFF = 1e-15  # round-off of a force, and of the sum of two radii
 ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # of a nearest point: steps, complementarity, residuals
 BACK = 0.995  # share of the way to the nearest bound
 SOFT = 1e-12  # compliance of equations, so that redundant ones have multipliers
 
 
 def overlap_of_force(law: Law, radius: np.ndarray, force_n: np.ndarray) -> tuple[np.ndarray, Linearisation]:
-    """(C,) overlaps of contacts with radii (2, C) and normal forces, and the law there: Newton's method for ln F_n."""
+    """(C,) overlaps of contacts with radii (2, C) and normal forces, and values of the law, by Newton iteration."""
     most = radius.min(axis=0)
     overlap = 1e-3 * most
     for _ in range(INVERSIONS):
@@ -36,7 +36,7 @@ def overlap_of_force(law: Law, radius: np.ndarray, force_n: np.ndarray) -> tuple
                 f"the normal force {force_n[c]:.4g} needs an overlap above the radius {most[c]:.4g}: check kn, which "
                 f"must be in the units of the forces and lengths"
             )
-    raise ValueError("a law whose normal force does not grow from zero with the overlap was given: give another")
+    raise ValueError("the normal force of the law must grow from zero with the overlap: use another law")
 
 
 def slip_of_force(law: Law, radius: np.ndarray, overlap: np.ndarray, force_t: np.ndarray, line: Linearisation):
@@ -61,7 +61,7 @@ def _evaluate(law: Law, radius: np.ndarray, overlap: np.ndarray, slip=0.0) -> Li
 
 
 class Projection(NamedTuple):
-    """Nearest point, and the number of equations and inequalities that bind it."""
+    """Nearest point, and the number of equations and active inequalities."""
 
     point: np.ndarray  # (n,)
     binding: int
@@ -69,7 +69,7 @@ class Projection(NamedTuple):
 
 
 def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> Projection | None:
-    """Minimise |z|²/2 under A z = b and G z ≥ h; None if no point is found, as where there is none.
+    """Minimise |z|²/2 under A z = b and G z ≥ h; None if no point is found.
 
     Parameters
     ----------
@@ -92,11 +92,13 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
         stiff = metric + g.T @ sparse.diags_array(v / w) @ g
         whole = sparse.block_array([[stiff, a.T], [a, -SOFT * sparse.eye_array(len(b))]])
         try:
-            solve = splu(sparse.csc_array(whole)).solve  # its order by columns fills ten times less than by degrees
+            solve = splu(
+                sparse.csc_array(whole)
+            ).solve  # this column ordering has ten times less fill than one by degrees
         except RuntimeError:  # singular
             return None
         excess = -v * w
-        for corrected in (False, True):  # v w is to change by the excess
+        for corrected in (False, True):  # v w must change by the excess
             step = solve(np.concatenate([g.T @ ((excess - v * above) / w) - dual, -equal]))
             dz, dy = step[: len(z)], -step[len(z) :]
             dw = g @ dz + above

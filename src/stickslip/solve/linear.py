@@ -1,9 +1,9 @@
 """Linear solvers for −J: dense LAPACK, GMRES, PARDISO where installed, otherwise SuperLU, and multifrontal factors.
 
 Multifrontal factors are those of the dynamical matrix, ordered by nested dissection of the grains. A box of grains is
-cut in two halves, and the grains of one half that touch the other are eliminated last, at every level. What is left of
-each part is a dense matrix, so that nearly all work is done by BLAS. From a few thousand spheres on, factors take less
-time than SuperLU's. The same fronts count the eigenvalues of a symmetric matrix below a shift.
+divided into two halves, and the grains of one half that touch the other are eliminated last, at every level. The
+remainder of each part is a dense matrix, so that nearly all work is done by BLAS. From a few thousand spheres on,
+factors take less time than SuperLU's. The same fronts count the eigenvalues of a symmetric matrix below a shift.
 """
 
 import os
@@ -64,7 +64,7 @@ def factorised(matrix, *, method: str | None = None, ordered: bool = False) -> S
     Parameters
     ----------
     matrix : (n, n) sparse, all diagonal entries stored
-    method : "dense", "pardiso" or "superlu"; default: chosen by size and by what is installed
+    method : "dense", "pardiso" or "superlu"; default: chosen by size and installed libraries
     ordered : whether the coordinates are already in a fill-reducing order, so that SuperLU need not compute one
 
     Raises
@@ -160,7 +160,7 @@ def block_diagonal_solve(matrix, groups: np.ndarray) -> Solve:
 
 
 def iterate(matrix, b: np.ndarray, precondition: Solve, relative: float, limit: int) -> tuple[np.ndarray, int]:
-    """Solve a linear system by GMRES, to a residual of `relative` times that of zero.
+    """Solve a linear system by GMRES, to a residual of `relative` times the initial one.
 
     Returns the solution and the number of iterations; if that is `limit`, the solution may be less accurate.
     """
@@ -190,7 +190,7 @@ class _Front(NamedTuple):
 
     first: int
     last: int
-    border: np.ndarray  # later rows that they are coupled to
+    border: np.ndarray  # later rows coupled to them
     lu: np.ndarray
     swaps: np.ndarray
     upper: np.ndarray  # P⁻¹ A_PB

@@ -19,7 +19,7 @@ from .linear import factorised
 # row sum of J over the largest, above which a coordinate is resisted; rotations without friction are not
 HELD_ABOVE = 1e-13
 SOLVED = 1e-9  # largest residual of the non-affine motion, over the largest row of J, for a valid solution
-DENSE_UP_TO = 3_000  # coordinates up to which floppy modes are distinguished from a load that nothing bears
+DENSE_UP_TO = 3_000  # number of coordinates up to which floppy modes are distinguished from unsupported loads
 PLANAR = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[1, 0], [0, -1]], [[0, 1], [1, 0]]])  # dilation, rotation
 VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 
@@ -88,7 +88,7 @@ class ElasticModuli(NamedTuple):
         """K^o of the isotropic part of C in two dimensions, zero in three (Scheibner, doi:10.1038/s41567-020-0795-y).
 
         With s₂ = G_xx − G_yy, s₃ = G_xy + G_yx and tension τ, τ_xx − τ_yy = 2G s₂ + 2K^o s₃, τ_xy + τ_yx = 2G s₃ −
-        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), yields the work 2K^o × its area per volume.
+        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), does work of 2K^o times its area, per volume.
         """
         return float(self._planar[2, 3] - self._planar[3, 2]) / 2 if self.dim == 2 else 0.0
 
@@ -125,8 +125,8 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
 
     c denotes the coordinates ℓG of the cell and g those of the grains. The first term is affine: grains move with the
     cell, x → x + Gx, and do not rotate. The second term is the contribution of the non-affine motion that restores the
-    balance of forces and torques. Each contact is held in its mode, so C is a tangent modulus: it holds for strains so
-    small that no contact opens, closes, or changes between stick and slide. σ is the Cauchy stress, compression
+    balance of forces and torques. Each contact is held in its mode, so C is a tangent modulus: it is valid for strains
+    so small that no contact opens, closes, or changes between stick and slide. σ is the Cauchy stress, compression
     positive, so that C is positive where a packing resists. Under a pressure p it differs from the second derivative of
     an energy by terms of order p. Rattlers are excluded.
 
@@ -141,7 +141,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
     Raises
     ------
     ValueError
-        if the state has walls, rigid groups, springs or open sides, or if a strain drives motions that nothing resists.
+        if the state has walls, rigid groups, springs or open sides, or if a strain drives unresisted motions.
 
     Source
     ------
@@ -178,7 +178,7 @@ def elastic_moduli(state: State, law: Law) -> ElasticModuli:
 
 
 def adjoint_motion(state: State, law: Law, strain: np.ndarray) -> np.ndarray:
-    """(n,) motion of the grains that J_ggᵀ gives for a strain (dim, dim), as J_gg gives `ElasticModuli.motion`."""
+    """(n,) motion of the grains for a strain (dim, dim) with J_ggᵀ in place of the J_gg of `ElasticModuli.motion`."""
     _, matrix, free, grain, cell = with_free_cell(state, law)
     pull = free.length * (matrix[cell][:, grain].T @ strain.ravel())
     return solve_resisted(matrix[grain][:, grain].T.tocsr(), pull[:, None], free)[:, 0]
@@ -200,22 +200,22 @@ def with_free_cell(state: State, law: Law):
 
 
 def check_cell(state: State, what: str) -> None:
-    """Raise ValueError if a cell cannot be strained as a whole, with what needs that."""
+    """Raise ValueError if a cell cannot be strained as a whole; the message names the quantity that needs it."""
     control, periodic = state.control, state.cell.periodic[: state.cell.dim]
     if len(state.walls.mass) or (control.group >= 0).any() or control.spring.any() or not periodic.all():
         raise ValueError(
-            f"a packing with walls, rigid groups, springs or open sides was given: {what} need a cell that is "
-            "periodic in all its dimensions and can be strained as a whole"
+            f"the packing has walls, rigid groups, springs or open sides: {what} need a cell that is periodic in all "
+            "its dimensions and can be strained as a whole"
         )
 
 
 def solve_resisted(matrix, pull: np.ndarray, free: Freedom, cause: str = "a strain") -> np.ndarray:
-    """Solve J x = −pull, with the cause of the pull; translations and coordinates that nothing resists do not move."""
+    """Solve J x = −pull, given the cause of the pull; translations and unresisted coordinates do not move."""
     size, axis, largest = np.abs(matrix).sum(axis=1), free.axis[: matrix.shape[0]], np.abs(matrix.data).max(initial=0.0)
     scale = size.max(initial=0.0)
     held = size > HELD_ABOVE * scale
     solved = held.copy()
-    for k in range(free.dim):  # one coordinate is held where nothing resists a common translation
+    for k in range(free.dim):  # one coordinate is held if nothing resists a common translation
         along = held & (axis == k)
         if along.any() and np.abs(matrix @ along.astype(float)).max() <= 1e-10 * largest:
             solved[np.flatnonzero(along)[0]] = False
@@ -231,7 +231,7 @@ def solve_resisted(matrix, pull: np.ndarray, free: Freedom, cause: str = "a stra
         out = np.zeros_like(pull)
         out[rows] = np.linalg.lstsq(-inner.toarray(), pull[rows], rcond=1e-11)[0]
     if not _is_balanced(matrix, out, pull, scale):
-        raise ValueError(f"{cause} drives motions that nothing resists: this packing has no elastic response")
+        raise ValueError(f"{cause} drives unresisted motions: this packing has no elastic response")
     return out
 
 
@@ -301,9 +301,9 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
 
     Voigt: all grains move with the cell and do not rotate; the elastic energy of any motion is not below the true one.
     Reuss: contact forces that balance on each grain, torques included, and add up to the stress; the complementary
-    energy of any such forces is not below the true one. Taken are those with the smallest Σ|f|², which the packing
-    would bear if all its contacts were equally stiff along and across. Both are theorems for forces that have a
-    potential: they hold for packings without sliding contacts, up to terms of the order of stress over stiffness.
+    energy of any such forces is not below the true one. Those with the smallest Σ|f|² are used, the forces in a packing
+    whose contacts are equally stiff along and across the normal. Both are theorems for forces that have a potential:
+    they hold for packings without sliding contacts, up to terms of the order of stress over stiffness.
 
     Raises
     ------
@@ -344,5 +344,5 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
     if not np.linalg.cond(matrix) < 1e12:
-        raise ValueError("no contact forces balance under some stress: bounds of moduli need a packing that bears any")
+        raise ValueError("no contact forces balance a stress: bounds of moduli need a packing that bears any stress")
     return np.linalg.inv(matrix)

@@ -19,13 +19,13 @@ from .linear import DENSE_BELOW, Solve, block_diagonal_solve, factorised, iterat
 
 BALANCED = 1e-14  # default tolerance, in natural units of force
 SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
-CHORD = 0.2  # a step with a stored factor must reduce the residual to this share
+CHORD = 0.2  # a step with a stored factor must reduce the residual to this fraction
 KRYLOV = 20  # iterations above which a preconditioner is too old
 ITERATIONS = 300  # iterations without a factor after which a factorisation is worthwhile
 FORCING = 1e-2  # relative residual to which linear systems are solved by iteration
-SLOW = 0.05  # a step that leaves a larger share of the residual is too short, or its matrix too old
-LOOSE = 1e-4  # share of the largest stiffness below which a coordinate is loose
-VANISHING = 0.45  # share of an overlap that a step leaves, at most, if the contact vanishes; in theory 1/3
+SLOW = 0.05  # a step that leaves a larger fraction of the residual is too short, or its matrix too old
+LOOSE = 1e-4  # fraction of the largest stiffness below which a coordinate is loose
+VANISHING = 0.45  # largest remaining fraction of an overlap after a step if the contact vanishes; in theory 1/3
 OPENING = 1.6  # longer step that opens contacts, for which 3/2 is enough
 
 
@@ -68,7 +68,7 @@ class Factorisation:
             step, spent = iterate(matrix, b, precondition, FORCING, ITERATIONS)
             if spent < ITERATIONS:
                 diagonal = matrix.diagonal()
-                held = diagonal > LOOSE * diagonal.max()  # a stored matrix would move loose bodies far
+                held = diagonal > LOOSE * diagonal.max()  # a stored matrix would displace loose bodies too far
                 self.solve = lambda b: iterate(matrix, np.where(held, b, 0.0), precondition, FORCING, ITERATIONS)[0]
                 self.factored = False
                 self.renewals += 1
@@ -109,7 +109,7 @@ def newton(
     The slip of the whole load step is added in one increment along the final normal. This rule is of first order: the
     equilibrium differs from that of a slow ramp by O(step²) per step. Steps are halved until the residual falls.
     Rattlers (grains without load and with at most one contact, or at most `dim` without friction) are pushed out of
-    what they touch, because their last contact would vanish at a rate of only 3^−3/2 per iteration.
+    contact, because their last contact would vanish at a rate of only 3^−3/2 per iteration.
 
     Parameters
     ----------
@@ -141,10 +141,13 @@ def approach(
 ) -> tuple[TrialPoint, Outcome]:
     """Last trial point of Newton's method, with the smallest residual found, and its outcome; see `newton`."""
     patience = iterations if patience is None else patience
-    state = resting(state)  # the dashpots of one in motion would push
+    state = resting(state)  # dashpots of a moving state would exert forces
     free, control, n = freedom(state), state.control, len(state.grains.radius)
     acted = control.force[:n].any(axis=1) | control.torque[:n].any(axis=1) | control.gravity.any()
     loose = ~acted & control.free[:n, : state.cell.dim].all(axis=1)  # free to move, and only contacts act
+    if state.bonds:  # bonded grains are not loose
+        held = state.bonds.intact
+        loose[np.append(state.bonds.i[held], state.bonds.j[held])] = False
     least = least_supports(law, state.cell.dim)
     here = _evaluate(with_neighbor_list(state, law), law, free)
     before = keep.factorisations

@@ -23,18 +23,20 @@ from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
 
-STAGE = "complex pairs"  # of progress
+STAGE = "complex pairs"  # name of the stage in progress reports
 # modes treated together, and neighbours on either side; all others enter to second order
 WINDOW, HALO = 40, 40
 # assumed errors of windows: NEAR_PAIR of the largest |λ|, and MIXED mixing² of the half width; the largest errors seen
 # were 1e-6 (1000 spheres) and 0.1 (150 spheres)
 NEAR_PAIR, MIXED = 5e-6, 0.2
-WEAK = 0.3  # largest first-order share of outer modes in a mode of a window for which second order is trusted
+WEAK = 0.3  # largest first-order fraction of outer modes in a window mode for which second order is trusted
 CLUSTER = 0.3  # |E_ij/(d_j − d_i)| beyond which two modes are left coupled by a similarity pass
 WORK = 40.0  # time of a certificate over that of n³ floating-point operations of a matrix product; 38 to 44 measured
 SIMILAR = 1e-8  # a pass with W leaves W², which is then below round-off
-LARGEST = 12_000  # coordinates: four dense matrices of this size take 3 GB, and the time grows with the cube
-DENSE_BELOW = 1500  # coordinates below which LAPACK takes a few seconds
+LARGEST = (
+    12_000  # largest number of coordinates: four dense matrices of this size take 3 GB, and time grows with the cube
+)
+DENSE_BELOW = 1500  # number of coordinates below which LAPACK takes a few seconds
 # residual over the largest |λ|: target, and limit of acceptance if round-off stops earlier
 CONVERGED, ENOUGH = 2e-15, 1e-12
 SAME = 1e-9  # share of the largest |λ| within which two refined eigenvalues with one eigenvector are identical
@@ -66,7 +68,7 @@ class Window(NamedTuple):
 
 
 class Cluster(NamedTuple):
-    """Neighbouring eigenvalues that may hold a pair: a real invariant subspace to be refined."""
+    """Neighbouring eigenvalues that may contain a pair: a real invariant subspace to be refined."""
 
     window: Window
     vectors: np.ndarray  # (n, p)
@@ -177,7 +179,7 @@ class Certificate(NamedTuple):
 
     size: int  # eigenvalues examined
     real: int  # alone in a disc with a real centre; real since the spectrum of A is symmetric about the real axis
-    zero: int  # exactly zero, from coordinates that nothing resists; not counted in `size`
+    zero: int  # exactly zero, from unresisted coordinates; not counted in `size`
     pairs: int  # pairs whose disc is isolated and does not touch the real axis
     undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
     members: np.ndarray  # (k,) eigenvalues in each
@@ -353,14 +355,14 @@ def complex_pairs(
 def find_pairs(
     free: Freedom, matrix_of: Callable, certificate: bool, report: Report, dense_below: int = DENSE_BELOW
 ) -> ComplexPairs:
-    """All complex pairs of the matrix A that a function gives for the coordinates `free`; see `complex_pairs`."""
+    """All complex pairs of the matrix A returned by a function for the coordinates `free`; see `complex_pairs`."""
     n = len(free)
     if not n:
         raise ValueError("nothing is free to move: pairs need at least one free coordinate")
     if n > LARGEST:
         time = f", and the certificate would take about {format_seconds(certificate_seconds(n))}" if certificate else ""
         raise ValueError(
-            f"{n} coordinates were given: `complex_pairs` takes at most {LARGEST}{time}; use `fastest_pair` instead"
+            f"`complex_pairs` supports at most {LARGEST} coordinates{time}, got {n}: use `fastest_pair` instead"
         )
     if certificate:
         report(STAGE, 0.0, f"certificate of {n} coordinates, estimated time {format_seconds(certificate_seconds(n))}")
@@ -402,7 +404,7 @@ def _refine_clusters(matrix, basis: Basis, clusters: list[Cluster], report: Repo
     subspaces = [qr(cluster.vectors, mode="economic")[0] for cluster in clusters]
     single = np.float32  # a correction needs only a few digits
     V = basis.vectors.astype(single, copy=False)
-    # subspaces in the modes of S, which only say which directions a correction leaves out
+    # subspaces in the modes of S, which only define the directions excluded from a correction
     borders = [basis.vectors[:, c.window.inside].T @ x for c, x in zip(clusters, subspaces, strict=True)]
     last, active = np.full(len(clusters), np.inf), range(len(clusters))
     for _ in range(sweeps):

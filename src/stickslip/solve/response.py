@@ -24,11 +24,11 @@ from .freedom import Freedom, assembled, freedom, jacobian, mass_weighted, stiff
 from .linear import FrontalFactor, dissect, one_thread
 from .moduli import check_cell, elastic_moduli, isotropic, with_free_cell
 
-DIRECT_UP_TO = 300  # coordinates up to which each frequency is solved by LAPACK
+DIRECT_UP_TO = 300  # number of coordinates up to which each frequency is solved by LAPACK
 STEPS, ROUNDS = 300, 6  # Arnoldi steps before convergence is checked, and how often they are continued
 ALLOWED = 1e-6  # largest deviation of k·a/2π from an integer
 SOLVED = 1e-8  # largest relative residual of a solution
-WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, beyond which round-off decides
+WITHOUT_LIMIT = 1e12  # response over that to the largest stiffness, above which round-off dominates
 
 
 @readable
@@ -61,7 +61,7 @@ class FrequencyResponse(NamedTuple):
 
 
 class ForcedMotion(NamedTuple):
-    """ÿ = −A y − D ẏ + b of the mass-weighted free coordinates, with what couples them to prescribed ones."""
+    """ÿ = −A y − D ẏ + b of the mass-weighted free coordinates, with their coupling to prescribed ones."""
 
     here: LinearisedState
     free: Freedom  # without rattlers
@@ -86,8 +86,8 @@ class ForcedMotion(NamedTuple):
         resists = (self.damp @ motion)[self.inner]
         if not (forces.any(axis=0) | resists.any(axis=0)).all():
             raise ValueError(
-                f"a {name} that moves nothing was given: it needs a force on a grain that is held by others, or a "
-                "motion of a prescribed body that touches one"
+                f"the {name} moves nothing: it needs a force on a grain held by others, or a motion of a prescribed "
+                "body that touches one"
             )
         return forces / root, resists / root, motion
 
@@ -105,13 +105,13 @@ class ForcedMotion(NamedTuple):
 
 
 def _check_groups(state: State, drive: np.ndarray, name: str) -> None:
-    """Raise ValueError if a drive (k, B, 6) moves prescribed members of a rigid group differently, or turns them."""
+    """Raise ValueError if a drive (k, B, 6) deforms or rotates a prescribed rigid group."""
     motion = np.where(state.control.free, 0.0, drive)
     for members in filter(len, groups(state.control)):
         if motion[:, members, 3:].any() or np.ptp(motion[:, members], axis=1).any():
             raise ValueError(
-                f"a {name} that moves the rigid group of bodies {', '.join(map(str, members))} apart or turns it was "
-                "given: give all of them the same displacement, and no rotation"
+                f"the {name} deforms or rotates the rigid group of bodies {', '.join(map(str, members))}: give all of "
+                "them the same displacement, and no rotation"
             )
 
 
@@ -128,9 +128,7 @@ def forced_motion(state: State, law: Law, drag: float, spin_drag: float | None) 
     here = balanced(state, law)
     state, free = here.state, here.backbone
     if not len(free):
-        raise ValueError(
-            "nothing is held by contacts and free to move: a response needs grains that support each other"
-        )
+        raise ValueError("no free grain is held by contacts: a response needs grains that support each other")
     control = state.control
     everything = state._replace(control=control._replace(free=np.ones_like(control.free)))
     whole = freedom(everything)
@@ -165,8 +163,8 @@ def frequency_response(
     Parameters
     ----------
     drive : (N + W, 6), or (k, N + W, 6) for k drives: forces and torques/R on free components, displacements of
-        prescribed ones (walls, fixed grains). Shaking of a wall along x is a one at [wall, 0], a push on a grain at
-        [grain, 0], and waves come from `plane_wave`
+        prescribed ones (walls, fixed grains). Shaking of a wall along x is a 1 at [wall, 0], a push on a grain a 1 at
+        [grain, 0]; `plane_wave` creates waves
     frequency : ω, or (F,) of them, zero or positive [1/time]
     observe : (N + W, 6) or (m, N + W, 6), weights of the displacements in each observable: see `contact_slip` and
         `stress_change`; default: the displacements of `free`
@@ -225,7 +223,7 @@ def as_frequencies(frequency: Values) -> np.ndarray:
     """(F,) array of frequencies; raise ValueError if one is negative or not finite."""
     frequency = np.atleast_1d(np.asarray(frequency, float))
     for worst in frequency[~((frequency >= 0) & np.isfinite(frequency))]:
-        raise ValueError(f"frequency = {worst:g} was given: it must be zero or positive")
+        raise ValueError(f"frequency must be zero or positive, got {worst:g}")
     return frequency
 
 
@@ -241,8 +239,8 @@ def as_patterns(state: State, **named) -> np.ndarray:
     absent[:, 2:5] |= state.cell.dim == 2
     for _, body, axis in np.argwhere((value != 0) & absent):
         raise ValueError(
-            f"{name} is not zero at component {axis} of body {body}, which does not exist: walls do not turn, and "
-            "disks move along x and y and turn about z, components 0, 1 and 5"
+            f"{name} must be zero at component {axis} of body {body}, which does not exist: walls do not rotate, and "
+            "disks have the components 0, 1 and 5 (x, y, rotation about z)"
         )
     return value
 
@@ -276,8 +274,8 @@ def solve_directly(matrix, b: np.ndarray, order, frequency: float, scale: float)
         y = np.full(b.shape, np.inf)
     if not np.linalg.norm(y) * scale < WITHOUT_LIMIT * np.linalg.norm(b):
         raise ValueError(
-            f"frequency = {frequency:.9g} was given, at which the packing moves without limit, as at a resonance "
-            "without damping: give drag, a law with dashpots, or another frequency"
+            f"at frequency = {frequency:.9g} the response is unbounded, as at an undamped resonance: use drag, a law "
+            "with dashpots, or another frequency"
         )
     return y
 
@@ -320,7 +318,7 @@ def in_plane(state: State, **named) -> np.ndarray:
     ((name, value),) = named.items()
     rows, dim = as_rows(value, len(np.atleast_2d(value)), 3), state.cell.dim
     for row in rows[rows[:, dim:].any(axis=1)]:
-        raise ValueError(f"{name} = {row} was given for disks: its z component must be zero")
+        raise ValueError(f"the z component of {name} must be zero for disks, got {row}")
     return rows[:, :dim]
 
 
@@ -328,7 +326,7 @@ def require_direction(**named) -> None:
     """Raise ValueError with a one-sentence message if a vector (K, dim) is zero, or nearly so."""
     for name, value in named.items():
         if not (np.abs(value).max(axis=1) >= 1 / LARGEST).all():
-            raise ValueError(f"{name} = 0 was given, which has no direction: give a vector with a length")
+            raise ValueError(f"{name} = 0 has no direction: give a nonzero vector")
 
 
 def require_allowed(state: State, k: np.ndarray) -> None:
@@ -337,8 +335,8 @@ def require_allowed(state: State, k: np.ndarray) -> None:
     turns = k @ state.cell.vectors[:dim, :dim][state.cell.periodic[:dim].astype(bool)].T / (2 * np.pi)
     for worst in k[(np.abs(turns - np.round(turns)) > ALLOWED).any(axis=1)]:
         raise ValueError(
-            f"wave vector {worst} was given: its product with each vector of the periodic cell must be 2π times an "
-            "integer; see `allowed_wavevectors`"
+            "the product of a wave vector with each vector of the periodic cell must be 2π times an integer, got "
+            f"{worst}; see `allowed_wavevectors`"
         )
 
 
@@ -397,8 +395,8 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
 def stress_change(state: State, law: Law) -> np.ndarray:
     """(dim², N + W, 6) weights of the change of the stress σ_xx, σ_xy, …, row by row; compression positive.
 
-    They are the derivatives of `measure.stress` to the displacements in the fixed cell, with forces and branch vectors
-    that change and each contact held in its mode.
+    They are the derivatives of `measure.stress` to the displacements in the fixed cell, with changes of forces and
+    branch vectors, and each contact held in its mode.
 
     Raises
     ------
@@ -408,7 +406,7 @@ def stress_change(state: State, law: Law) -> np.ndarray:
     dim = state.cell.dim
     if len(state.walls.mass) or not state.cell.periodic[:dim].all():
         raise ValueError(
-            "a packing with walls or open sides was given: a stress needs a cell periodic in all dimensions"
+            "the packing has walls or open sides, but a stress needs a cell that is periodic in all dimensions"
         )
     free_cell = np.zeros((3, 3), bool)
     free_cell[:dim, :dim] = True
@@ -471,7 +469,7 @@ def complex_moduli(
     ------
     ValueError
         if the forces do not balance; if the state has walls, rigid groups, springs or open sides; if a frequency is
-        negative, or that of a resonance without damping; at ω = 0 where `elastic_moduli` raises it.
+        negative, or that of a resonance without damping; at ω = 0 as in `elastic_moduli`.
 
     Source
     ------

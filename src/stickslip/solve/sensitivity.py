@@ -6,9 +6,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 
-from ..core.arguments import NOT_NEGATIVE, checked
+from ..core.arguments import NOT_NEGATIVE, checked, knows_bonds
+from ..core.contacts.bonds import bond_rows
 from ..core.contacts.forces import FREE
-from ..core.contacts.jacobian import Linearisation, blocks_of, contact_blocks, linearise
+from ..core.contacts.jacobian import Linearisation, blocks_of, bond_blocks, contact_blocks, linearise
 from ..core.laws.builtin import Law, damping_model
 from ..core.progress import Report, silent
 from ..core.readable import readable
@@ -27,7 +28,7 @@ from .freedom import (
 from .linear import suitable_threads
 from .stability import LEFT_OUT, join_scopes
 
-AT_MOST = 2_500  # coordinates; all modes are computed within minutes
+AT_MOST = 2_500  # number of coordinates for which all modes are computed within minutes
 WORK = 5e9  # default limit of coordinates³ times spectra, about ten seconds
 LEAST = 3  # smallest default number of spectra, however large the packing
 
@@ -44,12 +45,12 @@ class ContactSensitivity(NamedTuple):
     condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at a pair's birth; NaN without
     contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
     derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
-    growth_rate: float  # of the fastest growing mode, 0 if none grows [1/time]
+    growth_rate: float  # growth rate of the fastest growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     contact: np.ndarray  # (K,) row of the contact list for each change
     i: np.ndarray  # (K,) the bodies in contact
     j: np.ndarray  # (K,)
-    what: np.ndarray  # (K,) "slides" or "opens"
+    what: np.ndarray  # (K,) "slides", "opens", or "breaks" of a bond
     mobilised: np.ndarray  # (K,) |F_t|/(μ F_n) of the unchanged contact, 1 at the Coulomb limit; NaN without friction
     predicted: np.ndarray  # (K,) growth rate after it, from neighbouring modes in pairs: valid for small changes only
     after: np.ndarray  # (K,) growth rate after it, from the full spectrum; NaN if not computed
@@ -90,6 +91,7 @@ class _ModeData(NamedTuple):
 
 
 @checked
+@knows_bonds
 def contact_sensitivity(
     state: State, law: Law, *, pair: int = 0, most: Annotated[int, NOT_NEGATIVE] | None = None, report: Report = silent
 ) -> ContactSensitivity:
@@ -98,9 +100,10 @@ def contact_sensitivity(
     A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For a small change of one contact, dλ = wᴴ dA v/(wᴴv). At the birth
     of a pair, wᴴv → 0 and the derivative diverges, because λ depends there on the square root of the change. For large
     changes the block of a contact is replaced: by zero if the contact opens; if it slides, by the block of a contact at
-    the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). Everything else is
-    unchanged: the spectrum is that at the moment of the change, before the forces find a new balance. Grains that
-    become rattlers through the change are excluded together with their contacts.
+    the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). A bond persists if
+    its contact opens or slides; its block vanishes if it breaks. Everything else is unchanged: the spectrum is that at
+    the moment of the change, before the forces find a new balance. Grains that become rattlers through the change are
+    excluded together with their contacts.
 
     Derivatives are those of differences to 1e-4, and `after` that of the changed packing to 1e-7. First-order shifts,
     `predicted`, have a correlation of 0.70 with `after` in 30 spheres (`tests/modes/test_sensitivity.py`).
@@ -127,7 +130,7 @@ def contact_sensitivity(
 
     Examples
     --------
-    Three disks that loads press together. If any one of their contacts opens, the chain that is left buckles:
+    Three disks that loads press together. If any one of their contacts opens, the remaining chain buckles:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -146,12 +149,12 @@ def contact_sensitivity(
     if not len(free):
         raise ValueError("the packing has only rattlers: sensitivities need grains that support each other")
     if len(free) > AT_MOST:
-        raise ValueError(f"{len(free)} coordinates were given: sensitivities need all modes and take at most {AT_MOST}")
+        raise ValueError(f"sensitivities need all modes, of at most {AT_MOST} coordinates, got {len(free)}")
     if (residual := force_imbalance(here)) > BALANCED_BELOW:
         raise ValueError(f"{no_equilibrium_message(residual)}; equilibrate the packing first")
     with suitable_threads(len(free)):
         modes = _compute_modes(here, free)
-        growth, verdict = _assess(modes.values)
+        growth, verdict = assess(modes.values)
         rows = here.rows
         bodies = np.stack([state.contacts.i[rows], state.contacts.j[rows]])
         rows = rows[np.isin(bodies, free.body).any(axis=0)]
@@ -163,7 +166,7 @@ def contact_sensitivity(
         after, verdicts = np.full(len(changes), np.nan), np.full(len(changes), "", dtype="<U24")
         for k, row in enumerate(chosen):
             report("sensitivity to contacts", k / len(chosen), f"{k} of {len(chosen)} spectra")
-            after[row], verdicts[row] = _assess(_eigenvalues_after(here, modes, free, *changes[row]))
+            after[row], verdicts[row] = assess(_eigenvalues_after(here, modes, free, *changes[row]))
     missing = len(changes) - len(chosen)
     scope = f"{missing} of {len(changes)} changes were evaluated by first-order shifts only" if missing else ""
     sliding = "contacts at the Coulomb limit are assumed to keep sliding" if len(here.at_limit) else ""
@@ -196,7 +199,7 @@ def _compute_modes(here: LinearisedState, free: Freedom) -> _ModeData:
     return _ModeData(matrix, values, right, left, sparse.csc_array(columns), blocks, line.force)
 
 
-def _assess(values: np.ndarray) -> tuple[float, str]:
+def assess(values: np.ndarray) -> tuple[float, str]:
     """Fastest growth rate and verdict, with the thresholds of `stability`."""
     if not len(values):
         return 0.0, "falls apart"
@@ -216,7 +219,7 @@ def _pair_sensitivity(modes: _ModeData, rows: np.ndarray, pair: int):
     if not len(pairs) and pair == 0:
         return None, np.nan, np.zeros(0, complex)
     if not 0 <= pair < len(pairs):
-        raise ValueError(f"pair = {pair} was given: this packing has {len(pairs)} pairs, counted from 0")
+        raise ValueError(f"pair {pair} does not exist: this packing has {len(pairs)} pairs, numbered from 0")
     p = pairs[pair]
     left, right = modes.left[p] @ modes.incidence, modes.right[:, p] @ modes.incidence
     left, right = (x.reshape(len(modes.blocks), -1)[rows] for x in (left, right))
@@ -234,7 +237,12 @@ def _list_changes(here: LinearisedState, modes: _ModeData, rows: np.ndarray) -> 
     slid_blocks[still] = contact_blocks(with_mode(slid, still, OPEN), law, memory=FREE)[0][still]
     sticks = (state.contacts.mode[rows] == STICK) & (line.limit[rows] > 0)
     sliding = [(c, "slides", slid_blocks[c] - blocks[c], slid_force[c] - force[c]) for c in rows[sticks]]
-    return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
+    if not state.bonds:
+        return [*sliding, *((c, "opens", -blocks[c], -force[c]) for c in rows)]
+    held, cement = bond_blocks(state), np.broadcast_to(line.bond, force.shape)
+    bonded = np.intersect1d(rows, bond_rows(state.bonds, state.contacts)[state.bonds.intact])
+    opening = [(c, "opens", held[c] - blocks[c], cement[c] - force[c]) for c in rows[line.closed[rows] > 0]]
+    return [*sliding, *opening, *((c, "breaks", -held[c], -cement[c]) for c in bonded)]
 
 
 def _with_all_sliding(state: State, line: Linearisation) -> State:
@@ -261,7 +269,7 @@ def _predict_growth(modes: _ModeData, row: int, block: np.ndarray) -> float:
     coupling = (left[a] * right[b]).sum(axis=1) * (left[b] * right[a]).sum(axis=1)
     middle, half = (shifted[a] + shifted[b]) / 2, (shifted[a] - shifted[b]) / 2
     root = np.sqrt(half**2 + coupling)
-    return _assess(np.concatenate([middle + root, middle - root]))[0]
+    return assess(np.concatenate([middle + root, middle - root]))[0]
 
 
 def _eigenvalues_after(
@@ -271,10 +279,18 @@ def _eigenvalues_after(
     state, rows = here.state, here.rows
     if what == "slides":
         return eigvals(_changed_matrix(state, modes, free, [(row, block, force)]), overwrite_a=True)
-    left = backbone(with_mode(state, row, OPEN), here.law)
+    if what == "breaks":
+        intact = bond_rows(state.bonds, state.contacts) != row
+        after = state._replace(bonds=state.bonds._replace(intact=state.bonds.intact & intact))
+    else:
+        after = with_mode(state, row, OPEN)
+    left = backbone(after, here.law)
     loose = np.setdiff1d(free.body, left.body)
     gone = rows[np.isin(state.contacts.i[rows], loose) | np.isin(state.contacts.j[rows], loose) | (rows == row)]
-    matrix = _changed_matrix(state, modes, free, [(c, -modes.blocks[c], -modes.force[c]) for c in gone])
+    lost = [(c, -modes.blocks[c], -modes.force[c]) for c in gone if c != row]
+    alone = not np.isin([state.contacts.i[row], state.contacts.j[row]], loose).any()
+    changed = (row, block, force) if alone else (row, -modes.blocks[row], -modes.force[row])
+    matrix = _changed_matrix(state, modes, free, [*lost, changed])
     kept = np.searchsorted(free.component, left.component)
     return eigvals(matrix[np.ix_(kept, kept)], overwrite_a=True)
 

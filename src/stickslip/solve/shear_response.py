@@ -1,9 +1,9 @@
 """Linear response of a packing to shear or compression: non-affine motion, tangent modulus, and softest modes.
 
-Grains that almost float dominate the smallest eigenvalue of a packing without mattering to it. They are pruned: first
-all contacts whose overlap is below a given share of the mean overlap, then, again and again, all grains that are left
-with fewer contacts than dimensions (with at most as many, without friction). Every contact between the remaining grains
-counts, however small: where it slides or opens, they may fail.
+Grains that almost float dominate the smallest eigenvalue of a packing but do not affect its mechanics. They are pruned:
+first all contacts whose overlap is below a given fraction of the mean overlap, then, repeatedly, all grains with fewer
+contacts than dimensions (or, without friction, at most as many). All contacts between the remaining grains count,
+however small: these grains may fail when such a contact slides or opens.
 """
 
 from functools import cached_property
@@ -13,9 +13,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigvals
 
-from ..core.arguments import checked
+from ..core.arguments import checked, knows_bonds
+from ..core.contacts.bonds import bond_rows, is_beam
 from ..core.contacts.forces import HELD, forces
-from ..core.contacts.jacobian import blocks_of, contact_blocks, linearise
+from ..core.contacts.jacobian import blocks_of, bond_blocks, contact_blocks, linearise
 from ..core.dynamics.cell_motion import strained
 from ..core.laws.builtin import MU, Law
 from ..core.measure import branch_vectors, overlaps, touching, volume
@@ -30,28 +31,29 @@ from .spectrum import REAL_BELOW
 SOLVED = 1e-9  # largest relative residual of the non-affine motion
 FLOATS = 1e-12  # singular value, over the largest one, below which a motion is not resisted
 SHIFT = 1e-9  # added to the diagonal of large systems, over their largest entry
-SMALL_STRAIN = 1e-8  # of finite differences
+SMALL_STRAIN = 1e-8  # step of finite differences
 XY = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-PRUNE = 2e-3  # share of the mean overlap below which a contact does not support anything
+PRUNE = 2e-3  # fraction of the mean overlap below which a contact does not support grains
 
 
 @readable
 class Support(NamedTuple):
-    """Grains that are left after pruning, and the contacts between them."""
+    """Grains remaining after pruning, and the contacts between them."""
 
     contacts: np.ndarray  # (C,) bool, of all pairs in the list
     grains: np.ndarray  # (N,) bool
 
 
 @checked
+@knows_bonds
 def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
-    """Prune contacts with small overlaps, then grains that have too few contacts left, until nothing changes.
+    """Prune contacts with small overlaps, then repeatedly grains with too few contacts.
 
-    Small contacts between grains that are left support something and are kept.
+    Small contacts between remaining grains are kept. Bonds are not pruned; a single beam can hold a grain.
 
     Parameters
     ----------
-    prune : share of the mean overlap below which a contact is pruned
+    prune : fraction of the mean overlap below which a contact is pruned
 
     Examples
     --------
@@ -66,9 +68,14 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
     rows, kept, touches = touching(state), np.zeros(count, bool), np.zeros(count, bool)
     touches[rows] = True
     overlap = overlaps(state)
-    kept[rows] = overlap[rows] >= prune * overlap[rows].mean() if len(rows) else False
+    closed = rows[overlap[rows] > 0]
+    kept[closed] = overlap[closed] >= prune * overlap[closed].mean() if len(closed) else False
+    holds = np.ones(count)
+    if state.bonds:
+        held, beams = bond_rows(state.bonds, state.contacts), is_beam(state.bonds, state.cell.dim)
+        kept[held[state.bonds.intact]], holds[held[beams]] = True, least
     while True:
-        number = np.bincount(np.append(i[kept], j[kept]), minlength=state.n_bodies)[:n]
+        number = np.bincount(np.append(i[kept], j[kept]), np.tile(holds[kept], 2), state.n_bodies)[:n]
         loose = np.append(number < least, np.zeros(state.n_bodies - n, bool))
         now = kept & ~loose[i] & ~loose[j]
         if np.array_equal(now, kept):
@@ -93,7 +100,7 @@ class Response:
 
     @cached_property
     def free(self) -> Freedom:
-        """Coordinates of the supported grains, without rotations that nothing resists."""
+        """Coordinates of the supported grains, without unresisted rotations."""
         free = freedom(self.state).without(~self.support.grains)
         return _without_floating(assembled(self.state, self._supported_blocks(), free), free)
 
@@ -129,7 +136,7 @@ class Response:
         matrix = assembled(self.state, self.blocks, free)
         free = _without_floating(matrix, free)
         matrix = assembled(self.state, self.blocks, free)
-        if len(free) >= DENSE_BELOW:  # a small shift holds translations and what floats
+        if len(free) >= DENSE_BELOW:  # a small shift holds translations and floating grains
             shift = SHIFT * np.abs(matrix.data).max() * sparse.eye_array(len(free), format="csr")
             return factorised(sparse.csr_array(shift - matrix))(self._pull(free)), free
         full, rigid = matrix.toarray(), _translations(free, np.ones(len(free)))
@@ -139,7 +146,7 @@ class Response:
 
     def _pull(self, free: Freedom) -> np.ndarray:
         """(n,) derivative of the generalised forces with respect to the strain, at affine motion [force]."""
-        if not self.slip:  # the memory moves with the flow: there are no blocks for that
+        if not self.slip:  # the memory moves with the flow, for which there are no blocks
             ends = (strained(self.state, SMALL_STRAIN * sign * self.gradient, slip=False) for sign in (1, -1))
             plus, minus = (residual_vector(s, forces(s, self.law, memory=HELD)[0], free) for s in ends)
             return (plus - minus) / (2 * SMALL_STRAIN)
@@ -183,12 +190,12 @@ class Response:
         return rows[np.argsort(-self.mobilisation[rows], kind="stable")][:most]
 
     def eigenvalues_if(self, row: int, mode: int = SLIDE) -> np.ndarray:
-        """Eigenvalues if one contact slides, or is open, while all others stay as they are [1/time²]."""
+        """Eigenvalues if one contact slides or is open while all others are unchanged [1/time²]."""
         if (int(row), mode) in self._known:
             return self._known[int(row), mode]
         blocks = self._supported_blocks()
         if mode == OPEN:
-            blocks[row] = 0.0
+            blocks[row] = bond_blocks(self.state)[row] if self.state.bonds else 0.0
         else:
             blocks[row] = contact_blocks(with_mode(self.state, row, mode), self.law)[0][row]
         self._known[int(row), mode] = _eigenvalues(self._dynamical(blocks, self.free))
@@ -247,7 +254,7 @@ def _translations(free: Freedom, weight: np.ndarray) -> np.ndarray:
 
 
 def _without_floating(matrix, free: Freedom) -> Freedom:
-    """Freedom without coordinates that nothing resists, such as rotations without friction."""
+    """Freedom without unresisted coordinates, such as rotations without friction."""
     size = np.abs(matrix).sum(axis=1)
     kept = size > HELD_ABOVE * size.max(initial=0.0)
     return free if kept.all() else free.only(kept)

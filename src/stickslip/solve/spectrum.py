@@ -3,7 +3,7 @@
 from typing import Literal, NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
+import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import eig, eigvals
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
@@ -17,13 +17,13 @@ from .balance import BALANCED_BELOW, force_imbalance, linearised
 from .freedom import ZERO_BELOW, Freedom, backbone, dynamical_matrix, equations_of_motion, freedom, translations
 from .linear import factorised, suitable_threads
 
-ALL_UP_TO = 120  # coordinates up to which all eigenvalues are computed where a few would do
-SOFTEST = 40  # eigenvalues nearest to zero that are computed if not all are
+ALL_UP_TO = 120  # number of coordinates up to which all eigenvalues are computed even if a few suffice
+SOFTEST = 40  # number of eigenvalues nearest to zero that are otherwise computed
 NEGATIVE_BELOW = 1e-8  # a scaled eigenvalue of the symmetric part above minus this is not negative
 REAL_BELOW = 1e-9  # |Im λ| below this share of the largest |λ| is round-off: J carries noise of 1e-15
-DENSE_UP_TO = 2_500  # coordinates whose density of states takes half a minute
+DENSE_UP_TO = 2_500  # number of coordinates whose density of states takes half a minute
 PROBES = 16  # random vectors for its trace
-MARGIN = 0.01  # beyond its bounds, over the width of the spectrum; they are computed to a tenth of it
+MARGIN = 0.01  # margin of the bounds over the width of the spectrum; bounds are computed to a tenth of it
 SHARP = 4.0  # ratio of the bin width to the resolution of the polynomials
 
 
@@ -116,8 +116,8 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
         raise ValueError("nothing is free to move: the spectrum needs at least one free coordinate")
     if len(free) > 10_000:
         raise ValueError(
-            f"{len(free)} coordinates were given: the dense spectrum takes at most 10000; "
-            f"use `complex_pairs` up to 12000 and `fastest_pair` beyond"
+            f"the dense spectrum supports at most 10000 coordinates, got {len(free)}: use `complex_pairs` up to 12000 "
+            "and `fastest_pair` beyond"
         )
     here, root = linearised(state, law), np.sqrt(free.mass)
     matrix = here.dynamical_matrix(free).toarray()
@@ -215,7 +215,7 @@ def damped_growth(
 ) -> np.ndarray:
     """Exponents s of exp(st) of the linearised motion M q̈ = J q + C q̇ − M ν q̇, sorted by real part, largest first.
 
-    All free coordinates take part, those of rattlers and common translations too: without drag each adds s = 0 twice.
+    All free coordinates are included, also rattlers and common translations: without drag, each adds s = 0 twice.
     All eigenvalues are computed, by LAPACK: the exponents of a single contact are those of its closed form to 1e-12
     (`tests/unit/test_damped.py`).
 
@@ -330,7 +330,7 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
     """
     modes = np.asarray(modes)
     if modes.ndim != 2 or len(modes) != len(free):
-        raise ValueError(f"modes of shape {modes.shape} were given: (n, K) with n = {len(free)} as in `free` is needed")
+        raise ValueError(f"modes must have shape (n, K) with n = {len(free)} as in `free`, got {modes.shape}")
     bodies, where = np.unique(free.body, return_inverse=True)
     weight = np.zeros((len(bodies), modes.shape[1]))
     np.add.at(weight, where, free.mass[:, None] * np.abs(modes) ** 2)
@@ -401,9 +401,7 @@ def density_of_states(
     if method == "auto":
         method = "dense" if len(free) <= DENSE_UP_TO else "polynomials"
     if method == "dense" and len(free) > 10_000:
-        raise ValueError(
-            f"{len(free)} coordinates were given: the method 'dense' takes at most 10000; use 'polynomials'"
-        )
+        raise ValueError(f"the method 'dense' supports at most 10000 coordinates, got {len(free)}: use 'polynomials'")
     matrix = dynamical_matrix(state, law, free)
     if method == "dense":
         with suitable_threads(len(free)):
@@ -413,7 +411,7 @@ def density_of_states(
 
 def _bin_edges(bins, largest: float) -> np.ndarray:
     if np.ndim(bins) == 0 and not (isinstance(bins, int | np.integer) and bins > 0):
-        raise ValueError(f"bins = {bins} was given: a number of bins, at least 1, or their edges are needed")
+        raise ValueError(f"bins must be their number, at least 1, or their edges, got {bins}")
     edges = np.linspace(0.0, largest, bins + 1) if np.ndim(bins) == 0 else np.asarray(bins, float)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all() or edges[0] < 0:
         raise ValueError("the bin edges must be at least two increasing frequencies, none of them negative")
@@ -426,7 +424,7 @@ def _count_modes(values: np.ndarray, bins) -> DensityOfStates:
     negative = ~zero & ~complex_ones & (values.real < 0)
     rings = ~zero & ~negative
     frequency = np.abs(np.sqrt(values).real)
-    # keep the largest frequency in the last bin in spite of round-off
+    # keep the largest frequency in the last bin despite round-off
     edges = _bin_edges(bins, frequency.max(initial=0.0) * (1 + 1e-12) or 1.0)
     per = n * np.diff(edges)
     density, of_pairs = (np.histogram(frequency[chosen], edges)[0] / per for chosen in (rings, rings & complex_ones))
@@ -442,7 +440,7 @@ def _estimate_density(matrix, rigid: np.ndarray, bins, probes: int, seed: int, r
     With λ = centre + half cos θ, a resolution of π/K in θ corresponds to √λ_max/2 π/K in ω.
     """
     if probes < 2:
-        raise ValueError(f"probes = {probes} was given: at least 2 are needed to estimate the error")
+        raise ValueError(f"probes must be at least 2, to estimate the error, got {probes}")
     n, rng = matrix.shape[0], np.random.default_rng(seed)
     low, high = _spectral_bounds(matrix, rng.standard_normal(n))
     edges = _bin_edges(bins, float(np.sqrt(high)))
@@ -481,5 +479,5 @@ def _spectral_bounds(matrix, start: np.ndarray) -> tuple[float, float]:
         return float(eigsh(of, k=1, which="LA", tol=0.1 * MARGIN, v0=start, return_eigenvectors=False)[0])
 
     high = top(symmetric)
-    low = min(high - top(high * eye - symmetric), 0.0)  # the smallest may be zero, where a relative tolerance fails
+    low = min(high - top(high * eye - symmetric), 0.0)  # the smallest may be zero, for which a relative tolerance fails
     return low - MARGIN * (high - low), high + MARGIN * (high - low)

@@ -1,4 +1,4 @@
-"""Stability of an accepted state, with the modes that decide it; with dashpots, from M q̈ = J q + C q̇."""
+"""Stability of an accepted state, with the decisive modes; with dashpots, from M q̈ = J q + C q̇."""
 
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -39,10 +39,10 @@ MIXED = (
 )
 UNLOADED = "decreasing overlaps, for which this law shortens slips, were not considered: overlaps were assumed to grow"
 NEAR = 0.01  # gap of grains that nearly touch, over the smaller radius
-LEFT_OUT = "the dashpots of the law were left out"
-DENSE_UP_TO, PAIRS_UP_TO = 1_500, 12_000  # coordinates: LAPACK is the fastest below the first
-METHODS = {  # what was computed, in words
-    "none": "no spectrum, because the forces do not balance; name a method to have it all the same",
+LEFT_OUT = "the dashpots of the law were ignored"
+DENSE_UP_TO, PAIRS_UP_TO = 1_500, 12_000  # numbers of coordinates: LAPACK is fastest below the first
+METHODS = {  # description of the computation
+    "none": "no spectrum, because the forces do not balance; choose a method to compute it anyway",
     "dense": "all eigenvalues by LAPACK",
     "pairs": "all complex pairs from the modes of the symmetric part",
     "certify": "all complex pairs, and a certificate of the real eigenvalues",
@@ -61,8 +61,8 @@ MOST_PAIRS = 8  # growing modes in a table
 class Stability(NamedTuple):
     """Stability of the linearised motion around a state, without rattlers.
 
-    It is a verdict only if the forces balance. Otherwise it describes how the motion begins. With dashpots, λ = −s² for
-    the growing exponents s of M q̈ = J q + C q̇.
+    It is a verdict only if the forces balance. Otherwise it describes the beginning of the motion. With dashpots, λ =
+    −s² for the growing exponents s of M q̈ = J q + C q̇.
     """
 
     n: int  # number of grains
@@ -76,18 +76,18 @@ class Stability(NamedTuple):
     rigid: int  # zero modes that are translations of the whole packing
     modes: np.ndarray  # (n, P + K) generalised displacements of the pairs, then of the negative λ
     free: Freedom
-    method: str  # the way used: "dense", "pairs", "certify", "fastest" or "none"; `way` describes it
+    method: str  # method used: "dense", "pairs", "certify", "fastest" or "none"; `way` describes it
     scope: str  # limits of the analysis, in words
     causes: tuple[str, ...]  # possible reasons why forces do not balance, see `likely_causes`; empty if they do
     at_limit: int = 0  # contacts at the Coulomb limit under sharp friction; this spectrum assumes that all keep sliding
     if_stuck: "Stability | None" = None  # stability if these contacts stick; None without such contacts
     undamped: "Stability | None" = None  # stability without the dashpots of the law; None if it has none
     slowest: complex | None = None  # exponent of the slowest decay with dashpots, if all were computed [1/time]
-    bonded: int = 0  # contacts, also across gaps, that an intact bond holds
+    bonded: int = 0  # contacts with an intact bond, also across gaps
 
     @property
     def way(self) -> str:
-        """What was computed, in words."""
+        """Description of the computation."""
         return METHODS[self.method]
 
     @property
@@ -102,7 +102,7 @@ class Stability(NamedTuple):
 
     @property
     def stable(self) -> bool | None:
-        """True if no growing mode was found; floppy modes are counted, but do not matter.
+        """True if no growing mode was found, whether or not there are floppy modes.
 
         None away from equilibrium, or if a mode grows only while contacts at the Coulomb limit keep sliding.
         """
@@ -155,8 +155,9 @@ class Stability(NamedTuple):
 def combine_stability(grows: bool, stuck) -> bool | None:
     """Combine the verdicts for contacts at the Coulomb limit when they keep sliding and when they stick.
 
-    Small disturbances make these contacts stick, so a mode that grows in this case does grow. A mode that grows only if
-    all of them keep sliding in one direction needs a motion that keeps them sliding; the verdict is then undecided.
+    Small disturbances make these contacts stick, so a mode that grows in this case is unstable. A mode that grows only
+    while all of them keep sliding in one direction requires a motion that keeps them sliding; the verdict is then
+    undecided.
     """
     if stuck is None or stuck.grows or not grows:
         return not (grows if stuck is None else stuck.grows)
@@ -164,7 +165,7 @@ def combine_stability(grows: bool, stuck) -> bool | None:
 
 
 def combine_motions(count: int, sliding, stuck) -> str:
-    """Verdict in words, from both spectra if there are two."""
+    """Verdict in words, combining both spectra if there are two."""
     if stuck is None or not (sliding.grows or stuck.grows):
         return sliding.motion
     undecided, verb = "" if stuck.grows else "not decided: ", "sticks" if count == 1 else "stick"
@@ -188,23 +189,23 @@ def stability(
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
 
     A state with a residual above `BALANCED_BELOW` of the mean contact force is not in equilibrium. Then `stable` is
-    None, `verdict` says so, `causes` lists possible reasons, and the spectrum is computed only with a method other than
-    "auto". The mode of each contact is determined by its slip under this law, which may differ from the law under
-    which the state was accepted. With sharp friction, a contact at
-    the Coulomb limit slides or sticks depending on the direction in which it is pushed. The spectrum assumes that all
-    such contacts slide, and `if_stuck` assumes that all of them stick; the verdict states both results if they differ.
-    Under a law with `rescaled=True`, the spectrum assumes that no contact is being unloaded, and `scope` says so.
+    None, `verdict` states it, `causes` lists possible reasons, and the spectrum is computed only with a method other
+    than "auto". The mode of each contact is determined by its slip under this law, which may differ from the law under
+    which the state was accepted. With sharp friction, a contact at the Coulomb limit slides or sticks depending on the
+    direction in which it is pushed. The spectrum assumes that all such contacts slide, and `if_stuck` assumes that all
+    of them stick; the verdict states both results if they differ. Under a law with `rescaled=True`, the spectrum
+    assumes that no contact is being unloaded, as `scope` states.
 
     Dashpots of the law may stabilise a packing or destabilise it. They are included: the verdict is that of the
     exponents s of M q̈ = J q + C q̇, and `undamped` holds the analysis without them.
 
     Parameters
     ----------
-    dashpots : if False, dashpots of the law are left out, and every complex pair grows
-    method : what is asked: "fastest" (the fastest growing pair), "all" (all complex pairs), "certify" (also a
+    dashpots : if False, dashpots of the law are ignored, and every complex pair grows
+    method : task: "fastest" (the fastest growing pair), "all" (all complex pairs), "certify" (also a
         certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
-        coordinates, "fastest" beyond). Each takes the cheapest way, which `Stability.method` names: LAPACK up to 1500
-        coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) name a way themselves. With dashpots,
+        coordinates, "fastest" beyond). Each uses the cheapest algorithm, given by `Stability.method`: LAPACK up to 1500
+        coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
         all exponents are computed of up to 1250 coordinates (with "dense", 4000); in larger packings, those near the
         exponents of the undamped motion, which are found with this method. There is no certificate then
     saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
@@ -303,25 +304,23 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: 
 
 
 def _near_contacts(state: State) -> str:
-    """Sentence on grains that nearly touch, as rigid ones do; empty for others."""
+    """Sentence on grains that nearly touch, as in packings of rigid grains; empty otherwise."""
     gap, size = -overlaps(state), np.append(state.grains.radius, np.full(len(state.walls.mass), np.inf))
     count = int(state.contacts.count[0])
     small = np.minimum(size[state.contacts.i[:count]], size[state.contacts.j[:count]])
     near = int(((gap[:count] > 0) & (gap[:count] < NEAR * small)).sum())
-    told = "as of rigid grains, whose forces must come with them"
+    told = "as in packings of rigid grains, for which forces must also be given"
     return f", and {near} pairs have gaps below {100 * NEAR:g} % of a radius, {told}" if near else ""
 
 
 def _cheapest_way(method: str, size: int) -> str:
-    """The cheapest way to answer what is asked of `size` coordinates: a key of METHODS."""
+    """The cheapest algorithm for a task with `size` coordinates: a key of METHODS."""
     if method == "dense" and size > 10_000:
-        raise ValueError(
-            f"{size} coordinates were given: the method 'dense' takes at most 10000; use 'pairs' or 'fastest'"
-        )
+        raise ValueError(f"the method 'dense' supports at most 10000 coordinates, got {size}: use 'pairs' or 'fastest'")
     if method in ("all", "pairs", "certify") and size > PAIRS_UP_TO:
         time = f", and would take about {format_seconds(certificate_seconds(size))}" if method == "certify" else ""
         raise ValueError(
-            f"{size} coordinates were given: the method {method!r} takes at most {PAIRS_UP_TO}{time}; use 'fastest'"
+            f"the method {method!r} supports at most {PAIRS_UP_TO} coordinates{time}, got {size}: use 'fastest'"
         )
     if method in ("auto", "fastest", "all") and size <= DENSE_UP_TO:
         return "dense"
@@ -376,7 +375,7 @@ def _summary(result: Stability) -> str:
 
 
 def _rows(result: Stability):
-    """Rows of a table: the verdict and what it rests on, then the growing modes, the fastest first."""
+    """Rows of a table: the verdict and its basis, then the growing modes, fastest first."""
     yield "verdict", result.verdict
     for cause in result.causes:
         yield "possible reason", cause
@@ -384,7 +383,7 @@ def _rows(result: Stability):
     yield "contacts that touch", result.contacts
     yield "bonded contacts", result.bonded or None
     yield "contacts at the Coulomb limit", result.at_limit or None
-    yield "rattlers", len(result.rattlers), "", "grains that nothing holds, left out"
+    yield "rattlers", len(result.rattlers), "", "grains without support, excluded"
     yield "residual", result.residual, "", "largest unbalanced force over the mean contact force"
     slides = "if all contacts at the limit keep sliding" if result.if_stuck else ""
     for k, (rate, frequency) in enumerate(zip(result.growth_rate, result.frequency, strict=True)):
@@ -404,18 +403,18 @@ def _rows(result: Stability):
 
 
 def check_damped_method(method: str, size: int) -> None:
-    """Raise ValueError if a method of `stability` cannot treat `size` coordinates with dashpots."""
+    """Raise ValueError if a method of `stability` does not support `size` coordinates with dashpots."""
     if method == "certify":
-        raise ValueError("method 'certify' was given for a law with dashpots: use 'all', or leave the dashpots out")
+        raise ValueError("method 'certify' does not support dashpots: use 'all', or omit them")
     if size > FACTORS_UP_TO:
         raise ValueError(
-            f"{size} coordinates were given for a law with dashpots: at most {FACTORS_UP_TO} are allowed; leave the "
-            "dashpots out"
+            f"the method 'fastest' with dashpots supports at most {FACTORS_UP_TO} coordinates, got {size}: omit the "
+            "dashpots"
         )
     if method == "dense" and size > DAMPED_AT_MOST:
         raise ValueError(
-            f"{size} coordinates were given: the method 'dense' with dashpots takes at most {DAMPED_AT_MOST}; use "
-            f"'pairs' or 'fastest', or leave the dashpots out"
+            f"the method 'dense' with dashpots supports at most {DAMPED_AT_MOST} coordinates, got {size}: use 'pairs' "
+            "or 'fastest', or omit the dashpots"
         )
 
 
@@ -498,7 +497,7 @@ def _exponents_near(pull, drag, shift: complex, count: int) -> tuple[np.ndarray,
     """Exponents nearest to a shift σ, and their modes; (A − σ)⁻¹ takes one factorisation of σ² + σ C + K."""
     n = pull.shape[0]
     quadratic = sparse.csc_array(shift**2 * sparse.eye_array(n) + shift * drag + pull)
-    # the pattern is symmetric: an ordering that uses this has a tenth of the fill of the default
+    # an ordering that uses the symmetric pattern has a tenth of the fill of the default
     solve = splu(quadratic, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=1e-2, options={"SymmetricMode": True})
 
     def inverse(x):

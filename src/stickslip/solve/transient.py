@@ -28,7 +28,7 @@ from .linear import suitable_threads
 from .response import as_patterns, forced_motion
 from .spectrum import REAL_BELOW
 
-AT_MOST = 1_500  # coordinates; eigenvectors and a few hundred largest singular values are computed within minutes
+AT_MOST = 1_500  # number of coordinates for which eigenvectors and a few hundred singular values take minutes
 NOTHING = 1e-9  # excess of the bound over 1 up to which no search is needed
 COARSE = 1e-3  # relative residual of a singular vector; the singular value is accurate to about its square
 SMALL = 150  # size up to which LAPACK finds the largest singular value faster than Lanczos' method
@@ -37,7 +37,7 @@ SYMMETRIC = 1e-13  # largest asymmetry of a symmetric matrix, over its largest e
 PAIRS = 8  # pairs of nearly coinciding modes whose beats are searched
 PERIODS = 20  # periods of the slowest mode in the default window, unless a beat is longer
 FINE = 24  # times around each of the best times, first between samples, then within a period on either side
-COVARIANCES_UP_TO = 400  # coordinates; matrices of four times this size are diagonalised within a minute
+COVARIANCES_UP_TO = 400  # number of coordinates; matrices of four times this size are diagonalised within a minute
 CLOSE = 1e-6  # relative accuracy of the distance to instability
 
 
@@ -139,9 +139,7 @@ def transient_growth(
     require_sizes([Size(f"samples = {samples} makes", samples, "samples", "use fewer")])
     free = backbone(state, law)
     if len(free) > AT_MOST:
-        raise ValueError(
-            f"{len(free)} coordinates were given: transient growth needs all modes and takes at most {AT_MOST}"
-        )
+        raise ValueError(f"transient growth needs all modes, of at most {AT_MOST} coordinates, got {len(free)}")
     basis, pull, drag = reduced_matrices(state, law, free)
     with suitable_threads(len(pull)):
         motion, root = _modal_motion(pull, drag, norm)
@@ -299,9 +297,7 @@ def _search_times(motion: _ModalMotion, pairs, duration: float | None, samples: 
     if duration is None:
         duration = max([PERIODS * 2 * np.pi / slowest, *(2 * time for _, time, *_ in pairs[:1])])
     if not (np.isfinite(duration) and duration > 0 and samples >= 2):
-        raise ValueError(
-            f"duration = {duration}, samples = {samples} were given: a positive time and at least 2 samples are needed"
-        )
+        raise ValueError(f"duration must be positive and samples at least 2, got {duration} and {samples}")
     beats = [time for _, time, *_ in pairs if time <= duration]
     amplitude = _amplitude_function(motion)
     early = np.geomspace(0.1 / np.abs(motion.exponents).max(), duration, samples // 3)
@@ -369,10 +365,10 @@ def _optimal_start(motion: _ModalMotion, t: float) -> tuple[float, np.ndarray]:
 
 @readable
 class Fluctuations(NamedTuple):
-    """Stationary covariances under noise, and three measures of what amplifies it."""
+    """Stationary covariances under noise, and three measures of its amplification."""
 
     displacement: np.ndarray  # (n, n) ⟨q qᵀ⟩ in the coordinates `free`, without common translations [length²]
-    velocity: np.ndarray  # (n, n) ⟨q̇ q̇ᵀ⟩, without common translations, too [length²/time²]
+    velocity: np.ndarray  # (n, n) ⟨q̇ q̇ᵀ⟩, likewise without common translations [length²/time²]
     kinetic: (
         float  # ½⟨q̇ᵀ M q̇⟩ over the number of modes [energy]; T/2 where forces have a potential and noise is thermal
     )
@@ -384,7 +380,7 @@ class Fluctuations(NamedTuple):
 
     @property
     def non_normality(self) -> float:
-        """decay/distance: how much nearer an instability is than the spectrum says; 1 for orthogonal modes."""
+        """decay/distance: the factor by which the spectrum overestimates the distance; 1 if modes are orthogonal."""
         return self.decay / self.distance
 
 
@@ -399,9 +395,9 @@ def stationary_fluctuations(
     a potential; friction has none, and feeds or cools modes. Distance and condition number are those in the norm of
     the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
 
-    Common translations that nothing resists (the centre of mass in a periodic cell), and coordinates that nothing
-    resists, are taken out of motion and noise; each translation adds T/(Σm) to the velocities of a run. The number
-    of modes is that of the coordinates that are left.
+    Unresisted common translations (the centre of mass in a periodic cell) and unresisted coordinates are removed from
+    motion and noise; each translation adds T/(Σm) to the velocities of a run. The number of modes is that of the
+    remaining coordinates.
 
     In runs of 2000 decay times under noise on one grain, the variance of its displacement was 2 to 5 % smaller, with a
     statistical error of 3 % (`tests/modes/test_response.py`).
@@ -437,7 +433,7 @@ def stationary_fluctuations(
     motion = forced_motion(state, law, drag, spin_drag)
     free = motion.free
     if len(free) > COVARIANCES_UP_TO:
-        raise ValueError(f"{len(free)} coordinates were given: covariances take at most {COVARIANCES_UP_TO}")
+        raise ValueError(f"covariances support at most {COVARIANCES_UP_TO} coordinates, got {len(free)}")
     basis, pull, _ = reduced_matrices(motion.here.state, law, free)
     drags = basis.T @ (motion.drag @ basis)
     force = temperature * (drags + drags.T)
@@ -452,9 +448,7 @@ def stationary_fluctuations(
         if rate > REAL_BELOW * scale:
             raise_unstable(rate)
         if rate > -REAL_BELOW * scale:
-            raise ValueError(
-                "a mode that nothing damps was found, which noise heats without limit: give drag and spin_drag"
-            )
+            raise ValueError("an undamped mode is heated by noise without limit: give drag and spin_drag")
         inner = np.zeros((2 * n, 2 * n))
         inner[n:, n:] = force
         covariance = solve_continuous_lyapunov(dynamics, -inner)

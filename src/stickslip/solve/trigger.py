@@ -20,7 +20,7 @@ FINE = 0.1  # time step over the largest stable one
 SNAPSHOTS = 200  # times of a pulse at which contacts are examined
 SLOWLY = 200  # decay times in which slowly raised shaking reaches the predicted amplitude
 NARROW = 1e-3  # relative accuracy of the amplitude found by pulses
-MOST_RUNS = 60  # of pulses until they trigger
+MOST_RUNS = 60  # factor between amplitudes of pulses until they trigger
 
 
 @readable
@@ -40,16 +40,17 @@ def trigger_amplitude(
     spin_drag: NotNegative | None = None,
     dynamics: bool = True,
 ) -> Trigger:  # fmt: skip
-    """Smallest amplitude of a drive at which a contact first reaches the Coulomb limit: how strong must a wave be?
+    """Smallest amplitude of a drive, such as a wave, at which a contact first reaches the Coulomb limit.
 
     The prediction moves the grains along the linear response, with its velocities, and finds the first contact that
     slides under the exact law, dashpots included. Dynamics raises steady shaking slowly, over 200 decay times, or
     repeats a pulse with bisected amplitudes, and notes the first contact at the limit.
 
-    Against dynamics, the prediction is wrong by 1 % (median), and by less than 5 % in 9 of 10 of 96 shaken packings of
-    16 disks without tangential dashpots; by up to 40 % near a resonance that little damps. Tangential dashpots are
-    truncated at the limit together with the spring, before the contact slides, which no linear response has: the
-    prediction is then too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %) with c_t = c_n.
+    Relative to dynamics, the error of the prediction is 1 % (median), and less than 5 % in 9 of 10 of 96 shaken
+    packings of 16 disks without tangential dashpots; up to 40 % near a weakly damped resonance. Tangential dashpots are
+    truncated at the limit together with the spring, before the contact slides, which is not part of the linear
+    response: the prediction is then too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %) with
+    c_t = c_n.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ def trigger_amplitude(
     frequency : ω of steady shaking [1/time]
     times, factors : (K,) increasing times from zero, and the factor of the drive, interpolated linearly and zero
         afterwards; instead of a frequency
-    duration : time during which contacts are watched after the start of a pulse; default: twice its length [time]
+    duration : time after the start of a pulse during which contacts are examined; default: twice its length [time]
     drag, spin_drag : ν of translations and of rotations [1/time]
     dynamics : if False, only the prediction is computed
 
@@ -65,7 +66,7 @@ def trigger_amplitude(
     ------
     ValueError
         if the law has no sharp friction, or a contact is at the limit already; if neither or both of frequency and
-        pulse are given; where `frequency_response` raises it.
+        pulse are given; as in `frequency_response`.
 
     Source
     ------
@@ -88,16 +89,18 @@ def trigger_amplitude(
     drive = as_patterns(state, drive=drive)
     _check_drive(drive, frequency, times, factors)
     if law.coulomb != SHARP:
-        raise ValueError("a law without sharp friction was given: contacts reach no limit, use coulomb='sharp'")
+        raise ValueError("the law has no sharp friction, so that contacts never reach its limit: use coulomb='sharp'")
     motion = forced_motion(state, law, drag, spin_drag)
     if count := len(motion.here.at_limit):
         raise ValueError(f"{pluralize(count, 'contact')} at the Coulomb limit: any disturbance moves them")
     if frequency is not None:
         if dynamics and not motion.drag.diagonal().any():
-            raise ValueError("nothing damps the motion, and shaking never becomes steady: give drag, or dynamics=False")
+            raise ValueError(
+                "the motion is undamped, so that shaking never becomes steady: give drag, or dynamics=False"
+            )
         still, moving, prescribed = motion.drives(drive)
         x = motion.all_coordinates(solve_at(motion, [frequency], still[:, 0], moving[:, 0]), prescribed)[:, 0]
-        turns = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None]  # in the course of a period
+        turns = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)[:, None]  # during a period
         ways = (turns * np.stack([x, 1j * frequency * x])[:, None]).real
     else:
         times, factors = np.asarray(times, float), np.asarray(factors, float)
@@ -113,8 +116,7 @@ def trigger_amplitude(
     turned = (drive[0] * control.free)[:, 3:].any()
     if turned or control.spring.any() or len(control.knots) or (control.group >= 0).any():
         raise ValueError(
-            "torques, springs, rigid groups or time profiles were given, which dynamics of a trigger does not take: "
-            "use dynamics=False"
+            "the dynamics of a trigger supports no torques, springs, rigid groups or time profiles: use dynamics=False"
         )
     drags = {"drag": drag, "spin_drag": spin_drag}
     if frequency is not None:
@@ -124,7 +126,7 @@ def trigger_amplitude(
 
 def _check_drive(drive, frequency, times, factors) -> None:
     if len(drive) != 1:
-        raise ValueError(f"{len(drive)} drives were given where one is needed: combine them first")
+        raise ValueError(f"expected one drive, got {len(drive)}: combine them first")
     if (frequency is None) == (times is None) or (times is None) != (factors is None):
         raise ValueError("give either a frequency, or the times and factors of a pulse")
     if frequency is None and (
@@ -210,9 +212,9 @@ def _time_step(motion: ForcedMotion, state: State) -> float:
 
 
 def with_drive(motion: ForcedMotion, drive: np.ndarray, grid, factor) -> State:
-    """State whose control exerts a drive (B, 6) times a factor, given on a grid of times after the state's.
+    """State whose control exerts a drive (B, 6) times a factor, given at times after that of the state.
 
-    Forces are those of springs so soft, with load points so far away, that motion does not change them.
+    Forces are exerted by springs so soft, with load points so far away, that motion does not change them.
     """
     state = motion.here.state
     control, force = state.control, (drive * state.control.free)[:, :3]

@@ -7,7 +7,7 @@ in three dimensions first about k, then about the axes across).
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import scipy  # scipy.optimize is imported on first use: that takes a tenth of a second
+import scipy  # scipy.optimize is imported on first use, as this takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import eig
 
@@ -24,7 +24,7 @@ from .response import ALLOWED, ForcedMotion, forced_motion, in_plane, require_al
 from .spectrum import REAL_BELOW
 from .transient import reduced_matrices
 
-ALL_UP_TO = 2_000  # coordinates up to which all modes are computed, within some minutes
+ALL_UP_TO = 2_000  # number of coordinates up to which all modes are computed within minutes
 NAMES = {2: ("P", "S", "R"), 3: ("P", "S", "S", "R", "R", "R")}
 
 
@@ -35,11 +35,13 @@ class Dispersion(NamedTuple):
     wavevector: np.ndarray  # (K, dim) k [1/length]
     exponent: np.ndarray  # (K, p) complex s = −damping ± iω; p = 3 in two dimensions, 6 in three [1/time]
     polarisation: np.ndarray  # (K, p, p) shares of the plane waves P, S, …, R in each branch; each row adds up to 1
-    scattered: np.ndarray  # (K,) share of the forces of plane waves that drive other motions; 0 in a lattice: exact
+    scattered: (
+        np.ndarray
+    )  # (K,) fraction of the forces of plane waves that drive other motions; 0 in a lattice, where results are exact
 
     @property
     def names(self) -> tuple[str, ...]:
-        """P, S and R for each branch: the plane wave that its polarisation is assigned to."""
+        """P, S or R for each branch: the plane wave to which its polarisation is assigned."""
         return NAMES[self.wavevector.shape[1]]
 
     @property
@@ -64,7 +66,7 @@ class WaveSpectrum(NamedTuple):
 
     wavevector: np.ndarray  # (K, dim) k [1/length]
     exponent: np.ndarray  # (M,) complex s of all modes without translations [1/time]
-    weight: np.ndarray  # (K, p, M) complex, for P, S, …, R; the sum over M is one, but for the share of translations
+    weight: np.ndarray  # (K, p, M) complex, for P, S, …, R; the sum over M is one minus the part of translations
     pair: np.ndarray  # (M,) True for modes of complex pairs: Im s² beyond round-off without damping, growth with it
 
     def structure_factor(self, frequency: Numbers, width: float = 0.0) -> np.ndarray:
@@ -78,7 +80,7 @@ class WaveSpectrum(NamedTuple):
         require_not_negative(width=width)
         decay = width - self.exponent.real
         if not decay.min() > 0:
-            raise ValueError(f"width = {width:g} was given, and a mode does not decay: give a larger width")
+            raise ValueError(f"width = {width:g} is too small for a mode that does not decay: use a larger one")
         distance = decay + 1j * (np.atleast_1d(frequency)[:, None] - self.exponent.imag)
         return (self.weight @ (1 / distance).T).real / np.pi
 
@@ -98,7 +100,7 @@ def allowed_wavevectors(state: State, count: Annotated[int, POSITIVE] = 12) -> n
     cell = state.cell.vectors[:dim, :dim]
     base = 2 * np.pi * np.linalg.inv(cell)
     sizes, side = np.linalg.norm(base, axis=0), np.ceil(((2 * count + 1) ** (1 / dim) - 1) / 2)
-    far = min(count * sizes.min(), side * sizes.sum())  # beyond that is none of them
+    far = min(count * sizes.min(), side * sizes.sum())  # there are none beyond
     most = np.floor(far * np.linalg.norm(cell, axis=1) / (2 * np.pi) + ALLOWED)
     whole = np.stack(np.meshgrid(*[np.arange(-m, m + 1) for m in most], indexing="ij"), axis=-1).reshape(-1, dim)
     whole = whole[len(whole) // 2 + 1 :]  # those before the middle are their negatives
@@ -124,11 +126,10 @@ def dispersion(
     √m k̂ exp(ik·r) over its norm, that of S the same across, and that of R √I e exp(ik·r), with the moment of inertia
     I, which √m R is in the coordinate R·angle. Common translations are not taken out of W or A.
 
-    In a lattice, with one grain in its cell, A and D do not leave the plane waves, and the poles are exact. In a
-    disordered packing a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is as far from
-    the modes as the wave is fast, so that single modes do not matter. Each k takes two sparse factorisations. In 300
-    disks, the structure factor of all modes peaked within 2 % of P and S, and within 8 % of R
-    (`tests/modes/test_waves.py`).
+    In a lattice with one grain per cell, the plane waves are invariant under A and D, and the poles are exact. In a
+    disordered packing, a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is so far
+    from the modes that single ones do not matter. Each k takes two sparse factorisations. In 300 disks, the structure
+    factor of all modes peaked within 2 % of P and S, and within 8 % of R (`tests/modes/test_waves.py`).
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ def wave_spectrum(
     """
     motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
     if (n := len(motion.free)) > ALL_UP_TO:
-        raise ValueError(f"{n} coordinates were given: all modes take at most {ALL_UP_TO}; use `dispersion`")
+        raise ValueError(f"computing all modes is limited to {ALL_UP_TO} coordinates, got {n}: use `dispersion`")
     basis = reduced_matrices(motion.here.state, law, motion.free)[0]
     size = 32.0 * n * len(k) * 3 * (state.cell.dim - 1)
     require_sizes([Size(f"{len(k)} wave vectors of {n} coordinates take", size, "bytes", "use fewer of them")])

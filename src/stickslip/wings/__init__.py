@@ -1,1 +1,1 @@
-"""Wings: what stands on the laboratory, a package each; nothing of a wing is imported before it is used."""
+"""Wings: packages built on the laboratory; each is imported on first use."""

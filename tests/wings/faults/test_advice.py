@@ -63,7 +63,7 @@ def test_legs_that_are_printed_are_those_of_the_record(tmp_path):
     write_csv(tmp_path / "a.csv", noisy)
     command = ["fit", "a.csv", "--law", "slip", "--stiffness", "1500"]
     first = stickslip_here(*command, cwd=tmp_path)
-    (text,) = re.findall(r'its velocity is taken as "([^"]*)"', told(first))
+    (text,) = re.findall(r'its velocity is assumed to be "([^"]*)"', told(first))
     assert re.search(r"until 5300\.0", text) or re.search(r"until 5299\.9", text), text
     again = stickslip_here(*command, "--velocity", text, cwd=tmp_path)
     assert again.returncode == 0 and "--velocity" not in told(again)
@@ -89,7 +89,8 @@ def test_a_stated_velocity_that_the_record_contradicts_is_told_and_prefers_nothi
     given = ["fit", "a.csv", "--stiffness", "1500", "--velocity"]
     wrong = told(stickslip_here(*given, "1e-6 until 5500 s, then 1e-5", cwd=tmp_path))
     said = (
-        "--velocity says 1e-05 m/s from 5500 to 5628 s, but the load point moved by 0.000128 m until 5628 s instead of"
+        "--velocity states 1e-05 m/s from 5500 to 5628 s, but the load point moved by 0.000128 m until 5628 s "
+        "instead of"
     )
     assert said in wrong
     assert "neither describes the record" in wrong and "the data prefer" not in wrong

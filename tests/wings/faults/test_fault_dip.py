@@ -155,7 +155,7 @@ def test_interpolated_kernels_are_the_dense_ones(dip, number):
 def test_the_memory_of_a_dipping_fault_is_bounded(dip):
     for number in (10, 150, 1000):
         assert len(stress_transfer(number, 25.0, G, "surface", dip=dip).image[1]) <= 2 * image_nodes(number, dip)
-    with pytest.raises(ValueError, match=rf"200,000 cells were given for a fault with a dip of {dip:g}°"):
+    with pytest.raises(ValueError, match=rf"200,000 cells of a fault with a dip of {dip:g}°"):
         friction.line_fault(40e3, 0.2, **SHORT, dip=dip)
 
 
@@ -292,9 +292,9 @@ def test_a_dipping_fault_prints_its_dip():
 
 
 def test_surface_stations_are_checked():
-    with pytest.raises(ValueError, match="use in-plane shear and boundary = 'surface'"):
+    with pytest.raises(ValueError, match="require in-plane shear and boundary = 'surface'"):
         friction.simulate_fault(small(shear="antiplane", dip=90.0), 1.0, recording=friction.Recording(surface=(1.0,)))
-    with pytest.raises(ValueError, match=r"use finite distances from the trace, and 0\.01 and −0\.01 m"):
+    with pytest.raises(ValueError, match=r"finite distances from the trace, other than 0 \(use 0\.01 and −0\.01 m"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(surface=(0.0,)))
 
 
@@ -304,12 +304,12 @@ def test_surface_stations_are_checked():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"line": {"dip": 30.0}}, "dip = 30 and slip = 'thrust' were given with antiplane shear"),
+        ({"line": {"dip": 30.0}}, "dip = 30 and slip = 'thrust' require in-plane shear"),
         (
             {"line": {"shear": "in-plane", "cell": 160.0, "dip": 30.0}},
-            "cell = 160 m was given, but the cohesive length",
+            "cell = 160 m does not resolve the cohesive length",
         ),
-        ({"run": {"surface": (1e3,)}}, 'use it with line.shear = "in-plane"'),
+        ({"run": {"surface": (1e3,)}}, 'run.surface requires line.shear = "in-plane"'),
         ({"run": {"surface": (0.0,)}, "line": {"shear": "in-plane"}}, "run.surface contains 0: use 0.01 and −0.01"),
     ],
 )

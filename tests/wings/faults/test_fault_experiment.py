@@ -68,7 +68,7 @@ def test_parts_and_states_of_the_earlier_kernel_are_refused(tmp_path, monkeypatc
         history = room.simulate_cycles(short, folder=tmp_path).history
     with pytest.raises(ArchiveError, match="slip that is uniform in each cell, and faults now have band-limited slip"):
         room.simulate_cycles(short, folder=tmp_path)
-    with pytest.raises(ValueError, match="uniform in each cell, and faults now have band-limited slip"):
+    with pytest.raises(ValueError, match="uniform slip in each cell, but faults now have band-limited slip"):
         true(history.fault, 2.0, start=history.state)
 
 
@@ -229,6 +229,13 @@ def test_a_start_without_balance_leaves_nothing(change, message, tmp_path, monke
     assert not (tmp_path / "out").exists()
 
 
+def test_stations_that_were_not_chosen_are_those_on_the_fault(tmp_path):
+    short = ss.scenario(experiment="fault", line={"width": 5e3, "cell": 100.0})
+    assert short.run.stations == (0.0, 2500.0, 5000.0)
+    (tmp_path / "short.json").write_text(short.text)
+    assert read_scenario(tmp_path / "short.json") == short
+
+
 def test_measures_are_averages_over_settled_events(result):
     events = result.history.events
     assert len(events.start) > room.SETTLING + 2
@@ -238,23 +245,23 @@ def test_measures_are_averages_over_settled_events(result):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"friction": {"dc": 1e-3}}, "cell = 50 m was given, but the cohesive length G D_c/(b σ) is 42.72 m"),
+        ({"friction": {"dc": 1e-3}}, "cell = 50 m does not resolve the cohesive length G D_c/(b σ) = 42.72 m"),
         ({"friction": {"a": ((3e3, 0.01), (1e3, 0.02))}}, "the depths of a are not in order at 1000"),
-        ({"friction": {"b2": 0.001}}, "b2 was given without dc2"),
+        ({"friction": {"b2": 0.001}}, "b2 requires dc2"),
         ({"run": {"stations": (50e3,)}}, "run.stations contains 50000 m"),
-        ({"run": {"threshold": 1e-10}}, "it must exceed loading.plate_rate"),
-        ({"line": {"boundary": "periodic"}}, "thickness = inf"),
+        ({"run": {"threshold": 1e-10}}, "run.threshold must exceed loading.plate_rate"),
+        ({"line": {"boundary": "periodic"}}, "finite, got inf"),
         ({"line": {"width": 1.01e3, "cell": 300.0}}, "a whole number of cells, at least three"),
         ({"injection": {"flux": 1e-5, "stop": 8.64e6}}, "the effective normal stress falls to -"),
-        ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "an injection from 5 to 3 s"),
+        ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "a later end and a finite position, got 5 to 3 s"),
         ({"normal_stress": {"amplitude": 51e6}}, "use smaller changes, or a larger normal stress"),
-        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "values has shape (1, 1) where (K, D) is needed"),
+        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "values must have shape (K, D), got (1, 1)"),
         ({"normal_stress": {"times": (1, 0), "changes": ((0,), (1,))}}, "the times of a table of normal stress do not"),
         ({"normal_stress": {"times": (0, 1), "changes": ((0,), (1, 2))}}, "differ in length"),
-        ({"normal_stress": {"times": (0, 1e6), "changes": ((0,), (90e6,))}}, "but the cohesive length G D_c/(b σ) is"),
+        ({"normal_stress": {"times": (0, 1e6), "changes": ((0,), (90e6,))}}, "cohesive length G D_c/(b σ) ="),
         ({"normal_stress": {"file": "nowhere.csv"}}, "nowhere.csv cannot be read: No such file"),
-        ({"normal_stress": {"file": "a.csv", "times": (0, 1)}}, "give one of them"),
-        ({"friction": {"alpha": 0.2, "b": 0.0}}, "alpha = 0.2 was given with b = 0"),
+        ({"normal_stress": {"file": "a.csv", "times": (0, 1)}}, "exclude each other"),
+        ({"friction": {"alpha": 0.2, "b": 0.0}}, "alpha = 0.2 requires b > 0"),
     ],
 )
 def test_bad_scenarios_are_refused_with_one_sentence(change, message):

@@ -193,15 +193,13 @@ def test_steps_end_where_the_normal_stress_is_not_smooth():
 def test_a_small_normal_stress_near_the_surface_starts_from_steady_stress():
     shape = {"a": 0.010, "b": 0.015, "dc": 8e-3, "normal": [(0.0, 1e5), (5e3, 50e6)]}
     fault = friction.line_fault(10e3, 100.0, **shape)
-    with pytest.raises(
-        ValueError, match=r"no initial stress was given, and that of steady sliding of the deepest cell"
-    ):
+    with pytest.raises(ValueError, match=r"the default initial stress, .* of steady sliding at the deepest cell"):
         friction.initial_state(fault)
     state = friction.initial_state(fault, stress="steady")
     assert np.allclose(state.theta(fault) * fault.plate_rate, fault.dc, rtol=1e-9)
     end = friction.simulate_fault(fault, 1.0, start=state).state
     assert np.allclose(end.velocity(fault), fault.plate_rate, rtol=1e-6)
-    with pytest.raises(ValueError, match="stress = 'low' was given: use values in Pa, or 'steady'"):
+    with pytest.raises(ValueError, match="stress must be values in Pa, or 'steady', got 'low'"):
         friction.initial_state(fault, stress="low")
 
 
@@ -277,7 +275,9 @@ def test_a_table_from_a_file(tmp_path):
     (tmp_path / "s.csv").write_text("time \\ depth,0,1000\n0,0,0\n1e7,-2e6,1e6\n12000000,3e6,0\n")
     for ours, table in zip(friction.read_stress_table(tmp_path / "s.csv"), TABLE, strict=True):
         assert np.array_equal(ours, table)
-    chosen = scenario(experiment="fault", normal_stress={"file": str(tmp_path / "s.csv")}, line={"cell": 25.0})
+    tables = 'experiment = "fault"\nline.cell = 25.0\nnormal_stress.file = "s.csv"\n'  # beside the scenario
+    (tmp_path / "fault.toml").write_text(tables)
+    chosen = read_scenario(tmp_path / "fault.toml")
     (tmp_path / "s.csv").unlink()
     assert chosen.normal_stress.changes == ((0.0, 0.0), (-2e6, 1e6), (3e6, 0.0))
     assert np.allclose(chosen.fault.normal_at(1.2e7)[0], 50e6 + 3e6, rtol=1e-2)
@@ -293,7 +293,7 @@ def test_initial_stress_varies_with_depth():
 
 def test_bad_files_are_refused_with_one_sentence(tmp_path):
     wrong = "s.csv is not a table of numbers: give depths in m in the first row"
-    shape = r"s.csv: values has shape \(1, 1\) where \(K, D\) is needed, as depth has D = 2"
+    shape = r"s.csv: values must have shape \(K, D\), got \(1, 1\), as depth has D = 2"
     for text, message in (("", wrong), ("t,0\n", wrong), ("t,0\n1,x\n", wrong), ("t,0,1\n1,2\n", shape)):
         (tmp_path / "s.csv").write_text(text)
         with pytest.raises(ValueError, match=message):
@@ -308,7 +308,7 @@ def test_every_instant_of_an_oscillation_is_checked():
 
 def test_no_plates_need_a_velocity_at_the_start():
     fault = injected()[0]
-    with pytest.raises(ValueError, match="plate_rate = 0 was given without a velocity at the start"):
+    with pytest.raises(ValueError, match="plate_rate = 0 requires an initial velocity"):
         friction.initial_state(fault)
 
 

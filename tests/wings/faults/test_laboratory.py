@@ -61,9 +61,7 @@ def test_rows_with_empty_cells_are_left_out_and_reported(tmp_path):
 def test_cells_that_stand_for_no_number_are_left_out_and_counted(tmp_path, mark):
     """A displacement that passes -9999 is whole."""
     path = written(tmp_path / "a.csv", HEAD, [*ROWS, f"12, {mark}, 0.6", "13, 130, 0.6", f"14, {mark}, {mark}"])
-    with pytest.warns(
-        UserWarning, match=r"2 of 15 rows lack a number \(an .*\) and are left out; the first is line 14"
-    ):
+    with pytest.warns(UserWarning, match=r"2 of 15 rows lack a number \(an .*\) and are skipped; the first is line 14"):
         record = read_record(path)
     assert np.array_equal(record.time, [*range(12), 13]) and record.load_point.max() == pytest.approx(1.3e-4)
     passing = [f"{k}, {-10019 + 10 * k}, 0.6" for k in range(12)]
@@ -77,7 +75,7 @@ def test_files_without_headers_need_the_numbers_of_columns(tmp_path):
     assert np.allclose(
         read_record(path, columns={"time": 0, "load_point": 1, "mu": 2}).load_point, 10.0 * np.arange(12)
     )
-    with pytest.raises(ValueError, match="column 3 was given for 'mu': the file has columns 0 to 2"):
+    with pytest.raises(ValueError, match="column 3 for 'mu' does not exist: the file has columns 0 to 2"):
         read_record(path, columns={"time": 0, "load_point": 1, "mu": 3})
 
 
@@ -115,7 +113,7 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
             "two columns for friction",
         ),
         (HEAD, ROWS[:5], "has 5 rows"),
-        (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields but the header has 3"),
+        (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields, but the header has 3"),
         (HEAD, [*ROWS, "12, 120, n/a"], "line 14: friction is 'n/a', not a number"),
         (HEAD, [*ROWS, "12, 1_20, 0.6"], "line 14: load_point is '1_20', not a number"),
         (HEAD, [*ROWS, "12, ١٢٠, 0.6"], "line 14: load_point is '١٢٠', not a number"),
@@ -158,7 +156,7 @@ def test_the_command_line_reads_files_without_headers(tmp_path):
     done = stickslip_here(*arguments, "--columns", "time=0,load_point [um]=1,friction=2", cwd=tmp_path)
     assert done.returncode == 0
     assert done.stderr == (
-        "stickslip: a.csv: 1 of 41 rows lack a number (an empty cell, nan or -9999) and are left out; the first is "
+        "stickslip: a.csv: 1 of 41 rows lack a number (an empty cell, nan or -9999) and are skipped; the first is "
         "line 41\n"
     )
     done = stickslip_here(*arguments, "--columns", "time", cwd=tmp_path)
@@ -315,7 +313,9 @@ def test_columns_are_chosen_by_number_or_heading_below_a_header(tmp_path):
     chosen = {"time [min]": 0, "load_point": "LVDT 2 [um]", "friction": "F/N", "normal_stress [MPa]": 3}
     record = read_record(tmp_path / "a.txt", columns=chosen)
     check_lab(record._replace(time=record.time / 60))
-    with pytest.raises(ValueError, match=r"column 'LVDT 3' was given for 'load_point': the file has 'Sample', 'LVDT 2"):
+    with pytest.raises(
+        ValueError, match=r"column 'LVDT 3' for 'load_point' does not exist: the file has 'Sample', 'LVDT 2"
+    ):
         read_record(tmp_path / "a.txt", columns=chosen | {"load_point": "LVDT 3"})
 
 
@@ -323,7 +323,10 @@ def test_columns_are_chosen_by_number_or_heading_below_a_header(tmp_path):
     ("make", "sentence"),
     [
         (lambda f: f.update(time_s=np.arange(20.0), vdcdt_um=np.arange(19.0), mu=np.ones(20)), "different lengths"),
-        (lambda f: [f.create_group(g).update(time_s=np.arange(20.0)) for g in "ab"], "in 2 groups (a, b): keep one"),
+        (
+            lambda f: [f.create_group(g).update(time_s=np.arange(20.0)) for g in "ab"],
+            "in 2 groups (a, b): keep only one",
+        ),
         (lambda f: f.update(signal=np.arange(20.0)), "has no column for time"),
         (lambda f: f.update(label=np.array([b"x"] * 20)), "has no column for time"),
     ],
@@ -341,7 +344,7 @@ def test_files_of_arrays_that_cannot_be_used_are_refused_in_a_sentence(tmp_path,
 )
 def test_commas_or_points_that_may_separate_thousands_are_refused(tmp_path, mark, row):
     rows = [row.format(k=k, um=100 * k) for k in range(12)]
-    with pytest.raises(ValueError, match="of which one may separate thousands"):
+    with pytest.raises(ValueError, match="one of which may separate thousands"):
         read_record(written(tmp_path / "a.txt", HEAD.replace(", ", mark), rows))
 
 
@@ -359,10 +362,12 @@ def test_plural_names_of_units(tmp_path):
 
 def test_two_units_of_one_column_are_not_guessed(tmp_path):
     path = written(tmp_path / "a.csv", "time_s, load_point_mm, friction", ["s, um, -", *ROWS])
-    with pytest.raises(ValueError, match="load_point has the unit 'mm' in its heading and 'um' below it: keep one"):
+    with pytest.raises(
+        ValueError, match="load_point has the unit 'mm' in its heading and 'um' below it: keep only one"
+    ):
         read_record(path)
     named = {"time [s]": 0, "load_point [um]": 1, "friction": 2}
-    with pytest.warns(UserWarning, match=r"--columns gives 'load_point \[um\]', but the file has the unit 'mm' for it"):
+    with pytest.warns(UserWarning, match=r"--columns gives 'load_point \[um\]', but the unit in the file is 'mm'"):
         assert np.allclose(read_record(path, columns=named).load_point, 1e-5 * np.arange(12))
 
 
@@ -377,7 +382,7 @@ def test_two_records_in_one_file_are_not_mixed(tmp_path, kind):
             for name, record in (("first", columns), ("second", longer)):
                 rows = list(zip(*record.values(), strict=True))
                 file[name] = np.array(rows, [(field, float) for field in record])
-    with pytest.raises(ValueError, match=r"in 2 groups \(first, second\): keep one"):
+    with pytest.raises(ValueError, match=r"in 2 groups \(first, second\): keep only one"):
         read_record(tmp_path / "a")
 
 
@@ -455,7 +460,7 @@ def test_every_column_is_in_a_group_and_pore_pressure_makes_the_stress_effective
     assert np.allclose(record.friction, friction) and np.allclose(record.normal_stress, 3e6 / friction)
     groups = record_columns(path)
     assert any(name.startswith(heading) for name in groups[group]) and sum(map(len, groups.values())) == 5
-    assert (group == "not understood") == any("not understood, and not used" in str(w.message) for w in caught)
+    assert (group == "not understood") == any("unknown columns, not used" in str(w.message) for w in caught)
     assert (friction == 0.6) == any("is made effective" in str(w.message) for w in caught)
     assert any("may change the effective" in name for name in groups[group]) == ("MPa" in heading and friction < 0.5)
 
@@ -468,7 +473,7 @@ def test_pore_pressure_of_named_columns(tmp_path):
         assert np.allclose(read_record(path, columns=names | {"normal_stress [MPa]": "d"}).friction, 0.6)
     assert np.allclose(read_record(path, columns=names | {"effective_normal_stress [MPa]": 3}).friction, 0.2)
     kept = written(tmp_path / "b.csv", f"{PORES}, friction, pp [MPa]", [f"{k}, {k}, 3, 15, 0.5, 10" for k in range(12)])
-    with pytest.warns(UserWarning, match="friction is the one of the record"):
+    with pytest.warns(UserWarning, match="friction is that of the record"):
         record = read_record(kept)
     assert np.allclose(record.friction, 0.5) and np.allclose(record.normal_stress, 5e6)
 
@@ -478,7 +483,7 @@ def test_pore_pressure_of_named_columns(tmp_path):
 )
 def test_names_of_columns_that_are_not_known_are_refused(tmp_path, name, hint):
     path = written(tmp_path / "a.csv")
-    with pytest.raises(ValueError, match=f"a column '{name}' was named, which is not known: {hint}"):
+    with pytest.raises(ValueError, match=f"the column name '{name}' is unknown: {hint}"):
         read_record(path, columns={"time": 0, name: 1})
 
 
@@ -486,7 +491,7 @@ def test_decimal_commas_between_commas_are_not_taken_for_columns(tmp_path):
     """Whole seconds in the first column look like numbers of rows."""
     rows = "".join(f"{k},{k},0,6{k % 7}1\n" for k in range(20))
     (tmp_path / "a.csv").write_text(f"time [s],load_point [um],friction [-]\n{rows}")
-    with pytest.raises(ValueError, match="if commas are decimal ones, separate columns by semicolons"):
+    with pytest.raises(ValueError, match="separate columns by semicolons if numbers have decimal commas"):
         read_record(tmp_path / "a.csv")
 
 
@@ -494,8 +499,8 @@ def test_decimal_commas_between_commas_are_not_taken_for_columns(tmp_path):
     ("heads", "row", "sentence"),
     [
         ("friction", "60", "friction is about 60: is it in per cent"),
-        ("tau (MPa),sigma_n (MPa)", "3,5000", "friction is about 0.0006: is it in per cent, or are units"),
-        ("friction,tau (MPa),sigma_n (MPa)", "0.9,3,5", "about 0.9, and shear over normal stress is about 0.6"),
+        ("tau (MPa),sigma_n (MPa)", "3,5000", "friction is about 0.0006: is it in per cent, or do the units"),
+        ("friction,tau (MPa),sigma_n (MPa)", "0.9,3,5", "about 0.9, but shear over normal stress is about 0.6"),
     ],
 )
 def test_friction_that_contradicts_its_stresses_or_all_materials_is_doubted(tmp_path, heads, row, sentence):
@@ -523,5 +528,5 @@ def test_times_in_another_unit_contradict_the_velocities(tmp_path, heads, row, s
         record = read_record(tmp_path / "r.csv")
     assert [bool(re.search(sentence, str(w.message))) for w in caught] == [True] * bool(sentence)
     if sentence and "velocity" in heads:
-        with pytest.warns(UserWarning, match="as if the times were in (min|h): the fit takes --velocity"):
+        with pytest.warns(UserWarning, match="as if the times were in (min|h): the fit uses --velocity"):
             record_data(record, velocity="1e-6")

@@ -239,12 +239,12 @@ def test_alpha_is_fitted_with_two_states():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: fit(record(USUAL), fixed={"stiffness": 1e4}, form="log"), "form = 'log' was given: use 'logarithmic'"),
+        (lambda: fit(record(USUAL), fixed={"stiffness": 1e4}, form="log"), "form must be 'logarithmic'"),
         (lambda: fit(record(USUAL), fixed={"stiffness": 1e4}, free=("b2",)), "a second state has two parameters"),
         (lambda: fit(record(USUAL), fixed={"stiffness": 1e4}, form="regularized", free=("v1",)), "cut-off velocities"),
-        (lambda: spring_slider(USUAL._replace(form="x"), Spring(1.0), LEGS), "form = 'x' was given"),
-        (lambda: spring_slider(USUAL._replace(b2=-0.1), Spring(1.0), LEGS), "b2 = -0.1 was given"),
-        (lambda: spring_slider(USUAL._replace(v1=0.0), Spring(1.0), LEGS), "v1 = 0.0 was given"),
+        (lambda: spring_slider(USUAL._replace(form="x"), Spring(1.0), LEGS), "got 'x'"),
+        (lambda: spring_slider(USUAL._replace(b2=-0.1), Spring(1.0), LEGS), "got -0.1"),
+        (lambda: spring_slider(USUAL._replace(v1=0.0), Spring(1.0), LEGS), "got 0.0"),
         (lambda: spring_slider(USUAL._replace(v1=float("nan")), Spring(1.0), LEGS), "v1 is NaN"),
         (lambda: spring_slider(USUAL._replace(v1=1.0, form="regularized"), Spring(1.0), LEGS), "cut-off velocities"),
     ],

@@ -45,7 +45,9 @@ def test_a_straight_line_has_no_steps():
 
 
 def test_noise_of_the_load_point_is_told_and_does_not_bias_a_fit():
-    sentence = r'noise of 3e-07; its velocity is taken as "1\.00.*e-06 until 149\.9.*, then 9\.99.*e-06 until 165\.'
+    sentence = (
+        r'noise of 3e-07; its velocity is assumed to be "1\.00.*e-06 until 149\.9.*, then 9\.99.*e-06 until 165\.'
+    )
     with pytest.warns(UserWarning, match=sentence):
         data = record_data(noisy(1))
     assert len(data.legs) == 3
@@ -123,13 +125,13 @@ def test_velocities_can_be_stated():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("fast", "'fast' was given: use velocities and times"),
-        ("1e-6 until 150 s, then", "'then' was given"),
+        ("fast", "then 10 um/s', got 'fast'"),
+        ("1e-6 until 150 s, then", "got 'then'"),
         ("1e-6 until 900 s, then 1e-5", "a leg ends at 900 s: it must end after 0 s, and the record ends at 314.9 s"),
         ("1e-6 until 150 s, then 1e-5 until 120 s, then 1", "a leg ends at 120 s: it must end after 150 s"),
-        ("1e-6 until 150 s", "ends at 150 s, the record at 314.9 s: say what follows"),
-        ("1e-6 until 150 furlongs, then 1", "was given: use velocities and times"),
-        ("", "'' was given"),
+        ("1e-6 until 150 s", "ends at 150 s, but the record at 314.9 s: add the rest"),
+        ("1e-6 until 150 furlongs, then 1", "expected velocities and times"),
+        ("", "got ''"),
     ],
 )
 def test_velocities_that_make_no_sense_are_refused_in_a_sentence(text, sentence):
@@ -183,7 +185,7 @@ def test_an_exponential_trend_is_fitted(length):
     for name, true in (TRUE | {"trend": -300.0, "trend_length": length}).items():
         low, high = best.intervals[name]
         assert low - 0.5 * (high - low) < true < high + 0.5 * (high - low) and high - low < 0.2 * abs(true)
-    with pytest.raises(ValueError, match="trend_length was given without a trend"):
+    with pytest.raises(ValueError, match="trend_length requires a trend"):
         fit(data, law="aging", fixed={"stiffness": 1e4}, free=("trend_length",))
 
 

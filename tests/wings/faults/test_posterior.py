@@ -133,9 +133,9 @@ def test_draws_are_reproducible_and_weighted_as_their_percentiles_say():
     [
         ({"steps": 100}, RuntimeError, "the posterior did not converge: the chain of"),
         ({"free": ("trend", "theta"), "steps": 150}, RuntimeError, "autocorrelation times long (τ = "),
-        ({"walkers": 7}, ValueError, "use an even number of at least 8 for 4 parameters"),
-        ({"steps": 10}, ValueError, "steps = 10 was given"),
-        ({"law": "ageing"}, ValueError, "law = 'ageing' was given"),
+        ({"walkers": 7}, ValueError, "walkers must be an even number, at least 8 for 4 parameters"),
+        ({"steps": 10}, ValueError, "steps must be at least 100, got 10"),
+        ({"law": "ageing"}, ValueError, "law must be 'aging' or 'slip', got 'ageing'"),
         ({"free": ("b2", "dc2")}, RuntimeError, "there is no posterior to sample: these data do not determine"),
     ],
 )

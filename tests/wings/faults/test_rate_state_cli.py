@@ -81,8 +81,8 @@ def test_tables_for_people(folder, capsys):
     [
         ([], "give --stiffness K [1/m], or --free-stiffness"),
         (["--stiffness", "-1"], "stiffness = -1.0 was fixed"),
-        (["--stiffness", "1", "--free-stiffness"], "both given"),
-        (["--law", "slow"], "law 'slow' is not known: use aging, slip, both"),
+        (["--stiffness", "1", "--free-stiffness"], "exclude each other"),
+        (["--law", "slow"], "unknown law 'slow': use aging, slip, both"),
         (["--free-stiffness", "--normal"], "no normal_stress"),
     ],
 )

@@ -139,7 +139,7 @@ def test_a_table_comes_back_as_it_was_written(tmp_path):
 def test_without_contacts_it_says_what_that_means(tmp_path):
     run = stickslip_here("watch", SHEARED, *WORDS, "--no-contacts", "--once", "--out", "w.csv", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith("without a dump of contacts, the slip of contacts is unknown")
+    assert run.stdout.startswith("without a dump of contacts, slip is unknown")
     assert "unbalanced" in run.stdout
     rows = table_of(tmp_path / "w.csv")
     assert all(row["sliding"] == "" and row["stable"] == "" for row in rows)
@@ -200,20 +200,21 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
     [
         (lambda d: [p.unlink() for p in d.iterdir()], WORDS, "is empty"),
         (lambda d: [p.rename(p.with_suffix(".txt")).write_text("1 2 3\n") for p in list(d.iterdir())], WORDS,
-         "has no dump of grains"),
+         "has no LAMMPS text dump of grains"),
         (lambda d: (d / "grains.dump").write_bytes(b"\x1f\x8b\x08rest"), WORDS, "is compressed"),
         (lambda d: (d / "grains.dump").write_bytes(frames("grains.dump")[0].replace(b"radius", b"c_size")), WORDS,
          "radius or diameter is not among them"),
         (lambda d: (d / "contacts.dump").write_bytes(frames("contacts.dump")[0].replace(b" c_pairs[10]", b" ten")),
          WORDS, "i j tx ty tz are needed"),
         (lambda d: (d / "grains.dump").write_bytes(frames("grains.dump")[0][:-9]), WORDS, "has no complete frame"),
-        (lambda d: None, LAWLESS, "contain no contact law"),
+        (lambda d: None, LAWLESS, "do not contain the contact law"),
         (lambda d: None, WORDS[:-2], "--damping-t"),
-        (lambda d: None, [*WORDS, "--frame", "0"], "--frame was given"),
-        (lambda d: None, [*WORDS, "--atom-style", "sphere"], "--atom-style was given"),
-        (lambda d: None, [*WORDS, "--contacts", "others.dump"], "others.dump is no `dump local`"),
+        (lambda d: None, [*WORDS, "--frame", "0"], "--frame does not apply"),
+        (lambda d: None, [*WORDS, "--atom-style", "sphere"], "--atom-style does not apply"),
+        (lambda d: None, [*WORDS, "--contacts", "others.dump"], "others.dump is not a text file of contacts from "
+        "`dump local`"),
         (lambda d: None, [*WORDS, "--method", "fast"], "did you mean 'fastest'?"),
-        (lambda d: None, [*WORDS, "--until-idle", "1"], "give one of them"),
+        (lambda d: None, [*WORDS, "--until-idle", "1"], "exclude each other"),
         (lambda d: None, [*WORDS, "--out", "w.txt"], "use .csv"),
         (lambda d: (d / "watch.csv").write_text("1,2\n"), WORDS, "is not a table that stickslip watch wrote"),
         (lambda d: (d / "watch.csv").write_text(f"{TABLE}: {{}}\n{NAMES}5,1\n"), WORDS, "is not a table that"),
@@ -221,9 +222,9 @@ LAWLESS = [word for word in WORDS if word not in ("--law", "hertz_mindlin_reff")
         (lambda d: (d / "watch.csv").write_text(f"{TABLE}: []\n{NAMES}"), WORDS, "is not a table that"),
         (lambda d: (d / "watch.csv").write_text(f"{TABLE}: 5\n{NAMES}"), WORDS, "is not a table that"),
         (lambda d: (d / "grains.dump").write_bytes(EMPTY + b"ITEM: ATOMS id x y z radius mass vx\n"), WORDS,
-         "none of which are the ids of grains that touch"),
+         "none of which contain ids of touching grains"),
         (lambda d: (d / "grains.dump").write_bytes(EMPTY + b"ITEM: ATOMS id x y z radius mass vx\n"),
-         [*WORDS, "--no-contacts"], "0 grains was given"),
+         [*WORDS, "--no-contacts"], "a state needs at least one grain"),
     ],
 )  # fmt: skip
 def test_bad_input_has_one_sentence(spoil, arguments, sentence, tmp_path, monkeypatch):

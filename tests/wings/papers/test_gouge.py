@@ -97,14 +97,14 @@ def test_a_batch_gives_the_realizations_of_single_runs(monkeypatch, tmp_path):
 
 
 def test_a_device_that_cannot_run_is_refused_in_one_sentence(monkeypatch):
-    with pytest.raises(ValueError, match="device = 'metal' was given: 'cuda' is allowed"):
+    with pytest.raises(ValueError, match=r"device must be 'cuda', .*, got 'metal'"):
         simulate_gouge(small(), device="metal")
     monkeypatch.setitem(sys.modules, "cupy", None)
     with pytest.raises(MissingExtraError, match=r"cupy is .*\[gpu\]"):
         simulate_gouge(small(), device="cuda")
-    with pytest.raises(ValueError, match='device = "cuda" was given with engine = "lammps"'):
+    with pytest.raises(ValueError, match='device = "cuda" does not apply to engine = "lammps"'):
         simulate_gouge(small(engine="lammps"), device="cuda")
-    with pytest.raises(ValueError, match="without rolling resistance"):
+    with pytest.raises(ValueError, match="no rolling resistance"):
         simulate_gouge(small(law=LAW | {"rolling": "spring", "k_roll": 1e6, "mu_roll": 0.2}), device="cuda")
 
 
@@ -147,11 +147,14 @@ def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
         ),
         ({"protocol": [{**STEPS, "twinn": 1.0}]}, "has no key 'twinn': did you mean 'twin'"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1e-3}]}, "fewer than 8 samples of 5e-05 s"),
-        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "must differ by a sample"),
-        ({"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]}, "requires two windows"),
-        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "slip or two windows: use at least 8"),
+        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "differ by one"),
+        (
+            {"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]},
+            "must be at least two windows",
+        ),
+        ({"protocol": SLIDE, "preparation": {"longest": 3.0}}, "slip and two windows, 8"),
         ({"protocol": SLIDE, "cell": {"length": 0.01}}, "stay clear of their periodic images"),
-        ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "put the smallest first"),
+        ({"protocol": SLIDE, "grains": {"diameter": [4e-3, 2e-3]}}, "the smallest and the largest diameter"),
         ({"protocol": SLIDE, "load": {"definition": "newton"}}, "per_area"),
     ],
 )
@@ -170,7 +173,7 @@ def test_the_estimate_counts_every_leg():
 
 
 def test_a_time_step_that_is_too_long_is_refused_with_the_number():
-    with pytest.raises(ss.experiments.ScenarioError, match=r"stable only up to about 9.9e-07: use about 2e-07"):
+    with pytest.raises(ss.experiments.ScenarioError, match=r"limit is about 9\.9e-07: use about 2e-07"):
         small(dt=3e-6)
     ran = settled()
     assert 0.5 < small().longest_step / ss.measure.stable_time_step(ran.state, ran.law) < 2

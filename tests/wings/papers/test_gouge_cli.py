@@ -81,7 +81,10 @@ def test_a_run_leaves_figures_series_and_numbers(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["run", EXAMPLES / "disk_array.toml", "--engine", "lammps"], 'it applies to "flow" and "gouge" only'),
+        (
+            ["run", EXAMPLES / "disk_array.toml", "--engine", "lammps"],
+            'applies to the experiments "flow" and "gouge" only',
+        ),
         (["run", EXAMPLES / "gouge.toml", "--engine", "yade"], "use stickslip, lammps"),
     ],
 )
@@ -147,15 +150,15 @@ def test_the_papers_claims_are_all_judged(tmp_path, ran, full):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["reproduce", "gouge", "--quick", "--full"], "--full was given with --quick: give only one of them"),
+        (["reproduce", "gouge", "--quick", "--full"], "--full and --quick exclude each other: give only one"),
         (["reproduce", "disk-array", "--full"], "disk-array has no --full: leave it out"),
         (["reproduce", "disk-array", "--paper-size"], "disk-array has no --paper-size: leave it out"),
-        (["reproduce", "gouge", "--full", "--paper-size"], "--paper-size was given with --full: give only one of them"),
+        (["reproduce", "gouge", "--full", "--paper-size"], "--paper-size and --full exclude each other: give only one"),
         (
             ["reproduce", "gouge", "--realizations", "2"],
-            "--realizations was given, but only --paper-size has samples: leave it out",
+            "--realizations requires --paper-size, the only run with samples",
         ),
-        (["reproduce", "sphere-shear", "--device", "cuda"], "only single runs of 'disk-array' and 'gouge' have one"),
+        (["reproduce", "sphere-shear", "--device", "cuda"], "single runs of 'disk-array' and 'gouge' only"),
         (["reproduce", "gouge", "--device", "rocm"], "rocm"),
         pytest.param(
             ["reproduce", "disk-array", "--device", "cuda"],

@@ -161,7 +161,7 @@ def test_shear_from_the_command_line(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"law": {"mu": 0.0}}, "without friction no contact slides or sticks"),
+        ({"law": {"mu": 0.0}}, "no contact slides or sticks without friction"),
         ({"disks": {"pressure": 0.5}}, "quasi-rigid grains overlap only slightly"),
     ],
 )

@@ -213,9 +213,9 @@ def test_ten_thousand_disks_take_seconds():
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"state": packing([(0, 0), (3, 0)])}, "a packing without contacts was given"),
-        ({"law": ss.laws.linear(kn=1.0, kt=0.5, mu=0.0)}, "a law without friction was given"),
-        ({"state": packing([(0, 0, 0), (1, 0, 0)], 3), "method": "pebbles"}, "the game holds for disks only"),
+        ({"state": packing([(0, 0), (3, 0)])}, "the packing has no contacts"),
+        ({"law": ss.laws.linear(kn=1.0, kt=0.5, mu=0.0)}, "rigid clusters need friction"),
+        ({"state": packing([(0, 0, 0), (1, 0, 0)], 3), "method": "pebbles"}, "is valid for disks only"),
         ({"method": "peebles"}, "method"),
     ],
 )

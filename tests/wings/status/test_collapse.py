@@ -188,20 +188,20 @@ def test_the_path_after_a_collapse_is_that_of_slow_dynamics():
 def test_a_drag_needs_controls_that_do_not_move():
     state, law = block(2)
     for wrong in (0.0, -1.0):
-        with pytest.raises(ValueError, match=r"drag = .* was given: it must be positive"):
+        with pytest.raises(ValueError, match=r"drag must be positive, got .*"):
             ss.quasirigid.load_path(state, law, state.control, drag=wrong)
     moving = state._replace(control=ss.control.driven(state.control, [1], [0, 1e-3, 0, 0, 0, 0]))
-    with pytest.raises(ValueError, match="bodies or a cell that move at a rate: dynamics holds the load"):
+    with pytest.raises(ValueError, match="as dynamics holds the load"):
         ss.quasirigid.load_path(moving, law, moving.control, drag=0.1)
 
 
 def test_a_machine_replaces_a_force():
     state, _ = block(2)
-    with pytest.raises(ValueError, match="body 1 has no force that a machine could exert"):
+    with pytest.raises(ValueError, match="body 1 has no force to be exerted by a machine"):
         ss.quasirigid.with_machine(state, 1, 10.0)
     with pytest.raises(ValueError, match="body 1 is not pulled by a spring: use `with_machine` first"):
         ss.quasirigid.with_travel(state.control, 1, [0, 0.1])
-    with pytest.raises(ValueError, match="stiffness = 0"):
+    with pytest.raises(ValueError, match="stiffness must be positive"):
         ss.quasirigid.with_machine(state, 1, 0.0)
 
 
@@ -226,9 +226,9 @@ def test_scenarios_go_through_collapses(tmp_path):
     for old, new in zip(sample.path.collapses, again.tested[0].path.collapses, strict=True):
         assert old.load == new.load
         np.testing.assert_array_equal(old.direction, new.direction)
-    with pytest.raises(ValueError, match=r"collapses = true was given with dynamics.drag = 0"):
+    with pytest.raises(ValueError, match=r"collapses = true requires dynamics.drag > 0"):
         ss.scenario(**table | {"dynamics": {"times": (), "drag": 0}}, loading=loading)
-    with pytest.raises(ValueError, match=r"machine was given with test = \"shear\""):
+    with pytest.raises(ValueError, match=r"does not apply to test = \"shear\""):
         ss.scenario(**table, loading={"test": "shear", "machine": 10.0})
-    with pytest.raises(ValueError, match=r"loading.strain = 0.02 was given without loading.machine"):
+    with pytest.raises(ValueError, match=r"loading.strain = 0.02 requires loading.machine"):
         ss.scenario(**table, loading={"strain": 0.02})

@@ -141,7 +141,7 @@ def test_signs_of_rates_do_not_depend_on_units(unit):
 
 
 def test_slips_of_lemke_are_in_the_units_of_the_problem():
-    """A P-matrix with rows and columns in other units: its one solution satisfies the problem as it was given."""
+    """A P-matrix with rows and columns in other units: its one solution satisfies the given problem."""
     rng = np.random.default_rng(0)
     rows, columns = 2.0 ** rng.integers(-20, 20, (2, 5))
     a = rows[:, None] * (np.eye(5) + 0.1 * rng.normal(size=(5, 5))) * columns

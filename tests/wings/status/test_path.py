@@ -158,7 +158,7 @@ def test_what_is_not_known_of_uniqueness_is_counted_and_reported(monkeypatch):
         pytest.fail("no suitable packing")
     # decisions that are made again in shorter increments count once
     assert len(path.points) <= path.unchecked <= len(open_)
-    assert f"{path.unchecked} times it is not known whether other statuses were consistent" in path.summary
+    assert f"{path.unchecked} times it is unknown whether other statuses were consistent" in path.summary
 
 
 def test_loading_the_other_wall_and_back():
@@ -174,9 +174,9 @@ def test_loading_the_other_wall_and_back():
 def test_wrong_starts_give_a_one_sentence_error(boxed):
     state, law = boxed
     up = with_load(state.control, 60 + TOP, 1.5)
-    with pytest.raises(ValueError, match="no leg was given"):
+    with pytest.raises(ValueError, match="at least one leg"):
         load_path(state, law)
-    with pytest.raises(ValueError, match="increment = 0 was given"):
+    with pytest.raises(ValueError, match=r"increment must .*, got 0"):
         load_path(state, law, up, increment=0)
     with pytest.raises(ValueError, match=r"out of balance by .* use `relax` or `equilibrate`"):
         load_path(state._replace(control=up), law, up)
@@ -298,7 +298,7 @@ def test_other_consistent_choices_are_reported(boxed, monkeypatch):
     assert {row[k] for row in fork.others} == {"sticks"}
     assert fork.forces
     assert any(e.kind.startswith("2 combinations of statuses are consistent") for e in path.events)
-    assert f"other statuses were consistent, too, at {len(path.alternatives)} load" in path.summary
+    assert f"other statuses were also consistent at {len(path.alternatives)} load" in path.summary
     assert "see `alternatives`" not in plain._replace(alternatives=()).summary
 
 
@@ -374,7 +374,7 @@ def test_simple_shear_of_a_periodic_packing(seed):
 def test_an_unstable_start_and_other_laws_are_refused(boxed):
     state, _ = boxed
     hertz = ss.laws.hertz_mindlin(1.0, 0.5, 0.5, coulomb="sharp")
-    with pytest.raises(ValueError, match="piecewise linear only for `linear`"):
+    with pytest.raises(ValueError, match="paths are piecewise linear only for the law `linear`"):
         load_path(state, hertz, state.control)
     column = ss.disks([[0, 0.4995], [0.0, 1.499]], 0.5)
     walls = ss.flat_walls([[0, 0], [0, 1.9985]], [[0, 1], [0, -1]])
@@ -393,14 +393,14 @@ def test_legs_that_change_more_than_loads_are_refused(boxed):
     ):
         with pytest.raises(ValueError, match=message):
             load_path(state, law, state.control._replace(**change))
-    with pytest.raises(TypeError, match=r"legs\[0\] must be a Control, but a value of type float was given"):
+    with pytest.raises(TypeError, match=r"legs\[0\] must be a Control, got a value of type float"):
         load_path(state, law, 1.0)
     with pytest.raises(ValueError, match="body 3 has no force to multiply"):
         with_load(state.control, 3, 2.0)
-    with pytest.raises(ValueError, match=r"pressure = -0.0001 was given: it must be above 0"):
+    with pytest.raises(ValueError, match=r"pressure must be above 0"):
         biaxial_box(30, pressure=-1e-4)
     sliding = ss.laws.linear(1.0, 0.0, 0.5, coulomb="sharp")
-    with pytest.raises(ValueError, match="kt = 0"):
+    with pytest.raises(ValueError, match="kt must be positive"):
         load_path(state, sliding, state.control)
 
 
@@ -409,7 +409,7 @@ def test_a_net_force_that_nothing_holds_is_refused():
     force = state.control.force.copy()
     held = int(np.flatnonzero(~ss.measure.rattlers(state, 2))[0])
     force[held, 0] = 1e-6
-    with pytest.raises(ValueError, match="net force along x that nothing balances"):
+    with pytest.raises(ValueError, match="unbalanced net force along x"):
         load_path(state, law, state.control._replace(force=force))
     m = ss.quasirigid.linear_system(state, law)
     assert ss.quasirigid.contact_status(m, (np.arange(len(m.free)) == 0).astype(float)).verdict is Verdict.MECHANISM
@@ -425,12 +425,12 @@ def test_critical_contacts_are_numbers_or_a_mask(boxed):
     by_mask, by_number = (ss.quasirigid.contact_status(m, load, critical=c) for c in (mask, [3, 8]))
     assert by_mask.critical.tolist() == by_number.critical.tolist() == [3, 8]
     for wrong in ([1, 1], mask[:5], [0.5]):
-        with pytest.raises(ValueError, match="distinct numbers of contacts"):
+        with pytest.raises(ValueError, match="distinct contact numbers"):
             ss.quasirigid.contact_status(m, load, critical=wrong)
     for wrong in ([-1, 9999], [m.count]):
-        with pytest.raises(ValueError, match=r"critical contacts -?\d+ to \d+ .* numbers 0 to"):
+        with pytest.raises(ValueError, match=r"contacts are numbered from 0 to \d+, but critical has -?\d+ to \d+"):
             ss.quasirigid.contact_status(m, load, critical=wrong)
-    with pytest.raises(ValueError, match="start of shape"):
+    with pytest.raises(ValueError, match=r"start must be .* got shape"):
         ss.quasirigid.contact_status(m, load, critical=[1], start=[True])
 
 

@@ -114,5 +114,5 @@ def test_smooth_friction_and_rolling_resistance_are_refused():
     state, law = sample("linear", "sharp", 2, 0)
     with pytest.raises(ValueError, match="rolling resistance"):
         linear_system(state, ss.laws.with_rolling(law, k_roll=0.5, mu_roll=0.1), rattlers=True)
-    with pytest.raises(ValueError, match=r"statuses of shape \(3,\)"):
+    with pytest.raises(ValueError, match=r"sliding must have one status .* got shape \(3,\)"):
         stiffness_matrix(linear_system(state, law), [True, False, True])

@@ -147,5 +147,5 @@ def test_loads_that_are_no_loads_are_refused():
     with pytest.raises(ValueError, match="one component for each coordinate"):
         contact_status(m, load[1:], critical=critical)
     load[3] = np.nan
-    with pytest.raises(ValueError, match="load holds NaN or infinity"):
+    with pytest.raises(ValueError, match="load contains NaN or infinity"):
         contact_status(m, load, critical=critical)

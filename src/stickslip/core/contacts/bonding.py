@@ -8,11 +8,11 @@ from ..arguments import Array, NotNegative, checked, knows_bonds
 from ..fields import IMAGE_BITS, pack_keys
 from ..laws.bonds import UNBREAKABLE, Bond, coefficients
 from ..state import Bonds, State, empty_contacts
-from .bonds import add_bond_loads, bond_gap, bond_vectors
+from .bonds import BondLimits, add_bond_loads, bond_gap, bond_vectors, judge_loads, limits_of_bonds
 from .forces import bodies
 from .neighbors import TOO_FAR, TooFarApartError, body_positions, body_radii, grid_of, needs_rebuild, rebuild_list
 
-AMBIGUOUS = 1e-9  # distance from half a box, in boxes
+AMBIGUOUS = 1e-9  # tolerance around half a box, in boxes
 
 
 @checked
@@ -24,9 +24,9 @@ def bonded(
     within: NotNegative = 0.0,
     pairs: Annotated[np.ndarray, Array((2,), "iu")] | None = None,
 ) -> State:
-    """State whose grains are bonded; at rest each bond is as long as now, and its grains are not turned.
+    """State with bonded grains; the rest length and orientation of each bond are the present ones.
 
-    Bonds act beside the contact law, also across a gap. Where one breaks, the contact law alone is left.
+    Bonds act in addition to the contact law, also across a gap. After a bond breaks, only the contact law acts.
 
     Parameters
     ----------
@@ -37,8 +37,8 @@ def bonded(
     Raises
     ------
     ValueError
-        if a pair names one grain twice, a wall, a grain that does not exist or a pair that is bonded already, or if
-        two of its images are equally near.
+        if a pair contains a grain twice, a wall, a grain that does not exist, or is already bonded, or if two of its
+        images are equally near.
 
     Examples
     --------
@@ -52,13 +52,13 @@ def bonded(
 
 
 def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None, turn=None) -> State:
-    """State whose grains are bonded as by `bonded`, with another reference.
+    """State with grains bonded as in `bonded`, with a given reference.
 
     Parameters
     ----------
     pairs : (K, 2) numbers of the grains, the smaller one first
-    length : (K,) at rest [length]; as now by default, and where it is zero
-    direction, turn : (K, 3) and (K, 4) as in `Bonds`; not turned by default, and where they are zero
+    length : (K,) rest lengths [length]; present ones by default, and where zero
+    direction, turn : (K, 3) and (K, 4) as in `Bonds`; unrotated by default, and where zero
     """
     new = _make(state, bond, *_given_pairs(state, pairs), length)
     if turn is not None:
@@ -68,11 +68,11 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
 
 
 def _with(state: State, new: Bonds) -> State:
-    """State with more bonds, each pair once; its list of contacts reaches them."""
+    """State with additional bonds, each pair once, and a contact list that includes them."""
     bonds = _joined(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
-        raise ValueError("a pair of grains was given that is bonded already: bond each pair once")
+        raise ValueError("a pair of grains is already bonded: bond each pair only once")
     return _listed(state._replace(bonds=bonds, instant=None))
 
 
@@ -84,7 +84,7 @@ def without_bonds(state: State) -> State:
 
 
 def _listed(state: State) -> State:
-    """State whose list of contacts, if it is valid, has a row for each bond."""
+    """State with a row for each bond in its contact list, if the list is valid."""
     contacts, x, radius = state.contacts, body_positions(state), body_radii(state)
     gap = bond_gap(state.bonds, state.grains.position, radius, state.cell.vectors, contacts.skin)
     if gap <= contacts.gap or needs_rebuild(x, contacts):
@@ -99,13 +99,13 @@ def _make(state: State, bond: Bond, i, j, image, rest=None) -> Bonds:
     bonds = Bonds(
         i.astype(np.int32), j.astype(np.int32), image.astype(np.int16), np.ones(k, bool), np.ones(k), np.full(k, 0.5),
         nothing, np.tile([1.0, 0, 0, 0], (k, 1)), angle[i].copy(), angle[j].copy(), np.zeros((k, 4)), np.zeros((k, 4)),
-        np.ones((k, 4)), np.full(k, bond.form, np.int8), np.full(k, bond.fading, np.int8),
+        np.ones((k, 4)), np.full(k, bond.form, np.int8), np.full(k, bond.fading, np.int8), np.zeros(k, np.int8),
     )  # fmt: skip
     way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
     length = np.linalg.norm(way, axis=1)
     if k and not length.min() > 0:
         a = length.argmin()
-        raise ValueError(f"grains {i[a]} and {j[a]} are in one place: a bond needs a length")
+        raise ValueError(f"grains {i[a]} and {j[a]} have the same position: a bond needs a length")
     rest = length if rest is None else np.where(rest > 0, rest, length)
     stiffness, damping, strength, arm = coefficients(bond, state.cell.dim, radius[i], radius[j], rest)
     return bonds._replace(
@@ -140,14 +140,14 @@ def _given_pairs(state: State, pairs: np.ndarray):
     """Pairs with i < j, and their nearest images."""
     n, cell = len(state.grains.radius), state.cell
     if pairs.shape[1:] != (2,):
-        raise ValueError(f"pairs of shape {pairs.shape} were given: (K, 2) numbers of grains are needed")
+        raise ValueError(f"pairs must have shape (K, 2), two grain numbers per row, got {pairs.shape}")
     for a, b in pairs:
         if a == b:
-            raise ValueError(f"a bond of grain {a} with itself was given: name two grains")
+            raise ValueError(f"grain {a} cannot be bonded to itself: give two grains")
         if not (min(a, b) >= 0 and max(a, b) < n):
             raise ValueError(
-                f"a bond of {a} with {b} was given, but grains are numbered 0 to {n - 1}: bonds hold grains, not "
-                f"walls; fix a grain in place of a wall"
+                f"a bond joins two grains, numbered 0 to {n - 1}, got {a} and {b}; to bond a grain to a wall, bond it "
+                "to a fixed grain instead"
             )
     i, j = np.sort(pairs, axis=1).T
     apart = (state.grains.position[i] - state.grains.position[j]) @ grid_of(cell).inverse
@@ -165,15 +165,28 @@ def _given_pairs(state: State, pairs: np.ndarray):
 @checked
 @knows_bonds
 def bond_shares(state: State) -> np.ndarray:
-    """Share of its strength that each bond bears, (K,): it breaks at 1. Zero for broken bonds and without strength."""
+    """Load of each bond over its strength, (K,): it breaks at 1. Zero for broken and unbreakable bonds."""
     if state.bonds is None:
         return np.zeros(0)
     nothing = np.zeros((state.n_bodies, 3))
     return add_bond_loads(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, nothing, nothing.copy())
 
 
+def broken_since(state: State, before: State) -> np.ndarray:
+    """(B, 3) bonds that broke since an earlier state: i, j, and the index in `FAILURES` of the load that broke them."""
+    if not state.bonds:
+        return np.zeros((0, 3), int)
+    lost, bonds = before.bonds.intact & ~state.bonds.intact, state.bonds
+    return np.stack([bonds.i, bonds.j, bonds.failed], axis=1).astype(int)[lost]
+
+
+def limits(state: State, way: np.ndarray | None = None) -> BondLimits:
+    """Loads of the bonds of a state over their strengths; see `limits_of_bonds`."""
+    return limits_of_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, way)
+
+
 def without_failure(state: State) -> State:
-    """State whose bonds do not break in a run, unless they have faded by then; `with_strength_of` restores them."""
+    """State whose bonds do not break in a run, unless already faded; `with_strength_of` restores their strength."""
     if not state.bonds:
         return state
     strength = np.where(state.bonds.fading[:, None] > 0, state.bonds.strength, UNBREAKABLE)
@@ -181,18 +194,20 @@ def without_failure(state: State) -> State:
 
 
 def with_strength_of(state: State, before: State, *, mended: bool = False) -> State:
-    """State whose bonds have the strength that they had before and, if `mended`, are intact if they were."""
+    """State whose bonds have their previous strength and, if `mended`, are intact if they were before."""
     if not state.bonds:
         return state
-    intact = before.bonds.intact if mended else state.bonds.intact
-    return state._replace(bonds=state.bonds._replace(strength=before.bonds.strength, intact=intact), instant=None)
+    kept = before.bonds if mended else state.bonds
+    bonds = state.bonds._replace(strength=before.bonds.strength, intact=kept.intact, failed=kept.failed)
+    return state._replace(bonds=bonds, instant=None)
 
 
 def with_weakest_broken(state: State) -> State:
-    """State whose bond with the largest share of its strength is broken if that is 1 or more; else the same state."""
+    """State with the bond of the largest load over strength broken if this is at least 1; otherwise unchanged."""
     share = bond_shares(state) if state.bonds else np.zeros(0)
     if not share.max(initial=0.0) >= 1.0:
         return state
-    intact = state.bonds.intact.copy()
-    intact[share.argmax()] = False
-    return state._replace(bonds=state.bonds._replace(intact=intact), instant=None)
+    intact, failed, weakest = state.bonds.intact.copy(), state.bonds.failed.copy(), share.argmax()
+    intact[weakest] = False
+    failed[weakest] = judge_loads(state.bonds, limits(state).load)[1][weakest]
+    return state._replace(bonds=state.bonds._replace(intact=intact, failed=failed), instant=None)

@@ -1,20 +1,22 @@
 """Loads of bonds, their linearisation, and their failure.
 
-A bond holds two grains i and j like a beam. n is the unit vector from j to i; γ is the rotation vector that takes the
-direction of rest, which turns with j, to n. The rotation of i relative to j is exp(β) exp(ψ n): it bends after it
-twists. The shear force acts at a share α of r from j (`arm`), where i is displaced by u × n relative to j, u = |r| (γ −
-(1 − α) β). The loads on j are
+A bond joins two grains i and j like a beam. n is the unit vector from j to i; γ is the rotation vector from the rest
+direction, which rotates with j, to n. The rotation of i relative to j is exp(β) exp(ψ n): twist, then bending. The
+shear force acts at a fraction α of r from j (`arm`), where i is displaced by u × n relative to j, u = |r| (γ − (1 − α)
+β). The loads on j are
 
     F = k_n (|r| − r₀) n + k_s u × n,    M = k_b β + k_ψ ψ n + α r × (k_s u × n);
 
 those on i are −F and −k_b β − k_ψ ψ n + (1 − α) r × (k_s u × n). With α = 1/2 they are the loads of `bpm/rotational` in
 LAMMPS. Dashpots oppose the rates of the same deformations. The loads follow from the present configuration, so that
-bonds need no trial memory; committing them only brings their reference up to the present rotations.
+bonds need no trial memory; committing them only updates their reference to the present rotations.
 
 Source
 ------
 Wang & Mora, doi:10.1007/978-3-540-85879-9_6.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +26,7 @@ from ..state import Bonds, Contacts, State
 
 
 def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=None) -> np.ndarray:
-    """Add the loads of all bonds in place; return their shares of the strength, (K,).
+    """Add the loads of all bonds in place; return loads over strengths, (K,).
 
     Parameters
     ----------
@@ -39,11 +41,42 @@ def add_bond_loads(bonds: Bonds, dim: int, here, vectors, force, torque, virial=
 
 
 def follow_rotations(bonds: Bonds, dim: int, here, vectors) -> Bonds:
-    """Bonds whose reference has followed the rotations of the grains."""
+    """Bonds with a reference updated to the rotations of the grains."""
     moved = {name: getattr(bonds, name).copy() for name in ("direction", "turn", "angle_i", "angle_j")}
     out, nothing = bonds._replace(**moved), np.zeros_like(here.position)
     core.evaluate_bonds(dim, here, out, vectors, True, None, nothing, nothing.copy(), None)
     return out
+
+
+class BondLimits(NamedTuple):
+    """Loads of K bonds over their strengths, as if all were intact: tension, then vectors of shear, bending, twist."""
+
+    load: np.ndarray  # (K, 10)
+    slope: np.ndarray  # (K, 10) derivatives along a motion
+    energy: np.ndarray  # (K,) [energy]
+
+
+def limits_of_bonds(bonds: Bonds, dim: int, here, vectors, way: np.ndarray | None = None) -> BondLimits:
+    """Loads of bonds over their strengths, and their energies.
+
+    Parameters
+    ----------
+    way : (K, 9) changes of the pair vector [length] and of the angles of i and of j [rad]; nothing moves by default
+    """
+    k = len(bonds.i)
+    out, way = BondLimits(*np.zeros((2, k, 10)), np.zeros(k)), np.zeros((k, 9)) if way is None else way
+    core.limit_bonds(dim, here, bonds, vectors, np.ascontiguousarray(way), *out)
+    return out
+
+
+def judge_loads(bonds: Bonds, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Loads over strengths (K,) for given loads, see `BondLimits`, and indices in `FAILURES` of the breaking loads.
+
+    The load that breaks a bond is the largest of those that add up to its strength.
+    """
+    share, failure = np.zeros(len(load)), np.zeros(len(load), np.int8)
+    core.judge_loads(bonds, np.ascontiguousarray(load), share, failure)
+    return share, failure
 
 
 def bond_vectors(bonds: Bonds, position: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -52,17 +85,22 @@ def bond_vectors(bonds: Bonds, position: np.ndarray, vectors: np.ndarray) -> np.
 
 
 def bond_gap(bonds: Bonds, position: np.ndarray, radius: np.ndarray, vectors: np.ndarray, skin: float) -> float:
-    """Gap that a list of contacts must cover to have a row for each intact bond, a multiple of its skin [length]."""
+    """Gap that a contact list must cover to include all intact bonds, a multiple of its skin [length]."""
     held = bonds._replace(i=bonds.i[bonds.intact], j=bonds.j[bonds.intact], image=bonds.image[bonds.intact])
     gap = np.linalg.norm(bond_vectors(held, position, vectors), axis=1) - radius[held.i] - radius[held.j]
     return float(np.ceil(max(gap.max(initial=0.0), 0.0) / skin) * skin)
 
 
 def bond_rows(bonds: Bonds, contacts: Contacts) -> np.ndarray:
-    """Row of the list of contacts for each bond, (K,); −1 for broken ones."""
+    """Row of each bond in the contact list, (K,); −1 for broken ones."""
     count = int(contacts.count[0])
     rows = np.searchsorted(contacts.key[:count], pack_keys(bonds.i, bonds.j, bonds.image))
     return np.where(bonds.intact, rows, -1)
+
+
+def is_beam(bonds: Bonds, dim: int) -> np.ndarray:
+    """Mask of intact bonds that resist all relative motions, so that one of them alone holds a grain, (K,)."""
+    return bonds.intact & (bonds.stiffness[:, 1 : dim + 1] > 0).all(axis=1)
 
 
 def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np.ndarray:
@@ -74,7 +112,7 @@ def bond_forces(bonds: Bonds, dim: int, here, vectors, contacts: Contacts) -> np
 
 
 def with_bonds(bonds: Bonds, dim: int, here, vectors, contacts: Contacts, *blocks: np.ndarray):
-    """Contact blocks of springs and of dashpots with those of bonds added, (C, 9, 9) as in `contact_blocks`."""
+    """Contact blocks of springs and dashpots including bonds, (C, 9, 9) as in `contact_blocks`."""
     k = len(bonds.i)
     a, b = here.radius[bonds.i], here.radius[bonds.j]
     turn = np.array([[np.ones(k), b], [np.ones(k), -a]]) / (a + b)  # of i and j from R_i a_i + R_j a_j and a_i − a_j
@@ -97,7 +135,7 @@ def has_damped_bonds(state: State) -> bool:
 
 
 def frequency_bound_of_bonds(bonds: Bonds, here, vectors: np.ndarray, inverse_inertia: np.ndarray) -> float:
-    """Upper bound on the ω² that bonds cause, from the sums of stiffnesses at each body."""
+    """Upper bound on the ω² due to bonds, from the sums of stiffnesses at each body."""
     held = np.flatnonzero(bonds.intact)
     tension, shear, bending, twisting = bonds.stiffness[held].T
     total = np.zeros((2, len(inverse_inertia)))

@@ -22,14 +22,16 @@ from .neighbors import body_positions, body_radii, join_bodies, shifts, with_nei
 # has moved since it was committed; HELD: the same with every contact in its mode; FROZEN: as FREE, also where it is not
 # that of this law
 FROZEN, HELD, FREE = 0, 1, 2
-GIVEN = 4  # added to HELD or FREE: the memory was not committed in motion but comes from elsewhere
-MIN_WEIGHT = 0.6  # of an increment, see `turning_weight`; above 1/2, so that a slip can change its sign
-ROUND_OFF = 1e-11  # of a slip, in units of R_i + R_j: a contact slides until its slip is shorter than its limit by more
-AT_LIMIT = 1e-3  # share of its limit by which the slip of a sliding contact may fall short at rest; dashpots leave that
+GIVEN = 4  # added to HELD or FREE: the memory was not committed in motion but imported
+MIN_WEIGHT = 0.6  # least weight of an increment, see `turning_weight`; above 1/2, so that a slip can change its sign
+ROUND_OFF = (
+    1e-11  # tolerance of slip, in units of R_i + R_j: a contact slides until its slip is below its limit by more
+)
+AT_LIMIT = 1e-3  # fraction of its limit by which the slip of a sliding contact may fall short at rest, due to dashpots
 
 
 class Bodies(NamedTuple):
-    """Grains and walls in one set of arrays, as kernels expect them."""
+    """Grains and walls in common arrays, as expected by kernels."""
 
     position: np.ndarray  # (B, 3)
     angle: np.ndarray  # (B, 3)
@@ -37,7 +39,7 @@ class Bodies(NamedTuple):
     spin: np.ndarray  # (B, 3)
     radius: np.ndarray  # (B,)
     material: np.ndarray  # (B,)
-    inverse_mass: np.ndarray  # (B,) 1/m, zero for what does not translate
+    inverse_mass: np.ndarray  # (B,) 1/m, zero for bodies that do not translate
     normal: np.ndarray  # (W, 3)
     rate: np.ndarray  # (3, 3) velocity gradient of the cell
 
@@ -59,7 +61,7 @@ class ContactLoads(NamedTuple):
         """Raise ValueError if any state among the given values has a different number of bodies."""
         for state in others:
             if isinstance(state, State) and state.n_bodies != len(self.force):
-                raise ValueError(f"loads of {len(self.force)} bodies were given for a state with {state.n_bodies}")
+                raise ValueError(f"the loads are those of {len(self.force)} bodies, but the state has {state.n_bodies}")
 
 
 _LOADS = {
@@ -98,8 +100,8 @@ def bodies(state: State) -> Bodies:
 def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
 
-    F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. As in the papers, the lever arms are R rather than R −
-    δ/2, so that the total angular momentum changes by O(δ), unless `laws.with_lever` has changed them.
+    F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. As in the papers, lever arms are R rather than R − δ/2 unless
+    changed by `laws.with_lever`, so that the total angular momentum changes by O(δ).
 
     Parameters
     ----------
@@ -156,7 +158,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
 def check_memory(memory: int) -> None:
     """Raise ValueError if a number does not denote a treatment of contact memory."""
     if memory not in (FROZEN, HELD, FREE, HELD | GIVEN, FREE | GIVEN):
-        raise ValueError(f"memory = {memory} was given: FREE, HELD and FROZEN are allowed")
+        raise ValueError(f"memory must be FREE, HELD or FROZEN, got {memory}")
 
 
 @checked
@@ -171,8 +173,8 @@ def accept(state: State, trial: Contacts) -> State:
     """
     if len(trial.origin) != state.n_bodies:
         raise ValueError(
-            f"the trial memory is that of {len(trial.origin)} bodies, but the state has {state.n_bodies}: "
-            "give what `forces` returned for this state"
+            f"the trial memory is that of {len(trial.origin)} bodies, but the state has {state.n_bodies}: use the "
+            "result of `forces` for this state"
         )
     bonds = state.bonds and follow_rotations(state.bonds, state.cell.dim, bodies(state), state.cell.vectors)
     return state._replace(contacts=trial, bonds=bonds)
@@ -192,11 +194,11 @@ def check_materials(state: State, law: Law) -> None:
 @checked
 @knows_bonds
 def unbalanced_forces(state: State, loads: ContactLoads):
-    """Force and torque/R on every body, (N + W, 6), external loads included; zero where not free.
+    """Force and torque/R on every body, (N + W, 6), external loads included; zero for components that are not free.
 
     Parameters
     ----------
-    loads : first value that `forces` returns
+    loads : first result of `forces`
     """
     grains, control = state.grains, state.control
     n = len(grains.radius)

@@ -66,7 +66,7 @@ class Linearisation(NamedTuple):
 
     @property
     def bearing(self) -> np.ndarray:
-        """(C,) |F_n|, or |F_n n + F| where bonds bear F [force]."""
+        """(C,) |F_n|, or |F_n n + F| with bond forces F [force]."""
         if not self.bond.any():
             return np.abs(self.force_n)
         return np.linalg.norm(self.force_n[:, None] * self.normal + self.bond, axis=1)
@@ -143,6 +143,12 @@ def blocks_of(state: State, law: Law, c: Linearisation, memory: int = HELD):
         about = state.cell.dim, bodies(state), state.cell.vectors, state.contacts
         stiff, damp = with_bonds(state.bonds, *about, stiff, damp)
     return stiff, damp
+
+
+def bond_blocks(state: State) -> np.ndarray:
+    """(C, 9, 9) parts of the blocks of contacts that are due to bonds."""
+    nothing = np.zeros((2, int(state.contacts.count[0]), 9, 9))
+    return next(with_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, state.contacts, *nothing))
 
 
 def _blocks_of_law(state: State, law: Law, c: Linearisation, memory: int):

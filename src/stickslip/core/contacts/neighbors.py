@@ -100,7 +100,7 @@ def with_neighbor_list(state: State, law: Law | None = None) -> State:
     if not needs_rebuild(x, state.contacts):
         return state
     if len(x) > MAX_BODIES:
-        raise ValueError(f"{len(x)} bodies were given: at most {MAX_BODIES} are supported")
+        raise ValueError(f"at most {MAX_BODIES} bodies are supported, got {len(x)}")
     contacts = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), state.contacts)
     if contacts.count[0] < 0:
         raise TooFarApartError(TOO_FAR)
@@ -132,7 +132,7 @@ def without_walls(state: State, walls: Bodies) -> State:
     kept = np.ones(state.n_bodies, bool)
     for wall in np.atleast_1d(walls):
         if wall not in range(state.n_bodies - n):
-            raise ValueError(f"wall {wall} was given: the state has {state.n_bodies - n} walls, numbered from 0")
+            raise ValueError(f"wall {wall} does not exist: the state has {state.n_bodies - n} walls, numbered from 0")
     kept[n + np.asarray(walls, np.int64)] = False
     rows = np.flatnonzero(kept[contacts.j[:count]])
     number = np.cumsum(kept) - 1
@@ -149,7 +149,7 @@ def without_walls(state: State, walls: Bodies) -> State:
     )
 
 
-# ---- what some laws require of the neighbour list: pairs across gaps, and rows for memory
+# ---- requirements of some laws: pairs across gaps, and rows for memory
 
 
 def gap_of_bonds(state: State) -> float:
@@ -176,7 +176,7 @@ def with_range(state: State, law: Law) -> Contacts:
 
 
 def with_own_memory(contacts: Contacts, law: Law) -> Contacts:
-    """List with a row of memory for each pair, if the law has one for rotations or of its own."""
+    """List with a row of memory for each pair, if the law has rotational or user-defined memory."""
     row = np.append(np.zeros(angular_columns(law)), [*own_memory(law.kind).values()])
     if not len(row) or (contacts.rolling is not None and contacts.rolling.shape[1] == len(row)):
         return contacts

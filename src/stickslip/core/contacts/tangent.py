@@ -73,7 +73,7 @@ def projected(turn: Turn, w: np.ndarray, by_w: np.ndarray) -> tuple[np.ndarray, 
 def memory_tangent(
     turn: Turn, before, way, by_way, reach, by_overlap, weighted, fade=None, fading=None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Memory f a + κ d (C, 3), its derivative (C, 3, K), and that with respect to `reach` (C, 3).
+    """Memory f a + κ d (C, 3), its derivative (C, 3, K), and its derivative with respect to `reach` (C, 3).
 
     Here a = T `before` and d = (1 + f)/2 T `way`.
 
@@ -131,7 +131,7 @@ def with_shorter_arms(state, line, stiff: np.ndarray, damp: np.ndarray):
     own, other = radius[state.contacts.i[:count]], radius[state.contacts.j[:count]]
     whole, apart = 1 / (own + other), (other - own) / (own + other)
     ends, middle = (_shares(whole, apart, half) for half in (line.half, line.half_mid))
-    # dδ/dr = −n, and half as much halfway
+    # dδ/dr = −n, and half of it halfway
     stiff_at = stiff.copy()
     stiff_at[:, :, :3] += stiff[:, :, 3:] @ outer(0.25 * line.together, line.normal)
     torque = -np.cross(line.normal, line.force_n[:, None] * line.normal - line.secant[:, None] * line.slip)

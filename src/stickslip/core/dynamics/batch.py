@@ -1,8 +1,8 @@
 """Many systems side by side: legs are packed into a batch, run together, and unpacked.
 
 A batch runs on a graphics processor, or here, where the same functions give the same bits (see `batch.h`). Bodies of a
-system are in memory order: single grains, in an order in which every few have all sizes, so that blocks of threads have
-as many contacts; then grains of rigid groups and on springs; then walls.
+system are in memory order: single grains, with sizes mixed so that all blocks of threads have similar numbers of
+contacts; then grains of rigid groups and on springs; then walls.
 """
 
 from math import prod
@@ -35,8 +35,8 @@ from .driver import run_steps
 from .record import Record, allocate_buffers, columns, make_record
 from .run import Leg, check_time_step
 
-SKIN = 0.02  # of the lists, in mean diameters
-WARP = 32  # rooms are multiples of it
+SKIN = 0.02  # skin of the lists, in mean diameters
+WARP = 32  # array sizes are multiples of it
 _HALF = 1 << core.ENTRY_IMAGE - 1
 _SHIFTS = [core.ENTRY_FLAGS + core.ENTRY_IMAGE * k for k in (2, 1, 0)]
 STAY = "run without a device"
@@ -62,7 +62,7 @@ class Sizes(NamedTuple):
     knots: int
     courses: int
     samples: int
-    least: int  # contacts that a grain needs not to be a rattler
+    least: int  # least number of contacts of a grain that is not a rattler
     events: int  # rows for the events of a system
     tracks: int  # bodies of each sample
     table: tuple[int, ...]  # shape of the table of a law
@@ -72,7 +72,7 @@ class Device(Protocol):
     """Processor that runs a batch."""
 
     def allocate(self, arrays: dict[str, tuple[tuple[int, ...], type]], law: dict, sizes: Sizes) -> None:
-        """Make arrays of zeros from their shapes and types, and take the law."""
+        """Allocate arrays of zeros from their shapes and types, and set the law."""
 
     def write(self, name: str, place: int | tuple, values: np.ndarray) -> None:
         """Write to a part of an array."""
@@ -81,14 +81,14 @@ class Device(Protocol):
         """Read a part of an array."""
 
     def run(self, steps: int) -> np.ndarray:
-        """Run up to so many steps of each system; return `number`."""
+        """Run up to a number of steps of each system; return `number`."""
 
 
 class Processor:
-    """This processor, one core: for tests, as it is far slower than a run of the same systems one after another."""
+    """This processor, on one core: for tests, as it is far slower than running the systems one after another."""
 
     def allocate(self, arrays, law, sizes) -> None:
-        """Make arrays of zeros, and take the law."""
+        """Allocate arrays of zeros, and set the law."""
         self.arrays = {name: np.zeros(shape, kind) for name, (shape, kind) in arrays.items()}
         self.law, self.batch = core.fill("Law", law), core.fill("Batch", sizes._asdict() | self.arrays)
 
@@ -107,7 +107,7 @@ class Processor:
 
 
 class System(NamedTuple):
-    """One leg with all that its start needs."""
+    """One leg with the data for its start."""
 
     leg: Leg
     state: State  # at the start, with the forces of its last step
@@ -117,7 +117,7 @@ class System(NamedTuple):
 
 
 def run_legs(legs: list[Leg], device: Device) -> list[tuple[State, Record] | RuntimeError]:
-    """Run legs side by side; return the last state and the record of each, or why it became unstable.
+    """Run legs side by side; return the last state and record of each, or the reason why it became unstable.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def run_systems(systems: list[System], device: Device) -> list[tuple[State, Reco
     most = _entries(systems)
     while True:
         if most > core.MOST_ENTRIES:
-            raise ValueError(f"a device was given a grain with more than {core.MOST_ENTRIES} neighbours: {STAY}")
+            raise ValueError(f"a device supports at most {core.MOST_ENTRIES} neighbours of a grain: {STAY}")
         sizes = _sizes(systems, most)
         try:
             device.allocate(_shapes(sizes), law_struct(systems[0].leg.law, members=FORCES), sizes)
@@ -173,11 +173,11 @@ def check_law(law: Law) -> None:
     """Raise ValueError with a one-sentence message if a device cannot evaluate a law."""
     own = isinstance(law.kind, Kind) or law_struct(law, members=FORCES)["force"] is not None
     if own or needs_rows(law) or angular_columns(law):
-        name = "a law of a user" if isinstance(law.kind, Kind) else NAMES[law.kind]
+        name = "a user-defined law" if isinstance(law.kind, Kind) else NAMES[law.kind]
         more = "" if own else " with other lever arms, a memory of forces, rolling or twisting resistance"
         raise ValueError(
-            f"a device was given {name}{more}, but evaluates linear and Hertz's springs with friction and dashpots "
-            f"only, with lever arms R and without rolling resistance: use one of these, or {STAY}"
+            f"a device does not support {name}{more}; it supports linear and Hertz springs with friction and "
+            f"dashpots, lever arms R and no rolling resistance: use one of these, or {STAY}"
         )
 
 
@@ -187,24 +187,22 @@ def check_leg(leg: Leg) -> None:
     check_materials(state, leg.law)
     check_law(leg.law)
     if state.bonds:
-        raise ValueError(f"a device was given a packing with bonds: {STAY}")
+        raise ValueError(f"a device does not support bonds: {STAY}")
     if (state.control.group[len(state.grains.radius) :] >= 0).any():
-        raise ValueError(f"a device was given a wall in a rigid group: {STAY}")
+        raise ValueError(f"a device does not support walls in a rigid group: {STAY}")
     if (groups := int(state.control.group.max(initial=-1)) + 1) > core.SUMS // 3:
-        raise ValueError(f"a device was given {groups} rigid groups, but has room for {core.SUMS // 3}: {STAY}")
+        raise ValueError(f"a device supports at most {core.SUMS // 3} rigid groups, got {groups}: {STAY}")
     if needs_frame(state):
-        raise ValueError(f"a device was given a cell that deforms, or rates with a time profile: {STAY}")
+        raise ValueError(f"a device supports neither cells that deform nor rates with a time profile: {STAY}")
     if state.control.free[len(state.grains.radius) :, :3].any():
-        raise ValueError(
-            f"a device was given a wall that follows its load, but moves walls at given rates only: {STAY}"
-        )
+        raise ValueError(f"a device moves walls at prescribed rates only, not under loads: {STAY}")
     if leg.samples > 1 and not leg.every:
-        raise ValueError(f"a device was asked for {leg.samples} states, but returns the last one only: {STAY}")
+        raise ValueError(f"a device returns the last state only, not {leg.samples} states: {STAY}")
     height, reach = grid_of(state.cell).height, 2 * float(state.grains.radius.max(initial=0.0)) + _skin(state)
     if (narrow := height[state.cell.periodic & (np.arange(3) < state.cell.dim)]).size and narrow.min() < 2 * reach:
         raise ValueError(
-            f"a device was given a periodic cell that is {narrow.min():.4g} across, but needs twice the largest "
-            f"diameter and the skin, {2 * reach:.4g}: use a larger cell, or {STAY}"
+            f"the periodic cell is {narrow.min():.4g} across, but a device needs twice the largest diameter plus the "
+            f"skin, {2 * reach:.4g}: use a larger cell, or {STAY}"
         )
 
 
@@ -214,7 +212,7 @@ def _skin(state: State) -> float:
 
 
 def prepare(leg: Leg) -> System:
-    """Evaluate the forces at the start of a leg, unless the state has them, and choose the order of its bodies."""
+    """Evaluate the forces at the start of a leg, unless the state contains them, and choose the order of its bodies."""
     check_leg(leg)
     state, law = leg.state, leg.law
     plan, instant = _plan(leg), matching_instant(state, law, "difference")
@@ -235,12 +233,12 @@ def prepare(leg: Leg) -> System:
 
 
 def _plan(leg: Leg) -> Plan:
-    """Return how the bodies of a leg are moved."""
+    """Return the kind of motion of the bodies of a leg."""
     return make_plan(leg.state, leg.drag, leg.drag if leg.spin_drag is None else leg.spin_drag, leg.dt)
 
 
 def _entries(systems: list[System]) -> int:
-    """Room for the entries of a body: half as many more as the longest list has at the start, if that many may be."""
+    """Room for the entries of a body: 1.5 times the longest initial list, up to the limit."""
     listed = touching = 0
     for system in systems:
         contacts, n = system.state.contacts, len(system.state.grains.radius)
@@ -262,7 +260,7 @@ def _sizes(systems: list[System], most: int) -> Sizes:
     law, dim = legs[0].law, states[0].cell.dim
     if any(s.cell.dim != dim for s in states) or any(_law_form(law) != _law_form(leg.law) for leg in legs):
         raise ValueError(
-            "systems of different dimensions or laws were given to one batch: run them in batches of their own"
+            "the systems in a batch must have the same dimension and law: run the others in separate batches"
         )
     room = -(-max(state.n_bodies for state in states) // WARP) * WARP
     detailed = any(leg.detailed for leg in legs)
@@ -306,7 +304,7 @@ def _shapes(sizes: Sizes) -> dict[str, tuple[tuple[int, ...], type]]:
 
 
 def _pack(system: System, slot: int, sizes: Sizes):
-    """Yield name, place and values of every part of a system that is not zero."""
+    """Yield name, position and values of every nonzero part of a system."""
     leg, state, order, single, _ = system
     control, here, n = state.control, bodies_at_start(state, state.instant), len(state.grains.radius)
     plan, place = _plan(leg), np.argsort(order)
@@ -403,7 +401,7 @@ def _pack_numbers(system: System, slot: int, sizes: Sizes):
 def _unpack(
     system: System, slot: int, device: Device, number: np.ndarray, events: np.ndarray
 ) -> tuple[State, Record] | RuntimeError:
-    """Last state and record of a system, or why it became unstable."""
+    """Last state and record of a system, or the reason why it became unstable."""
     leg, state, order, *_ = system
     ended = f"the run ended at time {state.time + number[core.SLOT_STEP] * leg.dt:.6g}"
     if number[core.SLOT_PHASE] == core.APART:
@@ -456,8 +454,8 @@ def _unpack_events(events: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 
 def _is_first(i: np.ndarray, j: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Whether contacts, which are known from both sides, are seen from their first body."""
-    forward = (image > 0) @ [4, 2, 1] > (image < 0) @ [4, 2, 1]  # of a grain with its own image
+    """Mask of list entries in which a contact, listed for both bodies, belongs to its first body."""
+    forward = (image > 0) @ [4, 2, 1] > (image < 0) @ [4, 2, 1]  # contact of a grain with its own image
     return (i < j) | ((i == j) & forward)
 
 

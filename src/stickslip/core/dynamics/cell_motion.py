@@ -28,7 +28,9 @@ class Flow(NamedTuple):
     # dashpots; A; effect of half a step of L on a velocity; (1 + ½ dt L)⁻¹; deformation since blocks were chosen; L̇ of
     # free components
     matrix: np.ndarray
-    factor: np.ndarray  # (2, C + 1) of courses, mean over the step and at its end; the last is 1, for none
+    factor: (
+        np.ndarray
+    )  # (2, C + 1) values of courses, mean over the step and at its end; the last is 1, for rates without a course
     rate: np.ndarray  # (B, 6) of bodies, in the order of memory
     follows: np.ndarray  # (B, 6)
 
@@ -84,18 +86,18 @@ def strained(state: State, gradient: Numbers, *, slip: bool = True) -> State:
     dim = state.cell.dim
     gradient = as_numbers(gradient)
     if not np.isfinite(gradient).all():
-        raise ValueError("a gradient with NaN or infinity was given: every entry must be a finite number")
+        raise ValueError("the gradient contains NaN or infinity: every entry must be finite")
     if gradient.shape not in ((3, 3), (dim, dim)):
-        raise ValueError(f"a gradient of shape {gradient.shape} was given: (3, 3) or {(dim, dim)} is needed")
+        raise ValueError(f"the gradient must have shape (3, 3) or {(dim, dim)}, got {gradient.shape}")
     g = np.zeros((3, 3))
     g[: len(gradient), : len(gradient)] = gradient
     if dim == 2 and (g[2].any() or g[:, 2].any()):
-        raise ValueError("a gradient with z components was given in two dimensions: they must be zero")
+        raise ValueError("z components of the gradient must be zero in two dimensions")
     if len(state.walls.mass):
-        raise ValueError("a state with walls was given: only periodic cells can be strained")
+        raise ValueError("the state has walls: only periodic cells can be strained")
     vectors = state.cell.vectors + state.cell.vectors @ g.T
     if not np.linalg.det(vectors) > MIN_VOLUME_RATIO * abs(np.linalg.det(state.cell.vectors)):
-        raise ValueError("a gradient that collapses or inverts the cell was given: use a smaller one")
+        raise ValueError("the gradient collapses or inverts the cell: use a smaller one")
     contacts = state.contacts._replace(stale=True)
     if not slip:
         contacts = contacts._replace(pair=contacts.pair + contacts.pair @ g.T)

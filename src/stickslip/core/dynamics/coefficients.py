@@ -29,7 +29,7 @@ class Plan(NamedTuple):
     """Coefficients of a run, constant during it."""
 
     external: np.ndarray  # (2, B, 3) forces and torques
-    drags: tuple[float, float]  # of translations and of rotations [1/time]
+    drags: tuple[float, float]  # drags of translations and of rotations [1/time]
     dt: float
     tolerance: float = 0.0  # largest unbalanced force at rest [force]
 
@@ -96,7 +96,7 @@ def make_plan(state: State, drag: float, spin_drag: float, dt: float, tolerance:
 # ---- forces at the end of a run, stored so that the next run continues as if there had been no stop
 
 
-# follow from the rest, or do not affect forces
+# these follow from the rest, or do not affect forces
 _IGNORED = ("pair", "roll", "origin", "skin", "gap", "stale", "i", "j", "image")
 
 
@@ -115,10 +115,10 @@ def state_checksum(state: State, law: Law, memory: str) -> int:
 
 
 def with_mark(state: State, law: Law, memory: str) -> State:
-    """State at the end of a run, with its instant marked, or with none if a new run would reproduce it bit for bit.
+    """State at the end of a run, with its last forces, or without them if a new run would reproduce them bit for bit.
 
-    Without dashpots, forces of contacts are reproduced, those of bonds only to round-off, whose memory has since been
-    committed. The mean velocity of a rigid group is not.
+    Without dashpots, contact forces are reproduced, but forces of bonds only to round-off, as their memory has been
+    committed since. The mean velocity of a rigid group is not reproduced.
     """
     if not (damping_model(law) or state.bonds or (state.control.group >= 0).any()):
         return state._replace(instant=None)

@@ -17,8 +17,8 @@ from .batch import Device, Sizes, run_legs
 from .record import Record
 from .run import Leg, check_steps
 
-STEPS = 32  # between looks at what the systems wait for
-LONGEST = 1000  # launches between two looks from here
+STEPS = 32  # steps between checks of the state of the systems
+LONGEST = 1000  # launches between two checks from the host
 THREADS, TILE, CREW = 256, 32, 128  # the last two as in `batch.cu`
 OPTIONS = "--std=c++17", "--device-as-default-execution-space", "--fmad=false", "--diag-suppress=1097"
 
@@ -31,15 +31,15 @@ class Cuda:
         self.stream = self.cupy.cuda.Stream(non_blocking=True)
 
     def allocate(self, arrays, law, sizes) -> None:
-        """Make arrays of zeros, and take the law."""
+        """Allocate arrays of zeros, and set the law."""
         with self.stream:
-            self.arrays = {}  # frees the memory of the former
+            self.arrays = {}  # frees the memory of the previous one
             self.arrays = {name: self.cupy.zeros(shape, kind) for name, (shape, kind) in arrays.items()}
             pointers = {name: array.data.ptr for name, array in self.arrays.items()}
             self._store("systems", core.fill("Batch", sizes._asdict() | pointers))
             self._store("law", core.fill("Law", law))
             self.stream.synchronize()
-            self._launch(sizes, 1)  # loads the kernels, which a capture cannot
+            self._launch(sizes, 1)  # loads the kernels, which is impossible during a capture
             self.stream.begin_capture()
             self._launch(sizes, STEPS)
             self.graph = self.stream.end_capture()
@@ -72,7 +72,7 @@ class Cuda:
 
 
 def launches(sizes: Sizes, steps: int) -> Iterator[tuple[str, int, int]]:
-    """Name, blocks and threads of each kernel of a number of steps, and of what systems wait for after them."""
+    """Name, blocks and threads of each kernel for a number of steps, and of the tasks after them."""
     bodies, dim = sizes.slots * sizes.room, sizes.dim
     each = -(-bodies // THREADS), THREADS
     yield from [(f"step_{dim}", bodies // TILE, CREW)] * steps
@@ -96,7 +96,7 @@ def open_device(name: str) -> Device:
         if no graphics processor answers.
     """
     if name != "cuda":
-        raise ValueError(f"device = {name!r} was given: 'cuda' is allowed, or none for ordinary processors")
+        raise ValueError(f"device must be 'cuda', or omitted for ordinary processors, got {name!r}")
     return Cuda()
 
 
@@ -111,10 +111,10 @@ def run_batch(
     every: int = 0,
     device: str = "cuda",
 ) -> list[tuple[State, Record]]:
-    """Run many systems side by side on a graphics processor, as `run` would run one after another.
+    """Run many systems side by side on a graphics processor, like `run` one after another.
 
-    Sums have a fixed order, so that every run gives the same bits. They agree with those of `run` to round-off. A state
-    that comes back may be continued here or by `run`.
+    Sums have a fixed order, so that every run gives the same bits. They agree with those of `run` to round-off.
+    Returned states can be continued here or by `run`.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def run_batch(
     >>> ends = ss.protocols.run_batch(kicked, law, 1000, 0.02)  # doctest: +SKIP
     """
     if not states:
-        raise ValueError("no states were given: a batch needs at least one")
+        raise ValueError("a batch needs at least one state")
     check_steps(steps, dt, every)
     every = min(every, steps + 1)
     outcomes = run_legs([Leg(state, law, dt, steps, drag=drag, every=every) for state in states], open_device(device))

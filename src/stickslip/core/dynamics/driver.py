@@ -36,7 +36,7 @@ from .record import RecordBuffers, add_bonds, with_lost_contacts, write_groups
 
 MIN_BODIES = 16  # number of bodies above which blocks are faster than rows
 GRAINS_PER_THREAD = 2000  # minimum for good efficiency
-# displacement after which blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
+# displacement after which blocks are chosen anew: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
 # is the displacement per step at the typical speed, and D a diameter
 BASE, SPAN = 1.4, 0.8
 _MOVING_FIELDS, _EMPTY = ("position", "angle", "velocity", "spin"), np.zeros((0, 3))
@@ -62,8 +62,8 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Few grains, bonds, and contacts with rolling resistance or a memory of their own, are evaluated by rows, others by
-    blocks.
+    Contacts of few grains, bonds, and contacts with rolling resistance or additional memory are evaluated by rows, all
+    others by blocks.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class _Run:
         return code
 
     def find_broken(self) -> tuple[int, int]:
-        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 if there is no such body."""
+        """NOT_FINITE or RUNAWAY with the body concerned, or DONE and −1 otherwise."""
         for code, row in (
             (core.NOT_FINITE, core.find_not_finite(self.moved)),
             (core.RUNAWAY, core.find_runaway(self.moved, self.plan.dt)),
@@ -200,7 +200,7 @@ class _Run:
         write_groups(self.writing.groups[row], self.state, external, here, force, self._time())
 
     def record_bonds(self, here: Bodies, row: int) -> None:
-        """Add bonds to one sample, of which the loop itself writes what is due to contacts."""
+        """Add bonds to one sample; the contributions of contacts are written by the loop itself."""
         contacts = self.contacts
         listed = contacts._replace(key=pack_keys(contacts.i, contacts.j, contacts.image), stale=True)
         state = state_after(self.state, here, listed, self._time())._replace(bonds=self.bonds)
@@ -243,7 +243,9 @@ class _Run:
         if not contacts.stale and core.limit_displacements(self.moved, origin, 0.5 * left, room):
             return room, 0.0
         skin = state.contacts.skin
-        if 2 * stride * (self.steps - self.step) > 4 * skin:  # else a larger skin does not repay the final rebuild
+        if (
+            2 * stride * (self.steps - self.step) > 4 * skin
+        ):  # otherwise a larger skin does not compensate for the final rebuild
             skin = max(skin, min(8 * np.sqrt(stride * size * self.few), size))
         return self._limits(skin)[0], skin
 
@@ -293,7 +295,7 @@ def run_steps(
         sampled = sampling and step % sampling == 0
         here = current.gather() if books or sampled else None
         if books:
-            books = post_step(books, current.state, plan, here, current.contacts, step, every)
+            books = post_step(books, current.state, plan, here, current.contacts, current.bonds, step, every)
         if sampled:
             current.record_groups(here, step // every)
             if current.bonds:
@@ -303,7 +305,7 @@ def run_steps(
         if step == steps or code != core.DONE:
             break
         stop = min(steps, (step // sampling + 1) * sampling if sampling else steps)
-        if plan.tolerance > 0:  # the loop fuses steps in blocks, and looks for rest only where it stops
+        if plan.tolerance > 0:  # the loop fuses steps in blocks, and checks for rest only where it stops
             stop = min(stop, (step // core.CHECK_EVERY + 1) * core.CHECK_EVERY)
         stop = min(stop, (step // books.stride + 1) * books.stride) if books else stop
     residual = float(current.residual[0])
@@ -313,7 +315,7 @@ def run_steps(
 
 
 def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
-    """Copy of the contact list, to which a run can write.
+    """Writable copy of the contact list for a run.
 
     Pair vectors, angles and unused keys are left out until the run ends.
     """
@@ -328,9 +330,9 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
 
 
 def _working_bonds(state: State, here: Bodies):
-    """Copy of the bonds, to which a run can write, with their memory committed."""
+    """Writable copy of the bonds for a run, with their memory committed."""
     bonds = follow_rotations(state.bonds, state.cell.dim, here, state.cell.vectors)
-    return bonds._replace(intact=bonds.intact.copy())
+    return bonds._replace(intact=bonds.intact.copy(), failed=bonds.failed.copy())
 
 
 def _forces_in_state_order(moving) -> np.ndarray:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arguments import NotNegative, checked
+from ..contacts.bonds import follow_rotations
 from ..contacts.forces import Bodies, check_materials
 from ..contacts.forces import bodies as bodies_of
 from ..contacts.neighbors import shifts
@@ -25,12 +26,13 @@ from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
 from ..library import core
 from ..readable import readable
-from ..state import State
+from ..state import Bonds, State
 from .coefficients import Plan
 
-COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "rolling", "viscous", "drag", "nonpotential")
-UNBALANCED = 1e-2  # largest defect of a small step, over the energies that it changes
-_STORED = slice(3)  # of COLUMNS, which are not sums over steps
+COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "rolling", "viscous", "drag", "nonpotential",
+           "bonded", "broken")  # fmt: skip
+UNBALANCED = 1e-2  # largest defect of a small step, over its energy changes
+_STORED = [COLUMNS.index(name) for name in ("kinetic", "normal", "tangential", "bonded")]  # not sums over steps
 
 
 @readable
@@ -45,14 +47,17 @@ class Ledger(NamedTuple):
     rolling: np.ndarray  # (T,) dissipated by rolling and twisting beyond their limits
     viscous: np.ndarray  # (T,) dissipated by dashpots
     drag: np.ndarray  # (T,) dissipated by drag
-    # (T,) created (negative: destroyed) by tangential springs whose stiffness changed or whose slip was rescaled
+    # (T,) created (negative: destroyed) by tangential springs whose stiffness changed or whose slip was rescaled, and
+    # by bonds, whose loads have an energy only to first order in the rotations
     nonpotential: np.ndarray
+    bonded: np.ndarray | float = 0.0  # (T,) stored in bonds
+    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy less their remaining work
 
     @property
     def defect(self) -> np.ndarray:
         """Energy stored + dissipated − supplied, less its initial value, (T,): zero up to the integration error."""
-        stored = self.kinetic + self.normal + self.tangential
-        lost = self.coulomb + self.rolling + self.viscous + self.drag
+        stored = self.kinetic + self.normal + self.tangential + self.bonded
+        lost = self.coulomb + self.rolling + self.viscous + self.drag + self.broken
         total = stored + lost - self.external - self.nonpotential
         return total - total[0]
 
@@ -65,31 +70,36 @@ class Books(NamedTuple):
     vectors: np.ndarray  # (3, 3) of the cell
     pull: np.ndarray  # (B, 3) forces of springs
     stride: int  # steps between two entries
-    step: int  # of the last entry
+    step: int  # step of the last entry
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
     law: object  # struct `Law` of the compiled core
     mass: np.ndarray  # (B,)
     inertia: np.ndarray  # (B,)
+    bonds: Bonds | None
 
 
-def open_books(samples: int, stride: int, bodies: Bodies, state, law: Law, rate: bool) -> Books:
+def open_books(samples: int, stride: int, bodies: Bodies, state: State, law: Law, rate: bool) -> Books:
     """Open the books before the first entry; `rate`: with `slip_update="rate"`."""
     row, rows = np.zeros(len(COLUMNS)), np.zeros((samples, len(COLUMNS)))
     pull, walls = spring_forces(state.control, bodies.position, state.time), state.walls.mass
     mass, inertia = np.append(state.grains.mass, walls), np.append(state.grains.inertia, np.zeros(len(walls)))
     struct = core.fill("Law", law_struct(law, rate=rate, members=(*FORCES, "energy")))
     return Books(
-        _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, stride, 0, row, rows, struct, mass, inertia
+        _copy(bodies), _copy(state.contacts), state.cell.vectors, pull, stride, 0, row, rows, struct, mass, inertia,
+        state.bonds and follow_rotations(state.bonds, state.cell.dim, bodies, state.cell.vectors),
     )  # fmt: skip
 
 
-def post_step(books: Books, state, plan: Plan, here: Bodies, contacts, step: int, every: int) -> Books:
-    """Post one step, from the state in the books to `here` and `contacts`, which are not modified."""
+def post_step(
+    books: Books, state: State, plan: Plan, here: Bodies, contacts, bonds: Bonds | None, step: int, every: int
+) -> Books:
+    """Post one step, from the state in the books to `here`, `contacts` and `bonds`, which are not modified."""
     vectors, row = state.cell.vectors, books.row
     pull = spring_forces(state.control, here.position, state.time + step * plan.dt)
     row[_STORED] = 0.0
     core.add_ledger_step(_ends_of_step(books.bodies, here, books.contacts, contacts, books.vectors, vectors) | {
+        "bonds_old": books.bonds, "bonds_now": bonds,
         "law": books.law, "dim": state.cell.dim, "free": np.ascontiguousarray(state.control.free),
         "mass": books.mass, "inertia": books.inertia, "force": plan.external[0] + 0.5 * (pull + books.pull),
         "torque": plan.external[1], "drag": plan.drags[0], "spin_drag": plan.drags[1],
@@ -97,7 +107,14 @@ def post_step(books: Books, state, plan: Plan, here: Bodies, contacts, step: int
     })  # fmt: skip
     if step % every == 0:
         books.rows[step // every] = books.row
-    return books._replace(bodies=_copy(here), contacts=_copy(contacts), vectors=vectors, pull=pull, step=step)
+    return books._replace(
+        bodies=_copy(here),
+        contacts=_copy(contacts),
+        vectors=vectors,
+        pull=pull,
+        step=step,
+        bonds=bonds and _copy(bonds),
+    )
 
 
 def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors) -> dict:
@@ -109,6 +126,7 @@ def _ends_of_step(old: Bodies, now: Bodies, before, after, old_vectors, vectors)
         "old": old, "now": now, "before": before, "after": after, "shift_old": shifts(after, old_vectors),
         "shift_now": shifts(after, vectors), "strain": np.ascontiguousarray(strain),
         "way": now.position - old.position - 0.5 * (now.position + old.position) @ strain.T,
+        "vectors_old": old_vectors, "vectors_now": vectors,
     }  # fmt: skip
 
 
@@ -130,8 +148,8 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
     """Energy dissipated by each pair in the list of `after` between two accepted states that are one small step apart.
 
     Sliding dissipates the mean of |F_t| without dashpots at both ends of the step, times the distance slid: the slip
-    that the motion would have made less the slip that is kept. Dashpots dissipate (F_n − F_n,spring) and (F_t −
-    F_t,spring) times the relative velocities at the ends, averaged, times dt.
+    implied by the motion less the remaining slip. Dashpots dissipate (F_n − F_n,spring) and (F_t − F_t,spring) times
+    the relative velocities at the ends, averaged, times dt.
 
     The energy ledger of a run, `run(…, ledger=True)`, adds up the same numbers of all contacts.
 
@@ -153,18 +171,21 @@ def dissipation(before: State, after: State, law: Law, *, dt: NotNegative = 0.0)
     array([0.])
     """
     if before.n_bodies != after.n_bodies:
-        raise ValueError(f"states of {before.n_bodies} and {after.n_bodies} bodies were given: give two of one sample")
+        raise ValueError(
+            f"the states have {before.n_bodies} and {after.n_bodies} bodies: give two states of the same sample"
+        )
     check_materials(after, law)
     return _post(np.zeros(len(COLUMNS)), before, after, law, dt=dt)
 
 
 def _post(row: np.ndarray, before: State, after: State, law: Law, *, dt: float = 0.0, first: bool = False):
-    """Add a step between two accepted states to a row, without kinetic energy; what each contact dissipates in it."""
+    """Add a step between accepted states to a row, without kinetic energy; return the dissipation of each contact."""
     ends, still = [bodies_of(before), bodies_of(after)], np.zeros((after.n_bodies, 3))
     shares, none = np.zeros((len(after.contacts.i), 2)), np.zeros(after.n_bodies)
     row[_STORED] = 0.0
     core.add_ledger_step(
         _ends_of_step(*ends, before.contacts, after.contacts, before.cell.vectors, after.cell.vectors) | {
+        "bonds_old": before.bonds, "bonds_now": after.bonds,
         "law": law_struct(law, members=(*FORCES, "energy")), "dim": after.cell.dim,
         "free": np.ones((after.n_bodies, 6), bool), "mass": none, "inertia": none, "force": still, "torque": still,
         "drag": 0.0, "spin_drag": 0.0, "dt": dt, "first": first, "row": row, "shares": shares,
@@ -185,19 +206,19 @@ class PathLedger:
         self.here = end
 
     def balances(self, end: State) -> bool:
-        """Whether the energies of a step balance, as those of small steps do unless they lead past an instability."""
+        """Return True if the energies of a step balance, as in small steps that do not cross an instability."""
         row = self.row.copy()
         _post(row, self.here, end, self.law)
         defect = Ledger(*np.array([self.row, row]).T).defect[1]
         return bool(abs(defect) <= UNBALANCED * np.abs(row - self.row).sum())
 
     def post_run(self, end: State, ledger: Ledger) -> None:
-        """Post a run from the present state, sampled at its end; a drag may then take what is left of its motion."""
+        """Post a run from the present state, sampled at its end; drag may then dissipate its remaining motion."""
         self.row[_STORED], self.here = 0.0, end
         self.row += [column[-1] for column in ledger]
 
     def stop(self, end: State) -> None:
-        """Post that the present state is brought to rest."""
+        """Post the removal of the kinetic energy of the present state."""
         self.row[COLUMNS.index("drag")] += self.row[0]
         self.row[0], self.here = 0.0, end
 

@@ -21,12 +21,12 @@ class MovingBodies(NamedTuple):
     body: np.ndarray  # (B, BODY) position, velocity, spin, radius and kicks
     angle: np.ndarray  # (B, 3)
     ahead: np.ndarray  # (B, BODY_AHEAD) velocity and spin predicted at the full step, for dashpots; else (0, …)
-    force: np.ndarray  # (B, 6) force and torque, written where a step ends without beginning the next
+    force: np.ndarray  # (B, 6) force and torque, written if a step ends without starting the next
     free: np.ndarray  # (B, 6) bool
     whole: np.ndarray  # (B,) bool: all components that exist in this dimension are free
     external: np.ndarray  # (B, 8) external forces, and zeros; or (1, 8) without any
     torque: np.ndarray  # (B, 3) external torques, or (1, 3) without any
-    virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, written with a frame; else (0, 9)
+    virial: np.ndarray  # (B, 9) Σ f ⊗ r over contacts in which a body is i, only with a frame; otherwise (0, 9)
     origin: np.ndarray  # (B, 4) positions when blocks were chosen, and 1/d² (1 with a frame), d the displacement limit
     tile: np.ndarray  # (T + 1,) bounds of the tiles of grains; rigid groups and walls follow
     member: np.ndarray  # (M,) bodies in rigid groups, group after group

@@ -15,8 +15,8 @@ from ..readable import pluralize, readable
 from ..state import OPEN, Cell, State, cell_volumes, groups
 from .ledger import Books, Ledger, make_ledger
 
-GROUPS = "position", "velocity", "force", "pull"  # sampled for each rigid group: see `write_groups`
-_SHAPES = {1: (), 3: (3,), 9: (3, 3)}  # of an observable, by the number of its columns
+GROUPS = "position", "velocity", "force", "pull"  # samples of each rigid group: see `write_groups`
+_SHAPES = {1: (), 3: (3,), 9: (3, 3)}  # shape of an observable, by its number of columns
 
 
 @cache
@@ -119,7 +119,7 @@ def _describe(record: Record) -> str:
 
 
 def _rows(record: Record):
-    """Rows of a table of a record: what each quantity was at the first and at the last sample."""
+    """Rows of a table of a record: values at the first and last sample."""
     pressure = "force/length^(dim-1)"
     rows = [
         ("time", record.time, "time"),
@@ -136,7 +136,7 @@ def _rows(record: Record):
             ("shear strain", record.shear_strain, "", "since the first sample"),
             ("volumetric strain", record.volumetric_strain, "", "since the first sample, compression positive"),
         ]
-    yield "samples", len(record.time), "", "below, the values of the first and of the last"
+    yield "samples", len(record.time), "", "values of the first and last are listed below"
     for name, series, *more in rows if len(record.time) else ():
         first, last = f"{series[0]:.6g}", f"{series[-1]:.6g}"
         yield name, first if first == last else f"{first} to {last}", *more
@@ -174,7 +174,7 @@ def write_groups(row: np.ndarray, state: State, external, bodies, force, time: f
 
 
 def add_bonds(row: np.ndarray, state: State, law) -> None:
-    """Add the bonds of a state to one sample, which holds what is due to contacts; see `measure.touching`."""
+    """Add the bonds of a state to one sample with the contributions of contacts; see `measure.touching`."""
     virial, nothing, least = np.zeros((3, 3)), np.zeros((state.n_bodies, 3)), least_supports(law, state.cell.dim)
     add_bond_loads(state.bonds, state.cell.dim, bodies_of(state), state.cell.vectors, nothing, nothing.copy(), virial)
     values = {
@@ -191,10 +191,10 @@ def allocate_buffers(state: State, steps: int, every: int, probes, events: bool,
     n, samples = len(state.grains.radius), steps // every + 1 if every else 0
     probes = np.atleast_1d(np.asarray(probes, np.int64))
     if ((probes < 0) | (probes >= n)).any():
-        raise ValueError(f"probes {probes.tolist()} were given: they must be grains between 0 and {n - 1}")
+        raise ValueError(f"probes must be grain numbers from 0 to {n - 1}, got {probes.tolist()}")
     reference = state.grains.position if reference is None else np.asarray(reference, float)
     if reference.shape != (n, 3):
-        raise ValueError(f"a reference of shape {reference.shape} was given: it must be {(n, 3)}")
+        raise ValueError(f"reference must have shape {(n, 3)}, got {reference.shape}")
     room = max(1024, 8 * len(state.contacts.i)) if events else 0
     known = reference, state.grains.mass, state.grains.inertia, *supports(state), probes
     return RecordBuffers(

@@ -1,4 +1,4 @@
-"""Runs with velocity Verlet and optional drag: time step, engines, of which LAMMPS can be one, and `run` itself."""
+"""Runs with velocity Verlet and optional drag: time step, engines such as LAMMPS, and `run` itself."""
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
@@ -40,29 +40,29 @@ class Wave(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """Part of a run: everything that an engine is told.
+    """Part of a run: the complete input of an engine.
 
-    With `every` = 0 a state comes back at each of `samples` times, without a record. Otherwise only the last state
-    does, with a record of the leg.
+    With `every` = 0, a state is returned at each of `samples` times, without a record. Otherwise only the last state is
+    returned, with a record of the leg.
     """
 
     state: State
     law: Law
     dt: float  # [time]
     steps: int  # from the state
-    samples: int = 1  # states that come back, evenly spaced, the last one at the end
+    samples: int = 1  # number of returned states, evenly spaced, the last one at the end
     drag: float = 0.0  # [1/time]
-    spin_drag: float | None = None  # [1/time], if it differs; LAMMPS has none
+    spin_drag: float | None = None  # [1/time], if different from drag; not in LAMMPS
     every: int = 0  # steps between samples of the record; 0: none
-    detailed: bool = False  # whether the record has contact events, and every grain at each sample; not from LAMMPS
+    detailed: bool = False  # whether the record has contact events, and all grains at each sample; not with LAMMPS
     before: tuple[int, int] = 0, 0  # samples and steps that preceded the state, if samples are spaced with them
     walls: tuple[int, ...] | None = None  # number of each wall, if earlier legs had more walls
-    waves: Mapping[int, Wave] = MappingProxyType({})  # courses, by column, that are waves
-    number: int = 0  # in a sequence of legs
-    name: str = ""  # of the leg, and of the one from whose end it starts, for engines that keep legs in files
+    waves: Mapping[int, Wave] = MappingProxyType({})  # courses that are waves, by column
+    number: int = 0  # index in a sequence of legs
+    name: str = ""  # identifiers of the leg and of the previous one, for engines that store legs in files
     after: str = ""
     skin_diameters: float = 0.1  # skin of neighbour lists in mean diameters, for engines that do not choose it
-    ranks: int = 1  # processes, for engines that have several
+    ranks: int = 1  # number of processes, for parallel engines
 
     @property
     def skin(self) -> float:
@@ -76,7 +76,7 @@ class Leg(NamedTuple):
 
     @property
     def sample_steps(self) -> list[int]:
-        """Steps from the state, after which a state comes back or a sample of the record is taken, and the last one."""
+        """Numbers of steps after which a state is returned or a sample is recorded, including the last step."""
         if self.every:
             return [*range(self.every, self.steps, self.every), self.steps]
         past, done = self.before
@@ -87,17 +87,17 @@ class Leg(NamedTuple):
 class Engine(NamedTuple):
     """Program that runs legs: `run` is one, LAMMPS another.
 
-    `pieces` yields the states that a leg asks for, each with a record, which is empty if none is asked for. Such a
-    state may start another leg, even in another process. Closing the iterator ends the leg.
+    `pieces` yields the requested states of a leg, each with a record, which is empty unless requested. Such a state may
+    start another leg, even in another process. Closing the iterator ends the leg.
     """
 
     MADE_BY = "protocols.lammps_engine"
     pieces: Callable[[Leg], Iterator[tuple[State, Record]]]
     stops: bool = True  # whether a leg can be ended before its last step
-    samples: int = 100  # of a record, in legs into which a long one may be divided
+    samples: int = 100  # largest record, in legs into which a long one may be divided
 
 
-MOST_STEPS = 10**15  # of a run
+MOST_STEPS = 10**15  # largest number of steps of a run
 
 
 @checked
@@ -135,8 +135,9 @@ def run(
     every : int, number of steps between samples (0: no samples)
     probes : grains whose position and angle are sampled
     events : also record each contact that closes, opens, or first reaches the Coulomb limit since it closed
-    ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`. A
-        number of steps: updated after so many, of which `every` is a multiple; sums over steps are then coarser
+    ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`.
+    With a number of steps, of which `every` must be a multiple, it is only updated after that many, which makes sums
+    coarser
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
     slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
@@ -147,7 +148,8 @@ def run(
         contact is set so that spring and dashpot together are at the limit. "rate" is first order in dt where contacts
         rotate, close or have dashpots
     threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
-    engine : another program that runs the same steps: see `protocols.lammps_engine`. It knows `drag` and `every` only
+    engine : another program that runs the same steps: see `protocols.lammps_engine`. It supports `drag` and `every`
+    only
 
     Returns
     -------
@@ -186,8 +188,6 @@ def run(
         }  # fmt: skip
         leg = Leg(state, law, dt, steps, drag=drag, every=every)
         return _run_elsewhere(engine, leg, [name for name, is_asked in asked.items() if is_asked])
-    if state.bonds and ledger:
-        raise ValueError("ledger was given for a state with bonds, whose energy it does not contain yet: omit it")
     every = min(every, steps + 1)
     instant = matching_instant(state, law, slip_update)
     state = with_neighbor_list(state, law)
@@ -195,7 +195,9 @@ def run(
     spin_drag = drag if spin_drag is None else spin_drag
     plan, free = make_plan(state, drag, spin_drag, dt, tolerance), movable(state)
     if tolerance > 0 and ((free[:, :3].any() and not drag > 0) or (free[:, 3:].any() and not spin_drag > 0)):
-        raise ValueError("a tolerance was given without drag on every free component: add drag to reach equilibrium")
+        raise ValueError(
+            "tolerance requires drag on every free component, or the state does not come to rest: add drag"
+        )
     probes = np.atleast_1d(probes)
     rows, groups = steps // every + 1 if every else 0, int(state.control.group.max(initial=-1)) + 1
     memory = 8 * rows * (columns() + 12 * groups + 6 * len(probes))
@@ -214,7 +216,7 @@ def run(
     if code in (core.NOT_FINITE, core.RUNAWAY):
         longest = stable_time_step(state, law)
         known = f"stable up to dt = {longest:.4g}" if np.isfinite(longest) else "without contacts"
-        how = f"step {done}, time {state.time + done * dt:g}; at the start the grains were {known}"
+        how = f"step {done}, time {state.time + done * dt:g}; the grains were initially {known}"
     record = make_record(writing, done, books, end.cell)
     return end, record, Outcome(ends.get(code, finished), residual, done, worst, how)
 
@@ -241,13 +243,13 @@ def _pieces(threads: int | None, leg: Leg) -> Iterator[tuple[State, Record]]:
 def _run_elsewhere(engine: Engine, leg: Leg, asked: list[str]) -> tuple[State, Record, Outcome]:
     """Run a leg with another engine."""
     if asked:
-        raise ValueError(f"{' and '.join(asked)} were given with another engine, which has drag and every only")
+        raise ValueError(f"another engine supports drag and every only, not {' and '.join(asked)}")
     ((end, record),) = engine.pieces(leg)
     return end, record, Outcome(Status.DONE, np.nan, leg.steps)
 
 
 def take_sample(state: State, leg: Leg) -> Record:
-    """Record with one sample, a state that another engine has computed during a leg."""
+    """Record with one sample, a state computed by another engine during a leg."""
     return run(state, leg.law, 0, leg.dt, every=1, reference=leg.state.grains.position)[1]
 
 
@@ -261,11 +263,11 @@ def join_samples(samples: list[Record], leg: Leg) -> Record:
 def check_steps(steps: int, dt: float, every: int) -> None:
     """Raise ValueError with a one-sentence message if these steps are not allowed."""
     if not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt = {dt} was given: the time step must be positive")
+        raise ValueError(f"dt must be positive, got {dt}")
     if steps < 0 or every < 0:
-        raise ValueError(f"steps = {steps}, every = {every} were given: neither may be negative")
+        raise ValueError(f"steps and every must not be negative, got {steps} and {every}")
     if steps > MOST_STEPS:
-        raise ValueError(f"steps = {float(steps):.4g} was given: at most {MOST_STEPS:g} are allowed")
+        raise ValueError(f"steps must be at most {MOST_STEPS:g}, got {float(steps):.4g}")
     samples = float(steps // every) if every else 0.0
     require_sizes([Size(f"every = {float(every):.4g} makes", samples, "samples", "use a larger `every`")])
 
@@ -276,24 +278,22 @@ def _check_arguments(
     """Raise ValueError with a one-sentence message if an argument of `run` is not allowed."""
     check_steps(steps, dt, every)
     if ledger and not every:
-        raise ValueError("ledger = True was given without samples: set every to 1 or more steps")
+        raise ValueError("ledger = True requires samples: set every to 1 or more steps")
     if ledger < 0 or (ledger and every % ledger):
-        raise ValueError(f"ledger = {ledger} and every = {every} were given: every must be a multiple of ledger")
+        raise ValueError(f"every must be a multiple of ledger, got every = {every} and ledger = {ledger}")
     if slip_update not in ("difference", "rate"):
-        raise ValueError(f"slip_update={slip_update!r} was given: 'difference' and 'rate' are allowed")
+        raise ValueError(f"slip_update must be 'difference' or 'rate', got {slip_update!r}")
     if slip_update == "rate" and law.coulomb == SMOOTH:
-        raise ValueError(
-            "slip_update='rate' was given with smooth friction, which LAMMPS does not have: use coulomb='sharp'"
-        )
+        raise ValueError("slip_update='rate' requires sharp friction, as in LAMMPS: use coulomb='sharp'")
     if threads is not None and threads < 1:
-        raise ValueError(f"threads = {threads} was given: at least 1 is needed")
+        raise ValueError(f"threads must be at least 1, got {threads}")
 
 
-ROUNDS = 300  # of the power iteration
+ROUNDS = 300  # number of power iterations
 
 
 def _network(state: State, law: Law, here: BodyArrays) -> tuple:
-    """Contacts with their law and inertia, as the functions of the core take them."""
+    """Contacts with their law and inertia, as arguments of core functions."""
     struct, shift = law_struct(law, members=("force", "slopes", "range")), shifts(state.contacts, state.cell.vectors)
     free, inverse = state.control.cell_free, np.zeros((3, 3))  # 1/(M ℓ²) of the free components of the cell
     if free.any():
@@ -321,8 +321,8 @@ def stable_time_step(state: State, law: Law) -> float:
     they act, steps must also be below 2/ν of the fastest decay rate ν, at most the sum of c/m over contacts.
 
     Velocity Verlet is unstable beyond this time step. A tenth of this limit gives the force of a contact to four
-    digits. The stress that contacts bear is left out: the limit was up to 3 % shorter than that of the spectrum of
-    sheared disks, and 0.5 % shorter for spheres (`tests/unit/test_timestep.py`).
+    digits. The geometric stiffness due to contact forces is ignored: the limit was up to 3 % shorter than that of the
+    spectrum for sheared disks, and 0.5 % shorter for spheres (`tests/unit/test_timestep.py`).
 
     Examples
     --------
@@ -353,6 +353,6 @@ def check_time_step(state: State, law: Law, here: BodyArrays, dt: float) -> None
     longest = stable_time_step(state, law)
     if dt > longest:
         raise ValueError(
-            f"dt = {dt:g} was given, but with contacts this stiff steps are stable only up to {longest:.4g}: "
-            f"use at most that, or a tenth of it for accuracy"
+            f"dt = {dt:g} is unstable: with contacts this stiff, use at most {longest:.4g}, or a tenth of it for "
+            "accuracy"
         )

@@ -1,4 +1,4 @@
-"""Laws of bonds between grains: springs, elastic beams, and parallel bonds. `packings.bonded` makes bonds of them."""
+"""Laws of bonds between grains: springs, elastic beams, and parallel bonds; used by `packings.bonded`."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ import numpy as np
 from ..arguments import NotNegative, Positive, checked
 from ..readable import readable
 
-# how the strengths of tension, shear, bending and twisting are combined, see `core.h`
+# combination of the strengths in tension, shear, bending and twisting, see `core.h`
 BY_STRETCH, BY_SUM, BY_BEAM = 0, 1, 2
 UNBREAKABLE = 1e300
 _NAMES = {BY_STRETCH: "spring", BY_SUM: "beam", BY_BEAM: "parallel bond"}
@@ -19,8 +19,8 @@ class Bond(NamedTuple):
     """Law of a bond, from `laws.spring_bond` and the like. Columns of four: tension, shear, bending, twisting."""
 
     form: int  # how strengths are combined
-    stiffness: tuple[float, float, float, float]  # of a parallel bond per area [force/length³], twice, then zeros
-    strength: tuple[float, float, float, float]  # of a spring a strain; of a parallel bond stresses, then zeros
+    stiffness: tuple[float, float, float, float]  # parallel bonds: per area [force/length³], twice, then zeros
+    strength: tuple[float, float, float, float]  # springs: a strain; parallel bonds: stresses, then zeros
     damping: tuple[float, float, float, float] = _NO
     fading: int = 0  # power of the share of the strength by which loads fade before failure, 0: they do not
     normalized: bool = False  # the first two stiffnesses are divided by the length at rest
@@ -32,7 +32,7 @@ def spring_bond(
     k: Positive, stretch: Positive | None = None, *, damping: NotNegative = 0.0, smooth: bool = True,
     normalized: bool = False,
 ) -> Bond:  # fmt: skip
-    """Bond that is a spring along the line of centres, as LAMMPS `bpm/spring`: F = k (r₀ − r) − γ v_n on i.
+    """Bond as a spring along the line of centres, as in LAMMPS `bpm/spring`: F = k (r₀ − r) − γ v_n on i.
 
     Parameters
     ----------
@@ -122,8 +122,7 @@ def parallel_bond(
 def _require_four(name: str, values, least: float) -> None:
     if not (len(values) == 4 and all(least <= value < np.inf for value in values)):
         kind = "positive" if least else "not negative"
-        raise ValueError(f"{name} = {values} was given: it must be four numbers, for tension, shear, bending and "
-                         f"twisting, that are {kind}")  # fmt: skip
+        raise ValueError(f"{name} must be four {kind} numbers, for tension, shear, bending and twisting, got {values}")
 
 
 def coefficients(bond: Bond, dim: int, radius_i, radius_j, length):

@@ -29,7 +29,7 @@ NO_TENSION = 4  # added to the damping model if dashpots must not make a contact
 # properties: lever arms of grains on grains are R − δ/2; rolling resistance, whose dashpot may grow with F_n; twisting,
 # whose coefficients may be multiples of a²; a memory of tangential forces
 LEVER, ROLLING, VISCOUS, TWISTING, SCALED, KEEPS_FORCE = 1, 2, 4, 8, 16, 32
-MOMENTS = {  # parameters of a property, with their units and meanings
+MOMENTS = {  # parameters of properties, with their units and meanings
     ROLLING: {
         "k_roll": ("force/length", "rolling stiffness over R_eff²"), "mu_roll": ("1", "rolling friction"),
         "gamma_roll": ("force time/length", "rolling dashpot over R_eff²"),
@@ -62,7 +62,7 @@ class Law(NamedTuple):
         for name, known in known_values:
             value = getattr(self, name)
             if not isinstance(value, Integral) or (known and value not in known):
-                raise ValueError(f"law.{name} is {value!r}: take a law from stickslip.laws")
+                raise ValueError(f"law.{name} is {value!r}: create the law with a function in stickslip.laws")
         check_kind(self.kind)
         sizes, names = {"materials": len(np.atleast_1d(self.table))}, parameter_names(self)
         check_entry("law.table", self.table, Field(np.float64, ("materials", "materials", len(names))), sizes)
@@ -154,7 +154,7 @@ def hertz_mindlin_reff(
     return make_law(name, coulomb, damping, tension, kn, kt, mu, damping_n, damping_t)
 
 
-# Laws whose normal force has parameters of its own: adhesion, liquid bridges, plasticity. All take the parameters of
+# Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All have the parameters of
 # `hertz_mindlin`, `coulomb`, `damping` and `tension` included, and their own. Dashpots act where the overlap is
 # positive, and take part in no cap but that of `walton_braun`; viscoelastic ones of `jkr` take the radius √(δ R_eff),
 # those of LAMMPS a.
@@ -195,7 +195,7 @@ def dmt(
 ) -> Law:  # fmt: skip
     """F_n = k_n √R_eff δ^{3/2} − 2πwR_eff; F_t = −k_t √(δ R_eff) s, |F_t| ≤ μ |F_n + 4πwR_eff|.
 
-    Small, stiff adhesive spheres: the attraction acts from touch to touch and jumps there, so that energy is conserved
+    Small, stiff adhesive spheres: the attraction appears and vanishes at touch, so that energy is conserved
     only as far as the time step resolves the jump.
 
     Parameters
@@ -222,7 +222,7 @@ def walton_braun(
 ) -> Law:  # fmt: skip
     """F_n = k_n δ where the overlap is the largest so far, δ_m, else k_u max(δ − (1 − k_n/k_u) δ_m, 0); F_t = −k_t s.
 
-    Plastic contacts, which keep δ_m as their memory. Spheres rebound with √(k_n/k_u) of their speed.
+    Plastic contacts with the memory δ_m. Spheres rebound with √(k_n/k_u) of their speed.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def liquid_bridge(
     return make_law("liquid_bridge", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t, **own)
 
 
-# by name: each built-in law has the name of its constructor, which may take `rescaled`
+# by name: each built-in law has the name of its constructor, which may have an argument `rescaled`
 CONSTRUCTORS: dict[str, Callable[..., "Law"]] = {
     law.name: partial(globals()[law.name.removesuffix("_rescaled")], rescaled=True)
     if law.rescales
@@ -299,18 +299,16 @@ def elastic_constants(young: float, poisson: float) -> tuple[float, float]:
     ['3.663e+10', '4.525e+10']
     """
     if not (np.isfinite(young) and young > 0 and -1 < poisson <= 0.5):
-        raise ValueError(
-            f"young = {young}, poisson = {poisson} were given: E must be positive and ν between −1 and 1/2"
-        )
+        raise ValueError(f"young must be positive and poisson between −1 and 1/2, got {young} and {poisson}")
     return 2 / 3 * young / (1 - poisson**2), 2 * young / ((1 + poisson) * (2 - poisson))
 
 
 def make_law(law_name, coulomb, damping, tension, *values, **own) -> Law:
-    """Law from the values of its parameters; `own` are those that only this law has."""
+    """Law from the values of its parameters; `own` are those specific to this law."""
     if not isinstance(coulomb, str) or coulomb not in COULOMB:
-        raise ValueError(f"coulomb={quoted(coulomb)} was given: 'sharp' and 'smooth' are allowed")
+        raise ValueError(f"coulomb must be 'sharp' or 'smooth', got {quoted(coulomb)}")
     if not isinstance(damping, str) or damping not in DAMPING:
-        raise ValueError(f"damping={quoted(damping)} was given: {', '.join(map(repr, DAMPING))} are allowed")
+        raise ValueError(f"damping must be one of {', '.join(map(repr, DAMPING))}, got {quoted(damping)}")
     for name, value in (*zip(PARAMETERS, values, strict=True), *own.items()):
         check_parameter(name, value, (*PARAMETERS, *own))
     table = np.array([*values, *own.values()], float)[None, None, :].copy()
@@ -322,14 +320,14 @@ def _checked_values(law: Law) -> Law:
     most = law.table[..., DAMPING_N].max()
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION) and most > 1:
         raise ValueError(
-            f"damping_n = {most:g} was given: with this model of damping it is the coefficient of restitution, from 0 "
-            f"(no dashpots) to 1"
+            "damping_n is the coefficient of restitution in this damping model and must be from 0 to 1 (1: no "
+            f"dashpots), got {most:g}"
         )
     names = parameter_names(law)
     if not isinstance(law.kind, Kind) and "k_unload" in names:
         ratio = (law.table[..., names.index("k_unload")] / law.table[..., KN]).min()
         if ratio < 1:
-            raise ValueError(f"k_unload = {ratio:g} kn was given: at least kn is allowed, or contacts create energy")
+            raise ValueError(f"k_unload must be at least kn, or contacts create energy, got {ratio:g} kn")
     return law
 
 
@@ -355,16 +353,14 @@ def check_parameter(name, value, names=PARAMETERS, signed=()):
     if isinstance(value, np.ndarray | np.generic) and not value.shape and value.dtype.kind in "fiu":
         value = value.item()
     if not isinstance(value, Real):
-        raise ValueError(f"{name} = {quoted(value)} was given: it must be a number")
+        raise ValueError(f"{name} must be a number, got {quoted(value)}")
     low_ok = value > 0 if name == "kn" else value >= 0 or name in signed
     if not (abs(value) < np.inf and low_ok):
-        raise ValueError(
-            f"{name} = {value} was given: it must be finite and {'positive' if name == 'kn' else 'not negative'}"
-        )
+        raise ValueError(f"{name} must be finite and {'positive' if name == 'kn' else 'not negative'}, got {value}")
     if abs(value) > MAX_PARAMETER or (name == "kn" and value < 1 / MAX_PARAMETER):
         raise ValueError(
-            f"{name} = {quoted(value)} was given: at most {MAX_PARAMETER:g} is allowed, and at least "
-            f"{1 / MAX_PARAMETER:g} for kn, so that products stay finite; use other units"
+            f"{name} must be at most {MAX_PARAMETER:g}, and kn at least {1 / MAX_PARAMETER:g}, so that products stay "
+            f"finite, got {quoted(value)}; use other units"
         )
 
 
@@ -384,7 +380,7 @@ def for_pair(law: Law, a: int, b: int, **parameters) -> Law:
     names = parameter_names(law)
     for number in (a, b):
         if not 0 <= number < MOST_MATERIALS:
-            raise ValueError(f"material {number} was given: materials are numbered from 0 to {MOST_MATERIALS - 1}")
+            raise ValueError(f"materials are numbered from 0 to {MOST_MATERIALS - 1}, got {number}")
     size = max(len(law.table), a + 1, b + 1)
     table = np.empty((size, size, len(names)))
     table[:] = law.table[0, 0]
@@ -416,7 +412,7 @@ def marshall_values(kt, mu) -> dict:
 
 
 def _derive_twisting(law: Law) -> Law:
-    """Law whose twisting, if it is Marshall's, follows from kt and mu, for the pairs of materials that have it."""
+    """Law with parameters of Marshall's twisting, if any, derived from kt and mu for each pair of materials."""
     if not law.properties & SCALED:
         return law
     names, table = parameter_names(law), law.table.copy()
@@ -484,7 +480,7 @@ DASHPOTS = {  # unit of the coefficients of a model of damping, and the force in
 
 
 def _rows(law: Law):
-    """Rows of a table of a law: parameters that all pairs of materials share, then those that differ, by pair."""
+    """Rows of a table of a law: parameters common to all pairs of materials, then those that differ, by pair."""
     damping, dashpots = DASHPOTS.get(law.damping & ~NO_TENSION, ("", ""))
     built_in = BUILTIN_LAWS[law.kind] if 0 <= law.kind < len(NAMES) else None
     stiffness = built_in.stiffness_unit if built_in else ""
@@ -498,7 +494,7 @@ def _rows(law: Law):
     known |= _SCALED if law.properties & SCALED else MOMENTS[TWISTING]
     given = _parameters(law)
     differ = {name: values for name, values in given.items() if np.ptp(values) > 0}
-    yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a law of your own"
+    yield "contact law", _name(law), "", built_in.words.partition(", ")[0] if built_in else "a user-defined law"
     if law.coulomb == SMOOTH:
         yield "Coulomb friction", "smooth", "", "the tangential stiffness decreases to zero towards the limit"
     else:

@@ -1,7 +1,7 @@
-"""Laws as the compiled core takes them: the struct `Law` of `core.h`, with the functions of a user's law compiled.
+"""Laws for the compiled core: the struct `Law` of `core.h`, with compiled functions of user-defined laws.
 
-Each role of a law, such as force or cap, becomes one C function that evaluates n contacts of one pair of materials. It
-is compiled by Numba when it is first needed.
+Each role of a law, such as force or cap, becomes one C function that evaluates n contacts of one pair of materials.
+Numba compiles it on demand.
 """
 
 import ctypes
@@ -41,7 +41,7 @@ from .validation import sample_points
 
 FORCES = "force", "cap", "range", "rolling", "rolling_cap", "update"
 TANGENTS = *FORCES, "slopes", "cap_slopes", "rolling_slopes"
-MEMBERS = {  # C functions of a user's law, and the function of the law that each needs
+MEMBERS = {  # C functions of a user-defined law, and the function of the law that each needs
     "force": "normal_force",
     "cap": "cap",
     "slopes": "normal_force",
@@ -65,7 +65,7 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
     Parameters
     ----------
     rate : slip update as in LAMMPS
-    members : functions of a user's law that will be called, such as `FORCES`; others are null
+    members : functions of a user-defined law that will be called, such as `FORCES`; others are null
     """
     if isinstance(law.kind, Kind):
         find_user_law(law.kind)
@@ -83,9 +83,9 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
 
 @lru_cache
 def _check_slopes(kind: Kind, values: tuple[float, ...]) -> None:
-    """Raise ValueError if slopes of the compiled functions are not those in Python: powers may lose them."""
+    """Raise ValueError if slopes of the compiled functions differ from those in Python, as can happen for powers."""
     own, call = find_user_law(kind), block_function(kind, "slopes").ctypes
-    known = dict(zip(own.names, values, strict=False))  # properties have parameters of their own
+    known = dict(zip(own.names, values, strict=False))  # properties have additional parameters
     for r_eff, overlap in sample_points(own, known, own.size):
         given = [np.array(x, float) for x in (values, [r_eff], [overlap], [0.0], [*own.memory.values()], [0.0], [0.0])]
         pointers = [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in given]
@@ -106,7 +106,7 @@ def _check_slopes(kind: Kind, values: tuple[float, ...]) -> None:
 
 
 def _column(law: Law, part: int) -> int:
-    """Column of the first parameter of a property, after those of the properties before it; 0 without it."""
+    """Column of the first parameter of a property, after those of previous properties; 0 without it."""
     return len(parameter_names(law._replace(properties=law.properties % part))) if law.properties & part else 0
 
 
@@ -140,7 +140,7 @@ def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
 
 @cache
 def block_function(kind: Kind, name: str):
-    """C function `LawFunction` of a user's law, compiled by Numba.
+    """C function `LawFunction` of a user-defined law, compiled by Numba.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def block_function(kind: Kind, name: str):
 
 
 def _compiled_block(own: UserLaw, kind: Kind, name: str):
-    """Compile a function of a user's law."""
+    """Compile a function of a user-defined law."""
     numba = require("numba", "laws")
     numbers = numba.types.CPointer(numba.types.float64)
     signature = numba.types.void(numbers, numba.types.int64, *6 * [numbers])
@@ -172,7 +172,7 @@ def _compiled_block(own: UserLaw, kind: Kind, name: str):
 
 @cache
 def numba_functions(kind: Kind) -> dict:
-    """Functions of a user's law for Numba, and other names that blocks use."""
+    """Functions of a user-defined law for Numba, and other names that blocks use."""
     made: dict = {}
     njit = require("numba", "laws").njit
     functions = {name: _compile(function, made, njit) for name, function in USER_LAWS[kind].functions.items()}
@@ -307,11 +307,11 @@ _LINES = {
 
 
 _PAIRS = "slopes", "cap_slopes"
-_MEMBERS = {"stiffness": "force"}  # function of a user's law that gives a result, if it has another name
+_MEMBERS = {"stiffness": "force"}  # function of a user-defined law that gives a result, if it has another name
 
 
 def evaluate(law: Law, *wanted: str, overlap, r_eff=1.0, a=0, b=0, m_eff=1.0, normal_force=0.0):
-    """Values of a law by contact, an array for each name that is given, or the only one.
+    """Values of a law by contact: an array for each given name, or a single array for one name.
 
     Overlaps are positive, or within the range of the law. All arguments are numbers or arrays of the same shape.
 

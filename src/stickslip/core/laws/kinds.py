@@ -1,4 +1,4 @@
-"""Kinds of contact laws, and the registry of laws that users have defined in this process."""
+"""Kinds of contact laws, and the registry of user-defined laws in this process."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 from ...builtin_laws import BUILTIN_LAWS
 
 HELP = "see `stickslip docs contact_laws`"
-ROLES = {  # arguments that a function of each name may take, in addition to parameters of the law
+ROLES = {  # arguments allowed for each function, in addition to parameters of the law
     "normal_force": ("overlap", "r_eff"),
     "normal_energy": ("overlap", "r_eff"),
     "tangential_stiffness": ("overlap", "r_eff"),
@@ -22,12 +22,12 @@ class UserLaw(NamedTuple):
     """Description of a user-defined law."""
 
     name: str
-    names: tuple[str, ...]  # of all parameters, in the order of the law's table
-    source: str  # text, as far as it is known
+    names: tuple[str, ...]  # names of all parameters, in the order of the law's table
+    source: str  # text, if available
     file: str  # path, if the source is the text of a whole file; else empty
     functions: dict[str, Callable]  # by role, as written except for the replacements of `math`, `max` …
     arguments: dict[str, tuple[str, ...]]  # arguments of each function, in order
-    memory: dict[str, float]  # own memory of a contact, as it closes
+    memory: dict[str, float]  # additional memory of a contact when it closes
     bonds: bool  # gaps are bridged only after the grains have touched
     size: float  # a grain radius for which the law is validated
 
@@ -43,8 +43,8 @@ def check_kind(kind: int) -> None:
     """Raise ValueError if a number is neither that of a built-in law nor the kind of a user-defined one."""
     if not isinstance(kind, Kind) and not 0 <= kind < len(BUILTIN_LAWS):
         raise ValueError(
-            f"a law of kind {kind} was given: built-in laws have kinds 0 to {len(BUILTIN_LAWS) - 1}; create a law "
-            f"with a function of stickslip.laws"
+            f"built-in laws have kinds 0 to {len(BUILTIN_LAWS) - 1}, got {kind}: create a law with a function in "
+            "stickslip.laws"
         )
 
 
@@ -58,7 +58,7 @@ def find_user_law(kind: int) -> UserLaw:
     """
     if int(kind) not in USER_LAWS:
         raise ValueError(
-            f"the law with digest {int(kind):x} is user-defined and not known to this process: create it with "
+            f"the law with digest {int(kind):x} is user-defined and unknown in this process: create it with "
             f"laws.custom or laws.from_file first"
         )
     return USER_LAWS[int(kind)]
@@ -87,7 +87,7 @@ def restore_kind(kind: int, about: dict) -> Kind:
         return same[0]
     raise ValueError(
         f"it was computed with {about.get('name', 'a law')!r}, a user-defined contact law (digest {int(kind):x}). "
-        f"Code is never run from a results file: create that law first, with laws.from_file or --law"
+        "Code in results files is never executed: first create that law with laws.from_file or --law"
     )
 
 
@@ -98,13 +98,13 @@ def evaluate_role(kind: Kind, role: str, values, **given):
 
 
 def bound(own: UserLaw, role: str, values: dict) -> list:
-    """Arguments of a function from values by name; memory that is not among them is that of a contact as it closes."""
+    """Arguments of a function from values by name; memory that is missing has its value at the closing of a contact."""
     values = own.memory | values
     return [values[name] for name in own.arguments[role]]
 
 
 def update_memory(own: UserLaw, values: dict, **given) -> dict[str, float]:
-    """Own memory of a contact after an update."""
+    """Additional memory of a contact after an update."""
     if not own.memory:
         return {}
     new = own.functions["update"](*bound(own, "update", values | given))
@@ -112,7 +112,7 @@ def update_memory(own: UserLaw, values: dict, **given) -> dict[str, float]:
 
 
 def own_memory(kind: int) -> dict[str, float]:
-    """Names of a law's own memory, with its values as a contact closes."""
+    """Names of the additional memory of a law, with its values when a contact closes."""
     return find_user_law(kind).memory if isinstance(kind, Kind) else dict.fromkeys(BUILTIN_LAWS[kind].memory, 0.0)
 
 

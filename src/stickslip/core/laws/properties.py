@@ -73,9 +73,9 @@ def with_lever(law: Law, arm: Annotated[str, one_of(*ARMS)]) -> Law:
 
 @checked
 def with_memory(law: Law, of: Annotated[str, one_of(*MEMORIES)]) -> Law:
-    """Law whose contacts remember their slip s, or the force of the tangential spring.
+    """Law whose contact memory is the slip s, or the force of the tangential spring.
 
-    With a memory of the slip, F_t = −k_t(δ) s changes with the overlap. With one of the force, dF_t = −k_t(δ) ds: a
+    With slip as memory, F_t = −k_t(δ) s changes with the overlap. With force as memory, dF_t = −k_t(δ) ds: a
     sticking contact keeps F_t as its overlap changes, and `Contacts.slip` holds −F_t/k_t. With `rescaled=True`, F_t
     also shrinks with k_t where the overlap decreases. Contacts are evaluated by rows. Under a built-in law whose k_t is
     constant both are the same, and the law is returned as it is.
@@ -107,7 +107,7 @@ def with_rolling(
     """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
 
     Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is free. With P
-    the Coulomb limit over μ (max(F_n, 0) unless the law says otherwise; zero if μ is zero):
+    the Coulomb limit over μ (by default max(F_n, 0); zero if μ is zero):
 
         constant  M = −min(γ R_eff² |ω|, μ_r R_eff P) ω/|ω|
         viscous   M = −γ P R_eff² ω
@@ -140,10 +140,10 @@ def with_rolling(
     for name, value in values.items():
         needed = name in MODELS[model]
         if (needed and not value > 0) or (value and not needed and (model, name) != ("spring", "gamma_roll")):
-            remedy = "must be positive" if needed else "is not a parameter of it, leave it out"
-            raise ValueError(f"{name} = {value} was given with model = {model!r}: it {remedy}")
+            need = "must be positive" if needed else "does not apply: leave it out, or use another model"
+            raise ValueError(f"with model = {model!r}, {name} {need}, got {value}")
     if resists_rolling(law._replace(properties=0)):
-        raise ValueError("the law has a rolling moment of its own: use one without it")
+        raise ValueError("the law already has a rolling moment: use one without it")
     new = _with_parameters(law, ROLLING, values)
     return new._replace(properties=new.properties & ~VISCOUS | (VISCOUS if model == "viscous" else 0))
 
@@ -186,11 +186,11 @@ def with_twisting(
     values = {"k_twist": k_twist, "mu_twist": mu_twist, "gamma_twist": gamma_twist}
     if model == "spring":
         if not k_twist > 0:
-            raise ValueError(f"k_twist = {k_twist} was given: it must be positive")
+            raise ValueError(f"k_twist must be positive, got {k_twist}")
         new = _with_parameters(law, TWISTING, values)
         return new._replace(properties=new.properties & ~SCALED)
     if any(values.values()):
-        raise ValueError(f"numbers were given with model = {model!r}, which follow from kt and mu: leave them out")
+        raise ValueError(f"with model = {model!r}, the twisting parameters follow from kt and mu: omit them")
     new = _with_parameters(law, TWISTING, values)
     table, names = new.table.copy(), parameter_names(new)
     for name, column in marshall_values(table[..., KT], table[..., MU]).items():
@@ -203,7 +203,7 @@ def _with_parameters(law: Law, part: int, values: dict[str, float]) -> Law:
     new = law._replace(properties=law.properties | part)
     names, former = parameter_names(new), parameter_names(law)
     if not law.properties & part and {*values} & {*former}:
-        raise ValueError(f"the law has a parameter of its own that is called {min({*values} & {*former})}: rename it")
+        raise ValueError(f"the law already has a parameter {min({*values} & {*former})}: rename it")
     table = np.zeros((*law.table.shape[:2], len(names)))
     table[..., [names.index(name) for name in former]] = law.table
     for name, value in values.items():
@@ -219,17 +219,17 @@ def resists_rolling(law: Law) -> bool:
 
 
 def needs_rows(law: Law) -> bool:
-    """Return True if only rows evaluate a law: blocks know neither moments nor a memory but that of the slip."""
+    """Return True if a law is evaluated by rows only: blocks support neither moments nor memory other than slip."""
     return resists_rolling(law) or bool(own_memory(law.kind) or law.properties & KEEPS_FORCE)
 
 
 def angular_columns(law: Law) -> int:
-    """Number of columns of `Contacts.rolling` for rotations; those of a law's own memory follow."""
+    """Number of columns of `Contacts.rolling` for rotations; those of additional memory follow."""
     twisted = TWISTED if law.properties & TWISTING else 0
     return COLUMNS + twisted if resists_rolling(law) or law.properties & LEVER else 0
 
 
-HALVINGS = 60  # of the interval in which D is sought, down to round-off
+HALVINGS = 60  # bisections of the interval in which D is sought, down to round-off
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 
 
@@ -271,7 +271,7 @@ def dashpot_coefficients(law: Law) -> np.ndarray:
 
 
 def critical_coefficient(kind: int) -> float:
-    """α of critical damping, √(2(p + 1)); that of Hertzian contacts for a user's law."""
+    """α of critical damping, √(2(p + 1)); that of Hertzian contacts for a user-defined law."""
     power = 1.5 if isinstance(kind, Kind) else BUILTIN_LAWS[kind].exponent
     return float(np.sqrt(2 * (power + 1)))
 

@@ -1,8 +1,8 @@
 """User-defined contact laws: plain Python functions of scalars, compiled when a law is first used.
 
-The arguments of a user's function are `overlap`, `r_eff`, whatever else its role offers (see `ROLES`), and parameters
-of the law. Anything else that it uses must be a number, a function, `math` or `numpy`. The values of these names are
-part of the digest that identifies a law, so that a law in which any of them has changed is a different law.
+The arguments of a function are `overlap`, `r_eff`, others that depend on its role (see `ROLES`), and parameters of the
+law. Every other name that it uses must be a number, a function, `math` or `numpy`. The values of these names are part
+of the digest that identifies a law, so that a law in which any of them has changed is a different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
 versions that accept complex numbers and branch on the real part.
@@ -67,7 +67,7 @@ _ALLOWED_BUILTINS = (float, complex, int, bool, range, len)
 
 
 def _resolve_global(name: str, value, made: dict):
-    """Replacement of a global name used in a user's function."""
+    """Replacement of a global name used in a user-defined function."""
     if value is math:
         whole = types.ModuleType("math")
         for key, thing in vars(math).items():
@@ -100,7 +100,7 @@ def _find_globals(function) -> dict:
             if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
                 name = step.argval
                 if name not in function.__globals__ and not hasattr(builtins, name):
-                    raise ValueError(f"the contact law's {function.__name__} uses {name!r}, which is not defined")
+                    raise ValueError(f"{function.__name__} of the contact law uses {name!r}, which is not defined")
                 values[name] = function.__globals__.get(name, getattr(builtins, name, None))
     return values
 
@@ -119,7 +119,7 @@ def _copy_function(function, made: dict):
 
 
 def _fingerprint(function, seen: set) -> list:
-    """Everything that determines the result of a function."""
+    """Data that determine the result of a function."""
     if function in seen:
         return []
     seen.add(function)
@@ -166,10 +166,10 @@ def custom(
 ) -> Law:  # fmt: skip
     """Contact law from user-defined functions: F_n(δ), k_t(δ), |F_t| ≤ cap, −M = k_r(δ) ψ with |M| ≤ rolling cap.
 
-    Each function is a plain Python function of scalars and takes, by name, `overlap` δ, `r_eff` and any parameters of
-    the law; caps may also take `normal_force`. Derivatives are taken by complex-step differentiation, so functions must
-    branch on the real part: `if overlap.real < 0.0`. A law is validated when it is created, and compiled when it is
-    first used.
+    Each function is a plain Python function of scalars with the arguments `overlap` δ, `r_eff` and any parameters of
+    the law, by name; caps may also have `normal_force`. Derivatives are taken by complex-step differentiation, so
+    functions must branch on the real part: `if overlap.real < 0.0`. A law is validated when it is created, and compiled
+    when it is first used.
 
     Parameters
     ----------
@@ -183,12 +183,12 @@ def custom(
     rolling_cap : largest such moment [force length]; required with `rolling_stiffness`. Not evaluated where μ = 0
     normal_energy : ∫F_n dδ from the end of the range [energy]; by default computed by quadrature, which is exact for
         powers δ, δ^{3/2}, δ² … and accurate to a few digits for others; used by the energy ledger only
-    update : own memory of a contact, from the memory before and from `overlap`, `r_eff` and parameters: a number, or a
-        tuple in the order of `memory`. An update at the same overlap must change nothing. Other functions see the
-        memory after the update
+    update : new memory of a contact, from the previous memory, `overlap`, `r_eff` and parameters: a number, or a tuple
+    in the order of `memory`. A second update at the same overlap must not change it. Other functions receive the memory
+    after the update
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
         is 1 if there is a `cap` that does not take it); others may be added
-    memory : values by name as a contact closes. All functions but the range may take these names
+    memory : values by name when a contact closes. All functions except the range may have these arguments
     bonds : True if a pair acts across a gap only after it has touched, until the gap exceeds the range
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0
     size : a grain radius for which the law is validated [length]
@@ -197,8 +197,8 @@ def custom(
     Raises
     ------
     ValueError
-        with a one-sentence message, if a function has a wrong signature, is not finite or deterministic, does not take
-        complex numbers. A LawWarning reports a force that jumps at the end of the range.
+        with a one-sentence message, if a function has a wrong signature, is not finite or deterministic, or does not
+        accept complex numbers. A LawWarning reports a force that jumps at the end of the range.
 
     Source
     ------
@@ -219,17 +219,17 @@ def custom(
     }  # fmt: skip
     given = {role: function for role, function in given.items() if function is not None}
     if ("rolling_stiffness" in given) != ("rolling_cap" in given):
-        raise ValueError("only one of rolling_stiffness and rolling_cap was given: rolling resistance needs both")
+        raise ValueError("rolling resistance needs both rolling_stiffness and rolling_cap, got only one")
     values = _parameter_values(parameters or {}, given)
     own = _memory_values(memory or {}, values, "update" in given)
     arguments = {role: _argument_names(role, function, tuple(values), own) for role, function in given.items()}
     if bonds and "contact_range" not in given:
-        raise ValueError("bonds = True was given without a contact_range: bonds act across gaps up to that range")
+        raise ValueError("bonds = True requires contact_range, the largest gap across which bonds act")
     kind = _register(given, arguments, tuple(values), name, own, bonds)
     if coulomb not in COULOMB or damping not in DAMPING:
         raise ValueError(
-            f"coulomb={coulomb!r}, damping={damping!r} were given: {', '.join(COULOMB)}, and {', '.join(DAMPING)} are "
-            f"allowed"
+            f"coulomb must be one of {', '.join(COULOMB)}, and damping one of {', '.join(DAMPING)}, got {coulomb!r} "
+            f"and {damping!r}"
         )
     table = np.array(list(values.values()), float)[None, None, :].copy()
     law = Law(kind, COULOMB[coulomb], table, DAMPING[damping] + (0 if tension else NO_TENSION))
@@ -244,11 +244,11 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
     for name, value in parameters.items():
         if not (isinstance(name, str) and name.isidentifier()) or any(name in allowed for allowed in ROLES.values()):
             raise ValueError(
-                f"a parameter {name!r} was given: its name must be an identifier other than overlap, r_eff and "
-                f"normal_force"
+                "the name of a parameter must be an identifier other than overlap, r_eff and normal_force, got "
+                f"{name!r}"
             )
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            raise ValueError(f"{name} = {value!r} was given: it must be a number")
+            raise ValueError(f"{name} must be a number, got {value!r}")
     capped = "cap" in given and "mu" not in inspect.getfullargspec(given["cap"]).args
     values = _DEFAULTS | ({"mu": 1.0} if capped else {}) | parameters
     for name, value in values.items():
@@ -257,15 +257,15 @@ def _parameter_values(parameters: dict, given: dict) -> dict:
 
 
 def _memory_values(memory: dict, parameters: dict, updated: bool) -> dict[str, float]:
-    """Own memory of a contact as it closes."""
+    """Additional memory of a contact when it closes."""
     if bool(memory) != updated:
-        raise ValueError("only one of memory and update was given: a law with a memory of its own needs both")
+        raise ValueError("a law with memory needs both memory and update, got only one")
     for name, value in memory.items():
         taken = name in parameters or any(name in allowed for allowed in ROLES.values())
         if not (isinstance(name, str) and name.isidentifier()) or taken:
-            raise ValueError(f"a memory {name!r} was given: its name must be an identifier that nothing else has")
+            raise ValueError(f"the name of a memory must be a unique identifier, got {name!r}")
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-            raise ValueError(f"memory {name} = {value!r} was given: it must be a finite number")
+            raise ValueError(f"memory {name} must be a finite number, got {value!r}")
     return {name: float(value) for name, value in memory.items()}
 
 
@@ -285,13 +285,13 @@ def _register(given: dict, arguments: dict, names: tuple[str, ...], name: str, m
 
 
 def _source_text(given: dict) -> str:
-    """Source text of the functions, where it is known."""
+    """Source text of the functions, if available."""
     texts = []
     for function in given.values():
         try:
             texts.append(inspect.getsource(function))
         except (OSError, TypeError):
-            texts.append(f"# the text of {function.__name__} is not known\n")
+            texts.append(f"# the text of {function.__name__} is not available\n")
     return "\n".join(texts)
 
 
@@ -327,7 +327,7 @@ def from_text(text: str, path: Path, parameters: dict) -> Law:
     except SyntaxError as problem:
         line = (problem.text or "").strip()
         raise ValueError(f"{path} does not compile, line {problem.lineno}: {line!r} ({problem.msg})") from None
-    except (Exception, SystemExit) as problem:  # sys.exit(0) would end the program as if it had succeeded
+    except (Exception, SystemExit) as problem:  # sys.exit(0) would end the program as if successful
         raise ValueError(f"{path} does not run, {locate_error(problem, path)}") from None
     given = {role: scope[role] for role in ROLES if role in scope}
     if "normal_force" not in given:
@@ -356,7 +356,7 @@ def _reduce_kind(kind: Kind):
 
 
 def _restore_kind(number: int, text: str, file: str) -> Kind:
-    """Unpickle a kind, and create its law if this process does not know it."""
+    """Unpickle a kind, and create its law if it is unknown in this process."""
     if text and number not in USER_LAWS:
         from_text(text, Path(file), {})
     return Kind(number)

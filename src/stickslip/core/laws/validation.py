@@ -8,11 +8,13 @@ import numpy as np
 from .builtin import STEP, Law
 from .kinds import HELP, ROLES, USER_LAWS, UserLaw, bound, update_memory
 
-MAX_RANGE = 100.0  # of a law, in radii
+MAX_RANGE = 100.0  # largest range of a law, in radii
 NOT_NEGATIVE = ("tangential_stiffness", "contact_range", "rolling_stiffness")
 OVERLAP_RATIOS = (1e-6, 1e-4, 1e-3, 0.0031, 0.01, 0.031, 0.1)  # test overlaps over the size
-SLOPE_TOLERANCE = 1e-3  # of the largest slope: accuracy of differences over a step of 1e-6 for smooth functions
-JUMP_THRESHOLD = 1e-6  # of the largest force: jumps above it are reported
+SLOPE_TOLERANCE = (
+    1e-3  # fraction of the largest slope: accuracy of differences over a step of 1e-6 for smooth functions
+)
+JUMP_THRESHOLD = 1e-6  # fraction of the largest force above which jumps are reported
 
 
 class LawWarning(UserWarning):
@@ -20,12 +22,12 @@ class LawWarning(UserWarning):
 
 
 def validate_law(law: Law, size: float) -> Law:
-    """Return the law if it can be used, else raise ValueError with a one-sentence message.
+    """Return the law if it is usable; otherwise raise ValueError with a one-sentence message.
 
     `size` is a grain radius [length].
     """
     if isinstance(size, bool) or not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
-        raise ValueError(f"size = {size!r} was given: it must be a radius, a positive number")
+        raise ValueError(f"size must be a radius, a positive number, got {size!r}")
     own, values = USER_LAWS[law.kind], dict(zip(USER_LAWS[law.kind].names, law.table[0, 0].tolist(), strict=True))
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -68,7 +70,7 @@ def _test_overlaps(size: float, end: float) -> list[float]:
 
 
 def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
-    """Own memories of contacts, for the tests of other functions. An update that is not allowed raises ValueError."""
+    """Additional memories of contacts, for tests of other functions. An invalid update raises ValueError."""
     memories: list[dict] = []
     for overlap in size * np.array((0.0, 0.0137, 0.0973)):
         at = {"overlap": float(overlap), "r_eff": size}
@@ -89,7 +91,7 @@ def _memories(own: UserLaw, values: dict, size: float) -> list[dict]:
             if again[name] != value or np.real(stepped[name]) != value:
                 raise ValueError(
                     f"update at overlap = {overlap:.4g} gives {name} = {value:.6g}, then {again[name]:.6g} at the same "
-                    f"overlap: a second update must change nothing"
+                    f"overlap: a second update must not change it"
                 )
         memories.append(new)
     return memories if own.memory else [{}]
@@ -135,7 +137,7 @@ def _check_function(own: UserLaw, role: str, values: dict, points) -> None:
             kind = "None" if value is None else f"a {type(value).__name__}"
             raise ValueError(f"{place} returns {kind}: it must return one real number")
         if not np.isfinite(value):
-            raise ValueError(f"{place} is {value}: it must be finite; perhaps it takes a root or a logarithm of a gap")
+            raise ValueError(f"{place} is {value}: it must be finite; check roots and logarithms of gaps")
         if value != again:
             raise ValueError(
                 f"{place} is {value:.6g} on one call and {again:.6g} on the next: a law must be deterministic"
@@ -194,7 +196,7 @@ def _describe_jump(own: UserLaw, values: dict, points, ranges) -> str:
     force = _evaluate(own, "normal_force", values, overlap=edge, r_eff=r_eff)
     if not abs(force) > JUMP_THRESHOLD * largest:
         return ""
-    place = f"at the end of its range (a gap of {end:.4g})" if end else "where grains begin to touch"
+    place = f"at the end of its range (a gap of {end:.4g})" if end else "at first touch"
     return (
         f"the normal force of {own.name} jumps from 0 to {force:.4g} {place}: the force is discontinuous "
         f"when contacts close and open there, and energy is conserved only as far as the time step resolves the jump"

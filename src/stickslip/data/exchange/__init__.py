@@ -1,1 +1,1 @@
-"""Packings in the formats of other programs: `files` tells which format a file has."""
+"""Packings in the formats of other programs; `files` detects the format of a file."""

@@ -43,7 +43,7 @@ LAW = ("law", "coulomb", "kn", "kt", "mu", "damping", "damping_n", "damping_t") 
 
 
 def write_npz(path: str | Path, frame: Frame) -> list[str]:
-    """Write the arrays of `from_arrays`, and the law if it has only one material; return notes on what is lost."""
+    """Write the arrays of `from_arrays`, and the law if it has one material; return notes on lost information."""
     state, law = frame.state, frame.law
     grains, control, n = state.grains, state.control, len(state.grains.radius)
     pairs, notes = without_walls(frame)
@@ -86,7 +86,7 @@ def recognize(head: bytes) -> bool:
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read arrays of this package's names or of usual ones such as x and radius, or one array of x y z radius."""
+    """Read arrays with this package's names or usual ones such as x and radius, or one array of x y z radius."""
     only_state(path, frame)
     arrays = load_arrays(path)
     if "position" not in arrays and not set(arrays) & {*CONTACTS, *LAW}:
@@ -107,7 +107,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Arrays of a file of NumPy by name; the one of an .npy has the name ""."""
+    """Arrays of a NumPy file by name; that of an .npy file has the name ""."""
     try:
         return read_arrays(path, remedy="write it again")
     except Exception:  # numpy, zipfile and zlib raise various errors for a damaged file
@@ -120,14 +120,14 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
     Raises
     ------
     PackingError
-        if the file has arrays of other names, or lacks some.
+        if the file has arrays with other names, or lacks some.
     """
     known = (*REQUIRED, *OPTIONAL, *LAW, UNITS)
     for name in arrays:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
             hint = f"did you mean {near[0]!r}?" if near else f"it may contain {', '.join(known)}"
-            raise PackingError(f"{path} has an array {name!r} that is not known: {hint}")
+            raise PackingError(f"{path} has an unknown array {name!r}: {hint}")
     for name in REQUIRED:
         if name not in arrays:
             raise PackingError(f"{path} has no array {name!r}: it needs {' and '.join(REQUIRED)}")
@@ -140,7 +140,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> tuple[dict, dict]
             given[name] = value.item()
     dim = given.pop("dim", 3)
     if not isinstance(dim, int | float) or dim not in (2, 3):
-        raise PackingError(f"dim = {dim} was given in {path}: 2 and 3 are allowed")
+        raise PackingError(f"{path}: dim must be 2 or 3, got {dim}")
     return arrays | {"dim": int(dim), UNITS: _units(path, arrays.get(UNITS), int(dim))}, given
 
 
@@ -176,7 +176,7 @@ REMEDY = (
 
 
 def recognize_archive(head: bytes) -> bool:
-    """Return True for HDF5, which archives of this package begin after a checksum."""
+    """Return True for HDF5, also behind the checksum with which archives of this package begin."""
     return b"\x89HDF\r\n\x1a\n" in head
 
 

@@ -1,4 +1,4 @@
-"""Columns of grains and of contacts under the names that programs give them, or without names, by their content."""
+"""Columns of grains and contacts, identified by the names that programs use or, without names, by their content."""
 
 import re
 from pathlib import Path
@@ -30,22 +30,22 @@ TIMES = ("time", "t", "step", "timestep", "frame", "times")
 VECTORS = {"position": PLACES, "velocity": MOTIONS, "spin": TURNS}
 LENGTHS = {p + a for p in PLACES for a in "xyz"} | {a + p for p in PLACES for a in "xyz"}  # names of columns
 LENGTHS |= {*SINGLE["radius"], *SINGLE["diameter"]}
-CLOSE = 1e-3  # relative deviation of numbers with few digits
+CLOSE = 1e-3  # relative tolerance for numbers with few digits
 NEEDED = "x y z (or x y, in a plane) and radius (or diameter)"
 UNIT = re.compile(r"[\[(](.*?)[\])]|[_ ](m|cm|mm|um|µm|μm|micron|nm)$", re.IGNORECASE)  # after the name of a column
 PHASES = 10  # kinds of grains in MFIX, each of one radius and density
 
 
 def plain_name(name: str) -> str:
-    """Name of a column in small letters, without units and punctuation: "Pos_X [mm]" and "pos_x_mm" become "posx"."""
+    """Name of a column in lower case, without units and punctuation: "Pos_X [mm]" and "pos_x_mm" become "posx"."""
     return re.sub(r"[^a-z0-9]", "", UNIT.sub("", name.lower().strip()))
 
 
 def names_by_content(rows: np.ndarray) -> list[str] | None:
     """Names of the columns of grains without names, by their content; None if they fit no known layout.
 
-    A column that counts the rows, from 0 or 1, has ids, unless the grains may stand in a line. Eight columns, or six in
-    a plane, are those of MFIX's particle_input.dat, version 1; other six are those of PeGS2 and RigidLibrary.
+    A column that counts the rows, from 0 or 1, is read as ids, unless the grains may lie in a line. Eight columns, or
+    six in a plane, are read as MFIX's particle_input.dat, version 1; any other six as lists of PeGS2 and RigidLibrary.
     """
     count, width = rows.shape
     counts = count > 0 and rows[0, 0] in (0, 1) and bool((rows[:, 0] == rows[0, 0] + np.arange(count)).all())
@@ -65,12 +65,12 @@ def names_by_content(rows: np.ndarray) -> list[str] | None:
 
 
 def is_matlab(path: Path) -> bool:
-    """Return True for a file of MATLAB."""
+    """Return True for a MATLAB file."""
     return path.is_file() and read_content(path, HEAD).startswith(b"MATLAB ")
 
 
 def identify_columns(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of those left out."""
+    """Columns by the names used here, vectors (N, 2) or (N, 3), others (N,); and the names of unused ones."""
     plain = {plain_name(name): np.asarray(value) for name, value in columns.items()}
     out, taken = {}, set()
     for noun, names in SINGLE.items():
@@ -106,7 +106,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     Raises
     ------
     PackingError
-        if there are no positions or no radii, with the columns that there are.
+        if positions or radii are missing; the message lists the columns.
     """
     known, rest = identify_columns(columns)
     if "position" not in known or not {"radius", "diameter"} & set(known):
@@ -117,7 +117,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     notes = []
     if known["position"].shape[1] == 2 or not np.any(known["position"][:, 2:]):
         more = {**more, "dim": 2}
-        notes.append(Assumption(f"{what} has no third coordinate: its grains are taken as disks in a plane"))
+        notes.append(Assumption(f"{what} has no third coordinate: its grains are treated as disks in a plane"))
     if known.get("spin", np.zeros((0, 3))).shape[1] != 3:
         del known["spin"]
     if "spin" not in known and more.get("dim") == 2 and (turn := _column_of(TURNS, rest, columns)):
@@ -130,7 +130,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         del known["id"]
         value, times = max(zip(*np.unique(ids, return_counts=True), strict=True), key=lambda one: one[1])
         why = f"has grain {value:g} {times} times" if times > 1 else "has ids that are not whole numbers"
-        notes.append(Assumption(f"{what} {why}: its ids are not used, and each row is taken as a grain", COLUMNS))
+        notes.append(Assumption(f"{what} {why}: ids are ignored, and each row is treated as a grain", COLUMNS))
     ids, arrays, said = arrange_grains(what, known, more.get("dim", 3))
     types = arrays.pop("types", None)
     notes += [*said, *_notes_on_columns(what, columns, rest)]
@@ -140,12 +140,12 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
 def arrange_grains(
     what: str, known: dict[str, np.ndarray], dim: int = 3, *, volume: float | None = None
 ) -> tuple[np.ndarray | None, dict, list[str]]:
-    """Ids and arrays of grains in their order, and notes on what is missing or contradictory.
+    """Ids and arrays of grains sorted by id, and notes on missing or contradictory data.
 
     Parameters
     ----------
     known : columns by the names of `from_arrays`, `radius` or `diameter`, and `id`, `types`, `force`
-    volume : of a grain of radius 1 where the masses of a file with densities are always those of spheres
+    volume : volume of a grain of radius 1, for formats in which densities always refer to spheres
     """
     arrays = {n: known[n] for n in ("position", "velocity", "spin", "mass", "types", "force") if n in known}
     arrays["radius"] = known["radius"] if "radius" in known else known["diameter"] / 2
@@ -163,21 +163,21 @@ def arrange_grains(
 
 
 def _column_of(names: tuple[str, ...], rest: list[str], columns: dict[str, np.ndarray]) -> str | None:
-    """The first of the remaining columns of single numbers that has one of the names."""
+    """The first remaining scalar column with one of these names."""
     return next((name for name in rest if plain_name(name) in names and np.ndim(columns[name]) == 1), None)
 
 
 def _numbered(kinds: np.ndarray) -> np.ndarray:
-    """(N,) kinds of grains from 0: as they are if they are such numbers, and otherwise in their order."""
+    """(N,) kinds of grains from 0: unchanged if they are such numbers, otherwise numbered in sorted order."""
     if (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0:
         return kinds.astype(np.int64)
     return np.unique(kinds, return_inverse=True)[1]
 
 
 def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:
-    """Account of the columns, and notes on those that are not understood.
+    """Account of the columns, and notes on unknown ones.
 
-    What is zero everywhere acts on nothing; accelerations that differ from grain to grain are those by contacts too.
+    Columns of zeros have no effect; accelerations that differ between grains include those by contacts.
     """
     groups = {name: USED for name in columns if name not in rest}
     for name in rest:
@@ -189,9 +189,9 @@ def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]
 
 
 def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> list[str]:
-    """Notes on radii and masses that differ from the diameters and densities of the same grains.
+    """Notes on radii and masses that contradict the diameters and densities of the same grains.
 
-    A factor that is the same for all grains, as of another unit of density, changes no sign of an eigenvalue.
+    A common factor of all grains, such as another unit of density, does not change the sign of an eigenvalue.
     """
     radius = known["radius"] if "radius" in known else known["diameter"] / 2
     if not len(radius):
@@ -211,25 +211,25 @@ def contradictions(what: str, known: dict[str, np.ndarray], dim: int = 3) -> lis
         if name == "mass" and same:
             notes.append(Assumption(f"{told}: {name} is used"))
         else:
-            notes.append(Obstacle(f"{told}, in row {k + 1} of {len(ours)}: leave one of them out"))
+            notes.append(Obstacle(f"{told}, in row {k + 1} of {len(ours)}: leave out one of them"))
     return notes
 
 
 def at_rest(what: str, known: dict) -> list[Assumption]:
-    """Note that motion which a file does not have is taken to be zero."""
+    """Note that motion missing from a file is assumed to be zero."""
     lacking = [word for name, word in (("velocity", "velocities"), ("spin", "spins")) if name not in known]
     if not lacking:
         return []
     how = {"velocities": "not to move", "spins": "not to turn"}[lacking[0]] if len(lacking) == 1 else "to be at rest"
-    return [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are taken {how}")]
+    return [Assumption(f"{what} has no {' and no '.join(lacking)}: the grains are assumed {how}")]
 
 
 def mass_note(what: str) -> Assumption:
-    """Note on masses that a file does not have."""
-    return Assumption(f"{what} has no masses: those of grains of density 1 are assumed")
+    """Note on missing masses."""
+    return Assumption(f"{what} has no masses: a density of 1 is assumed")
 
 
-SLACK = 1e-3  # relative deviation of what has few digits
+SLACK = 1e-3  # relative tolerance for numbers with few digits
 MOST = 40  # columns
 TOTAL = "Fx", "Fy", "Fz"
 
@@ -247,19 +247,19 @@ def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 
 def group_hint(packing: Packing) -> str:
-    """Sentence on grains that are those of a group, by gaps in their numbers; empty for all grains."""
+    """Sentence that grains seem to be those of a group, by gaps in their ids; empty if there are none."""
     ids = np.zeros(0, int) if packing.ids is None else packing.ids
     if not len(ids) or ids[-1] == len(ids):
         return ""
-    return f"the {len(ids)} grains have ids up to {ids[-1]}, as in the dump of a group; give one of all grains"
+    return f"the {len(ids)} grains have ids up to {ids[-1]}, as in the dump of a group: give a dump of all grains"
 
 
 def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> list[str]:
-    """Names of columns of contacts, in the order in which they are; "" for what is not needed.
+    """Names of columns of contacts in their order; "" for unused columns.
 
-    The two columns of ids name grains that touch. The distance and the branch vector of each pair follow from the
-    positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it. If
-    there is neither, the last three columns that are neither positions nor distances are the total force.
+    The two id columns name grains that touch. The distance and the branch vector of each pair follow from the
+    positions of its grains. A normal force is parallel to the branch vector, a tangential one perpendicular to it.
+    Without either, the last three columns that are neither positions nor distances are the total force.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
     ends = next((k for k in range(min(values.shape[1], MOST) - 1) if _are_pairs(values[:, k : k + 2], packing)), None)
     if ends is None or ids is None:
         raise PackingError(
-            f"{path} has {values.shape[1]} columns without names, none of which are the ids of grains that touch: "
+            f"{path} has {values.shape[1]} unnamed columns, none of which contain ids of touching grains: "
             f"{group_hint(packing) or 'its grains are those of another time step or run, or name its columns'}"
         )
     i, j = np.searchsorted(ids, values[:, ends : ends + 2].astype(np.int64)).T
@@ -296,12 +296,12 @@ def name_contact_columns(values: np.ndarray, packing: Packing, path: Path) -> li
 
 
 def _is_small(rest: np.ndarray, whole: np.ndarray) -> bool:
-    """Return True if what remains is a small share of the whole."""
+    """Return True if the remainder is a small fraction of the whole."""
     return bool(np.abs(rest).sum() <= SLACK * np.abs(whole).sum())
 
 
 def _are_pairs(columns: np.ndarray, packing: Packing) -> bool:
-    """Return True if two columns are ids of grains of which nearly all pairs touch."""
+    """Return True if two columns are ids of grains and nearly all pairs touch."""
     if not (columns == np.round(columns)).all() or not np.isin(columns, packing.ids).all():
         return False
     i, j = np.searchsorted(packing.ids, columns.astype(np.int64)).T
@@ -311,7 +311,7 @@ def _are_pairs(columns: np.ndarray, packing: Packing) -> bool:
 
 
 def _kind_of_vector(vector: np.ndarray, branch: np.ndarray, normal: np.ndarray, names: list[str]) -> str:
-    """Kind of three columns: "d" branch vector, "f" normal force, "t" tangential force, or "" for something else."""
+    """Kind of three columns: "d" branch vector, "f" normal force, "t" tangential force, "" otherwise."""
     along = np.einsum("ck,ck->c", vector, normal)
     across = vector - along[:, None] * normal
     if "dx" not in names and _is_small(vector - branch, branch):

@@ -1,4 +1,4 @@
-"""Content of files of other programs: bytes, decompressed if need be, and packings as they describe them."""
+"""Content of foreign files: bytes, decompressed if necessary, and packings as these files describe them."""
 
 import bz2
 import gzip
@@ -20,23 +20,23 @@ from ...core.state import State
 from ...core.text import decode_text, has_wide_letters
 from ..sample import Absent, PackingError, accepted, from_arrays
 
-HEAD = 2**14  # bytes at the beginning of a file that tell what it is
-FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions, and words that are looked at
+HEAD = 2**14  # bytes at the beginning of a file by which its format is detected
+FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions that are few, and words that are examined
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
-MOST_DIGITS = 12  # of a number of grains
-LONGEST_LINE = 60  # characters of a line that a message quotes
+MOST_DIGITS = 12  # largest number of digits in a number of grains
+LONGEST_LINE = 60  # length of lines quoted in messages [characters]
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
 
 class ListedBonds(NamedTuple):
-    """Bonds as a file lists them, each once; their laws are among the commands of the run."""
+    """Bonds as listed in a file, each once; their laws follow from the commands of the run."""
 
     i: np.ndarray  # (K,) grain, less than j
     j: np.ndarray  # (K,)
     kind: np.ndarray  # (K,) type from 1; others are turned off or broken
     source: str  # name of the file
     labels: dict[str, str]  # types by their labels
-    length: np.ndarray | None = None  # (K,) at rest, zero where it is not known; None: in no file [length]
+    length: np.ndarray | None = None  # (K,) at rest, zero where unknown; None: not in any file [length]
     direction: np.ndarray | None = None  # (K, 3) as in `Bonds`; None: grains have no orientations
     turn: np.ndarray | None = None  # (K, 4), likewise
     signed: bool = False  # types of those that are turned off are negative
@@ -45,23 +45,23 @@ class ListedBonds(NamedTuple):
 class Packing(NamedTuple):
     """A packing as a file describes it: arrays for `from_arrays`, or the state itself."""
 
-    name: str  # of the state in its file: a time step, the number of a frame, a path in an archive
+    name: str  # name of the state in its file: a time step, the number of a frame, a path in an archive
     arrays: dict  # for `from_arrays`
-    notes: list[str]  # on what was assumed or left out
+    notes: list[str]  # on assumptions and omissions
     step: int = -1  # time step; −1: unknown
-    ids: np.ndarray | None = None  # (N,) numbers by which contacts name the grains, increasing
+    ids: np.ndarray | None = None  # (N,) ids that contacts refer to, increasing
     types: np.ndarray | None = None  # (N,) from 0, rows of the law's table
     force: np.ndarray | None = None  # (N, 3) resultant on each grain [force]
     state: State | None = None  # complete, with its memory
-    setting: Callable[[State], State] | None = None  # puts the grains between walls and under loads
+    setting: Callable[[State], State] | None = None  # adds walls and loads to the grains
     memory: tuple | None = None  # `Restart`, which holds the memory of contacts
     law: Law | dict | None = None  # or options of `law_by_name`
     labels: dict[str, int] | None = None  # types of atoms by their labels, from 1
-    bonds: ListedBonds | None = None  # None: the file cannot list any
+    bonds: ListedBonds | None = None  # None: the format has no bonds
 
 
 def placed_state(packing: Packing, law: Law) -> State:
-    """Accepted state of the grains with the materials of their types, amid the walls and loads of their run."""
+    """Accepted state of the grains with the materials of their types, and the walls and loads of their run."""
     state = from_arrays(law=law, **packing.arrays)
     if packing.types is not None and len(law.table) > 1:
         state = state._replace(grains=state.grains._replace(material=packing.types.copy()))
@@ -71,7 +71,7 @@ def placed_state(packing: Packing, law: Law) -> State:
 
 
 def _zstandard(path: Path):
-    """Module that opens Zstandard files: of the standard library from Python 3.14 on, or the package zstandard."""
+    """Module that opens Zstandard files: part of the standard library from Python 3.14 on, or the package zstandard."""
     for name in ("compression.zstd", "zstandard"):
         try:
             return import_module(name)
@@ -85,7 +85,7 @@ def _zstandard(path: Path):
 
 def read_content(path: Path, size: int = -1) -> bytes:
     """Bytes of a file, decompressed if it is compressed; at most `size` of them if it is not negative."""
-    # how a compressed file is opened; None for others
+    # function that opens the compressed file; None for others
     start = _read(path, 6)
     mark = next((mark for mark in COMPRESSED if start.startswith(mark)), None)
     opener = None if mark is None else COMPRESSED[mark] or _zstandard(path).open
@@ -125,7 +125,7 @@ def read_lines(
     remedy: str = "give a text file, or a binary one that is listed in `stickslip docs exchange`",
     fallback: str | None = None,
 ) -> str:
-    """Text of a file, in UTF-8 or another encoding; PackingError if it is none, or ends in the middle of a line."""
+    """Text of a file, in UTF-8 or another encoding; PackingError if it is binary, or ends in the middle of a line."""
     try:
         text = decode_text(read_content(path), path, remedy=remedy, fallback=fallback)
     except ValueError as problem:
@@ -143,7 +143,7 @@ def head_text(head: bytes) -> str:
 
 
 def first_lines(path: Path) -> str:
-    """The first lines of a file for a message, or a word on what it is."""
+    """The first lines of a file for a message, or its kind if it is not plain text."""
     if has_wide_letters(head := read_content(path, HEAD)):
         raise PackingError(f"{path} is text in UTF-16 or UTF-32: save it as UTF-8")
     text = head_text(head)
@@ -152,13 +152,13 @@ def first_lines(path: Path) -> str:
 
 
 def only_state(path: Path, frame: str | None) -> None:
-    """Raise PackingError if a frame was requested of a file with one state."""
+    """Raise PackingError if a frame is requested from a file with a single state."""
     if frame not in (None, "all"):
-        raise PackingError(f"frame {frame!r} was requested, but {path} has one state: leave the frame out")
+        raise PackingError(f"frame {frame!r} does not apply to {path}, which has only one state: leave it out")
 
 
 def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
-    """Numbers of the states to read, of those with these names: all, one, or the last by default."""
+    """Indices of the states to read among these names: all, one, or the last by default."""
     if frame == "all":
         return list(range(len(names)))
     if frame is not None and frame not in names:
@@ -170,19 +170,19 @@ def chosen_frames(path: Path, names: list[str], frame: str | None) -> list[int]:
 def split_frames(
     path: Path, frame: str | None, widths: Container[int], above: int, what: str, needed: str
 ) -> list[tuple[str, list[str]]]:
-    """Number and lines of the frames to read, of a text in which each begins with the number of its grains.
+    """Number and lines of the frames to read from a text in which each frame begins with its number of grains.
 
     Parameters
     ----------
-    widths : numbers of words that the first line of a frame may have
-    above : lines of a frame before those of its grains
-    what, needed : word for a frame, and what its first line must be, for messages
+    widths : allowed numbers of words in the first line of a frame
+    above : number of lines before those of the grains
+    what, needed : words for a frame and for its first line, in messages
     """
     lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
     while at < len(lines):
         fields = lines[at].split()
         if len(fields) not in widths or not fields[0].isdecimal() or len(fields[0]) > MOST_DIGITS:
-            raise PackingError(f"{path} has {lines[at][:60]!r} where {what} {len(starts)} begins: {needed}")
+            raise PackingError(f"{path} has {lines[at][:60]!r} at the beginning of {what} {len(starts)}: {needed}")
         starts.append(at)
         at += above + int(fields[0])
     if at > len(lines):
@@ -192,12 +192,12 @@ def split_frames(
 
 
 def digits_note(texts: Sequence[str]) -> list[str]:
-    """Note on positions that are written with few digits; none if they have many."""
+    """Note on positions with few digits; None if they have many."""
     most = max((len(re.sub(r"[eE].*|[-+.]", "", word).lstrip("0")) for word in texts[:SAMPLED]), default=FEW_DIGITS + 1)
-    few = f"few digits: positions have at most {most}, and overlaps are small differences of positions; {ALL_DIGITS}"
+    few = f"positions have at most {most} digits, but overlaps are small differences of positions; {ALL_DIGITS}"
     return [Absent(few)] if most <= FEW_DIGITS else []
 
 
 def extent_note(what: str) -> str:
     """Note on a file without a box."""
-    return f"{what} has no box: the grains are taken as a cluster that nothing confines"
+    return f"{what} has no box: the grains are treated as an unconfined cluster"

@@ -1,6 +1,6 @@
-"""Packings of other programs in text with a layout of its own: EDEM's export, jamBashBulk, PackLSD, MFIX.
+"""Packings in the text formats of other programs: EDEM exports, jamBashBulk, PackLSD, MFIX.
 
-Sources: the reader of EDEM's text in MUSEN; `Pack_Nomenclature.md` of jamBashBulk; A. Donev's instructions for PackLSD;
+Sources: MUSEN's reader of EDEM exports; `Pack_Nomenclature.md` of jamBashBulk; A. Donev's instructions for PackLSD;
 the routine READ_PART_INPUT_V2P0 of MFIX.
 """
 
@@ -26,26 +26,30 @@ MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)[^\s,]*[\s,]+(\d+)[^
 MFIX_OPTION = re.compile(
     r"(?im)^[ \t\"]*(Coordinates|Phase_ID|Diameter|Density|Velocity)[^\s,]*[\s,]+\.?([TF])\w*\.?([^\n]*)$"
 )
-MFIX_NAMES = {"phase_id": ["type"], "diameter": ["diameter"], "density": ["density"]}  # vectors follow the dimension
+MFIX_NAMES = {
+    "phase_id": ["type"],
+    "diameter": ["diameter"],
+    "density": ["density"],
+}  # the lattice vectors follow the dimension
 
 
 def recognize_edem(head: bytes) -> bool:
-    """Return True for a table that EDEM exports, with a list of values below each query."""
+    """Return True for an EDEM export, with a list of values below each query."""
     return bool(QUERY.search(head_text(head)))
 
 
 def read_edem(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read the times of an export of EDEM, named by them; each query has a value for each particle."""
+    """Read the states of an EDEM export, named by time; each query has a value for each particle."""
     times = TIME.split(read_lines(path))[1:]
     if not times:
-        raise PackingError(f"{path} has queries of EDEM but no line `TIME:` above them: export it with its header")
+        raise PackingError(f"{path} has EDEM queries but no line `TIME:` above them: export it with its header")
     names = times[::2]
     packings = [_edem_time(path, names[k], times[2 * k + 1]) for k in chosen_frames(path, names, frame)]
     return _with_choice(path, names, frame, packings)
 
 
 def _edem_time(path: Path, name: str, text: str) -> Packing:
-    """Packing at one time; queries of single numbers, as of totals, are left out."""
+    """Packing at one time; queries with single numbers, such as totals, are left out."""
     queries = QUERY.split(text)[1:]
     lists = [re.findall(r"[^\s,;\"]+", values) for values in queries[1::2]]
     most = max(map(len, lists), default=0)
@@ -56,7 +60,9 @@ def _edem_time(path: Path, name: str, text: str) -> Packing:
                 f"{path} has the query {query!r} twice at time {name}: export it once, for all particles"
             )
         if len(words) != most and not query.startswith("Total"):
-            raise PackingError(f"{path} has {len(words)} values of {query!r} at time {name}, and {most} of others")
+            raise PackingError(
+                f"{path} has {len(words)} values of {query!r} at time {name}, but {most} of other queries"
+            )
         if len(words) == most:
             columns[query] = _parse(path, words)
     packing = packing_of_columns(columns, path.name, name)
@@ -71,7 +77,7 @@ def _parse(path: Path, words: list[str]) -> np.ndarray:
 
 
 def _with_choice(path: Path, names: list[str], frame: str | None, packings: list[Packing]) -> list[Packing]:
-    """Packings with a note on the one that is read of several."""
+    """Packings, with a note on the choice among several."""
     if frame is not None or len(names) == 1:
         return packings
     last = f"{path.name} has {len(names)} states: the last, {names[-1]}, is used; choose another with --frame"
@@ -79,7 +85,7 @@ def _with_choice(path: Path, names: list[str], frame: str | None, packings: list
 
 
 def recognize_jambash(head: bytes) -> bool:
-    """Return True for packings of jamBashBulk: N, lattice vectors and pressure, then x, y and R in braces."""
+    """Return True for jamBashBulk packings: N, lattice vectors and pressure, then x, y and R in braces."""
     return bool(re.search(r"(?m)^N *= *\d+ *, *L *= *\S+ *, *L1 *=", head_text(head)))
 
 
@@ -104,7 +110,7 @@ def _jambash_packing(path: Path, name: str, count: str, *lists: str) -> Packing:
 
 
 def recognize_packlsd(head: bytes) -> bool:
-    """Return True for packings of PackLSD: dimension, numbers of spheres and kinds, lattice, T or F, positions."""
+    """Return True for PackLSD packings: dimension, numbers of spheres and kinds, lattice, T or F, positions."""
     text = head_text(head)
     return bool(PACKLSD.match(text)) and bool(re.search(r"(?m)^\s*[TF]([^\n\S]+[TF]){1,2}\s*(!.*)?$", text))
 
@@ -122,7 +128,9 @@ def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
         raise PackingError(f"{path} has {len(rest)} numbers for {count} positions in {dim} dimensions: it is damaged")
     rows, numbers = rest.reshape(count, width), _parse(path, head[3 : 3 + kinds])
     if numbers.sum() != count or (numbers < 0).any() or (numbers % 1).any():
-        raise PackingError(f"{path} has {count} spheres, and {numbers.sum():g} of all kinds: it is damaged")
+        raise PackingError(
+            f"{path} declares {count} spheres, but {numbers.sum():g} of all kinds together: it is damaged"
+        )
     diameter = np.repeat(_parse(path, sizes), numbers.astype(int)) if sizes else rows[:, dim]
     cell = np.eye(3)
     cell[:dim, :dim] = _parse(path, head[len(head) - dim**2 :]).reshape(dim, dim)
@@ -144,7 +152,9 @@ def read_mfix(path: Path, frame: str | None = None) -> list[Packing]:
     only_state(path, frame)
     text = read_lines(path)
     if (version := MFIX.match(text)[1]) != "2.0":
-        raise PackingError(f"{path} has version {version} of MFIX's particle_input.dat: 2.0 is read, or a table")
+        raise PackingError(
+            f"{path} has version {version} of MFIX's particle_input.dat: convert it to version 2.0 or a table"
+        )
     numbers = {name.lower(): int(value) for name, value in MFIX_HEAD.findall(text)}
     options = list(MFIX_OPTION.finditer(text))
     dim, count = numbers.get("dimension"), numbers.get("particles")

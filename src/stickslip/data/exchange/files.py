@@ -1,4 +1,4 @@
-"""Reading packings, whose content tells the format, and writing them, in the format of the file extension."""
+"""Reading packings, whose format is detected from the content, and writing them in the format of the file extension."""
 
 import difflib
 import re
@@ -40,27 +40,27 @@ from ..sample import (
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .columns import at_rest, is_matlab, mass_note
 from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, placed_state, read_content
-from .frame import Frame, frame_of, write_graph
+from .frame import Frame, frame_of, with_bonds, write_graph
 
 if TYPE_CHECKING:
     from .lammps_file import Pairs
 
 
 class Format(NamedTuple):
-    """A format: whether the first bytes of a file, decompressed, are in it, and how to read the file."""
+    """A format, with functions that recognize it from the first (decompressed) bytes of a file and read the file."""
 
     name: str
     recognize: Callable[[bytes], bool]
     read: Callable[..., list[Packing]]
-    of_lammps: bool = False  # whether it takes the options for LAMMPS's files
+    of_lammps: bool = False  # whether it has the options for LAMMPS files
     packs: bool = True  # whether files compressed as a whole are read
 
 
-_here = partial(lazy_function, __package__)  # modules of formats are imported when a file is met
+_here = partial(lazy_function, __package__)  # modules of formats are imported on demand
 
 FORMATS = (
-    Format(".npz and .npy of NumPy", _here("arrays.recognize"), _here("arrays.read"), packs=False),
-    Format("archives of stickslip (.h5)", _here("arrays.recognize_archive"), _here("arrays.read_archive"), packs=False),
+    Format("NumPy .npz and .npy", _here("arrays.recognize"), _here("arrays.read"), packs=False),
+    Format("stickslip archives (.h5)", _here("arrays.recognize_archive"), _here("arrays.read_archive"), packs=False),
     Format("GSD", _here("gsd_file.recognize"), _here("gsd_file.read"), packs=False),
     Format("LAMMPS restart", _here("lammps_restart.recognize"), _here("lammps_restart.read")),
     Format("part of a LAMMPS restart", _here("lammps_restart.recognize_part"), _here("lammps_restart.read")),
@@ -78,7 +78,7 @@ FORMATS = (
 
 
 def is_measured(path: Path, contacts: Path | None) -> bool:
-    """Return True for a file of MATLAB, or if there is a table of contact forces that is not from LAMMPS."""
+    """Return True for a MATLAB file, or if there is a table of contact forces that is not from LAMMPS."""
     if contacts is None or not contacts.is_file():
         return is_matlab(path)
     from .force_lists import is_table_of_forces
@@ -87,7 +87,7 @@ def is_measured(path: Path, contacts: Path | None) -> bool:
 
 
 def find_format(path: Path) -> Format:
-    """Format of a file; PackingError with its first lines if it is in none of these."""
+    """Format of a file; PackingError with its first lines if it is unknown."""
     head = read_content(path, HEAD)
     form = next((form for form in (*_formats_of_wings(), *FORMATS) if form.recognize(head)), None)
     if form is None:
@@ -96,13 +96,13 @@ def find_format(path: Path) -> Format:
         raise refuse(path)
     if is_compressed(path) and not form.packs:
         raise PackingError(
-            f"{path} is compressed: decompress it first; text and LAMMPS's restart files are read as they are"
+            f"{path} is compressed: decompress it first; only text and LAMMPS restart files can be read compressed"
         )
     return form
 
 
 def _formats_of_wings() -> list[Format]:
-    """Formats that wings read, which come before those of the laboratory."""
+    """Formats read by wings, which are tried before those of the laboratory."""
     pairs = [(wing, one) for wing in wings().values() for one in wing.formats if one.start and one.read]
     return [
         Format(one.name, partial(re.match, one.start), partial(_read_by_wing, wing, one), packs=False)
@@ -113,9 +113,11 @@ def _formats_of_wings() -> list[Format]:
 def _read_by_wing(wing: Wing, form: FileFormat, path: Path, frame: str | None = None) -> list[Packing]:
     try:
         frames = dict(wing.function(form.read)(path))
-    except Exception as problem:  # code of other people
+    except Exception as problem:  # third-party code
         said = str(problem) or type(problem).__name__
-        raise PackingError(f"{path} cannot be read as {form.name} ({said}): it is damaged, or its wing is") from problem
+        raise PackingError(
+            f"{path} cannot be read as {form.name} ({said}): the file is damaged, or its wing is faulty"
+        ) from problem
     names = list(frames)
     return [_packing_of(path, names[k], frames[names[k]]) for k in chosen_frames(path, names, frame)]
 
@@ -128,7 +130,7 @@ def _packing_of(path: Path, name: str, given: dict) -> Packing:
 
 
 def writers_of_wings() -> dict[str, Callable]:
-    """Functions that write frames, by the file extensions of the formats that wings write."""
+    """Functions of wings that write frames, by file extension."""
     pairs = [(wing, one) for wing in wings().values() for one in wing.formats if one.suffix and one.write]
     return {one.suffix: partial(_write_by_wing, wing, one) for wing, one in pairs}
 
@@ -139,6 +141,7 @@ def _write_by_wing(wing: Wing, form: FileFormat, path: Path, frames: list[Frame]
 
 
 ARCHIVE, LAMMPS_DATA = (".h5", ".hdf5"), (".data", ".lmp", ".lammps")
+SHOWN = (".vtu", ".graphml")  # formats whose lines and edges show bonds
 SERIES = {".gsd": _here("gsd_file.write_gsd"), ".vtu": _here("vtk_file.write_vtk")}
 SERIES |= dict.fromkeys((".xyz", ".extxyz"), _here("table_file.write_xyz"))
 SINGLE = {".npz": write_npz, ".csv": _here("table_file.write_csv"), ".graphml": write_graph}
@@ -153,7 +156,7 @@ def written() -> tuple[str, ...]:
 
 
 class Reading(NamedTuple):
-    """A packing that was read from a file, with its law and notes."""
+    """A packing read from a file, with its law and notes."""
 
     state: State
     law: Law
@@ -161,27 +164,27 @@ class Reading(NamedTuple):
 
     @property
     def assumed(self) -> list[str]:
-        """Notes on what the file does not contain and was assumed, such as a law, masses, a box or slips of zero."""
+        """Notes on assumptions about data missing from the file, such as a law, masses, a box or slip."""
         return [note for note in self.notes if isinstance(note, Assumption)]
 
     @property
     def met(self) -> dict[str, list[str]]:
-        """Names in a foreign file by group: used, without influence on forces, and not understood."""
+        """Names in a foreign file by group: used, without influence on forces, and unknown."""
         return account_of(self.notes)
 
 
 def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str, State, Law, list[str]]]:
-    """States of a file, or of the folder of a run of LAMMPS, each with its name, law and notes.
+    """States of a file or a LAMMPS run folder, each with its name, law and notes.
 
     Parameters
     ----------
     frame : as in `read_packing`, or "all"
-    options : others of `read_packing`
+    options : other options of `read_packing`
 
     Raises
     ------
     PackingError
-        if a file cannot be used; the message may not name the file.
+        if a file cannot be used; the message does not always name the file.
     """
     if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
@@ -192,7 +195,8 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
 
         if of_lammps:
             raise PackingError(
-                f"{', '.join(of_lammps)} was given with {path}, a folder whose files say it: give the file instead"
+                f"{', '.join(of_lammps)} does not apply to the folder {path}, whose files contain it: give one of "
+                "these files"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
         if contacts and packing.law is None and not given and own is None:
@@ -202,8 +206,8 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
-            f"{', '.join(of_lammps)} was given with {path.name} ({form.name}): only LAMMPS's data and dump files "
-            f"take it, and tables of grains a table of contacts with columns i j fn ft"
+            f"{', '.join(of_lammps)} does not apply to {path.name} ({form.name}): only LAMMPS data and dump "
+            f"files have this option, and a table of grains accepts a table of contacts with columns i j fn ft"
         )
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:
@@ -221,16 +225,16 @@ class _LocalContacts(NamedTuple):
 
     @property
     def path(self) -> Path | None:
-        """Path of the file; PackingError if there is none."""
+        """Path of the file; PackingError if it does not exist."""
         if self.file is not None and not Path(self.file).is_file():
             raise PackingError(f"{self.file} is not a file: give the contacts that LAMMPS's `dump local` wrote")
         return None if self.file is None else Path(self.file)
 
 
 def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float | None, local: _LocalContacts):
-    """Name, state, law and notes of a packing under the options that were given.
+    """Name, state, law and notes of a packing under the given options.
 
-    Its memory is unchanged if its law stays the same; otherwise its slip is limited to what the new law allows.
+    Memory is unchanged if the law stays the same; otherwise slip is truncated at the limit of the new law.
     """
     its, notes = packing.law, packing.notes
     with naming(path):
@@ -238,12 +242,12 @@ def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float
     if own is not None or given:
         notes = [note for note in notes if note not in notes_about(notes, LAW)]
         if isinstance(its, Law) and not laws_equal(its, law):
-            replaced = f"the law of the file ({law_text(its)}) is replaced by the one that was given ({law_text(law)})"
+            replaced = f"the law of the file ({law_text(its)}) is replaced by {law_text(law)}"
             notes = [*notes, replaced]
     elif its is None:
         notes = [*notes, law_note(law)]
     if packing.types is not None and packing.types.max() > 0 and len(law.table) == 1 and (given or own is not None):
-        several = f"the grains are of {packing.types.max() + 1} types, and one law is used for all of them"
+        several = f"one law is used for all grains, although they are of {packing.types.max() + 1} types"
         notes = [*notes, Absent(several)]
     pairs = None
     if local.path is not None and packing.state is None:
@@ -265,7 +269,7 @@ def _build(path: Path, packing: Packing, given: dict, own: Law | None, i0: float
 
 
 def build_state(packing: Packing, pairs: "Pairs | None", law: Law) -> tuple[State, list[str]]:
-    """Accepted state of a packing, with the memory of its contacts if it is known, and notes on these."""
+    """Accepted state of a packing, with the memory of its contacts if known, and notes on it."""
     if pairs is not None:
         from .lammps_file import state_of_pairs
 
@@ -279,7 +283,7 @@ def build_state(packing: Packing, pairs: "Pairs | None", law: Law) -> tuple[Stat
 
 
 def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) -> Law:
-    """Law that was given, or that of the packing with the numbers that were given; the defaults if there is neither."""
+    """The given law, or that of the packing with the given numbers; without either, the default law."""
     its = packing.law
     numbers = isinstance(its, Law) and own is None and {*given} <= {*parameter_names(its)}
     if numbers:
@@ -292,10 +296,10 @@ def chosen_law(packing: Packing, given: dict, own: Law | None, *, memory: bool) 
 
 @checked
 def packing_units(path: str | Path) -> Units | None:
-    """Units that a packing, or the folder of a run, names for its numbers; None if it names none.
+    """Units named in a packing or a run folder; None if there are none.
 
-    They are in the entry `units` of an .npz: "SI", or names of length, mass and time as in "mm, g, s". Archives store
-    those of the scenario. `units_in_use` prints them.
+    In an .npz file, the entry `units` contains "SI", or names of length, mass and time as in "mm, g, s". Archives store
+    the units of the scenario. `units_in_use` prints numbers in them.
 
     Examples
     --------
@@ -323,7 +327,7 @@ def packing_units(path: str | Path) -> Units | None:
 
 
 def law_from_file(given: dict) -> tuple[dict, Law | None]:
-    """Return the options that do not concern the law, and the law if the user named a Python file for it."""
+    """Return the options that do not concern the law, and the law if the user gave a Python file."""
     more = given.get("parameters", {})
     given = {name: value for name, value in given.items() if name != "parameters"}
     if not str(given.get("law", "")).endswith(".py"):
@@ -338,7 +342,7 @@ def law_from_file(given: dict) -> tuple[dict, Law | None]:
     rest = {name: value for name, value in given.items() if name not in values}
     lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
     if lost:
-        raise PackingError(f"{lost[0]} was given with a law from a file: set it in {given['law']}")
+        raise PackingError(f"{lost[0]} does not apply to a law from a file: set it in {given['law']}")
     return {name: value for name, value in rest.items() if name != "law"}, law
 
 
@@ -356,7 +360,7 @@ def with_inertia(state: State, i0: float | None) -> State:
     if i0 is None:
         return state
     if not (i0 > 0 and i0 < float("inf")):
-        raise PackingError(f"i0 = {i0} was given: it must be positive")
+        raise PackingError(f"i0 must be positive, got {i0}")
     grains = state.grains
     return state._replace(grains=grains._replace(inertia=i0 * grains.mass * grains.radius**2))
 
@@ -368,14 +372,14 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
 
     Parameters
     ----------
-    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS), .csv (grains, and their contacts in a
-        second file), .graphml (network of contacts). Files are replaced atomically
+    path : .npz, .h5, .gsd (OVITO), .vtu (ParaView), .xyz (ASE), .data (LAMMPS), .csv (grains, and contacts in a second
+    file), .graphml (contact network). Files are replaced atomically
     states : State with `law`, or a list of Frame from `frame_of` or `mode_frames`
 
     Returns
     -------
     list of str
-        notes on what the format does not store
+        notes on data that the format does not store
 
     Examples
     --------
@@ -393,23 +397,25 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
         raise PackingError(unknown_suffix(path))
     if isinstance(states, State):
         if law is None:
-            raise PackingError("no law was given: give that of the state, with which its forces are computed")
+            raise PackingError("a law is needed to compute forces: give the law of the state")
         states = [frame_of(states, law)]
     require_filled("states", states)
     frames: list[Frame] = list(states)
     if suffix in (*ARCHIVE, ".gsd") or not any(frame.state.bonds for frame in frames):
         return _write(path, suffix, frames)
+    if suffix in SHOWN:
+        return [*_write(path, suffix, frames), f"{suffix} shows bonds, but not their laws and memory"]
     return [*_write(path, suffix, [_without_bonds(frame) for frame in frames]), f"{suffix} does not store bonds"]
 
 
 def _without_bonds(frame: Frame) -> Frame:
-    """Frame with the contacts and forces that are left without bonds."""
+    """Frame with the contacts and forces that remain without bonds."""
     bare = frame_of(without_bonds(frame.state), frame.law)
     return frame._replace(state=bare.state, grains=bare.grains, contacts=bare.contacts)
 
 
 def _write(path: Path, suffix: str, frames: list[Frame]) -> list[str]:
-    """Write frames in a known format; return notes on what it does not store."""
+    """Write frames in a known format; return notes on data that it does not store."""
     if suffix not in (*SINGLE, *ARCHIVE):
         return (writers_of_wings() | SERIES)[suffix](path, frames)
     if any(frame.moving for frame in frames):
@@ -425,12 +431,14 @@ def _write(path: Path, suffix: str, frames: list[Frame]) -> list[str]:
 
 
 def output_files(to: Path, frames: list[Frame]) -> list[Path]:
-    """Output files for the frames of a packing, those of the first frame first."""
+    """Output files for the frames of a packing, beginning with those of the first frame."""
     if to.suffix.lower() == ".vtu":
         from .vtk_file import vtk_paths
 
         pairs = zip(vtk_paths(to, len(frames)), frames, strict=True)
-        return [path for (grains, lines), f in pairs for path in (grains, *([lines] if len(f.contacts["i"]) else []))]
+        return [
+            path for (grains, lines), f in pairs for path in (grains, *([lines] if len(with_bonds(f)["i"]) else []))
+        ]
     if to.suffix.lower() == ".csv":
         from .table_file import contact_table_path
 
@@ -442,10 +450,10 @@ def output_files(to: Path, frames: list[Frame]) -> list[Path]:
 
 
 def unknown_suffix(path: Path) -> str:
-    """Return the message on a file extension in which nothing can be written."""
+    """Return the message on an unsupported file extension."""
     near = difflib.get_close_matches(path.suffix.lower(), written(), n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(written())} can be written"
-    return f"{path} ends with {path.suffix or 'nothing'!r}, which cannot be written: {hint}"
+    return f"{path} ends with {path.suffix or 'nothing'!r}, an unsupported output format: {hint}"
 
 
 def capture_warnings(call, *given, **options):

@@ -1,4 +1,4 @@
-"""Tables of grains and of contact forces: with headings, or without as in the two lists of PeGS2 and RigidLibrary."""
+"""Tables of grains and contact forces: with headings, or without as in the lists of PeGS2 and RigidLibrary."""
 
 import re
 from pathlib import Path
@@ -18,16 +18,16 @@ OPTIONAL = ("fixed", "edge", "loadx", "loady", "loadz", "positionerror")  # colu
 FRAMES = ("frame", "step", "timestep", "time")
 WIDEST = 1.0  # gap or overlap of grains in contact, over the smaller radius
 FAR = 5.0  # errors beyond which a measurement is impossible
-OPPOSITE = 0.05  # share of the mean square of both readings of contacts that is left if they have opposite signs
-FEW = 0.1  # largest share of contacts that may pull, if errors are not known
-SIGNED = 10  # tangential forces, of which the same sign is hardly chance
+OPPOSITE = 0.05  # remaining fraction of the mean square below which both readings of contacts count as opposite
+FEW = 0.1  # largest fraction of contacts that may pull if errors are unknown
+SIGNED = 10  # number of tangential forces whose common sign is unlikely to be chance
 NAMELESS_GRAINS = {
     3: ["x", "y", "radius"], 4: ["x", "y", "z", "radius"], 5: ["id", "x", "y", "radius", "edge"],
     6: ["frame", "id", "x", "y", "radius", "edge"],
 }  # fmt: skip
 NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
-BONDS = ["i", "j", "slides", "ft", "fn"]  # of RigidLibrary, whose third column has flags
-MATRICES = ("Norm", "Tan")  # in names of its matrices of normal and tangential forces
+BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third column has flags
+MATRICES = ("Norm", "Tan")  # in file names of its matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "body1", "a"),
     "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "b"),
@@ -41,7 +41,7 @@ VECTORS = ("f", "ft")  # total and tangential force on the first grain
 
 
 class Lists(NamedTuple):
-    """Content of two tables, in one frame; names as in `measured_forces`."""
+    """Content of two tables at one frame; names as in `measured_forces`."""
 
     fields: dict[str, Any]  # for `measured_forces`
     notes: list[str]
@@ -64,7 +64,7 @@ def is_table_of_forces(grains: Path, contacts: Path) -> bool:
 
 
 def _are_grains(head: bytes) -> bool:
-    """Return True for a table of grains, with names of columns or as in lists without."""
+    """Return True for a table of grains, with named columns or in the layout of lists without names."""
     first = next((line for line in head_text(head).splitlines() if line.strip()), "")
     return recognize(head) or (names_of(first) is None and len(_entries(first)) in NAMELESS_GRAINS)
 
@@ -84,13 +84,13 @@ def _contact_name(name: str) -> str:
 
 
 def _has_forces(names: list[str] | None) -> bool:
-    """Return True if there are names of two grains and of a force between them among these."""
+    """Return True if the names include those of two grains and of a force between them."""
     known = set(map(_contact_name, names or []))
     return {"i", "j"} <= known and ("fn" in known or {"fx", "fy"} <= known)
 
 
 def frames_of_lists(path: Path, contacts: Path) -> list[str]:
-    """Names of the frames that both tables have; none if they have no column of frames."""
+    """Names of the frames in both tables; none without a frame column."""
     grains = _grains_of(path)[0]
     forces = _contacts_of(contacts, grains)[0]
     return [f"{step:g}" for step in _common_frames(path, grains, contacts, forces, [])]
@@ -99,8 +99,8 @@ def frames_of_lists(path: Path, contacts: Path) -> list[str]:
 def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
     """Grains and contact forces of one frame, by default the last.
 
-    Grains at walls are held: those that are fixed or at an edge, or in contact with a grain of a negative number or
-    without a place. A contact that is listed from both of its grains is averaged.
+    Grains at walls are held: those that are fixed, at an edge, or in contact with a grain that has a negative number or
+    no position. Contacts listed for both of their grains are averaged.
     """
     grains, notes = _grains_of(path)
     forces, more = _contacts_of(contacts, grains)
@@ -112,7 +112,7 @@ def read_lists(path: Path, contacts: Path, frame: str | None = None) -> Lists:
             notes.append(f"{path.name} has {len(steps)} frames: the last, {steps[at]:g}, is used; give another --frame")
         grains, forces = (_rows_of(columns, steps[at]) for columns in (grains, forces))
     elif frame is not None:
-        raise PackingError(f"frame {frame!r} was requested, but {path.name} has no column of frames: leave it out")
+        raise PackingError(f"frame {frame!r} does not apply, as {path.name} has no frame column: leave it out")
     return _joined(path, grains, contacts, forces, notes)
 
 
@@ -127,10 +127,10 @@ def _grains_of(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     more = []
     if notes and "frame" not in out and "id" in out and not np.isin(out.get("edge", 0), (0, 1)).all():
         del out["edge"]  # as in ParticleData.dlm of RigidLibrary
-        more = [f"{path.name}: its fifth column, which has no name, is left out"]
+        more = [f"{path.name}: the fifth, unnamed column is ignored"]
     if notes:
         said = f"{path.name} does not name its columns: {' '.join(out)} is assumed, all lengths in one unit"
-        notes = [Assumption(f"{said}, as in lists of PeGS2 (pixels): law and errors must have the same"), *more]
+        notes = [Assumption(f"{said}, as in lists of PeGS2 (pixels): law and errors must be in the same unit"), *more]
     return out, notes
 
 
@@ -145,8 +145,8 @@ def _contacts_of(path: Path, grains: dict[str, np.ndarray]) -> tuple[dict[str, n
     if notes and "frame" in out and np.isin(out["j"], (0, 1)).all():
         if not np.ptp(out["frame"]) > 0:
             raise PackingError(
-                f"{path} has five columns without names, of which the first does not change and the third has flags "
-                "instead of grains: name the columns, as in i j slides ft fn"
+                f"{path} has five unnamed columns; the first is constant and the third contains flags instead of "
+                "grains: name the columns, as in i j slides ft fn"
             )
         out = dict(zip(BONDS, out.values(), strict=True))
     if notes:
@@ -157,8 +157,8 @@ def _contacts_of(path: Path, grains: dict[str, np.ndarray]) -> tuple[dict[str, n
     for name in NEEDED:
         if name not in out and (name in "ij" or not vectors):
             raise PackingError(
-                f"{path} has no column {name}: it has {' '.join(out)}, needed are i j fn ft, or i j and the force on "
-                "grain i, fx fy (fz)"
+                f"{path} has no column {name}: its columns are {' '.join(out)}, but i j fn ft are needed, or i j and "
+                "the force on grain i, fx fy (fz)"
             )
     return out, notes
 
@@ -168,32 +168,34 @@ def _first_line(path: Path) -> str:
 
 
 def _matrices_of(path: Path, grains: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Contacts of two matrices (N, N) of RigidLibrary: of normal forces, and beside it, of tangential ones."""
+    """Contacts from two RigidLibrary matrices (N, N): normal forces and, in the file beside it, tangential forces."""
     normal, tangential = MATRICES
     if normal not in path.name:
         raise PackingError(
-            f"{path} is a matrix: give that of normal forces, …NormWeightedAdjacencyMatrix.dlm, which stands beside "
-            "…TanWeightedAdjacencyMatrix.dlm"
+            f"{path} is a matrix: give that of normal forces, …NormWeightedAdjacencyMatrix.dlm, with "
+            "…TanWeightedAdjacencyMatrix.dlm in the same folder"
         )
     beside, n = path.with_name(path.name.replace(normal, tangential)), len(grains["x"])
     if not beside.is_file():
-        raise PackingError(f"{beside} is missing: put the matrix of tangential forces beside that of normal forces")
+        raise PackingError(
+            f"{beside} is missing: put the matrix of tangential forces into the folder of the normal forces"
+        )
     both = []
     for file in (path, beside):
         width = len(_entries(_first_line(file)))
         columns, _ = read_columns(file, {width: [f"{k}" for k in range(width)]}, lambda _: False)
         matrix = np.stack([*columns.values()], axis=1)
         if matrix.shape != (n, n):
-            raise PackingError(f"{file} is a matrix of shape {matrix.shape}: there are {n} grains, give a row for each")
+            raise PackingError(f"{file} has shape {matrix.shape}, but there are {n} grains: give a row for each")
         both.append(matrix)
     i, j = np.nonzero((both[0] != 0) | (both[1] != 0))
     ids = grains.get("id", np.arange(n))
-    notes = [Assumption(f"{path.name} and {beside.name} are matrices of RigidLibrary: a row for each row of grains")]
+    notes = [Assumption(f"{path.name} and {beside.name} are RigidLibrary matrices, with a row for each row of grains")]
     return {"i": ids[i], "j": ids[j], "fn": both[0][i, j], "ft": both[1][i, j]}, notes
 
 
 def _check_units(path: Path, columns: dict[str, np.ndarray]) -> None:
-    """Raise PackingError if lengths are in pixels or forces in several units."""
+    """Raise PackingError if lengths are in pixels, or forces in several units."""
     units = {name: match[1].strip() for name in columns if (match := re.search(r"[\[(](.*?)[\])]", name))}
     for name, unit in units.items():
         if unit.lower() in PIXELS:
@@ -208,7 +210,7 @@ def _frame_column(columns: dict[str, np.ndarray]) -> np.ndarray | None:
 
 
 def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[str]) -> np.ndarray:
-    """Frames that both tables have; PackingError if there are none, or only one table tells several apart."""
+    """Frames in both tables; PackingError if there are none, or only one table has several frames."""
     known = [np.unique(c[np.isfinite(c)]) for c in map(_frame_column, (grains, forces)) if c is not None]
     if len(known) == 2:
         both = np.intersect1d(*known)
@@ -219,11 +221,11 @@ def _common_frames(path: Path, grains: dict, contacts: Path, forces: dict, notes
             )
         if len(alone := np.setxor1d(*known)):
             some = ", ".join(f"{step:g}" for step in alone[:4]) + (" …" if len(alone) > 4 else "")
-            notes.append(f"frames that only {path.name} or only {contacts.name} has are left out: {some}")
+            notes.append(f"frames in only one of {path.name} and {contacts.name} are left out: {some}")
         return both
     if known and len(known[0]) > 1:
         lacks = contacts if _frame_column(forces) is None else path
-        raise PackingError(f"{lacks} has no column frame, and the other table has {len(known[0])} frames: add it")
+        raise PackingError(f"{lacks} needs a column frame, as the other table has {len(known[0])} frames")
     return known[0] if known else np.zeros(0)
 
 
@@ -260,17 +262,15 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
         raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
     for name in ("fixed", "edge"):
         if not np.isfinite(grains.get(name, zero)).all():
-            raise PackingError(
-                f"{path} has rows without a number in column {name}: give 1 for held grains, 0 for others"
-            )
+            raise PackingError(f"{path}: column {name} must be 1 for held grains and 0 for others in every row")
     walls, edge = outside.any(axis=0), grains.get("edge", zero) != 0
     held = (grains.get("fixed", zero) != 0) | edge
     beside = np.searchsorted(ids, np.unique(ends[:, walls][~outside[:, walls]]))
     held[beside] = True
     if walls.any():
         notes.append(
-            f"contacts with walls, which have negative numbers, or with grains without a place are left out of "
-            f"{contacts.name}, and their grains held: {walls.sum()} of {len(walls)} rows, {len(beside)} grains"
+            f"contacts in {contacts.name} with walls, which have negative numbers, or with grains without a position "
+            f"are left out, and their grains held: {walls.sum()} of {len(walls)} rows, {len(beside)} grains"
         )
     if edge.any():
         notes.append(f"grains at an edge are held: {edge.sum()}")
@@ -293,15 +293,15 @@ def _placed(path: Path, grains: dict, notes: list[str]) -> tuple[dict[str, np.nd
     whole = np.all([np.isfinite(values) for name, values in grains.items() if name not in rest], axis=0)
     ids = known.get("id", np.zeros(0))
     if not whole.all() and not len(ids):
-        raise PackingError(f"{path} has rows in which numbers are missing, and no column id: add it, or remove them")
+        raise PackingError(f"{path} has incomplete rows and no column id: add it, or remove these rows")
     if not whole.all():
-        notes.append(f"grains of {path.name} of which numbers are missing are left out: {(~whole).sum()}")
+        notes.append(f"grains with incomplete rows in {path.name} are left out: {(~whole).sum()}")
     kept = ids[whole] if len(ids) else ids
     if (kept != np.round(kept)).any():
-        raise PackingError(f"{path} has ids of grains that are fractions: use whole numbers")
+        raise PackingError(f"{path} has grain ids that are not whole numbers")
     number, count = np.unique(kept, return_counts=True)
     for twice in number[count > 1]:
-        raise PackingError(f"{path} has grain {twice:g} more than once: give each once, or a column frame")
+        raise PackingError(f"{path} has grain {twice:g} more than once: give each grain once, or add a column frame")
     return {name: values[whole] for name, values in grains.items()}, ids[~whole] if len(ids) else ids
 
 
@@ -310,24 +310,24 @@ def _finite_rows(forces: dict, contacts: Path, notes: list[str]) -> dict[str, np
     read = [name for name in forces if name in NEEDED or name[:-1] in VECTORS]
     whole = np.all([np.isfinite(forces[name]) for name in read], axis=0)
     if not whole.all():
-        notes.append(f"rows of {contacts.name} in which numbers are missing are left out: {(~whole).sum()}")
+        notes.append(f"incomplete rows of {contacts.name} are left out: {(~whole).sum()}")
     forces = {name: values[whole] for name, values in forces.items()}
     for name in "ij":
         if (forces[name] != np.round(forces[name])).any():
-            raise PackingError(f"{contacts} names grains by fractions in column {name}: use whole numbers")
+            raise PackingError(f"{contacts}: grains in column {name} must be whole numbers")
     return forces
 
 
 def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]):
-    """Normal forces (C,), and tangential ones, (C,) in a plane or vectors on the first grain (C, 3)."""
+    """Normal forces (C,), and tangential forces, (C,) in a plane or vectors on the first grain (C, 3)."""
     dim = place.shape[1]
     branch = place[ends[0]] - place[ends[1]]
     length = np.linalg.norm(branch, axis=1)
     for c in np.flatnonzero(length == 0):
         one, other = ids[ends[:, c]]
         if one == other:
-            raise PackingError(f"{contacts} has a contact of grain {one} with itself: check the numbers of the grains")
-        raise PackingError(f"grains {one} and {other} of {contacts} are in one place: check the numbers of the grains")
+            raise PackingError(f"{contacts} has a contact of grain {one} with itself: check the grain numbers")
+        raise PackingError(f"grains {one} and {other} of {contacts} have the same position: check the grain numbers")
     normal = branch / length[:, None]
     vector = {name: np.stack([forces[part] for part in _axes(name, dim)], axis=1) for name in VECTORS
               if {*_axes(name, dim)} <= {*forces}}  # fmt: skip
@@ -341,12 +341,12 @@ def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, id
         along = np.einsum("ck,ck->c", vector["f"], normal)
         sign = -1.0 if along.sum() < 0 else 1.0
         if sign < 0:
-            notes.append(f"forces in {contacts.name} are taken as those on the second grain, as contacts press")
+            notes.append(f"forces in {contacts.name} are assumed to act on the second grain, as contacts must press")
         along, vector["ft"] = sign * along, sign * (vector["f"] - along[:, None] * normal)
     else:
         raise PackingError(
-            f"{contacts} has no directions of forces{' between spheres' if dim == 3 else ''}: give the force on grain "
-            f"i, {' '.join(_axes('f', dim))}, or fn and its tangential part, {' '.join(_axes('t', dim))}"
+            f"{contacts} has no force directions{' between spheres' if dim == 3 else ''}: give the force on grain i, "
+            f"{' '.join(_axes('f', dim))}, or fn and its tangential part, {' '.join(_axes('t', dim))}"
         )
     if dim == 2:
         if any(np.any(forces.get(f"{name}z", 0.0)) for name in VECTORS):
@@ -362,7 +362,7 @@ def _axes(name: str, dim: int) -> list[str]:
 
 
 def _averaged(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, ids, notes: list[str]) -> dict:
-    """Contacts, each once, as arguments of `measured_forces`; those listed from both grains are averaged."""
+    """Contacts, each once, as arguments of `measured_forces`; those listed for both grains are averaged."""
     n, (along, across) = len(ids), _parts(contacts, forces, ends, place, ids, notes)
     low, high = np.sort(ends, axis=0)
     if across.ndim == 2:
@@ -372,7 +372,7 @@ def _averaged(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray,
     for c in np.flatnonzero(count > 2):
         i, j = (ids[grain[c]] for grain in pair.values())
         raise PackingError(
-            f"{contacts} lists the contact of grains {i} and {j} {count[c]} times: once or twice is read"
+            f"{contacts} lists the contact of grains {i} and {j} {count[c]} times: give it once, or once for each grain"
         )
 
     def mean(values: np.ndarray) -> np.ndarray:
@@ -386,26 +386,27 @@ def _averaged(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray,
         return out
     size = {}
     for a, values in (("n", along), ("t", across)):
-        half = (values - out[f"force_{a}"][row])[twice[row]]  # of the difference, with both signs
+        half = (values - out[f"force_{a}"][row])[twice[row]]  # of the difference, for either sign
         if 2 * (out[f"force_{a}"][twice] ** 2).sum() < OPPOSITE * (half**2).sum():
             noun = "normal" if a == "n" else "tangential"
             raise PackingError(
-                f"{contacts} lists contacts from both of their grains with opposite {noun} forces: give fn positive if "
-                "it presses, ft positive if it turns both from x to y, vectors as the force on the grain named first"
+                f"{contacts} lists contacts for both of their grains with opposite {noun} forces: fn must be positive "
+                "if it presses, ft positive if it turns both grains from x to y, and vectors are the force on the "
+                "first grain"
             )
         size[a], known = float(np.sqrt((half**2).mean())), out[f"force_{a}_error"]
         out[f"force_{a}_error"] = np.where(np.isnan(known) & (size[a] > 0), size[a], known)
     told = f"half their differences, {size['n']:.3g} normal and {size['t']:.3g} tangential, are the errors of forces"
-    told = told if any(size.values()) else "as both are the same, they tell nothing about errors"
+    told = told if any(size.values()) else "both are equal, so that errors remain unknown"
     notes.append(f"{twice.sum()} contacts of {contacts.name} are listed twice: readings are averaged; {told}")
     if twice.all() or twice.mean() <= 0.5:
         return out
-    notes.append(f"contacts that only one of both grains sees are left out: {(~twice).sum()}")
+    notes.append(f"contacts listed for only one of their grains are left out: {(~twice).sum()}")
     return {name: values[twice] for name, values in out.items()}
 
 
 def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) -> dict:
-    """Contacts without those that pull; PackingError if they pull more than errors explain."""
+    """Contacts that press; PackingError if others pull more than errors explain."""
     force, error = network["force_n"], network["force_n_error"]
     if not (pulls := force < 0).any():
         return network
@@ -414,19 +415,19 @@ def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) 
     if unknown or (-force[pulls] > FAR * error[pulls]).any():
         i, j = (ids[network[name][c]] for name in ("pair_i", "pair_j"))
         raise PackingError(
-            f"{pulls.sum()} of {len(force)} contacts of {contacts} pull, the most that of grains {i} and {j} with "
-            f"{-force[c]:.4g}, more than errors explain: normal forces press and are positive; check the order of the "
-            "columns"
+            f"{pulls.sum()} of {len(force)} contacts of {contacts} pull by more than errors explain, at most that of "
+            f"grains {i} and {j} with {-force[c]:.4g}: normal forces must press and be positive; check the order of "
+            "the columns"
         )
     notes.append(
-        f"contacts with negative normal forces are left out: {pulls.sum()}, the most negative {-force[c] / mean:.2g} "
-        "of the mean"
+        f"contacts with negative normal forces are left out: {pulls.sum()}, down to −{-force[c] / mean:.2g} times the "
+        "mean force"
     )
     return {name: values[~pulls] for name, values in network.items()}
 
 
 def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, notes: list[str]) -> dict:
-    """Contacts without a few whose grains are far apart, as where grains were confused; if many are, all are kept."""
+    """Contacts without a few whose grains are far apart, as after a mix-up; if there are many, all are kept."""
     i, j = network["pair_i"], network["pair_j"]
     gap = np.linalg.norm(place[i] - place[j], axis=1) - radius[i] - radius[j]
     share = np.abs(gap) / np.minimum(radius[i], radius[j])
@@ -440,7 +441,7 @@ def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, 
 
 
 def _note_doubts(contacts: Path, network: dict, notes: list[str]) -> None:
-    """Note tangential forces of which the column or the sign seems to be another."""
+    """Note tangential forces whose column or sign seems to be wrong."""
     across, sign = network["force_t"], np.sign(network["force_t"])
     size = np.abs(across) if across.ndim == 1 else np.linalg.norm(across, axis=1)
     beyond = np.count_nonzero(size > network["force_n"])
@@ -451,6 +452,6 @@ def _note_doubts(contacts: Path, network: dict, notes: list[str]) -> None:
         )
     if across.ndim == 1 and abs(sign.sum()) == np.count_nonzero(sign) >= SIGNED:
         notes.append(
-            f"all tangential forces in {contacts.name} have one sign, with which torques on grains cannot balance: ft "
-            "is positive if it turns both grains from x to y, negative otherwise"
+            f"all tangential forces in {contacts.name} have the same sign, so that torques on grains cannot balance: "
+            "ft is positive if it turns both grains from x to y, negative otherwise"
         )

@@ -14,33 +14,33 @@ from .columns import is_matlab
 from .content import only_state
 from .force_lists import NEEDED, WIDEST, frames_of_lists, read_lists
 
-SAID = 0.05  # such gaps above which a note says how large they are
+SAID = 0.05  # gaps above which a note states their size
 PEGS = ("x", "y", "r", "neighbours", "forces", "alphas")  # fields of a grain
 
 
-Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where they are not known
+Unknown = Annotated[Any, Array((0, 1), finite=False)]  # errors, NaN where unknown
 
 
 @readable
 class MeasuredForces(NamedTuple):
-    """Disks or spheres and the forces at their contacts, as they were measured; overlaps and slips are not known."""
+    """Disks or spheres and measured forces at their contacts; overlaps and slips are unknown."""
 
     position: np.ndarray  # (N, D), D = 2 for disks, 3 for spheres [length]
     radius: np.ndarray  # (N,) [length]
-    free: np.ndarray  # (N,) bool; others are held, as at walls, and need not balance
+    free: np.ndarray  # (N,) bool; all others are held, such as those at walls, and need not balance
     load: np.ndarray  # (N, D) external forces [force]
     pair_i: np.ndarray  # (C,) grains from 0
     pair_j: np.ndarray  # (C,)
     force_n: np.ndarray  # (C,) normal forces, not negative [force]
     force_t: np.ndarray  # of disks (C,), positive if they turn both from x to y; of spheres (C, 3), on i [force]
-    position_error: np.ndarray  # (N,) of each coordinate; NaN: not known [length]
-    force_n_error: np.ndarray  # (C,) NaN: not known [force]
-    force_t_error: np.ndarray  # (C,) NaN: not known [force]
-    ids: np.ndarray  # (N,) numbers by which messages name the grains
+    position_error: np.ndarray  # (N,) of each coordinate; NaN: unknown [length]
+    force_n_error: np.ndarray  # (C,) NaN: unknown [force]
+    force_t_error: np.ndarray  # (C,) NaN: unknown [force]
+    ids: np.ndarray  # (N,) grain numbers in messages
     notes: list[str]
 
     def check_entries(self) -> None:
-        """Raise PackingError with a one-sentence message if these cannot be the forces of a packing."""
+        """Raise PackingError with a one-sentence message if these forces are impossible in a packing."""
         check_computed(self)
         wanted = {2: (len(self.pair_i),), 3: (len(self.pair_i), 3)}.get(self.dim)
         if np.shape(self.force_t) != wanted:
@@ -49,7 +49,7 @@ class MeasuredForces(NamedTuple):
                 "contacts of disks (C,) is needed, of spheres (C, 3)"
             )
         if self.pair_i.dtype.kind not in "iu" or self.pair_j.dtype.kind not in "iu":
-            raise PackingError("contacts name grains by fractions: use whole numbers from 0")
+            raise PackingError("grain numbers of contacts must be whole numbers from 0")
         _check_numbers(self)
         _check_pairs(self)
 
@@ -64,7 +64,7 @@ class MeasuredForces(NamedTuple):
         return np.stack([self.pair_i, self.pair_j])
 
     def select(self, rows: np.ndarray) -> "MeasuredForces":
-        """Network with some of the contacts."""
+        """Network with a subset of the contacts."""
         names = [name for name in self._fields if name.startswith(("pair", "force"))]
         return self._replace(**{name: getattr(self, name)[rows] for name in names})
 
@@ -75,25 +75,24 @@ def measured_forces(
     held: Several = (), load: Numbers = 0.0, position_error: Unknown = np.nan, force_n_error: Unknown = np.nan,
     force_t_error: Unknown = np.nan, ids: Several | None = None, notes: list[str] | tuple[str, ...] = (),
 ) -> MeasuredForces:  # fmt: skip
-    """Disks or spheres and the forces at their contacts as they were measured.
+    """Disks or spheres and measured forces at their contacts.
 
     Parameters
     ----------
     position : (N, 2) or (N, 3) [length]; radius : float or (N,) [length]
     pair_i, pair_j : (C,) grains from 0, each contact once
     force_n : (C,), not negative [force]
-    force_t : tangential forces. Of disks float or (C,), positive if it turns both from x to y, its torque on them
-        divided by their radius; of spheres (C, 3), the force on grain i, of which the part along the normal is left out
-        [force]
+    force_t : tangential forces. Disks: float or (C,), the torque on the grains divided by their radius, positive if it
+    turns both from x to y. Spheres: (C, 3), the force on grain i, whose normal part is ignored [force]
     held : grains that need not balance, such as those at walls whose forces were not measured
     load : as `position`, external forces such as weights [force]
     position_error, force_n_error, force_t_error : float, (N,) or (C,), standard deviations; NaN if not known
-    ids : (N,) numbers by which messages name the grains, default from 0
+    ids : (N,) grain numbers in messages, default from 0
 
     Raises
     ------
     PackingError
-        if these cannot be the forces of a packing; the message is one sentence.
+        if these forces are impossible in a packing; the message is one sentence.
 
     Examples
     --------
@@ -138,7 +137,7 @@ def _check_numbers(m: MeasuredForces) -> None:
     """Raise PackingError if there are no contacts or grains, or impossible numbers."""
     n = len(m.radius)
     if not len(m.pair_i):
-        raise PackingError(f"no contacts were given: measured forces are needed, {' '.join(NEEDED)}")
+        raise PackingError(f"measured contact forces are missing: give {' '.join(NEEDED)}")
     if not 0 <= m.ends.min() <= m.ends.max() < n:
         raise PackingError(f"contacts name grains {m.ends.min()} to {m.ends.max()}: use 0 to {n - 1}")
     for name in ("position", "radius", "load", "force_n", "force_t"):
@@ -146,24 +145,24 @@ def _check_numbers(m: MeasuredForces) -> None:
             raise PackingError(f"{name} contains NaN or infinity: every entry must be a finite number")
     for name in ("radius", "position_error", "force_n_error", "force_t_error"):
         if (getattr(m, name) <= 0).any():
-            raise PackingError(f"{name} = {getattr(m, name).min():g} was given: it must be positive")
+            raise PackingError(f"{name} must be positive, got {getattr(m, name).min():g}")
     if not m.force_n.any():
         raise PackingError("all normal forces are zero: nothing presses the grains together")
 
 
 def _check_pairs(m: MeasuredForces) -> None:
-    """Raise PackingError for a contact that is given twice, pulls, or joins grains that are far from touching."""
+    """Raise PackingError for a contact that is listed twice, pulls, or joins grains far apart."""
     low, high = np.sort(m.ends, axis=0)
     _, first = np.unique(low * len(m.radius) + high, return_index=True)
     again = np.ones(len(low), bool)
     again[first] = False
     share, size = _gaps(m), m.radius[m.ends].min(axis=0)
     for wrong, text in (
-        (low == high, "are one grain, which cannot touch itself: check the numbers of the grains"),
-        (again, "touch twice in the list of contacts: give each contact once"),
+        (low == high, "are the same grain, which cannot touch itself: check the grain numbers"),
+        (again, "have two entries in the list of contacts: give each contact once"),
         (m.force_n < 0, "pull each other: normal forces press, and are positive"),
-        (np.abs(share) > WIDEST, "are said to touch, but {how} {gap:.4g}, {share:.2g} of a radius: check positions,"
-         " radii and their unit, and the numbers of the grains"),
+        (np.abs(share) > WIDEST, "should touch, but {how} {gap:.4g}, {share:.2g} of a radius: check positions, radii "
+        "and their unit, and the grain numbers"),
     ):  # fmt: skip
         for c in np.flatnonzero(wrong):
             how = "have a gap of" if share[c] > 0 else "overlap by"
@@ -173,32 +172,31 @@ def _check_pairs(m: MeasuredForces) -> None:
 
 @checked
 def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: str | None = None) -> MeasuredForces:
-    """Read measured positions and contact forces, from two tables or a file of PeGS.
+    """Read measured positions and contact forces from two tables or a PeGS file.
 
     Tables are text. Grains: x, y, radius, between spheres also z; optional id, fixed (1: held, 0: free), edge (held if
     not 0), load_x, load_y, load_z, position_error. Contacts: i and j (ids, or rows from 0), fn, ft (positive if it
-    turns both grains from x to y); optional fn_error, ft_error. Instead of fn and ft there may be the force on grain i,
-    fx, fy, fz, and instead of ft its tangential part tx, ty, tz; one of them is needed between spheres. Units in
-    brackets, as in "fn [N]", are not converted: give all lengths in one unit, all forces in one, and the law in these.
+    turns both grains from x to y); optional fn_error, ft_error. The force on grain i, fx, fy, fz, may replace fn and
+    ft, and its tangential part, tx, ty, tz, may replace ft; spheres need one of these. Units in brackets, as in "fn
+    [N]", are not converted: give all lengths in one unit, all forces in one, and the law in the same units.
 
-    Columns without names are those of the lists of PeGS2 and RigidLibrary: frame, id, x, y, radius, edge, and frame, i,
-    j, ft, fn; or x, y, radius and i, j, fn, ft; or i, j, a flag, ft, fn. Of the matrices (N, N) of RigidLibrary, give
-    that of normal forces; that of tangential ones stands beside it. Negative numbers are walls, whose contacts are left
-    out; grains in contact with them are held. Of a contact that is listed from both grains, the forces are averaged,
-    and the root mean square of half the differences is their error. Negative normal forces are left out within five
-    errors.
+    Unnamed columns are read as lists of PeGS2 and RigidLibrary: frame, id, x, y, radius, edge, and frame, i, j, ft, fn;
+    or x, y, radius and i, j, fn, ft; or i, j, a flag, ft, fn. For matrices (N, N) of RigidLibrary, give that of normal
+    forces, with that of tangential forces in the same folder. Negative numbers are walls, whose contacts are left out;
+    grains in contact with them are held. Forces of contacts listed for both grains are averaged, and the root mean
+    square of half the differences is their error. Contacts with negative normal forces within five errors are left out.
 
-    Files of PeGS hold the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
+    PeGS files contain the structure `particle` (`pres` in version 1): x, y, r in pixels, rm in metres, and for each
     grain its neighbours, forces in newtons, and angles alphas. They are read in SI units; y points down as in the
-    image. A grain with a wall among its neighbours is held. Each contact is seen from both grains: forces are averaged,
-    and the root mean square of half the differences is their error. Contacts that one grain alone sees, or that do not
-    press, are left out.
+    image. A grain with a wall among its neighbours is held. Each contact is measured at both grains: forces are
+    averaged, and the root mean square of half the differences is their error. Contacts found at one grain only, or that
+    do not press, are left out.
 
     Parameters
     ----------
     path : table of grains, or .mat
     contacts : table of contacts; not with .mat
-    frame : of tables with a column frame, the last by default
+    frame : frame of tables with a column frame, the last by default
 
     Raises
     ------
@@ -215,7 +213,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
             raise PackingError(f"{file} is not a file: give measured grains, and a table of their contacts")
     if is_matlab(path):
         if contacts is not None:
-            raise PackingError(f"{contacts} was given with {path.name}, which holds the contacts: leave it out")
+            raise PackingError(f"{path.name} contains the contacts: leave out {contacts}")
         only_state(path, frame)
         return _read_pegs(path)
     if contacts is None:
@@ -225,7 +223,7 @@ def read_forces(path: str | Path, contacts: str | Path | None = None, *, frame: 
         measured = measured_forces(**fields, notes=notes)
     gap = _gaps(measured)
     note = (
-        f"grains said to touch have gaps of up to {gap.max():.2g} of a radius, {np.median(gap):.2g} in the middle: "
+        f"grains in contact have gaps of up to {gap.max():.2g} of a radius, with a median of {np.median(gap):.2g}: "
         "overlaps follow from the forces"
     )
     return measured._replace(notes=[*notes, *([note] if gap.max() > SAID else [])])
@@ -238,18 +236,18 @@ def _gaps(m: MeasuredForces) -> np.ndarray:
 
 
 def measured_frames(path: Path, contacts: Path | None) -> list[str | None]:
-    """Names of the frames of measured forces; None for that of files without names of frames."""
+    """Names of the frames of measured forces; None in files without frame names."""
     return [None] if contacts is None or is_matlab(path) else [*frames_of_lists(path, contacts)] or [None]
 
 
 def _read_pegs(path: Path) -> MeasuredForces:
-    """Network from a file of PeGS; on a grain acts −f (cos(β − α), sin(β − α)) at its contact in the direction β."""
+    """Network from a PeGS file; the force on a grain is −f (cos(β − α), sin(β − α)) at its contact in direction β."""
     grains = _particles(path)
     ids = [int(_number(grain, "id", k + 1)) for k, grain in enumerate(grains)]
     number = {name: k for k, name in enumerate(ids)}
     radius = np.array([_number(grain, "rm") for grain in grains])
     if not (radius > 0).all():
-        raise PackingError(f"{path} has no radii in metres (rm): units of length are missing; set the scale in PeGS")
+        raise PackingError(f"{path} has no radii in metres (rm): set the scale in PeGS")
     scale = np.median([r / _number(grain, "r") for r, grain in zip(radius, grains, strict=True)])
     place = scale * np.array([[_number(grain, "x"), _number(grain, "y")] for grain in grains])
     seen: dict[tuple[int, int], list[tuple[float, float]]] = {}
@@ -266,14 +264,16 @@ def _read_pegs(path: Path) -> MeasuredForces:
             held |= {k} if other <= 0 else set()
     both = [pair for pair, values in seen.items() if len(values) == 2]
     if not both:
-        raise PackingError(f"{path} has no contact that both of its grains see: solve for the forces in PeGS first")
+        raise PackingError(
+            f"{path} has no contact that was found at both of its grains: solve for the forces in PeGS first"
+        )
     values = np.array([seen[pair] for pair in both])
     (mean_n, mean_t), error = values.mean(axis=1).T, np.sqrt((np.diff(values, axis=1) ** 2).mean(axis=(0, 1))) / 2
     kept = mean_n > 0
     note = (
-        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces, {error[0]:.3g} N normal "
-        f"and {error[1]:.3g} N tangential, are half the differences between both grains of contacts; contacts left "
-        f"out, as only one grain sees them or they do not press: {len(seen) - kept.sum()}"
+        f"{path.name} is read in metres and newtons, y down as in the image; errors of forces, {error[0]:.3g} N "
+        f"normal and {error[1]:.3g} N tangential, are half the differences between both grains of contacts; contacts "
+        f"found at one grain only or without pressure are left out: {len(seen) - kept.sum()}"
     )
     with naming(path):
         return measured_forces(
@@ -283,16 +283,16 @@ def _read_pegs(path: Path) -> MeasuredForces:
 
 
 def _particles(path: Path) -> list:
-    """Grains of a file of PeGS, structures with its fields."""
+    """Grains of a PeGS file, structures with its fields."""
     from scipy.io import loadmat
 
     try:
-        stored = read_bytes(path, remedy="give a file of PeGS")
+        stored = read_bytes(path, remedy="give a PeGS file")
         if stored.startswith(b"MATLAB 5"):
             check_matlab(stored, Budget(path, len(stored), remedy="save it again"))
         content = loadmat(BytesIO(stored), squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
-        raise PackingError(f"{path} is of MATLAB 7.3: save it with save(…, '-v7')") from None
+        raise PackingError(f"{path} is a MATLAB 7.3 file: save it with save(…, '-v7')") from None
     except Exception as problem:
         said = (str(problem) or type(problem).__name__).splitlines()[0][:80]
         raise PackingError(f"{path} is a damaged MATLAB file ({said}): save it again") from None
@@ -300,12 +300,13 @@ def _particles(path: Path) -> list:
     grains = np.ravel(content[name]).tolist() if name else []
     if not grains or not all(hasattr(grain, field) for grain in grains for field in PEGS):
         raise PackingError(
-            f"{path} has no structure particle or pres with fields {', '.join(PEGS)}: give a file that PeGS solved"
+            f"{path} has no structure particle or pres with fields {', '.join(PEGS)}: give a file with forces solved "
+            "by PeGS"
         )
     return grains
 
 
 def _number(grain, field: str, default: float = np.nan) -> float:
-    """Number in a field of a grain of PeGS; the default if there is none."""
+    """Number in a field of a PeGS grain; the default if there is none."""
     value = np.ravel(getattr(grain, field, default))
     return float(value[0]) if value.size else default

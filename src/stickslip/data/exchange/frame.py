@@ -1,4 +1,4 @@
-"""Content of exported frames: a state with columns per grain and contact, a mode in motion, the network of contacts.
+"""Content of exported frames: a state with columns per grain and contact, an animated mode, the contact network.
 
 Files are written to a temporary path and then renamed, so that no partially written file has the final name.
 """
@@ -10,14 +10,16 @@ import numpy as np
 
 from ...builtin_laws import NAMES
 from ...core.arguments import checked, knows_bonds, require_shape
+from ...core.contacts.bonds import bond_vectors
 from ...core.contacts.forces import forces
+from ...core.fields import pack_keys
 from ...core.laws.builtin import COULOMB, DAMPING, NO_TENSION, Law
 from ...core.laws.kinds import Kind, describe_law, restore_kind
 from ...core.measure import branch_vectors, contact_forces, contact_numbers, touching
 from ...core.progress import STATE, Size, require_sizes
 from ...core.readable import pluralize, readable
 from ...core.reading import read_arrays
-from ...core.state import SLIDE, State
+from ...core.state import OPEN, SLIDE, State
 from ...extras import require
 from ..run_files import replace_atomically
 from ..sample import HUGE, PackingError
@@ -36,11 +38,11 @@ class Frame(NamedTuple):
     contacts: dict[str, np.ndarray]  # columns per touching contact, (M,) or (M, 3), including i, j, image and branch
     turned: np.ndarray | None = None  # (N, 3) rotation since the first frame [rad]; None if known only in the plane
     moving: bool = False  # True in an animation of a mode, which is not a state to continue from
-    assumed: tuple[str, ...] = ()  # what was assumed about the packing
+    assumed: tuple[str, ...] = ()  # assumptions about the packing
 
 
 def exported(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns under the names that files have: a force or a torque alone could come from outside."""
+    """Columns under the names used in files, as a plain force or torque could be an external one."""
     return {f"contact_{name}" if name in ("force", "torque") else name: column for name, column in columns.items()}
 
 
@@ -73,12 +75,36 @@ def frame_of(state: State, law: Law) -> Frame:
     return Frame(state, law, grains, contacts)
 
 
+def with_bonds(frame: Frame) -> dict[str, np.ndarray]:
+    """Columns of contacts, then of bonds; without bonds those of contacts alone.
+
+    The column `bond` is 0 for contacts, 1 for bonds and 2 for broken ones, and `failed` the index in `FAILURES` of the
+    load that broke them. Where grains touch, the contact has the force of both, and the bond has none.
+    """
+    state, c = frame.state, frame.contacts
+    if not state.bonds:
+        return c
+    bonds, touch = state.bonds, c["mode"] != OPEN
+    across = np.isin(pack_keys(bonds.i, bonds.j, bonds.image), pack_keys(c["i"], c["j"], c["image"])[~touch])
+    rest = ~(across & bonds.intact)
+    branch = bond_vectors(bonds, state.grains.position, state.cell.vectors)
+    more = {name: getattr(bonds, name)[rest] for name in ("i", "j", "image")} | {"branch": branch[rest]}
+    out = {
+        name: np.concatenate([column, more.get(name, np.zeros((rest.sum(), *column.shape[1:]), column.dtype))])
+        for name, column in c.items()
+    }
+    out["bond"] = np.concatenate([np.where(touch, 0, 1), np.where(bonds.intact[rest], 1, 2)]).astype(np.int32)
+    out["failed"] = np.concatenate([np.zeros(len(touch), np.int32), bonds.failed[rest]]).astype(np.int32)
+    return out
+
+
 def without_walls(frame: Frame) -> tuple[dict[str, np.ndarray], list[str]]:
     """Columns of the contacts between grains, and a note on contacts with walls."""
-    between = frame.contacts["j"] < len(frame.state.grains.radius)
+    columns = with_bonds(frame)
+    between = columns["j"] < len(frame.state.grains.radius)
     walls = int((~between).sum())
-    notes = [f"{pluralize(walls, 'contact')} with walls not written, for lack of a second grain"] if walls else []
-    return {name: column[between] for name, column in frame.contacts.items()}, notes
+    notes = [f"{pluralize(walls, 'contact')} with walls are not written, as they have no second grain"] if walls else []
+    return {name: column[between] for name, column in columns.items()}, notes
 
 
 def law_to_dict(law: Law) -> dict:
@@ -94,7 +120,7 @@ def law_to_dict(law: Law) -> dict:
 
 
 def law_from_dict(about: dict) -> Law:
-    """Rebuild the law described by `law_to_dict`; ValueError, KeyError or TypeError if there is no such law."""
+    """Rebuild a law from `law_to_dict`; ValueError, KeyError or TypeError if there is no such law."""
     table = np.array(about["table"], float)
     if table.ndim != 3 or table.shape[0] != table.shape[1] or table.shape[2] < 5 or not np.isfinite(table).all():
         raise ValueError(f"a law's table of shape {table.shape}")
@@ -143,7 +169,7 @@ def wrapped_into(position: np.ndarray, vectors, corner, periodic) -> tuple[np.nd
 
 
 def list_losses(frame: Frame, *, walls: bool = True, law: bool = True, imposed: bool = True) -> list[str]:
-    """List what a format does not store: walls, the law, and anything in `Control` other than free grains."""
+    """List data that a format does not store: walls, the law, and anything in `Control` other than free grains."""
     state, losses = frame.state, []
     control, n = state.control, len(state.grains.radius)
     if walls and len(state.walls.mass):
@@ -167,7 +193,7 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     Raises
     ------
     PackingError
-        if the file is of another kind, or belongs to another packing.
+        if the file does not contain modes, or belongs to another packing.
     """
     if not Path(path).is_file():
         raise PackingError(f"{path} is not a file: give the modes that `stickslip stability` wrote")
@@ -183,7 +209,7 @@ def read_mode(path: str | Path, number: int, n: int) -> tuple[np.ndarray, np.nda
     if not len(exponent):
         raise PackingError(f"{path} contains no modes: the packing has no growing mode")
     if not 0 <= number < len(exponent):
-        raise PackingError(f"mode {number} was requested: {path} has 0 to {len(exponent) - 1}, the fastest first")
+        raise PackingError(f"mode {number} does not exist: {path} has modes 0 to {len(exponent) - 1}, fastest first")
     if translation.shape[1] != n or rotation.shape != translation.shape:
         raise PackingError(
             f"{path} has modes of {translation.shape[1]} grains, but the packing has {n}: give modes of this packing"
@@ -209,21 +235,21 @@ def mode_frames(
     exponent : s [1/time]
     count : number of frames per period
     amplitude : largest displacement of any grain, divided by its radius
-    grow : if False, the growth is left out, so that the animation can be looped; if True, it ends at `amplitude`
+    grow : if False, growth is omitted, so that the animation can be looped; if True, the mode grows to `amplitude`
     """
     state, radius = frame.state, frame.state.grains.radius[:, None]
     memory = 2 * STATE * len(radius) * count
     require_sizes([Size(f"{count} frames take", memory, "bytes", "use fewer")], PackingError)
     if count < 2 or not 0 < amplitude <= HUGE:
         raise PackingError(
-            f"{count} frames of amplitude {amplitude:g} were requested: give at least 2 frames, and an amplitude above "
-            f"0 and up to {HUGE:g}"
+            f"an animation needs at least 2 frames and an amplitude above 0 and at most {HUGE:g}, got {count} frames "
+            f"and {amplitude:g}"
         )
     require_shape((len(radius), 3), translation=translation, rotation=rotation)
     largest = float((np.sqrt((np.abs(translation) ** 2).sum(axis=1, keepdims=True)) / radius).max())
     turning = float((np.abs(rotation) / radius).max())
     if not max(largest, turning) > 0:
-        raise PackingError("the mode moves no grain: choose another mode")
+        raise PackingError("the mode does not move any grain: choose another mode")
     scale = amplitude / (largest or turning)
     period = 2 * np.pi / (abs(exponent.imag) or abs(exponent) or 1.0)
     if not np.isfinite(period):
@@ -251,6 +277,7 @@ def _displaced(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -
 
 
 @checked
+@knows_bonds
 def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     """Network of the touching contacts of an accepted state.
 
@@ -263,7 +290,8 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
     -------
     networkx.MultiGraph
         Nodes are bodies, walls after grains, with `wall`, `radius`, x, y, z [length]. Edges are contacts, several
-        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`
+        between grains that touch through different images, with `force_n`, `force_t` [force] and `slides`; of a
+        cemented packing also bonds, with `bond`: 0 for contacts, 1 for bonds, 2 for broken ones
 
     Examples
     --------
@@ -277,22 +305,23 @@ def contact_graph(state: State, law: Law) -> "networkx.MultiGraph":
 
 
 def write_graph(path: str | Path, frame: Frame) -> list[str]:
-    """Write the network of contacts as GraphML; return notes on what it does not store."""
+    """Write the contact network as GraphML; return notes on data that it does not store."""
     graph = _graph_of(frame)
     with replace_atomically(path) as part:
         require("networkx", "exchange").write_graphml(graph, part)
-    return [f"GraphML stores positions and forces, and not {', '.join(['the cell', *list_losses(frame)])}"]
+    return [f"GraphML stores positions and forces, but not {', '.join(['the cell', *list_losses(frame)])}"]
 
 
 def _graph_of(frame: Frame) -> "networkx.MultiGraph":
     """Graph of the columns of a frame."""
-    graph, columns, state = require("networkx", "exchange").MultiGraph(), frame.contacts, frame.state
+    graph, columns, state = require("networkx", "exchange").MultiGraph(), with_bonds(frame), frame.state
     n = len(state.grains.radius)
     places = [*state.grains.position.tolist(), *state.walls.point.tolist()]
     sizes = [*state.grains.radius.tolist(), *[0.0] * len(state.walls.mass)]
     for body, (place, radius) in enumerate(zip(places, sizes, strict=True)):
         graph.add_node(body, wall=body >= n, radius=radius, **dict(zip("xyz", place, strict=True)))
     names = "i", "j", "force_n", "force_t", "mode"
-    for i, j, force_n, force_t, mode in zip(*(columns[name].tolist() for name in names), strict=True):
-        graph.add_edge(i, j, force_n=force_n, force_t=force_t, slides=mode == SLIDE)
+    more = [{"bond": bond} for bond in columns["bond"].tolist()] if "bond" in columns else [{}] * len(columns["i"])
+    for about, i, j, force_n, force_t, mode in zip(more, *(columns[name].tolist() for name in names), strict=True):
+        graph.add_edge(i, j, force_n=force_n, force_t=force_t, slides=mode == SLIDE, **about)
     return graph

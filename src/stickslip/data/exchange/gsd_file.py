@@ -16,20 +16,21 @@ from ...core.readable import pluralize
 from ...core.reading import Budget, Reader
 from ...core.state import State, check
 from ...extras import require
-from ..nodes import restore_contacts
+from ..nodes import restore_bonds, restore_contacts
 from ..run_files import replace_atomically
 from ..sample import PackingError, account_for, repeated_note
 from .content import Packing, chosen_frames
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
-SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
+SCHEMA = 2  # schema of the chunks under stickslip/; earlier ones are read
 PREFIX = "stickslip/"
 CONTACTS = ("sticking", "sliding")  # types of the bonds that show contacts
+CEMENT = ("bond", "broken bond")  # and of those that show bonds
 META = f"{PREFIX}meta"
-ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # of the index of a file
+ENTRY = np.dtype("<u8, <u8, <i8, <u4, <u2, u1, u1")  # of the file index
 ENTRY.names = "frame", "rows", "at", "columns", "id", "type", "flags"
-NAME, TYPES = 64, np.array([0.0, 1, 2, 4, 8, 1, 2, 4, 8, 4, 8, 1])  # bytes of a name, and of numbers by type
-# bytes that a particle or bond takes in memory, even if the file has its number alone: all else has defaults
+NAME, TYPES = 64, np.array([0.0, 1, 2, 4, 8, 1, 2, 4, 8, 4, 8, 1])  # sizes of a name, and of numbers by type [bytes]
+# memory of a particle or bond [bytes], even if the file contains only their number: the rest has defaults
 TAKES = {"particles": 300, "bonds": 20, "angles": 24, "dihedrals": 32, "impropers": 32, "constraints": 16, "pairs": 20}
 NOUNS = {
     "grains": core.Grains,
@@ -43,7 +44,7 @@ NOUNS = {
 
 
 def write_gsd(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write frames as a trajectory; return notes on what other programs do not see in it."""
+    """Write frames as a trajectory; return notes on data that other programs ignore."""
     hoomd = require("gsd.hoomd", "exchange")
     notes = []
     with replace_atomically(Path(path)) as part, hoomd.open(str(part), "w") as file:
@@ -76,9 +77,12 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
     p.angmom = 2 * quaternion_product(turn, np.pad(grains.inertia[:, None] * grains.spin, ((0, 0), (1, 0))))
     p.types, p.typeid = [f"material {k}" for k in range(kinds)], grains.material
     pairs, notes = without_walls(frame)
-    out.bonds.N, out.bonds.types = len(pairs["i"]), [*CONTACTS]
+    out.bonds.N, out.bonds.types = len(pairs["i"]), [*CONTACTS, *(CEMENT if "bond" in pairs else ())]
     out.bonds.group = np.stack([pairs["i"], pairs["j"]], axis=1)
-    out.bonds.typeid = (pairs["mode"] == core.SLIDE).astype(np.uint32)
+    kind = (pairs["mode"] == core.SLIDE).astype(np.uint32)
+    out.bonds.typeid = (
+        np.where(pairs["bond"] > 0, pairs["bond"] + 1, kind).astype(np.uint32) if "bond" in pairs else kind
+    )
     out.log["time"] = np.array([state.time])
     columns = {"spin": grains.spin, **frame.grains}
     out.log |= {f"particles/{name}": _exported(column) for name, column in columns.items()}
@@ -87,9 +91,9 @@ def _to_hoomd(hoomd, frame: Frame, step: int):
             f"bonds/{name}": _exported(column) for name, column in pairs.items() if name not in ("i", "j", "image")
         }
     if not cell.periodic[: cell.dim].all():
-        notes.append("GSD has no open boxes: other programs see a periodic box around the grains")
+        notes.append("GSD has no open boxes: other programs will show a periodic box around the grains")
     if len(state.walls.mass):
-        notes.append(f"{pluralize(len(state.walls.mass), 'wall')} stored for stickslip; other programs do not see them")
+        notes.append(f"{pluralize(len(state.walls.mass), 'wall')} stored for stickslip; other programs ignore them")
     return out, notes
 
 
@@ -144,7 +148,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     """
     hoomd = require("gsd.hoomd", "exchange")
     try:
-        sizes = _sizes_of_frames(path)  # first, because the library trusts them
+        sizes = _sizes_of_frames(path)  # first, because the library does not check them
         with hoomd.open(str(path), "r") as file:
             if not len(file):
                 raise PackingError(f"{path} has no frames: give a GSD file with at least one")
@@ -166,16 +170,16 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def _sizes_of_frames(path: Path) -> dict[int, float]:
-    """Bytes of all chunks of each frame, as the index of the file has them: chunks may overlap."""
+    """Sizes of all chunks of each frame [bytes] by the file index; chunks may overlap."""
     stored = path.stat().st_size
     with open(path, "rb") as file:
         head = Reader(file.read(40), 8)
         (start, number), (names, most) = (head.array("<u8", 2).tolist() for _ in range(2))
         if start + number * ENTRY.itemsize > stored or names + most * NAME > stored:
-            raise ValueError(f"an index of {number} entries and {most} names is declared in a file of {stored} bytes")
+            raise ValueError(f"a file of {stored} bytes declares an index of {number} entries and {most} names")
         file.seek(start)
         index = np.frombuffer(file.read(number * ENTRY.itemsize), ENTRY)
-    index = index[np.cumprod(index["at"] != 0).astype(bool)]  # the first without a place ends it
+    index = index[np.cumprod(index["at"] != 0).astype(bool)]  # the first entry without a location ends it
     size = TYPES[np.minimum(index["type"], len(TYPES) - 1)] * index["rows"] * index["columns"]
     if ((index["at"] < 0) | (index["at"] + size > stored)).any():
         raise ValueError("a chunk is declared beyond the end of the file")
@@ -185,7 +189,7 @@ def _sizes_of_frames(path: Path) -> dict[int, float]:
 
 
 def _number(file, frame: int, part: str) -> int:
-    """Number of particles or bonds in a frame; without one it is that of the first frame."""
+    """Number of particles or bonds in a frame, by default that of the first frame."""
     name = f"{part}/N"
     at = next((k for k in (frame, 0) if file.chunk_exists(k, name)), None)
     return 0 if at is None else int(file.read_chunk(at, name)[0])
@@ -197,15 +201,18 @@ def _read_frame(path, file, number: int) -> Packing:
         return Packing(str(number), *_read_foreign(frame), types=frame.particles.typeid.astype(np.int64))
     meta = json.loads(file.file.read_chunk(number, META).tobytes().decode())
     if not meta["schema"] <= SCHEMA:
-        raise PackingError(f"{path} has schema {meta['schema']} of stickslip's GSD: this version reads up to {SCHEMA}")
+        raise PackingError(
+            f"{path} has stickslip GSD schema {meta['schema']}, but this version reads schemas up to {SCHEMA}"
+        )
     if meta["moving"]:
         raise PackingError(f"{path} is an animation of a mode, not a state: give the packing it was made from")
     parts = {}
     for noun, kind in NOUNS.items():
         there = [name for name in kind._fields if f"{noun}/{name}" in meta["shapes"]]
         fields = {name: _read_array(file.file, number, meta["shapes"], f"{noun}/{name}") for name in there}
-        if fields:  # forces of a run with dashpots are there or not
-            parts[noun] = restore_contacts(fields) if kind is core.Contacts else kind(**fields)
+        if fields:  # only runs with dashpots store forces
+            maker = {"contacts": restore_contacts, "bonds": restore_bonds}.get(noun)
+            parts[noun] = maker(fields) if maker else kind(**fields)
     parts["cell"] = parts["cell"]._replace(dim=int(parts["cell"].dim))
     parts["control"] = parts["control"]._replace(cell_mass=float(parts["control"].cell_mass))
     if "instant" in parts:
@@ -245,12 +252,12 @@ def _read_foreign(frame):
     }  # fmt: skip
     notes = ["the file was not written by stickslip: it has positions with seven digits, no contact memory and no law"]
     for name in ("bonds", "angles", "dihedrals", "impropers"):
-        if getattr(frame, name).N and tuple(getattr(frame, name).types or ()) != CONTACTS:
+        if getattr(frame, name).N and tuple(getattr(frame, name).types or ())[:2] != CONTACTS:
             notes += account_for("part of a GSD file", [name], "the file")
     if p.charge is not None and np.any(p.charge):
         notes += account_for("column of a dump", ["q"], "the file")
     if (p.diameter == 1).all():
-        notes.append("all diameters are 1, the default of GSD if none are given")
+        notes.append("all diameters are 1, the default of GSD")
     if (inertia[:, 2] > 0).all():
         arrays["i0"] = inertia[:, 2] / (arrays["mass"] * arrays["radius"] ** 2)
     return arrays, notes

@@ -1,11 +1,11 @@
-"""Bonds of LAMMPS: those that a file lists, and their laws from the commands of the run.
+"""LAMMPS bonds: those listed in a file, and their laws from the commands of the run.
 
 `bpm/spring` and `bpm/rotational` keep the length and the direction that each bond had when LAMMPS first evaluated it
-after `bond_style`; restart files have them, data files and dumps do not. LAMMPS takes present ones when it reads a data
-file. `harmonic` has the energy K (r − r₀)², so that its stiffness is 2K.
+after `bond_style`; restart files contain them, data files and dumps do not. LAMMPS uses the present ones when it reads
+a data file. `harmonic` has the energy K (r − r₀)², so that its stiffness is 2K.
 
-Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harmonic` and `special_bonds`; the powers by
-which loads fade, 8 and 4, were measured with LAMMPS of 2022 to 2025.
+Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harmonic` and `special_bonds`; the powers
+with which loads fade, 8 and 4, were measured with LAMMPS 2022 to 2025.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from ..sample import BONDS, Assumption, Obstacle, PackingError
 from .content import ListedBonds, Packing
 
 YES = {"yes": True, "on": True, "true": True, "no": False, "off": False, "false": False}
-STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # what `store/local` may write
+STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # quantities that `store/local` may write
 WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "0 1 1"}  # of special_bonds, by name
 MOVING = ("displace_atoms", "change_box", "read_dump", "replicate")  # commands that move grains without a run
 RUNNING = ("run", "minimize", "rerun")
@@ -32,48 +32,52 @@ RUNNING = ("run", "minimize", "rerun")
 def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
     """Bonds of a file whose ends are ids; PackingError if one cannot be."""
     for a, b in ends[~np.isin(ends, ids).all(axis=1)][:1]:
-        raise PackingError(f"{source} has a bond of atoms {a} and {b}, which are not both among its {len(ids)} atoms")
+        raise PackingError(
+            f"{source} has a bond between atoms {a} and {b}, which are not both among its {len(ids)} atoms"
+        )
     for a, _ in ends[ends[:, 0] == ends[:, 1]][:1]:
-        raise PackingError(f"{source} has a bond of atom {a} with itself: a bond needs two atoms")
+        raise PackingError(f"{source} has a bond from atom {a} to itself: a bond needs two atoms")
     i, j = np.sort(np.searchsorted(ids, ends), axis=1).T
     order = np.lexsort((j, i))
     i, j = i[order], j[order]
     for k in np.flatnonzero((np.diff(i) == 0) & (np.diff(j) == 0))[:1]:
-        raise PackingError(f"{source} has the bond of atoms {ids[i[k]]} and {ids[j[k]]} twice: list each bond once")
+        raise PackingError(
+            f"{source} has the bond between atoms {ids[i[k]]} and {ids[j[k]]} twice: list each bond once"
+        )
     return ListedBonds(i, j, kind[order], source, labels)
 
 
 def note_on_bonds(bonds: ListedBonds | None) -> list[Obstacle]:
-    """Note on bonds without their laws, which a run's folder replaces."""
+    """Note on bonds without their laws, which a run folder would supply."""
     if bonds is None or not len(bonds.i):
         return []
     count = pluralize(len(bonds.i), "bond")
-    text = f"{count} of {bonds.source} were not taken over: their laws are in the run's folder, whose log has them"
+    text = f"{count} of {bonds.source} were not taken over: give the run folder, whose log contains their laws"
     return [Obstacle(text, BONDS)]
 
 
 class Commands(NamedTuple):
-    """What the commands of a run say about bonds at its end."""
+    """Bonds at the end of a run, according to its commands."""
 
-    style: list[str]  # and its options; empty if there is none
-    place: str  # of the style
+    style: list[str]  # and its options; empty without one
+    place: str  # position of the style
     coefficients: list[list[str]]  # words of bond_coeff since the style
-    weights: list[str]  # by which special_bonds multiplies the contacts of grains one, two and three bonds apart
+    weights: list[str]  # factors of special_bonds for contacts of grains one, two and three bonds apart
     made: list[str]  # the commands create_bonds, with their places
     deleted: list[str]  # the commands delete_bonds, with their places
     labels: dict[str, str]  # types by their labels
     strained: bool  # grains may have moved since LAMMPS first evaluated the bonds
     turned: bool  # grains may have turned before that
-    origin: str  # the data file in which grains were where LAMMPS first evaluated the bonds; empty if there is none
+    origin: str  # data file with the positions at which LAMMPS first evaluated the bonds; empty without one
 
 
 def replay(commands: Sequence[Sequence[str]]) -> Commands:
-    """Follow the commands that concern bonds; each begins with its place."""
+    """Evaluate the commands that concern bonds; each begins with its position."""
     now = Commands([], "", [], ["0", "0", "0"], [], [], {}, strained=False, turned=False, origin="")
     first = True  # LAMMPS has not evaluated the bonds yet
     there = False  # there may be bonds
-    source = ""  # data file in which grains are where they are
-    restored = False  # a restart file has what LAMMPS stored of the bonds
+    source = ""  # data file with the present positions
+    restored = False  # a restart file contains the stored memory of bonds
     for place, key, *rest in commands:
         if key == "bond_style" and rest:
             first = not restored
@@ -110,7 +114,7 @@ def replay(commands: Sequence[Sequence[str]]) -> Commands:
 
 
 def _weights(words: list[str], before: list[str]) -> list[str]:
-    """Weights of Lennard-Jones forces, which are those of contacts as well, after a command `special_bonds`."""
+    """Weights of Lennard-Jones forces, which also apply to contacts, after a command `special_bonds`."""
     for k, word in enumerate(words):
         if word in WEIGHTS:
             before = WEIGHTS[word].split()
@@ -126,7 +130,7 @@ def can_break(told: Commands) -> bool:
 
 
 def with_lengths(bonds: ListedBonds, now: Packing, then: Packing) -> ListedBonds:
-    """Bonds as long at rest as they are in another packing of the same grains."""
+    """Bonds whose rest lengths are their lengths in another packing of the same grains."""
     if now.ids is None or then.ids is None or not np.isin(now.ids, then.ids).all():
         return bonds
     i, j = (np.searchsorted(then.ids, now.ids[ends]) for ends in (bonds.i, bonds.j))
@@ -138,15 +142,15 @@ def with_lengths(bonds: ListedBonds, now: Packing, then: Packing) -> ListedBonds
 
 
 def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], list[str]]:
-    """Arguments of `bonded_at_rest` after the state for each type of bond that acts, and the styles of these.
+    """Arguments of `bonded_at_rest` after the state for each active type of bond, and the styles of these types.
 
     Raises
     ------
     ValueError
-        if a law is not known or not read.
+        if a law is unknown or not supported.
     """
     if not told.style:
-        raise ValueError("there is no bond_style; where a restart file has restored it, give it with its bond_coeff")
+        raise ValueError("there is no bond_style: if it came from a restart file, add it with its bond_coeff")
     labels = listed.labels | told.labels
     bonds, acting = [], []
     for kind in np.unique(listed.kind[listed.kind > 0]).tolist():
@@ -162,7 +166,7 @@ def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], lis
 
 
 def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bond | None, float | None]:
-    """Style and law of bonds of one type, None if it makes no force, and the length at rest if the law has one."""
+    """Style and law of bonds of one type (None without force), and the rest length if the law has one."""
     given = [words[1:] for words in told.coefficients if words and _means(labels.get(words[0], words[0]), kind)]
     style, options = told.style[0], told.style[1:]
     if style == "hybrid" and given:
@@ -187,7 +191,7 @@ def _means(word: str, kind: int) -> bool:
     """Return True if a word such as 1, *, 2* or 1*3 means a type."""
     low, star, high = word.partition("*")
     if not (low + high).isdecimal() and low + high:
-        raise ValueError(f"the type {word} of a bond_coeff is no number, and no labelmap gives it one")
+        raise ValueError(f"the type {word} of a bond_coeff is neither a number nor a label in a labelmap")
     first = int(low or 1)
     return first <= kind <= (int(high or kind) if star else first)
 
@@ -216,9 +220,9 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
             flags[options[k]] = YES[options[k + 1]]
             k += 2
         else:
-            raise ValueError(f"its option {' '.join(options[k : k + 2])} is not read")
+            raise ValueError(f"its option {' '.join(options[k : k + 2])} is not supported")
     if flags["volume/factor"]:
-        raise ValueError("its option volume/factor yes is not read")
+        raise ValueError("its option volume/factor yes is not supported")
     how = {"smooth": flags["smooth"], "normalized": flags["normalize"]}
     if style == "bpm/spring":
         stiffness, stretch, damping = numbers
@@ -231,21 +235,24 @@ def _bpm(style: str, options: list[str], numbers: list[float]) -> Bond:
 
 
 def notes_on_rest(told: Commands, listed: ListedBonds, acting: Sequence[str]) -> list[Assumption]:
-    """Notes on what was assumed of bonds at rest."""
+    """Notes on assumptions about bonds at rest."""
     bpm = " and ".join(sorted({style for style in acting if style.startswith("bpm/")}))
     if bpm and listed.length is None and told.strained:
-        return [Assumption(f"bonds of {bpm} are taken to be at rest as they are: their lengths at rest are in restart "
-                           f"files only, and LAMMPS, too, takes present ones when it reads a data file")]  # fmt: skip
+        how = (
+            "rest lengths are stored in restart files only, and LAMMPS makes the same assumption when it reads a "
+            "data file"
+        )
+        return [Assumption(f"bonds of {bpm} are assumed to be at rest in this state: {how}")]
     if "bpm/rotational" in bpm and listed.turn is None and (told.strained or told.turned):
-        return [Assumption("bonds of bpm/rotational are taken not to be bent, twisted or sheared: orientations are in "
-                           "restart files only")]  # fmt: skip
+        how = "orientations are stored in restart files only"
+        return [Assumption(f"bonds of bpm/rotational are assumed not to be bent, twisted or sheared: {how}")]
     return []
 
 
 def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray, j: np.ndarray) -> Assumption | None:
-    """Note on contacts of n grains, i with j, that `special_bonds` leaves out or changes; None if it changes none.
+    """Note on contacts i–j of n grains that `special_bonds` removes or changes; None if it changes none.
 
-    It does so where grains are one to three bonds apart.
+    It affects grains that are one to three bonds apart.
     """
     weights = [parse_number(word) for word in told.weights]
     if all(weight == 1 for weight in weights):
@@ -261,5 +268,5 @@ def note_on_contacts(told: Commands, listed: ListedBonds, n: int, i: np.ndarray,
     changed = (apart > 0) & (i != j) & (np.array([1.0, *weights])[apart] != 1)
     what = f"special_bonds lj {' '.join(told.weights)}: {BONDED}"
     if changed.any():
-        return Obstacle(f"{what}, and {pluralize(int(changed.sum()), 'such contact')} would be whole here")
-    return Assumption(f"{what}: none of them touch, and if they came to, they would repel each other here")
+        return Obstacle(f"{what}, but {pluralize(int(changed.sum()), 'such contact')} would act fully here")
+    return Assumption(f"{what}: none of these grains touch now, but if they did, they would repel each other here")

@@ -1,6 +1,6 @@
-"""Commands of a run of LAMMPS, from its log or its input script: what holds at the time of its grains.
+"""Commands of a LAMMPS run, from its log or input script, and the settings in force when its grains were written.
 
-Lines of a log are commands, runs in time, or what LAMMPS reports between them.
+Lines of a log are commands, runs, or reports between them.
 """
 
 import re
@@ -21,10 +21,10 @@ HEAD = re.compile(r"LAMMPS \(\d+ \w+ (\d{4})")
 BEGINS = re.compile(r"Per MPI rank memory allocation |Memory usage per processor ")
 LOOP = re.compile(r"Loop time of \S+ on \d+ procs(?: \([^)]*\))? for (\d+) steps with (\d+) atoms")
 VERSION, LATTICE, BONDS, MEMBERS = "(version)", "(spacing)", "(bonds)", "(members)"
-NAMED = re.compile(r"[a-z]\w*(/\w+)*(\s|$)")  # how a command begins that is none of those known
-TALKING = ("info", "package", "run", "minimize", "rerun")  # commands after which any words may come
-QUOTES, MOST_QUOTED = '"""', 1000  # marks of a text of several lines, and lines that it may have
-REPORTS = {  # what LAMMPS reports, in the place of commands
+NAMED = re.compile(r"[a-z]\w*(/\w+)*(\s|$)")  # beginning of an unknown command
+TALKING = ("info", "package", "run", "minimize", "rerun")  # commands with arbitrary arguments
+QUOTES, MOST_QUOTED = '"""', 1000  # quotes of a text of several lines, and its largest number of lines
+REPORTS = {  # reports that are treated as commands
     VERSION: HEAD, LATTICE: re.compile(r"Lattice spacing in x,y,z = (.*)"),
     BONDS: re.compile(r"\s+([1-9]\d* (?:bonds|angles|dihedrals|impropers))\s*$"),
     MEMBERS: re.compile(r"(\d+ atoms in group \S+)\s*$"),
@@ -36,9 +36,9 @@ class Command(NamedTuple):
     """A command, or a line of a log that may be one."""
 
     source: str  # name of the file
-    number: int  # of its line
+    number: int  # line number
     line: str  # without comments
-    step: int | None = None  # time step; None if it is not known
+    step: int | None = None  # time step; None if unknown
 
     @property
     def words(self) -> list[str]:
@@ -49,7 +49,7 @@ class Command(NamedTuple):
 class Block(NamedTuple):
     """A run in time, or a minimization."""
 
-    start: int | None  # time step; None if it is not known
+    start: int | None  # time step; None if unknown
     end: float  # infinite if it was interrupted
     atoms: int | None = None
 
@@ -57,7 +57,7 @@ class Block(NamedTuple):
 def recognize_log(text: str) -> bool:
     """Return True for a log, in which LAMMPS repeats its commands with the values of variables.
 
-    One that a command `log` began has no line with the version.
+    A log started by a command `log` has no line with the version.
     """
     return bool(LOG.search(text[:200]) or RAN.search(text))
 
@@ -85,7 +85,7 @@ def read_events(texts: Sequence[tuple[str, str]], *, log: bool) -> Iterator[Comm
 
 
 def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
-    """Number and content of each line, with those that continue it: within triple quotes, or after & in a script."""
+    """Number and content of each line, with its continuation lines: within triple quotes, or after & in a script."""
     lines, k = text.split("\n"), 0
     while k < len(lines):
         first, whole, k = k, lines[k], k + 1
@@ -101,7 +101,7 @@ def _logical_lines(text: str, *, log: bool) -> Iterator[tuple[int, str]]:
 def _commands(
     source: str, number: int, line: str, step: int | None, *, log: bool, after: Command | None
 ) -> Iterator[Command]:
-    """The command in a line, or what LAMMPS reports in one of a log."""
+    """The command in a line, or the report in a line of a log."""
     for name, form in REPORTS.items() if log else ():
         if found := form.match(line):
             yield Command(source, number, f"{name} {found[1]}", step)
@@ -119,7 +119,7 @@ def _commands(
 
 
 def _answer_lines(line: str, after: Sequence[str]) -> int:
-    """Number of the lines after a command `print` that are its text, in which variables may have got their values."""
+    """Number of lines of text after a command `print`, in which variables may already have been replaced."""
     found = re.search(r'print\s+(?:"""(.*?)"""|"([^"]*)"|\'([^\']*)\'|(\S+))', line, re.DOTALL)
     text = next((part for part in found.groups() if part is not None), "") if found else ""
     wanted = text.split("\n")
@@ -130,7 +130,7 @@ def _answer_lines(line: str, after: Sequence[str]) -> int:
 
 
 def _step_after(words: list[str], step: int | None) -> int | None:
-    """Time step after a command that sets it; None if it is not known."""
+    """Time step after a command that sets it; None if unknown."""
     if words[0] in (VERSION, "clear"):
         return 0
     if words[0] == "reset_timestep":
@@ -139,7 +139,7 @@ def _step_after(words: list[str], step: int | None) -> int | None:
 
 
 def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str]) -> tuple[Block, int]:
-    """A run from its first line, with the steps of its table if it has any, and the number of the line after it."""
+    """A run that begins at a line, with the steps of its table if it has one, and the number of the next line."""
     seen: list[int] = []
     column, width = None, 0
     while k < len(lines) and not HEAD.match(lines[k]):
@@ -163,41 +163,50 @@ def _read_block(lines: Sequence[str], k: int, step: int | None, last: list[str])
 
 LONGEST_LINE = 4096  # characters that values of variables may have in a line
 UNRESOLVED = re.compile(r"\$\{?[({\w]")
-QUOTED = re.compile(r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL)  # in which LAMMPS replaces no variables
-INSERTING = ("pour", "deposit", "evaporate", "gcmc", "append/atoms", "bond/react")  # fixes that change their number
+QUOTED = re.compile(
+    r"\"\"\".*?\"\"\"|\"[^\"]*\"|'[^']*'", re.DOTALL
+)  # commands in which LAMMPS does not replace variables
+INSERTING = (
+    "pour",
+    "deposit",
+    "evaporate",
+    "gcmc",
+    "append/atoms",
+    "bond/react",
+)  # fixes that change the number of grains
 RENUMBERING = ("delete_atoms", "replicate", "read_dump")  # commands that do
 COUNTING = {*RENUMBERING, "create_atoms"}
 RELABELING = ("reset_atoms", "reset_ids", "reset_atom_ids")  # commands that change ids
-COMBINED = ("union", "subtract", "intersect")  # groups made of others
-OPENING = ("include", "if", "jump", "python")  # commands by which a script has others that it does not show
+COMBINED = ("union", "subtract", "intersect")  # groups composed of others
+OPENING = ("include", "if", "jump", "python")  # commands by which a script executes others that are not in it
 ABOUT_BONDS = (  # commands that change bonds, or lengths that may be those at rest
     "bond_style", "bond_coeff", "special_bonds", "create_bonds", "delete_bonds", "labelmap", "read_data",
     "read_restart", "run", "minimize", "rerun", "displace_atoms", "change_box", "read_dump", "replicate", "set",
 )  # fmt: skip
 WRITING = ("write_restart", "write_data", "write_dump")
-NODES = {"sc": 1, "bcc": 2, "fcc": 4, "diamond": 8, "sq": 1, "sq2": 2}  # of a lattice in its cell, a cube or square
-BEGINNING = ("read_data", "read_restart")  # commands by which a run begins with the grains of a file
+NODES = {"sc": 1, "bcc": 2, "fcc": 4, "diamond": 8, "sq": 1, "sq2": 2}  # points of a lattice per cell, a cube or square
+BEGINNING = ("read_data", "read_restart")  # commands by which a run reads grains from a file
 FILING = (*WRITING, *BEGINNING, "restart", "dump")  # commands that name files of grains
 
 
 class Region(NamedTuple):
-    """A region, and the unit of its lengths where these are in units of a lattice."""
+    """A region, and the unit of its lengths if they are in lattice units."""
 
     words: list[str]  # style and arguments
-    spacing: list[str] | None = None  # of the lattice at that time, empty if it is not known; None without a lattice
+    spacing: list[str] | None = None  # spacing of the lattice at that time, empty if unknown; None without a lattice
 
 
 class Dump(NamedTuple):
-    """A dump of grains, with what `dump_modify` changed."""
+    """A dump of grains, with the changes made by `dump_modify`."""
 
     command: str  # without its file
     file: str
     columns: list[str]
     selection: str  # the command that leaves grains out; empty if there is none
-    names: dict[str, str]  # of columns in LAMMPS, by those that `colname` gives them
+    names: dict[str, str]  # names of columns in LAMMPS by their names from `colname`
 
     def modified(self, command: str, words: Sequence[str]) -> "Dump":
-        """The dump after words that `command` begins."""
+        """The dump after a command given by its words."""
         selection, names = self.selection, self.names
         for k, word in enumerate(words):
             if word == "thresh":
@@ -208,7 +217,7 @@ class Dump(NamedTuple):
         return self._replace(selection=selection, names=names)
 
     def _column(self, word: str) -> str:
-        """Name of a column in LAMMPS that a name or its number means; empty if it is not known."""
+        """Name of a column in LAMMPS from a name or number; empty if unknown."""
         if not re.fullmatch(r"-?[1-9]\d*", word):
             return word
         at = int(word) - (int(word) > 0)
@@ -222,41 +231,43 @@ def _selection(command: str) -> str:
 
 
 class Run(NamedTuple):
-    """Commands that hold at the time of the grains."""
+    """Settings in force at the time of the grains."""
 
     source: str  # name of the log or script
-    pair_style: list[str]  # style and arguments; empty if none was given
+    pair_style: list[str]  # style and arguments; empty without one
     pair_coeff: list[list[str]]
     fixes: dict[str, list[str]]  # group, style and the words that follow, by id
     groups: dict[str, list[list[str]]]  # words of each command `group`, by name
     regions: dict[str, Region]
     settings: dict[str, list[str]]  # words of units, boundary, atom_style, newton
-    unknown: list[str]  # commands whose outcome or variables have no value here
-    acts: dict[str, str]  # sentences on what makes or changes forces, or may, and is not read, by what replaces it
+    unknown: list[str]  # commands whose outcome or variables are unknown here
+    acts: dict[
+        str, str
+    ]  # sentences on unread commands that (may) exert or change forces, by the key that replaces them
     places: dict[str, str]  # file and line of each fix, by id, and of the pair style
-    met: dict[str, set[str]]  # words that commands began with, by their group
+    met: dict[str, set[str]]  # first words of commands, by their group
     labels: dict[str, int]  # types of atoms by their labels
     dumps: dict[str, Dump]  # by their names
-    bonds: list[list[str]]  # words of commands that concern bonds, after their places
-    year: int = 0  # of the version of LAMMPS; 0: unknown
+    bonds: list[list[str]]  # words of commands that concern bonds, after their positions
+    year: int = 0  # year of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order
-    blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not tell their steps
-    atoms: int | None = None  # number of grains when they were written; None if it is not known
+    blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not state their steps
+    atoms: int | None = None  # number of grains when they were written; None if unknown
     place: int = 0  # in the log or script, at which they were written
 
     def numbers(self, words: Sequence[str]) -> list[str]:
-        """Words with the numbers of types in the place of their labels."""
+        """Words with labels of types replaced by their numbers."""
         return [str(self.labels.get(word, word)) for word in words]
 
     def steps(self) -> tuple[float, float] | None:
-        """First and last time step; None if they are not known."""
+        """First and last time step; None if unknown."""
         known = [block for block in self.blocks if block.start is not None]
         if not known or len(known) < len(self.blocks):
             return None
         return min(block.start for block in known), max(block.end for block in known)
 
     def goes_back(self) -> bool:
-        """Return True if a run had earlier time steps than one before it, as after `reset_timestep`."""
+        """Return True if a run had earlier time steps than a previous one, as after `reset_timestep`."""
         known = [block.start for block in self.blocks if block.start is not None]
         return any(later < start for start, later in pairwise(known))
 
@@ -271,13 +282,13 @@ def recognize_script(text: str) -> bool:
 
 
 def read_commands(path: Path, until: str = "", before: Sequence[Path] = (), step: int = -1) -> Run:
-    """Replay the commands of a log or an input script, up to those that hold when the grains were written.
+    """Replay the commands of a log or an input script up to the time when the grains were written.
 
     Parameters
     ----------
-    until : name of the file of the grains; what follows the last command that wrote it does not count
-    before : logs of the same run that were written before this one
-    step : time step of the grains; -1 if it is not known
+    until : name of the file of the grains; commands after the last one that wrote it are ignored
+    before : earlier logs of the same run
+    step : time step of the grains; -1 if unknown
     """
     texts = [(other.name, read_lines_of(other)) for other in (*before, path)]
     log = recognize_log(texts[0][1])
@@ -302,10 +313,10 @@ def _empty(source: str, year: int = 0) -> Run:
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
-    """Number of events up to the state that a file holds: the last command that wrote it, or the run that reached it.
+    """Number of events up to the state in a file: the last command that wrote it, or the run that reached it.
 
-    What was written in the middle of a run saw the commands before that run only. Of several runs that had a time step,
-    as after `reset_timestep`, it is the last one in which a command wrote the file.
+    Only commands before a run affect files written during it. If several runs reached a time step, as after
+    `reset_timestep`, the last one in which a command wrote the file counts.
     """
     writes = [
         k for k, event in enumerate(events)
@@ -329,7 +340,7 @@ def _end(events: list[Command | Block], until: str, step: int) -> int:
 
 
 def _open_in(events: list[Command | Block], name: str) -> set[int]:
-    """Places of the runs in which a command `dump` or `restart` wrote a file."""
+    """Positions of the runs in which a command `dump` or `restart` wrote a file."""
     ids, series, places = set(), False, set()
     for k, event in enumerate(events):
         if isinstance(event, Block):
@@ -344,16 +355,16 @@ def _open_in(events: list[Command | Block], name: str) -> set[int]:
 
 
 def means(word: str, name: str, *, series: bool = False) -> bool:
-    """Return True if a word of a command means the file of a name; * and % stand for time steps and processes.
+    """Return True if a word of a command matches the name of a file; * and % stand for time steps and processes.
 
-    In a series, a time step follows the word.
+    In a series, the name continues with a time step.
     """
     word = Path(word.strip("\"'")).name.replace("%", "*")
     return bool(word.strip("*.")) and (fnmatchcase(name, word) or (series and name.startswith(f"{word}.")))
 
 
 def _atoms(events: list[Command | Block], end: int, until: str, step: int, run: Run) -> int | None:
-    """Number of grains at a time step; None if it is not known, or may have changed within a run or after it."""
+    """Number of grains at a time step; None if unknown, or if it may have changed during a run or after it."""
     begin = max((k for k, event in enumerate(events) if _writes_dump(event, until)), default=0)
     counts = {
         event.atoms for event in events[begin:]
@@ -373,7 +384,7 @@ def _writes_dump(event: Command | Block, name: str) -> bool:
 
 
 def _closing(events: list[Command | Block], until: str) -> int:
-    """Place of the command `undump` after which a dump was not written any more; 0 if it was to the end."""
+    """Position of the command `undump` that ended a dump; 0 if it was written to the end."""
     closed, name = 0, ""
     for k, event in enumerate(events):
         if _writes_dump(event, until):
@@ -384,7 +395,7 @@ def _closing(events: list[Command | Block], until: str) -> int:
 
 
 def read_lines_of(path: Path) -> str:
-    """Text of a log or script, whose last line may lack its end."""
+    """Text of a log or script, whose last line may be incomplete."""
     try:
         return read_lines(path)
     except ValueError:
@@ -392,7 +403,7 @@ def read_lines_of(path: Path) -> str:
 
 
 def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) -> Run:
-    """Run after one more command; `values` are those of variables, which a log has replaced."""
+    """Run after another command; `values` are those of variables, which a log has replaced."""
     words = command.words
     if words[0] == "variable" and len(words) > 3:
         values |= _value(words, values)
@@ -401,7 +412,7 @@ def _replay(run: Run, command: Command, values: dict[str, str], *, log: bool) ->
     if log and words[0] == "echo" and words[1:2] in (["none"], ["screen"]):
         run.acts["echo"] = f"{command.source} does not repeat the commands that follow `{' '.join(words)}`"
     if log and words[:2] == ["log", "none"]:
-        run.acts["echo"] = f"{command.source} does not have the commands that follow `log none`"
+        run.acts["echo"] = f"{command.source} does not contain the commands that follow `log none`"
     if not log and words[0] in OPENING and words[1:2] != ["SELF"]:
         run.unknown.append(" ".join(words))
     if UNRESOLVED.search(bare):
@@ -419,7 +430,7 @@ def numbers_in(words: Sequence[str]) -> list[float]:
 
 
 def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
-    """Value of a variable that has one without running LAMMPS."""
+    """Value of a variable that is known without running LAMMPS."""
     name, style, first = tokens[1], tokens[2], _substitute(tokens[3], values).strip('"')
     if style in ("index", "string") and name not in values:
         return {name: first}
@@ -427,7 +438,7 @@ def _value(tokens: Sequence[str], values: dict[str, str]) -> dict[str, str]:
 
 
 def _substitute(line: str, values: dict[str, str]) -> str:
-    """Line with the values of variables; what would make it too long, as variables of variables do, stays as it is."""
+    """Line with the values of variables, unless it would become too long by nested variables."""
     room = LONGEST_LINE
 
     def value(match: re.Match) -> str:
@@ -440,7 +451,7 @@ def _substitute(line: str, values: dict[str, str]) -> str:
 
 
 def _apply(run: Run, tokens: list[str], place: str) -> Run:
-    """Run after one more command."""
+    """Run after another command."""
     key, rest = tokens[0], tokens[1:]
     if key == VERSION:  # another run, appended to the log
         return _empty(run.source, int(rest[-1]))
@@ -456,7 +467,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
     run.met[group_of("command", key)].add(key)
     if key in ABOUT_BONDS and rest[:1] != ["CPU"]:  # a report of how long it took
         run.bonds.append([place, *tokens])
-    # groups whose members have other ids, or other types, after the command
+    # groups whose members have different ids or types after the command
     retyped = key == "create_atoms" or (key == "set" and any(word.startswith("type") for word in rest[2:]))
     renumbered = key in (*RENUMBERING, *RELABELING) and " ".join(rest[-2:]) != "compress no"
     for lines in run.groups.values() if retyped or renumbered else ():
@@ -475,7 +486,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         if row.group == UNKNOWN:
             run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"
     elif group_of("command", key) == UNKNOWN:
-        why = find_row("command", key).why or "it is not understood"
+        why = find_row("command", key).why or "it is unknown"
         run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not taken over: {why}"
     elif key == "pair_coeff" and len(rest) > 1:
         run.pair_coeff.append(rest)
@@ -489,7 +500,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
 
 
 def _set(run: Run, key: str, rest: list[str]) -> None:
-    """Take a command that changes a setting."""
+    """Evaluate a command that changes a setting."""
     if rest and key in ("units", "atom_style", "newton", "boundary", "dimension"):
         run.settings[key] = [*map(plain_style, rest)]
     elif key == "change_box" and "boundary" in rest:
@@ -508,7 +519,7 @@ def _set(run: Run, key: str, rest: list[str]) -> None:
 
 
 def _spacing_of(lattice: list[str], settings: dict[str, list[str]]) -> list[str]:
-    """Spacing of a lattice along x, y and z; empty if only a log has it, in the next line."""
+    """Spacing of a lattice along x, y and z; empty if only the next line of a log contains it."""
     style, scale = lattice[0] if lattice else "", (*numbers_in(lattice[1:]), 0.0)[0]
     if style == "none":
         return lattice[1:2] * 3
@@ -520,7 +531,7 @@ def _spacing_of(lattice: list[str], settings: dict[str, list[str]]) -> list[str]
 
 
 def _define(run: Run, key: str, rest: list[str], place: str) -> None:
-    """Take a command that defines something with a name, or removes it."""
+    """Evaluate a command that defines or removes a named object."""
     if key == "fix" and len(rest) > 2:
         run.places[rest[0]] = place
         run.fixes[rest[0]] = [rest[1], plain_style(rest[2]), *rest[3:]]
@@ -535,7 +546,7 @@ def _define(run: Run, key: str, rest: list[str], place: str) -> None:
 
 
 def _define_dump(run: Run, key: str, rest: list[str]) -> None:
-    """Take a command that writes grains, or changes how."""
+    """Evaluate a command that writes grains, or changes their output."""
     if key == "dump_modify":
         if rest and rest[0] in run.dumps:
             run.dumps[rest[0]] = run.dumps[rest[0]].modified(f"dump_modify {rest[0]}", rest[1:])
@@ -548,7 +559,7 @@ def _define_dump(run: Run, key: str, rest: list[str]) -> None:
 
 
 def _define_group(run: Run, name: str, style: str, *arguments: str) -> None:
-    """Add to a group; the groups that it is made of are kept as they are now."""
+    """Add to a group; groups of which it is composed are kept in their present form."""
     if style == "clear":
         run.groups[name] = []
     if style in COMBINED:
@@ -559,7 +570,7 @@ def _define_group(run: Run, name: str, style: str, *arguments: str) -> None:
 
 
 def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray | None, n: int) -> np.ndarray | None:
-    """(n,) bool, members of a group that is chosen by type or id, or combined from such groups; None for others."""
+    """(n,) bool, members of a group defined by type or id, or combined from such groups; None for others."""
     if name == "all":
         return np.ones(n, bool)
     members = np.zeros(n, bool)
@@ -583,7 +594,7 @@ def group_members(run: Run, name: str, ids: np.ndarray | None, types: np.ndarray
 
 
 def _select(numbers: np.ndarray, tokens: list[str]) -> np.ndarray:
-    """Mask of the numbers that are meant by arguments such as 3, 1:10 and 2*5, or by a comparison."""
+    """Mask of the numbers selected by arguments such as 3, 1:10 and 2*5, or by a comparison."""
     compare = {"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater_equal, "==": np.equal}
     if tokens and tokens[0] in (*compare, "!="):
         return compare[tokens[0]](numbers, int(tokens[1])) if tokens[0] in compare else numbers != int(tokens[1])

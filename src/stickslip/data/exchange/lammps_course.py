@@ -1,4 +1,4 @@
-"""Effects of the commands of a run of LAMMPS: laws of pairs of types, walls, loads, held grains, and omissions."""
+"""Effects of the commands of a LAMMPS run: laws of pairs of types, walls, loads, held grains, and omissions."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -44,9 +44,9 @@ class Plane(NamedTuple):
 
     height: float  # along the normal [length]
     normal: np.ndarray  # (3,) towards the grains
-    number: int  # of the fix, among those of walls
-    scale: float = 0.0  # mean contact radius, if LAMMPS multiplies k_t by it [length]
-    face: int = 0  # of its region, from 0
+    number: int  # index of the fix among the wall fixes
+    scale: float = 0.0  # mean contact radius if LAMMPS multiplies k_t by it [length]
+    face: int = 0  # face of its region, from 0
 
     def overlap(self, position: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """(N,) overlaps of grains with the wall [length]."""
@@ -54,7 +54,7 @@ class Plane(NamedTuple):
 
 
 class Course:
-    """Effects of the commands of a run: the law, walls and loads, and notes on what was not taken over."""
+    """Effects of the commands of a run: the law, walls and loads, and notes on omissions."""
 
     def __init__(self, run: Run, packing: Packing, masks: dict[str, np.ndarray]):
         self.packing, self.masks = packing, masks
@@ -69,29 +69,29 @@ class Course:
         self.free = np.ones((self.n, 6), bool)  # as in `Control`
         self.frozen, self.moved, self.turned = (np.zeros(self.n, bool) for _ in range(3))
         self.law: Law | None = None
-        self.stored: list[float] = []  # coefficients that a restart file of the same run has
+        self.stored: list[float] = []  # coefficients in a restart file of the same run
         self.bonds: list[tuple] = []  # arguments of `bonded_at_rest` after the state, for each type of bond
         self.met: dict[str, list[str]] = {USED: [], HARMLESS: [], UNKNOWN: []}
 
     def members(self, group: str) -> np.ndarray:
-        """(N,) bool, members of a group; ValueError if they are not known."""
+        """(N,) bool, members of a group; ValueError if unknown."""
         if any(words[0] == "dynamic" for words in self.run.groups.get(group, ())[-1:]):
             raise ValueError(f"the members of group {group} change with time (`group {group} dynamic`)")
         mask = self.masks.get(group)
         mask = group_members(self.run, group, self.packing.ids, self.types, self.n) if mask is None else mask
         if mask is None:
             raise ValueError(
-                f"the members of group {group} are not known for certain: restart files have them, and commands only "
-                f"if they choose types or ids that nothing changes later"
+                f"the members of group {group} are uncertain: they are known from restart files, or from commands "
+                "that select types or ids which do not change later"
             )
         return mask
 
     def wall_number(self, name: str) -> int:
-        """Number of a fix among those of walls, in whose order restart files store memory."""
+        """Index of a fix among the wall fixes, in whose order restart files store memory."""
         return [key for key, tokens in self.run.fixes.items() if tokens[1].startswith("wall/gran")].index(name)
 
     def obstacle(self, text: str, about: str = "") -> None:
-        """Note that something acts, or may act, that was not taken over."""
+        """Add a note on something that acts, or may act, and was not taken over."""
         self.notes.append(Obstacle(text, about))
         self.met[UNKNOWN].append(text)
 
@@ -106,8 +106,8 @@ class Course:
         """Hold components of the grains of a group; ValueError if they move."""
         members = self.members(group)
         for name, first, how in (
-            ("velocity", 0, f"velocities, with which they move on: `velocity {group} set 0 0 0` stops them"),
-            ("spin", 3, f"spins, with which they turn on: `set group {group} omega 0 0 0` stops them"),
+            ("velocity", 0, f"velocities and would move on: `velocity {group} set 0 0 0` stops them"),
+            ("spin", 3, f"spins and would go on turning: `set group {group} omega 0 0 0` stops them"),
         ):
             motion = self.packing.arrays.get(name, np.zeros((self.n, 3)))
             if motion[np.ix_(members & self.moved, [k - first for k in axes if first <= k < first + 3])].any():
@@ -115,19 +115,19 @@ class Course:
         self.free[np.ix_(members, axes)] = False
 
     def push(self, members: np.ndarray) -> None:
-        """Check that forces of a fix act on no grain that a fix before it holds; ValueError otherwise."""
+        """Check that a fix does not act on grains held by a previous fix; ValueError otherwise."""
         if (members & self.moved & ~self.free[:, :3].all(axis=1)).any():
-            raise ValueError("it comes after the fix that holds some of its grains, which therefore move")
+            raise ValueError("it follows the fix that holds some of its grains, so that these move")
 
 
 def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Flat walls of `fix wall/gran`, each with its own row in the law's table."""
+    """Flat walls of `fix wall/gran`, each with its own row in the table of the law."""
     number = course.wall_number(name)
     contact, (kind, *rest) = _wall_law(course, arguments)
     rest = rest[:-1] if rest[-1:] == ["contacts"] else rest  # adds output only
     if kind not in ("xplane", "yplane", "zplane") or len(rest) != 2 or not course.members(group).all():
         raise ValueError(
-            f"only fixed planes that touch all grains are read, not `{' '.join([kind, *rest])}` of group {group}"
+            f"only fixed planes for all grains are supported, not `{' '.join([kind, *rest])}` for group {group}"
         )
     axis = "xyz".index(kind[0])
     for word, side in zip(rest, (1.0, -1.0), strict=True):
@@ -137,36 +137,36 @@ def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> N
 
 
 def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]:
-    """Law of a wall, and the words that follow it; old releases name no style, and take that of the pair style."""
+    """Law of a wall, and the words that follow it; old releases name no style and use the pair style."""
     if not numbers_in(arguments[:1]):
         return wall_contact(plain_style(arguments[0]), arguments[1:])
     style = next(iter(course.run.pair_style), "none").removeprefix("gran/")
     if style not in HISTORY:
         raise ValueError(
-            f"it names no style, as in old releases, where it is that of pair_style {style}: {no_equal(style)}"
+            f"it names no style, as in old releases, which used that of pair_style {style}: {no_equal(style)}"
         )
     return wall_contact(style, arguments)
 
 
 def _add_wall(course: Course, name: str, wall: Plane) -> None:
-    """Add a wall; grains behind it are between the walls of no packing here."""
+    """Add a wall, and note grains behind it, which would be inside the wall here."""
     place, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
     course.push(wall.overlap(place, radius) > 0)
     course.walls.append(wall)
     behind = int((place @ wall.normal < wall.height).sum())
     if behind:
         course.obstacle(
-            f"{pluralize(behind, 'grain')} behind the wall of fix {name}: LAMMPS pushes them out on the other side or "
-            f"not at all, and here a wall is solid behind its surface"
+            f"{pluralize(behind, 'grain')} behind the wall of fix {name}: LAMMPS pushes them to the other side or not "
+            "at all, but here walls are solid behind their surface"
         )
 
 
 def _finite(word: str) -> float:
     """Number of a word; ValueError if it is NaN or infinite."""
     if word.startswith("v_"):
-        raise ValueError(f"{word} is a variable, whose value only LAMMPS knows")
+        raise ValueError(f"{word} is a variable whose value is unknown outside LAMMPS")
     if not np.isfinite(value := parse_number(word)):
-        raise ValueError(f"{word} is no finite number")
+        raise ValueError(f"{word} is not a finite number")
     return value
 
 
@@ -177,7 +177,7 @@ def _add_wall_law(course: Course, contact: Contact, arguments: list[str]) -> Non
 
 
 def _classic(course: Course, contact: Contact) -> Contact:
-    """Law of the newest wall, whose k_t LAMMPS multiplies by the contact radius √(δ R): that of the mean radius."""
+    """Law of the newest wall, whose k_t LAMMPS multiplies by the contact radius √(δ R), here at its mean."""
     radius = course.packing.arrays["radius"]
     overlap = course.walls[-1].overlap(course.packing.arrays["position"], radius)
     touches = overlap > 0
@@ -206,7 +206,7 @@ def _take_region(course: Course, name: str, group: str, arguments: list[str]) ->
         k += 1 + OPTIONS[words[k]]
     if style not in FLAT or {"move", "rotate"} & set(given) or len(rest) != 2 or not course.members(group).all():
         told = f"`{' '.join([style, *words, *rest[2:]])}` of group {group}"
-        raise ValueError(f"only regions that are fixed planes or blocks and touch all grains are read, not {told}")
+        raise ValueError(f"only fixed planes or blocks for all grains are supported, not {told}")
     scale = np.ones(3) if given.get("units") == ["box"] else _spacing(region)
     outside = given.get("side") == ["out"]
     if style == "plane":
@@ -219,7 +219,7 @@ def _take_region(course: Course, name: str, group: str, arguments: list[str]) ->
             np.array([end if word == "INF" else _finite(word) for word, end in ends]).reshape(3, 2) * scale[:, None]
         )
         if outside and "open" in given:
-            raise ValueError("a block with open faces and grains outside is not read")
+            raise ValueError("a block with open faces and grains outside is not supported")
         walls = (
             [_touched_face(course, bounds, number)] if outside else _inner_faces(bounds, given.get("open", ()), number)
         )
@@ -239,20 +239,20 @@ def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> l
 
 
 def _touched_face(course: Course, bounds: np.ndarray, number: int) -> Plane:
-    """Face of a block that is the wall of grains outside; ValueError if they touch several, or an edge."""
+    """Face of a block that serves as a wall for grains outside; ValueError if they touch several faces, or an edge."""
     place, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
     for wall in _inner_faces(bounds, (), number):
         axis, wall = wall.face // 2, Plane(-wall.height, -wall.normal, number)
         above = np.delete((place >= bounds[:, 0]) & (place <= bounds[:, 1]), axis, axis=1).all(axis=1)
         if (place @ wall.normal >= wall.height).all() and above[wall.overlap(place, radius) > 0].all():
             return wall
-    raise ValueError("grains touch several faces of its block from outside, or its edges, and a wall here has none")
+    raise ValueError("grains touch several faces of its block from outside, or its edges, but walls here have no edges")
 
 
 def _spacing(region: Region) -> np.ndarray:
-    """(3,) unit of length of a region, which is that of the lattice if there is one; ValueError if it is not known."""
+    """(3,) unit of length of a region, that of the lattice if there is one; ValueError if unknown."""
     if region.spacing == []:
-        raise ValueError("its region is in units of the lattice, whose spacing is in log.lammps only")
+        raise ValueError("its region is in lattice units, and only log.lammps contains the lattice spacing")
     return np.array([_finite(word) for word in region.spacing or ("1", "1", "1")])
 
 
@@ -261,13 +261,13 @@ def _take_gravity(course: Course, name: str, group: str, arguments: list[str]) -
     values = [_finite(word) for word in numbers[: {"vector": 3, "spherical": 2, "chute": 1}[kind]]]
     members, mass = course.members(group), course.packing.arrays.get("mass")
     if not members.all() and mass is None:
-        raise ValueError(f"it acts on group {group} only, and masses are not known")
+        raise ValueError(f"it acts on group {group} only, and masses are unknown")
     if kind == "vector":
         direction = np.array(values) / np.linalg.norm(values)
     else:
         phi, theta = np.deg2rad(values if kind == "spherical" else [0.0, 180.0 - values[0]])
         direction = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-        if course.packing.arrays.get("dim") == 2:  # in the plane, whatever phi
+        if course.packing.arrays.get("dim") == 2:  # in the plane, for any phi
             direction = np.array([np.sin(theta), np.cos(theta), 0.0])
     course.push(members)
     if members.all():
@@ -282,38 +282,38 @@ def _take_freeze(course: Course, name: str, group: str, arguments: list[str]) ->
 
 
 def _take_setforce(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Forces of zero, which leave torques as they are."""
+    """Forces of zero, which do not change torques."""
     forces = arguments[:3]
     if len(arguments) != 3 or any(parse_number(word) for word in forces if word != "NULL"):
-        raise ValueError("only forces of zero, or NULL, in the whole box are read")
+        raise ValueError("only zero or NULL forces in the whole box are supported")
     course.hold(group, [k for k, word in enumerate(forces) if word != "NULL"])
 
 
 def _take_addforce(course: Course, name: str, group: str, arguments: list[str]) -> None:
     if len(arguments) > 3:
-        raise ValueError(f"its options `{' '.join(arguments[3:])}` are not read")
+        raise ValueError(f"its options `{' '.join(arguments[3:])}` are not supported")
     course.push(course.members(group))
     course.force[course.members(group)] += [_finite(word) for word in arguments[:3]]
 
 
 def _take_deform(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Note how the cell was being strained: it is fixed here."""
+    """Add a note on the deformation of the cell, which is fixed here."""
     end = next((k for k, word in enumerate(arguments) if word in ("remap", "flip", "units", "vmax")), len(arguments))
     places = [k for k, word in enumerate(arguments[:end]) if word in ("x", "y", "z", "xy", "xz", "yz")]
     if not places:
-        raise ValueError(f"`{' '.join(arguments)}` is not read")
+        raise ValueError(f"`{' '.join(arguments)}` is not supported")
     how = ", ".join(" ".join(arguments[a:b]) for a, b in zip(places, [*places[1:], end], strict=True))
     strained = f"fix {name} (deform) was straining the cell ({how})"
-    course.notes.append(Assumption(f"{strained}: judged at the instant, with the cell fixed"))
+    course.notes.append(Assumption(f"{strained}: the verdict is for the instant, with the cell fixed"))
 
 
-CENTRED = ("momentum", "recenter")  # fixes that come after all others, whose loads they may act against
+CENTRED = ("momentum", "recenter")  # fixes that follow all others, whose loads they may counteract
 
 
 def _take_momentum(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Check that a fix which removes momentum, or moves grains back to a place, has nothing to do.
+    """Check that a fix that removes momentum or recentres grains has no effect.
 
-    Contacts between grains keep their total momentum, and a periodic box does not keep their angular one.
+    Contacts between grains conserve momentum but, in a periodic box, not angular momentum.
     """
     style, whole = course.run.fixes[name][1], course.members(group).all()
     loaded = course.walls or course.gravity.any() or course.force.any() or not course.free[:, :3].all()
@@ -339,8 +339,8 @@ TAKEN = {
 
 
 BESIDE, LINEAR = "style beside the pair style", "pair style whose force is proportional to its first coefficient"
-HEAVY = "held grains count as infinitely heavy in dashpots, as under fix freeze, where LAMMPS takes their masses"
-MOVERS = {  # fixes that move grains, and whether these also turn
+HEAVY = "held grains count as infinitely heavy in dashpots, as under fix freeze, although LAMMPS uses their masses"
+MOVERS = {  # fixes that move grains, and whether they also rotate them
     "nve": False, "nve/limit": False, "nve/noforce": False, "nve/sphere": True, "nve/bpm/sphere": True, "move": True,
     "rigid": True, "rigid/small": True, "npt/sphere": True, "nvt/sphere": True, "nph/sphere": True, "npt": False,
     "nvt": False, "nph": False,
@@ -348,7 +348,7 @@ MOVERS = {  # fixes that move grains, and whether these also turn
 
 
 def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
-    """Memory whose walls have the numbers that they have here; of two planes of a fix, a grain touches the nearer."""
+    """Memory with the wall numbers used here; of two planes of a fix, a grain touches the nearer."""
     place, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
     wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
     slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
@@ -359,7 +359,7 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
         mine &= (overlap > deepest) & touches
         wall[mine], deepest[mine], slip[mine] = k, overlap[mine], slips[mine]
         turned[mine] = lammps_restart.rotations(more[mine], *memory_layout([contact]))
-        if plane.scale:  # the force of LAMMPS, under a k_t that is the same for all grains
+        if plane.scale:  # the force of LAMMPS under a k_t common to all grains
             slip[mine] *= (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
     known = wall >= 0
     pairs = [contact for pair, contact in course.contacts.items() if max(pair) < course.kinds]
@@ -370,22 +370,24 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
 
 
 def take_over(course: Course) -> None:
-    """Take over the commands of a run, in the order in which they matter."""
+    """Take over the commands of a run in the order of their dependence."""
     run = course.run
     _take_bonds(course)
     for command in run.unknown:
         what = "the variables in " if command.startswith(("fix", "pair")) else "what follows from "
-        course.obstacle(f"{what}`{command}` is not known without running LAMMPS; its log.lammps has it")
+        course.obstacle(f"{what}`{command}` is unknown without running LAMMPS; its log.lammps contains it")
     for sentence in run.acts.values():
         course.obstacle(sentence)
     for part in run.settings.get("exclude", []):
-        course.obstacle(f"neigh_modify exclude {part} was not taken over: contacts that it leaves out are there here")
+        course.obstacle(f"neigh_modify exclude {part} was not taken over: contacts that it excludes exist here")
     units = run.settings.get("units", ["lj"])[0]
     if units not in SAME_UNITS:
         course.obstacle(f"units {units}, in which LAMMPS converts forces, were not taken over")
     restored = "read_restart" in run.met[USED]  # with the dimension
     if course.packing.arrays.get("dim") == 2 and run.settings.get("dimension") != ["2"] and not restored:
-        course.obstacle("grains at z = 0 are read in two dimensions, and the run has three: motion along z is left out")
+        course.obstacle(
+            "grains at z = 0 are read in two dimensions, although the run has three: motion along z is left out"
+        )
     _take_pairs(course)
     for name, (group, style, *_) in run.fixes.items():
         if style in MOVERS:
@@ -403,7 +405,7 @@ def _try(course: Course, name: str, take, *given) -> None:
         take(*given)
         return
     except RecursionError:
-        why = f"group {group} is made of too many others"
+        why = f"group {group} is composed of too many others"
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         why = str(problem)
     text = f"fix {name} ({style}) was not taken over: {why} ({course.run.places[name]})"
@@ -417,7 +419,7 @@ def _take_mover(course: Course, group: str, style: str) -> None:
     course.moved |= members
     course.turned |= members & MOVERS[style]
     if twice:
-        raise ValueError(f"it moves {pluralize(twice, 'grain')} that another fix moves as well, twice in a step")
+        raise ValueError(f"it moves {pluralize(twice, 'grain')} that another fix also moves, twice in a step")
 
 
 def _take_fix(course: Course, name: str, style: str, group: str, arguments: list[str]) -> None:
@@ -425,14 +427,14 @@ def _take_fix(course: Course, name: str, style: str, group: str, arguments: list
     if style in TAKEN:
         TAKEN[style](course, name, group, arguments)
     elif row.group not in (USED, HARMLESS):
-        raise ValueError(row.why or "whether it acts on the grains is not known")
+        raise ValueError(row.why or "whether it acts on the grains is unknown")
     if course.packing.arrays.get("dim") == 2 and style in ("nve/sphere", "nve/bpm/sphere"):
         course.packing.arrays["i0"] = 0.5 if "disc" in arguments else 0.4
     course.met[row.group].append(f"fix {name} ({style})")
 
 
 def _hold_the_rest(course: Course) -> None:
-    """Hold grains that no fix moves, and the rotations of those that no fix turns."""
+    """Hold grains that no fix moves, and the rotations of grains that no fix rotates."""
     rest, still = ~course.moved, course.moved & ~course.turned
     if not course.moved.any():
         return
@@ -448,9 +450,9 @@ def _hold_the_rest(course: Course) -> None:
     if still.any():
         spin = course.packing.arrays.get("spin")
         course.free[still, 3:] = False
-        course.notes.append(f"fix nve does not turn {pluralize(int(still.sum()), 'grain')}: their rotations are held")
+        course.notes.append(f"fix nve does not rotate {pluralize(int(still.sum()), 'grain')}: their rotations are held")
         if spin is not None and spin[still].any():
-            course.obstacle("grains that no fix turns rotate at constant rates")
+            course.obstacle("grains that no fix rotates turn at constant rates")
 
 
 def _take_bonds(course: Course) -> None:
@@ -458,7 +460,7 @@ def _take_bonds(course: Course) -> None:
     told, listed = replay(course.run.bonds), course.packing.bonds
     style = f"bond_style {' '.join(told.style[:2])}"
     if listed is None:
-        remedy = "no file lists the bonds at that time, as one of `write_data` or `write_restart` does"
+        remedy = "no file lists the bonds at that time; write one with `write_data` or `write_restart`"
         for command in told.made:
             course.obstacle(f"{command} was not taken over: {BONDED}; {remedy}")
         if told.style and find_row("bond style", told.style[0]).group != HARMLESS:
@@ -470,12 +472,13 @@ def _take_bonds(course: Course) -> None:
     off = int((listed.kind <= 0).sum())
     if off:
         text = (
-            f"{pluralize(off, 'bond')} of {listed.source} whose types are not positive: broken or turned off, left out"
+            f"{pluralize(off, 'bond')} of {listed.source} with types that are not positive (broken or turned off) "
+            "left out"
         )
         course.notes.append(Assumption(text))
     for command in () if listed.signed else told.deleted:
         if " remove" not in command:
-            course.obstacle(f"{command}: data files do not say which bonds it turned off")
+            course.obstacle(f"{command}: data files do not state which bonds it turned off")
     acting: list[str] = []
     try:
         course.bonds, acting = laws_of_bonds(told, listed)
@@ -509,7 +512,7 @@ def _take_pairs(course: Course) -> None:
         else:
             raise ValueError(no_equal(style))
         if not any(max(pair) < course.kinds for pair in course.contacts):
-            raise ValueError("no pair_coeff gives the types of the grains a law")
+            raise ValueError("no pair_coeff defines a law for the types of the grains")
         course.met[USED].append(f"pair_style {style}")
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         place = course.run.places.get("pair_style", course.run.source)
@@ -517,10 +520,10 @@ def _take_pairs(course: Course) -> None:
 
 
 def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
-    """Laws of the parts of a hybrid style, of which at most one may act between two types."""
+    """Laws of the parts of a hybrid style; at most one may act between two types."""
     parts, factors = _split_hybrid(arguments, {line[2] for line in course.run.pair_coeff if len(line) > 2})
     if any(word not in ("1", "1.0") for word in factors):
-        raise ValueError(f"it multiplies forces by factors ({' '.join(factors)}), and only factors of 1 are read")
+        raise ValueError(f"it multiplies forces by factors ({' '.join(factors)}), but only factors of 1 are supported")
     acting: dict[tuple[int, int], dict[str, list[str]]] = {}
     for first, second, part, *rest in course.run.pair_coeff:
         ends = {(min(a, b), max(a, b)) for a in _types(course, first) for b in _types(course, second)}
@@ -530,7 +533,7 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
     for pair, own in acting.items():
         own = {part: rest for part, rest in own.items() if not _has_no_force(part, rest)}
         if len(own) > 1:
-            raise ValueError(f"it adds the forces of {' and '.join(own)}, and one contact law is read")
+            raise ValueError(f"it adds the forces of {' and '.join(own)}, but only one contact law is supported")
         for part, rest in own.items():
             if part not in parts or (part != "granular" and part.removeprefix("gran/") not in HISTORY):
                 raise ValueError(f"its part {part} acts between some types: {no_equal(part)}")
@@ -540,12 +543,12 @@ def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:
     _mix_the_rest(course, set(acting))
     apart = {pair for pair in acting if pair not in course.contacts}
     if course.types is None and (apart or len({str(contact) for contact in course.contacts.values()}) > 1):
-        raise ValueError("the grains have no types (a column type), and its parts act between some types only")
+        raise ValueError("its parts act between some types only, but the grains have no types (a column type)")
     _check_apart(course, apart)
 
 
 def _has_no_force(part: str, coefficients: list[str]) -> bool:
-    """Return True for a part of a hybrid style that makes no forces between two types with these coefficients."""
+    """Return True for a part of a hybrid style without forces between two types with these coefficients."""
     zero = numbers_in(coefficients[:1]) == [0.0] and find_row(LINEAR, part).group == HARMLESS
     return zero or find_row(BESIDE, part).group == HARMLESS
 
@@ -562,7 +565,7 @@ def _split_hybrid(arguments: list[str], given: set[str]) -> tuple[dict[str, list
                 factors.append(parts[name].pop())
             name = plain_style(word)
             if name in parts:
-                raise ValueError(f"it has the part {name} twice, which is not read")
+                raise ValueError(f"it has the part {name} twice, which is not supported")
             parts[name] = []
         else:
             parts.setdefault(name, []).append(word)
@@ -570,23 +573,21 @@ def _split_hybrid(arguments: list[str], given: set[str]) -> tuple[dict[str, list
 
 
 def _check_apart(course: Course, apart: set[tuple[int, int]]) -> None:
-    """Note contacts of types between which LAMMPS has no forces, and which are there here."""
+    """Note contacts of types between which LAMMPS has no forces, but which exist here."""
     if not apart or course.types is None:
         return
     ends = np.sort(course.types[course.contacts_of_grains()], axis=0)
     for a, b in sorted(apart):
         count = int(((ends[0] == a) & (ends[1] == b)).sum())
-        what = f"pair_coeff gives types {a + 1} and {b + 1} no forces"
+        what = f"pair_coeff defines no forces between types {a + 1} and {b + 1}"
         if count:
-            course.obstacle(f"{what}, and {pluralize(count, 'contact')} between them would have some here")
+            course.obstacle(f"{what}, but {pluralize(count, 'contact')} between them would have some here")
         else:
-            course.notes.append(
-                Assumption(f"{what}: none of them touch, and if they came to, they would have some here")
-            )
+            course.notes.append(Assumption(f"{what}: none of them touch now, but contacts would have forces here"))
 
 
 def _mix_the_rest(course: Course, given: set[tuple[int, int]] = frozenset()) -> None:
-    """Laws of pairs of types that have none of their own, from those of both types."""
+    """Laws of pairs of types without their own law, mixed from those of both types."""
     own = [a for a in range(course.kinds) if (a, a) in course.contacts]
     for a, b in combinations(own, 2):
         if (a, b) not in {*course.contacts, *given}:
@@ -596,12 +597,12 @@ def _mix_the_rest(course: Course, given: set[tuple[int, int]] = frozenset()) -> 
 def _take_coefficients(course: Course) -> None:
     """Laws of the style granular; without types, all must have the same."""
     lines: dict[tuple[str, str], tuple[str, ...]] = {}
-    for first, second, *arguments in course.run.pair_coeff:  # the last of the same types counts
+    for first, second, *arguments in course.run.pair_coeff:  # the last one for the same types counts
         lines.pop((first, second), None)
         lines[first, second] = tuple(arguments)
     if course.types is None and len({*lines.values()}) > 1:
-        text = "the grains have no types (a column type), and pair_coeff gives types different laws"
-        course.obstacle(text, LAW)  # which one law for all types does away with
+        text = "pair_coeff defines different laws for types, but the grains have no types (a column type)"
+        course.obstacle(text, LAW)  # which do not matter if all types have the same law
         return
     if course.types is None and lines:
         lines = {("1", "1"): next(iter(lines.values()))}
@@ -616,11 +617,11 @@ def _take_coefficients(course: Course) -> None:
 
 
 def _types(course: Course, word: str) -> range:
-    """Types, from 0, that a word such as 1, *, 2* or 1*3, or a label, means."""
+    """Types, from 0, selected by a word such as 1, *, 2* or 1*3, or by a label."""
     (word,), kinds = course.run.numbers([word]), course.kinds
     low, star, high = word.partition("*")
     if not (low + high).isdecimal() and low + high:
-        raise ValueError(f"the type {word} is no number, and no labelmap gives it one")
+        raise ValueError(f"the type {word} is neither a number nor a label in a labelmap")
     first = int(low or 1)
     return range(first - 1, min(int(high or kinds) if star else first, kinds))
 
@@ -632,7 +633,7 @@ def _finish_law(course: Course) -> None:
     given = course.contacts
     if course.types is not None:
         for kind in {*np.unique(course.types).tolist()} - {a for a, b in given if a == b}:
-            course.obstacle(f"{course.run.source} gives grains of type {kind + 1} no law")
+            course.obstacle(f"{course.run.source} defines no law for grains of type {kind + 1}")
     course.contacts = {pair: of_release(contact, course.run.year) for pair, contact in given.items()}
     course.law, lacks = law_of_contacts(course.contacts, course.kinds, len(course.walls))
     for lack in lacks:
@@ -644,7 +645,9 @@ def _finish_law(course: Course) -> None:
     if heavy.any() and any(c.values["damping_n"] and c.damping != "velocity" for c in given.values()):
         course.notes.append(Assumption(HEAVY))
     if resists_rolling(course.law) and course.packing.memory is None:
-        course.notes.append(Absent("the memory of rolling and twisting is in restart files only: it is zero here"))
+        course.notes.append(
+            Absent("the memory of rolling and twisting is stored in restart files only: it is zero here")
+        )
 
 
 def describe(course: Course) -> str:
@@ -661,7 +664,7 @@ def describe(course: Course) -> str:
 
 
 def setting(course: Course):
-    """Function that puts a state between the walls and under the loads of its run."""
+    """Function that adds the walls and loads of its run to a state."""
 
     def put(state: State) -> State:
         try:

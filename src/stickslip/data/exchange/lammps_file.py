@@ -5,7 +5,7 @@ F_t = −(k_t s + c_t v_t), with k_t and c_t at the contact's overlap. Hence
 
     s = −(F_t + c_t v_t)/k_t,    v_t = (v_i − v_j − (R_i ω_i + R_j ω_j) × n) less its normal part
 
-for contacts below the Coulomb limit; at the limit it is the slip that LAMMPS's next truncation would leave. The signs
+for contacts below the Coulomb limit; at the limit it is the slip after LAMMPS's next truncation. The signs
 were checked against a real run (tests/peers): the forces act on the first atom of a pair, and d points from the second
 to the first.
 
@@ -35,9 +35,9 @@ from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_da
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
 ALIASES = {"patom1": "i", "patom2": "j", "id1": "i", "id2": "j", "p1": "tx", "p2": "ty", "p3": "tz"}
-SKIPPED = "-"  # name of a column that is left out
+SKIPPED = "-"  # name of a skipped column
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit within which a contact slides: dumps have at least six digits
-OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be another one
+OTHER_LAW = 0.05  # deviation from LAMMPS's normal forces, over their mean, above which the law must be wrong
 NEGLIGIBLE = 1e-6  # the same, below which no warning is issued
 
 
@@ -54,12 +54,12 @@ class Pairs(NamedTuple):
 
 
 def recognize_dump(head: bytes) -> bool:
-    """Return True for a dump as text, of grains or of contacts."""
+    """Return True for a text dump of grains or contacts."""
     return head_text(head).lstrip().startswith("ITEM:")
 
 
 def recognize_data(head: bytes) -> bool:
-    """Return True for a data file, whose header has the number of atoms and the box."""
+    """Return True for a data file, by the number of atoms and the box in its header."""
     return bool(re.search(r"(?m)^\s*(\d+\s+atoms|\S+\s+\S+\s+xlo\s+xhi)\b", head_text(head)))
 
 
@@ -69,10 +69,10 @@ def read_grain_dump(
 ):  # fmt: skip
     """Read packings from a dump of grains; `frame` is a time step, "all", or None for the last.
 
-    `names` are those of columns in LAMMPS, by those that the dump has instead.
+    `names` are the names of columns in LAMMPS, by those in the dump.
     """
     if atom_style:
-        raise PackingError(f"atom_style was given, but {path} is a dump, which names its columns: leave it out")
+        raise PackingError(f"atom_style does not apply to the dump {path}, which names its columns: leave it out")
     tables, steps = read_dump(path, frame)
     if not tables[-1].grains:
         raise PackingError(
@@ -92,7 +92,7 @@ def read_data_file(path: Path, frame: str | None = None, boundary: str | None = 
     Parameters
     ----------
     boundary : three letters as in LAMMPS, such as ppf; all directions are periodic by default
-    atom_style : style of the atoms, if the section Atoms does not name it
+    atom_style : style of the atoms if the section Atoms does not name it
     """
     ids, arrays, box, notes = read_data(path, atom_style)
     only_state(path, frame)
@@ -126,7 +126,7 @@ def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pair
 def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | None = None) -> Pairs:
     """Contacts of a packing from one time step of a `dump local`."""
     if packing.ids is None:
-        raise PackingError(f"{path} refers to grains by ids, which they do not have: add the column id to their dump")
+        raise PackingError(f"{path} refers to grains by ids, but the grains have none: add the column id to their dump")
     table = _rename_columns(table, path, columns, packing)
     ends = _finite_numbers(table, path, "i", "j").astype(np.int64)
     strange = ~np.isin(ends, packing.ids)
@@ -170,10 +170,12 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
         for name in given:
             if name not in known and group_of("column of contacts", name) == UNKNOWN:
                 raise PackingError(
-                    f"a column {name!r} was given for {path}: use {' '.join(ORDER)}, or {SKIPPED} for one to leave out"
+                    f"{path}: unknown column {name!r}; use {' '.join(ORDER)}, or {SKIPPED} for a column to skip"
                 )
         if len(given) != len(names):
-            raise PackingError(f"{len(given)} names were given for {len(names)} columns of {path}: {' '.join(names)}")
+            raise PackingError(
+                f"{path} has {len(names)} columns, but --columns has {len(given)} names: {' '.join(names)}"
+            )
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names):
         names = (
@@ -188,8 +190,8 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
     renamed = table._replace(columns=dict(zip(names, table.columns.values(), strict=True)))
     if not renamed.has("i", "j") or not (renamed.has("tx", "ty", "tz") or renamed.has(*TOTAL)):
         raise PackingError(
-            f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname`, "
-            f"or by --columns; unnamed ones are found by what they contain"
+            f"{path} has columns {' '.join(table.columns)}: i j tx ty tz are needed, named by `dump_modify colname` "
+            "or --columns; unnamed columns are identified by their content"
         )
     return renamed
 
@@ -209,7 +211,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
         if something was changed, or the normal forces differ from LAMMPS's.
     """
     if law.coulomb != SHARP:
-        raise PackingError("coulomb = smooth was given, but LAMMPS's friction is sharp: give --coulomb sharp")
+        raise PackingError("friction is sharp in LAMMPS: use --coulomb sharp instead of smooth")
     missing = {"velocity", "spin"} - set(packing.arrays)
     if damping_model(law) and missing:
         raise PackingError(
@@ -235,12 +237,12 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy())
     new.slip[:] = 0.0
     new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)
-    # where dashpots bear a part of the force, LAMMPS leaves the slip of what slides below the limit
+    # if dashpots bear part of the force, LAMMPS keeps the slip of sliding contacts below the limit
     return accepted(state._replace(contacts=new), law, modes=True, within=1.0)
 
 
 def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: np.ndarray) -> None:
-    """Raise PackingError if the columns of contacts are not what their names say, by the geometry of the grains."""
+    """Raise PackingError if columns of contacts contradict their names, by the geometry of the grains."""
     tangential, length = pairs.tangential[entries], np.linalg.norm(branch, axis=1)
     along = np.abs(np.einsum("ck,ck->c", tangential, branch)) / length
     slack = 0.0 if pairs.normal is None else NEGLIGIBLE * np.linalg.norm(pairs.normal[entries], axis=1).sum()
@@ -254,8 +256,8 @@ def _check_columns(pairs: Pairs, branch: np.ndarray, entries: np.ndarray, sign: 
         wrong.append("dist")
     if wrong:
         raise PackingError(
-            f"the columns {' and '.join(wrong)} of the contacts are not what their names say, by the positions of the "
-            f"grains: name them in their order with --columns"
+            f"the columns {' and '.join(wrong)} of the contacts do not agree with the positions of the grains: name "
+            "all columns in their order with --columns"
         )
 
 
@@ -264,18 +266,18 @@ def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > OTHER_LAW:
         raise PackingError(
-            f"the law's normal forces differ from those in the dump by up to {miss:.2g} of their mean: law, types or "
-            f"run differ; give the law, kn and damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
+            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so that law, "
+            f"types or run differ: give the law, kn and damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
         )
     if miss > NEGLIGIBLE:
-        problem = f"the law's normal forces differ from those in the dump by up to {miss:.1g} of their mean"
+        problem = f"normal forces of the law differ from those in the dump by up to {miss:.1g} of their mean"
         warnings.warn(f"{problem}: {ALL_DIGITS}", PackingWarning, stacklevel=4)
 
 
 def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Match pairs to rows of the contact list.
 
-    Return the rows, the numbers of the pairs, and their signs (−1 if the grains are swapped).
+    Return the rows, the indices of the pairs, and their signs (−1 if the grains are swapped).
     """
     rows, n = np.flatnonzero(state.contacts.mode[: state.contacts.count[0]] != OPEN), len(state.grains.radius)
     rows = rows[state.contacts.j[rows] < n]
@@ -293,7 +295,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
         )
     entries = np.flatnonzero(~open_pair)
     chosen = first[entries].copy()
-    for k in np.flatnonzero(last[entries] - first[entries] > 1):  # a grain touches two images of another
+    for k in np.flatnonzero(last[entries] - first[entries] > 1):  # a grain touches two images of another grain
         chosen[k] = _nearest_image(state, rows, first[entries[k]], last[entries[k]], pairs, entries[k], sign)
     matched = rows[chosen]
     if len(np.unique(matched)) < len(matched):
@@ -305,7 +307,7 @@ def _match_pairs(state: State, pairs: Pairs) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _nearest_image(state: State, rows, first: int, last: int, pairs: Pairs, entry: int, sign) -> int:
-    """Row of that image of a pair whose branch vector, or branch length, is closest to that of an entry."""
+    """Row of the image of a pair whose branch vector, or its length, is closest to that of an entry."""
     own = branch_vectors(state)[rows[first:last]]
     if pairs.branch is not None:
         miss = np.linalg.norm(own - sign[entry] * pairs.branch[entry], axis=1)
@@ -314,7 +316,7 @@ def _nearest_image(state: State, rows, first: int, last: int, pairs: Pairs, entr
     else:
         raise PackingError(
             f"grains {pairs.i[entry]} and {pairs.j[entry]} touch more than once across the periodic box: add dx dy dz "
-            f"to the contacts to tell them apart"
+            "to the contacts to distinguish them"
         )
     return first + int(np.argmin(miss))
 
@@ -328,8 +330,8 @@ def complete_law_options(given: dict) -> dict:
     if missing:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
         raise PackingError(
-            f"the slip of LAMMPS contacts is reconstructed from forces with the law's parameters, and some are "
-            f"missing: give {options} as in its pair_style"
+            "the slip of LAMMPS contacts is reconstructed from forces with the parameters of the law: also give "
+            f"{options} as in its pair_style"
         )
     out = {"coulomb": "sharp"} | given
     if given["law"] == "linear":
@@ -356,7 +358,7 @@ def state_of_pairs(packing: Packing, pairs: Pairs, law: Law) -> tuple[State, lis
 
 
 def with_wall_memory(state: State, law: Law, net: np.ndarray | None, notes: list[str]) -> tuple[State, list[str]]:
-    """State with the slip at walls that the force on each grain leaves over, and notes; dumps have no slip at walls.
+    """State with slip at walls from the remaining force on each grain, and notes; dumps have no slip at walls.
 
     Parameters
     ----------
@@ -374,6 +376,6 @@ def with_wall_memory(state: State, law: Law, net: np.ndarray | None, notes: list
     slip[rows] += np.divide(-missing, k, out=np.zeros_like(missing), where=k > 0)
     how = "the assumption that the grains are at rest" if net is None else "the resultants on the grains, fx fy fz"
     note = Assumption(
-        f"slip of {pluralize(len(rows), 'contact')} with walls, which only restart files have, follows from {how}"
+        f"slip of {pluralize(len(rows), 'contact')} with walls, stored in restart files only, follows from {how}"
     )
     return accepted(state._replace(contacts=state.contacts._replace(slip=slip)), law), [*notes, note]

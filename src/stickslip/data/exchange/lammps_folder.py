@@ -1,4 +1,4 @@
-"""Folder of a run of LAMMPS as it lies: grains and memory, with the law, walls, gravity and fixes of its commands."""
+"""LAMMPS run folder: grains and memory, with the law, walls, gravity and fixes of the commands."""
 
 import re
 from collections.abc import Callable
@@ -47,12 +47,12 @@ from .lammps_file import (
     recognize_dump,
 )
 
-LOOKED_AT = 50  # dumps whose last time step is read, the newest
-TAIL = 2**20  # bytes at the end of a dump in which its last time step is sought first
+LOOKED_AT = 50  # number of newest dumps whose last time step is read
+TAIL = 2**20  # size of the end of a dump that is first searched for its last time step [bytes]
 
 
 class Files(NamedTuple):
-    """Files of a folder, by what they contain."""
+    """Files of a folder by their content."""
 
     restarts: list[Path]
     grains: list[Path]  # dumps
@@ -70,12 +70,12 @@ class Files(NamedTuple):
 
 
 def is_run_folder(folder: Path) -> bool:
-    """Return True if a folder has grains that LAMMPS wrote."""
+    """Return True if a folder has grains written by LAMMPS."""
     return folder.is_dir() and bool(list_files(folder).packings)
 
 
 def list_files(folder: Path) -> Files:
-    """Files of a folder, by what they contain."""
+    """Files of a folder by their content."""
     files = Files([], [], [], [], [], [], [], {})
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or not path.is_file():
@@ -102,12 +102,11 @@ def list_files(folder: Path) -> Files:
 
 
 def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path | None]:
-    """Packing of a run, and the dump of its contacts if their memory is not in a restart file."""
+    """Packing of a run, and the dump of its contacts unless their memory is in a restart file."""
     every = list_files(folder)
     if not every.packings:
         raise PackingError(
-            f"{folder} has no restart file, dump of atoms or data file of LAMMPS: give the folder of a run of "
-            f"LAMMPS, or a packing"
+            f"{folder} has no LAMMPS restart file, dump of atoms or data file: give a LAMMPS run folder, or a packing"
         )
     for source in (*every.logs, *every.scripts):
         every.words[source] = [line.split() for line in read_lines_of(source).split("\n") if line[:1].isalpha()]
@@ -116,12 +115,12 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     notes, contacts = [f"grains from {path.name}, time step {packing.step}", *left], None
     notes += _origin_notes(files, path, packing, run)
     if strange := _strange_files(every):
-        notes.append(f"files that are not understood, and not used: {', '.join(strange)}")
+        notes.append(f"files in unknown formats, not used: {', '.join(strange)}")
     if packing.memory is None:
         contacts, why = _matching_contacts(files.contacts, packing)
         notes += [f"contacts in {contacts.name}"] if contacts else map(Absent, why)
     if run is None:
-        notes.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are not known"))
+        notes.append(Absent("the folder has no log.lammps and no input script: walls, gravity and fixes are unknown"))
         notes.append(_account_of_files(every, path, contacts))
         return packing._replace(notes=[*notes, *packing.notes]), contacts
     packing, said = _with_bonds(packing, path, every, run)
@@ -139,7 +138,7 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
     kept = [note for note in packing.notes if note not in known]
     sources = [other for other in (*every.logs, *every.scripts) if other.name in run.sources]
     words = {group: [f"command {word}" for word in sorted(names)] for group, names in course.run.met.items()}
-    words[UNKNOWN] = []  # they are among those of the course, with their places
+    words[UNKNOWN] = []  # they are among those of the course, with their positions
     kept += [Account.of(words, course.met), _account_of_files(every, path, contacts, *sources)]
     memory = packing.memory and with_wall_numbers(packing.memory, course)
     law = course.law or packing.law
@@ -147,7 +146,7 @@ def read_folder(folder: Path, frame: str | None = None) -> tuple[Packing, Path |
 
 
 def _account_of_files(files: Files, *taken: Path | None) -> Account:
-    """Files of a folder by what became of them; what commands name is judged with them."""
+    """Files of a folder by their use; files named in commands are classified with them."""
     strange, groups = _strange_files(files), {USED: [], HARMLESS: [], UNKNOWN: []}
     for path in sorted({*files.packings, *files.contacts, *files.logs, *files.scripts, *files.others}):
         group = USED if path in taken else UNKNOWN if path.name in strange else HARMLESS
@@ -156,14 +155,14 @@ def _account_of_files(files: Files, *taken: Path | None) -> Account:
 
 
 def _strange_files(files: Files) -> list[str]:
-    """Names of files in no known format that no command names, and whose names say nothing."""
+    """Names of files in unknown formats that no command mentions and whose names are unknown."""
     named = {word for lines in files.words.values() for words in lines for word in words[1:]}
     rest = [path.name for path in files.others if group_of("file", path.name) == UNKNOWN]
     return [name for name in rest if not any(means(word, name) for word in named)]
 
 
 def _of_newest_run(files: Files) -> tuple[Files, list[str]]:
-    """Files of grains of the newest run, by its log, and a note on those of others; all if it left none."""
+    """Grain files of the newest run, by its log, and a note on those of other runs; all if it left none."""
     if not files.logs:
         return files, []
     log = max(files.logs, key=lambda path: path.stat().st_mtime)
@@ -183,7 +182,7 @@ def _of_newest_run(files: Files) -> tuple[Files, list[str]]:
         **{name: [path for path in getattr(files, name) if path in mine] for name in ("restarts", "grains", "data")}
     )
     told = "; ".join(f"{path.name} ({reason})" for path, reason in why.items())
-    return parts, [f"left out, as they are not of the run of {log.name}: {told}"]
+    return parts, [f"left out, as they do not belong to the run of {log.name}: {told}"]
 
 
 def _steps_of(run: Run) -> str:
@@ -192,14 +191,14 @@ def _steps_of(run: Run) -> str:
 
 
 def _step_of(path: Path, files: Files) -> int:
-    """Time step of the newest grains in a file; −1 if it is not known."""
+    """Time step of the newest grains in a file; −1 if unknown."""
     if path in files.restarts:
         return lammps_restart.time_step(path)
     return _last_frame(path)[1] if path in files.grains else _data_step(path)
 
 
 def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, Packing]:
-    """File of the newest grains that can be read, the commands of its run, and the packing."""
+    """File of the newest readable grains, the commands of its run, and the packing."""
     path = _newest_grains(files, frame)
     step = int(frame) if frame and frame.isdecimal() else _step_of(path, files)
     source = _newest_commands(files, path, step)
@@ -215,7 +214,7 @@ def _newest_packing(files: Files, frame: str | None) -> tuple[Path, Run | None, 
 
 
 def _newest_grains(files: Files, frame: str | None) -> Path:
-    """The newest restart file, else the newest dump or data file, by time step."""
+    """The newest restart file, or else the newest dump or data file, by time step."""
     place = _places(files)
     if files.restarts and frame is None:
         steps = {path: lammps_restart.time_step(path) for path in files.restarts}
@@ -230,7 +229,7 @@ def _newest_grains(files: Files, frame: str | None) -> Path:
 
 
 def _places(files: Files) -> Callable[[Path, int], int]:
-    """Places of files in the newest log, by their names and time steps; all equal unless its time steps go back."""
+    """Positions of files in the newest log, by names and time steps; all equal unless time steps go back."""
     log = max(files.logs, key=lambda path: path.stat().st_mtime, default=None)
     before = [] if log is None else _logs_before(log, files)
     if log is None or not read_commands(log, "", before).goes_back():
@@ -254,9 +253,9 @@ def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -
 
 
 def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[Packing, list[str]]:
-    """Packing with bonds that another file of its run lists, if its own cannot, and with their lengths at rest.
+    """Packing with bonds listed in another file of its run, if its own format has none, and with their rest lengths.
 
-    A data file lists them at its time step; the one that the run began with also later, if it leaves them as they are.
+    A data file lists bonds at its time step; the initial one also later, if the run does not change them.
     """
     told = replay(run.bonds)
     data = [other for other in files.data if other != path] if told.style or told.made else []
@@ -279,7 +278,7 @@ def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[P
 
 
 def _read_if_possible(path: Path, files: Files, run: Run) -> Packing | None:
-    """Packing of a data file, None if it cannot be read."""
+    """Packing of a data file; None if it cannot be read."""
     try:
         return _read_grains(path, files, None, run)
     except PackingError:
@@ -287,7 +286,7 @@ def _read_if_possible(path: Path, files: Files, run: Run) -> Packing | None:
 
 
 def _last_frame(path: Path) -> tuple[bool, int]:
-    """Whether the last frame of a dump has radii, and its time step; −1 if it cannot be found."""
+    """Presence of radii in the last frame of a dump, and its time step; −1 if it cannot be found."""
     if is_compressed(path):
         content = read_content(path)
     else:
@@ -306,7 +305,7 @@ def _data_step(path: Path) -> int:
 
 
 def _matching_contacts(paths: list[Path], packing: Packing) -> tuple[Path | None, list[str]]:
-    """The first dump of contacts that belongs to the packing, and why others do not."""
+    """The first dump of contacts that belongs to the packing, and reasons why others do not."""
     mark, why = re.compile(rb"ITEM: TIMESTEP\s+%d\s" % packing.step), []
     for path in paths:
         if packing.step >= 0 and not mark.search(read_content(path)):
@@ -324,84 +323,83 @@ def _matching_contacts(paths: list[Path], packing: Packing) -> tuple[Path | None
 
 
 def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None) -> list[str]:
-    """Notes on grains that a run began from, and on what shows that they may be of another run than the commands."""
+    """Notes on initial grains of a run, and on signs that they belong to another run than the commands."""
     sources, notes = files.logs or files.scripts, []
     writes = any(_names(files, path, grains.name, tuple({*FILING} - {*BEGINNING})) for path in sources)
     if not writes and any(_names(files, path, grains.name, BEGINNING) for path in sources):
-        notes.append(Absent(f"{grains.name} is where the run began: it left no later state"))
+        notes.append(Absent(f"{grains.name} is the initial state of the run, which left no later one"))
     naming = [path for path in sources if _names(files, path, grains.name)]
     doubts = [_mismatch(grains, packing, run)] if run else []
     if run and not run.blocks and "reset_timestep" in run.met[USED] and len(files.packings) > 1:
         doubts.append(
-            f"{run.source} sets the time step anew, and only its log.lammps says which of {len(files.packings)} files "
-            f"of grains is the newest: {grains.name} was taken; give the log, or the file itself"
+            f"{run.source} resets the time step, and only its log.lammps shows which of {len(files.packings)} grain "
+            f"files is the newest: {grains.name} was used; give the log, or the file itself"
         )
     if len(sources) > 1 and not naming:
         several = ", ".join(path.name for path in sources[:3])
         doubts.append(
-            f"none of {several} names {grains.name}, which may be of another run: give each run a folder of its own"
+            f"none of {several} names {grains.name}, which may belong to another run: use a separate folder for each "
+            "run"
         )
     elif run and not naming:
-        notes.append(Assumption(f"{run.source} does not name {grains.name}, which is taken to be of its run"))
+        notes.append(Assumption(f"{run.source} does not name {grains.name}, which is assumed to belong to its run"))
     runs = [read_commands(path, grains.name, _logs_before(path, files), packing.step) for path in naming]
     runs = [other for other in runs if other.has_step(packing.step) and not _differs(grains, files, other)]
     laws = [(other.pair_style, other.pair_coeff, other.fixes) for other in runs]
     if any(law != laws[0] for law in laws):
         several = " and ".join(other.source for other in runs[:3])
-        doubts.append(f"{several} name {grains.name} with different laws or fixes: keep one of them")
+        doubts.append(f"{several} name {grains.name} with different laws or fixes: keep only one of them")
     return [*notes, *map(Obstacle, filter(None, doubts))]
 
 
 def _differs(path: Path, files: Files, run: Run) -> bool:
-    """Return True if a restart file lacks coefficients of the pair style of a run, which are not its own."""
+    """Return True if a restart file lacks coefficients of the pair style of a run, so that they are not its own."""
     given = numbers_in(run.pair_style[1:6])
     return path in files.restarts and bool(lammps_restart.compare_pair_style(path, given)[1])
 
 
 def _dump_of(path: Path, run: Run | None) -> Dump | None:
-    """The last command that wrote a dump; None if it is not known."""
+    """The last command that wrote a dump; None if unknown."""
     found = [dump for dump in run.dumps.values() if means(dump.file, path.name)] if run else []
     return found[-1] if found else None
 
 
 def _mismatch(path: Path, packing: Packing, run: Run) -> str:
-    """Sentence on a time step or a number of grains that the run of a log did not have; empty if there is none."""
+    """Sentence on a time step or number of grains that does not occur in the run of a log; empty if both do."""
     n = len(packing.arrays["radius"])
     if not run.has_step(packing.step):
-        return f"the grains are of time step {packing.step}, {_steps_of(run)}: they are of another run"
+        return f"the grains have time step {packing.step}, {_steps_of(run)}: they belong to another run"
     count, dump = run.atoms, _dump_of(path, run)
     if dump and dump.selection and count != n:
         of = f", of {count} in the run of {run.source}" if count else ""
-        return (
-            f"{n} grains are in {path.name}{of}: `{dump.selection}` leaves others out, which may touch them; give a "
-            f"dump of all grains"
-        )
-    return "" if count in (None, n) else f"{n} grains were read, and the run of {run.source} had {count} then"
+        return f"{path.name} contains {n} grains{of}: `{dump.selection}` leaves out others, which may touch them; "
+        "give a dump of all grains"
+    return "" if count in (None, n) else f"{n} grains were read, but the run of {run.source} had {count} at that time"
 
 
 def _contradictions(path: Path, run: Run, numbers: list[float]) -> list[str]:
-    """Sentences on a pair style, coefficients and fixes in which a restart file and the commands differ."""
+    """Sentences on differences in pair style, coefficients and fixes between a restart file and the commands."""
     style, lacking = lammps_restart.compare_pair_style(path, numbers)
     told = []
     if style and run.pair_style and run.pair_style[0].removeprefix("gran/") != style.removeprefix("gran/"):
-        told.append(f"has pair_style {run.pair_style[0]}, and the restart file another, {style}")
+        told.append(f"has pair_style {run.pair_style[0]}, but the restart file has {style}")
     elif style and lacking:
         told.append(f"has coefficients of its pair_style that are not in {path.name} ({', '.join(map(str, lacking))})")
     there = [style for _, style, *_ in run.fixes.values()]
     for name, style in lammps_restart.read_stored_fixes(path).items():
         if style not in there and (style.startswith(lammps_restart.WALL) or group_of("fix", style) == UNKNOWN):
-            told.append(f"has no fix {style} at that time, and {path.name} has one, {name}")
-    return [f"{run.source} {text}: it is of another run" for text in told]
+            told.append(f"has no fix {style} at that time, but {path.name} has one, {name}")
+    return [f"{run.source} {text}: it belongs to another run" for text in told]
 
 
 def _names(files: Files, path: Path, name: str, commands: tuple[str, ...] = FILING) -> bool:
-    """Return True if a command in a log or script names a file, also by a pattern or as the beginning of a series."""
+    """Return True if a command in a log or script names a file, directly, by a pattern or as part of a series."""
     lines = [words for words in files.words[path] if words[0] in commands]
     return any(means(word, name, series=words[0] == "restart") for words in lines for word in words[1:])
 
 
 def _newest_commands(files: Files, grains: Path, step: int) -> Path | None:
-    """The log that names the file of the grains and agrees with it, or else the newest log, or else such a script."""
+    """The log that names the grain file and agrees with it, or else the newest log, or else the newest script."""
     for paths in (files.logs, files.scripts):
         some = [path for path in paths if _names(files, path, grains.name)] or paths
         if len(some) > 1:
@@ -414,7 +412,7 @@ def _newest_commands(files: Files, grains: Path, step: int) -> Path | None:
 
 
 def _logs_before(log: Path, files: Files) -> list[Path]:
-    """Logs that LAMMPS wrote in the same run before a command `log` began this one, the first one first."""
+    """Earlier logs of the same run, before a command `log` began this one, in their order."""
     before = [path for path in files.logs if path != log and _names(files, path, log.name, ("log",))]
     if len(before) != 1:
         return []

@@ -1,6 +1,6 @@
-"""Contact laws in the words of LAMMPS, in both directions; what has no equal here is named.
+"""Conversion of contact laws to and from LAMMPS; models without an equivalent are named.
 
-A law, a model of damping or an effect that is added to this package needs one line in a table.
+A new law, damping model or effect needs one line in a table.
 
 Source: LAMMPS documentation of `pair_style gran`, `pair_style granular` and `fix wall/gran`.
 """
@@ -41,51 +41,53 @@ NORMAL = {  # number of coefficients, and the normal model with the same elastic
     "hooke": (2, "hooke"), "hertz": (2, "hertz"), "hertz/material": (3, "hertz"), "dmt": (4, "dmt"), "jkr": (4, "jkr"),
     "mdr": (6, ""),
 }  # fmt: skip
-NEAREST = {"hooke": "linear", "hertz": "hertz_mindlin_reff", "jkr": "jkr", "dmt": "dmt"}  # the law of other models
-TANGENTIAL = {  # number of coefficients, and of values in the memory of a contact
+NEAREST = {"hooke": "linear", "hertz": "hertz_mindlin_reff", "jkr": "jkr", "dmt": "dmt"}  # the law for other models
+TANGENTIAL = {  # numbers of coefficients, and of memory values of a contact
     "none": (0, 0), "linear_nohistory": (2, 0), "linear_history": (3, 3), "linear_history_classic": (3, 3),
     "mindlin_classic": (3, 3), "mindlin": (3, 3), "mindlin/force": (3, 3), "mindlin_rescale": (3, 4),
     "mindlin_rescale/force": (3, 4),
 }  # fmt: skip
-OTHERS = {  # number of coefficients of the models that may follow
+OTHERS = {  # numbers of coefficients of the models that may follow
     "damping": {"velocity": 0, "mass_velocity": 0, "viscoelastic": 0, "tsuji": 0, "coeff_restitution": 0},
     "rolling": {"none": 0, "sds": 3}, "twisting": {"none": 0, "marshall": 0, "sds": 3},
     "heat": {"none": 0, "radius": 1, "area": 1},
 }  # fmt: skip
-SDS = {  # coefficients of a model `sds`, in the order of LAMMPS, and the property that it is
+SDS = {  # coefficients of a model `sds`, in the order of LAMMPS, and the corresponding property
     "rolling": (ROLLING, ("k_roll", "gamma_roll", "mu_roll")),
     "twisting": (TWISTING, ("k_twist", "gamma_twist", "mu_twist")),
 }  # fmt: skip
-FORCE = "/force"  # end of the names of tangential models whose memory is the force
+FORCE = "/force"  # suffix of tangential models whose memory is the force
 RESTITUTION = ("tsuji", "coeff_restitution")
-SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # in which forces are mass times acceleration
-TSUJI_FACTOR = 2025  # the last year of releases of LAMMPS whose tsuji lacks the factor √2
+SAME_UNITS = ("lj", "si", "cgs", "micro", "nano")  # units in which force is mass times acceleration
+TSUJI_FACTOR = 2025  # last year of LAMMPS releases whose tsuji lacks the factor √2
 TSUJI = (
     f"damping tsuji lacks a factor of sqrt(2) in LAMMPS up to {TSUJI_FACTOR}: here it is coeff_restitution with the "
     "same dashpots"
 )
 LIMITED = (
-    "limit_damping lets contacts open before they attract: the coefficient of restitution here is that of a collision "
-    "with these dashpots, which is larger than the number in LAMMPS"
+    "limit_damping opens contacts before they attract: the coefficient of restitution here is that of a "
+    "collision with these dashpots, larger than the number in LAMMPS"
 )
 WALL_CLASSIC = (
-    "the k_t of fix wall/gran hooke/history, which LAMMPS from 2022 to 2025 multiplies by the contact radius "
-    "sqrt(delta R) (taken at its mean over contacts)"
+    "the k_t of fix wall/gran hooke/history, which LAMMPS 2022 to 2025 multiplies by the contact radius "
+    "sqrt(delta R) (here its mean over contacts)"
 )
 LEVER_ARMS = (
-    "pair_style granular takes lever arms R - delta/2 for torques and R for the slip: here both are R - delta/2, "
+    "pair_style granular uses lever arms R - delta/2 for torques and R for slip: here both are R - delta/2, "
     'except with slip_update="rate"'
 )
-COHESIVE_DASHPOTS = "dashpots of {} differ in LAMMPS while grains move: they act across gaps, or grow otherwise"
-PULL_OFF = "LAMMPS separates jkr contacts at 0.48 of the gap of pull-off: here they hold up to it"
+COHESIVE_DASHPOTS = (
+    "dashpots of {} differ in LAMMPS while grains move: they act across gaps, or increase in another way"
+)
+PULL_OFF = "LAMMPS separates jkr contacts at 0.48 of the pull-off gap: here they last up to this gap"
 REVERSED = (
-    "LAMMPS reverses the memory of rolling and twisting where grains cross a periodic boundary or change their order "
-    "in its lists: here it is that of its next step"
+    "LAMMPS reverses the memory of rolling and twisting where grains cross a periodic boundary or change their "
+    "order in its lists: here it is the memory in the next step of LAMMPS"
 )
 
 
 class Contact(NamedTuple):
-    """Law of a pair of types, or of a type and a wall: its parameters, and what has no equal here."""
+    """Law of a pair of types, or of a type and a wall: its parameters, and features without an equivalent here."""
 
     law: str
     damping: str
@@ -94,7 +96,7 @@ class Contact(NamedTuple):
     properties: int = 0
     lacks: tuple[str, ...] = ()
     elastic: tuple[float, ...] = ()  # Young's modulus, Poisson's ratio, 1 if kt follows from them; empty if kn is given
-    slots: int = 3  # values in the memory of the tangential force
+    slots: int = 3  # number of memory values of the tangential force
 
 
 def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]]:
@@ -107,7 +109,7 @@ def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]
     Raises
     ------
     ValueError
-        if the arguments are not those of the style, or the style is not known.
+        if the arguments are not those of the style, or the style is unknown.
     """
     if style == "granular":
         return _granular(list(arguments))
@@ -124,12 +126,11 @@ def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]
 
 
 def no_equal(style: str) -> str:
-    """Why a pair style has no law here."""
+    """Reason why a pair style has no equivalent law."""
     if style.removeprefix("gran/") == "hooke":
-        return (
-            "it has no springs along contacts, so that friction holds no grain at rest, and no law here is equal to it"
-        )
-    return "no law here is equal to it"
+        return "it has no tangential springs, so that friction cannot hold grains at rest, and no equivalent law "
+        "exists here"
+    return "no equivalent law exists here"
 
 
 def wall_contact(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]]:
@@ -199,7 +200,7 @@ def _combine(contact: Contact, normal: str, tangential: str, numbers: list, rest
 
 
 def mix(a: Contact, b: Contact) -> Contact:
-    """Law of two types whose own laws are given, as LAMMPS mixes them: geometric means, except of elastic constants."""
+    """Law of two types from the laws of each, as LAMMPS mixes them: geometric means, except for elastic constants."""
     values = {name: float(np.sqrt(value * b.values.get(name, 0.0))) for name, value in a.values.items()}
     if a.elastic and b.elastic:
         young = 1 / sum((1 - poisson**2) / young for young, poisson, _ in (a.elastic, b.elastic))
@@ -212,9 +213,9 @@ def mix(a: Contact, b: Contact) -> Contact:
 
 
 def of_release(contact: Contact, year: int) -> Contact:
-    """Law of a contact whose coefficient of restitution is that of the dashpots that LAMMPS of a year makes of it.
+    """Law of a contact with the coefficient of restitution of the dashpots in LAMMPS of a given year.
 
-    `tsuji` lacked the factor √2, and `limit_damping` lets contacts open earlier: see `dashpot_coefficients`.
+    `tsuji` lacked a factor √2, and `limit_damping` opens contacts earlier: see `dashpot_coefficients`.
     """
     old = contact.damping == "tsuji" and year <= TSUJI_FACTOR
     if not old and (contact.damping != "coeff_restitution" or contact.tension):
@@ -225,9 +226,9 @@ def of_release(contact: Contact, year: int) -> Contact:
 
 
 def as_restitution(law: str, damping: int, damping_n: float, factor: float = 1.0, *, tension: bool = True) -> float:
-    """Coefficient of restitution of coeff_restitution whose α is that of a model of damping times a factor.
+    """Coefficient of restitution at which the α of coeff_restitution is that of a damping model times a factor.
 
-    LAMMPS takes its own for contacts that may attract, `tension`, with `limit_damping` as well.
+    LAMMPS uses the α of contacts that may attract (`tension`), even with `limit_damping`.
     """
     like = Law(NAMES.index(law), SHARP, np.array([[[1.0, 0.0, 0.0, damping_n, 0.0]]]), damping)
     alpha = factor * float(dashpot_coefficients(like)[0, 0, 0])
@@ -235,19 +236,19 @@ def as_restitution(law: str, damping: int, damping_n: float, factor: float = 1.0
 
 
 def _table(contact: Contact, names: Sequence[str]) -> np.ndarray:
-    """(1, 1, parameters), parameters of a contact; a spring that it lacks has no cap."""
+    """(1, 1, parameters), parameters of a contact; a missing spring has no cap."""
     absent = {"k_roll": 1.0, "k_twist": 1.0}
     return np.array([contact.values.get(name) or absent.get(name, 0.0) for name in names])[None, None]
 
 
 def _model(contact: Contact, properties: int) -> tuple:
-    """Law, damping and properties that all pairs of materials share; pairs without twisting may be among others."""
+    """Law, damping and properties common to all pairs of materials; some pairs may be without twisting."""
     own = contact.properties if contact.properties & TWISTING else properties
     return contact.law, contact.damping, contact.tension, contact.properties & KEEPS_FORCE, own & SCALED
 
 
 def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: int) -> tuple[Law, list[str]]:
-    """Law from its pairs of materials, and what of them has no equal here; pairs that are not given never meet."""
+    """Law from its pairs of materials, and features without an equivalent here; pairs that are not given never meet."""
     first = table[min(table)]
     properties = int(np.bitwise_or.reduce([contact.properties for contact in table.values()]))
     damping = DAMPING[first.damping] + (0 if first.tension else NO_TENSION)
@@ -259,7 +260,9 @@ def law_of_contacts(table: dict[tuple[int, int], Contact], types: int, walls: in
         values[a, b] = values[b, a] = _table(contact, names)[0, 0]
         if _model(contact, properties) != _model(first, properties):
             other = f"type {b + 1}" if b < types else f"wall {b - types + 1}"
-            lacks.append(f"the model of type {a + 1} and {other}, which differs from that of type {min(table)[0] + 1}")
+            lacks.append(
+                f"the model between type {a + 1} and {other}, which differs from that of type {min(table)[0] + 1}"
+            )
     return law._replace(table=values), list(dict.fromkeys(lacks))
 
 
@@ -275,7 +278,7 @@ def differences(table: dict[tuple[int, int], Contact]) -> list[str]:
 
 
 def memory_layout(contacts: Sequence[Contact]) -> tuple[int, int]:
-    """Places of rolling and of twisting in the memory of contacts, after their slip; −1 for what they lack."""
+    """Positions of rolling and twisting in the memory of contacts, after slip; −1 if absent."""
     properties = int(np.bitwise_or.reduce([0, *(contact.properties for contact in contacts)]))
     slots = max((contact.slots for contact in contacts), default=3) - 3
     rolls = slots if properties & ROLLING else -1

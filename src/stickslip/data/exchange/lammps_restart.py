@@ -1,10 +1,10 @@
-"""Restart files of LAMMPS: grains and the memory of their contacts, read and written to the last bit.
+"""LAMMPS restart files: grains and the memory of their contacts, read and written to the last bit.
 
-At the end of a restart file, each rank has a block of doubles, in which every grain has a record: its length, position,
-number, type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores something with
-grains. `fix NEIGH_HISTORY`, which every history pair style creates, comes first: it lists the partners of the grain and
-the memory of each contact, in the order i − j. Entries of walls follow in the order of their fixes. Most whole numbers
-are stored in the bits of doubles.
+At the end of a restart file, each rank has a block of doubles with a record for every grain: its length, position, id,
+type, mask, image, velocity, radius, mass and spin, then one entry for each fix that stores data of grains. `fix
+NEIGH_HISTORY`, created by every history pair style, comes first: it lists the partners of the grain and the memory of
+each contact, in the order i − j. Entries of walls follow in the order of their fixes. Most whole numbers are stored in
+the bits of doubles.
 """
 
 import re
@@ -35,30 +35,35 @@ from .lammps_laws import SAME_UNITS, no_equal
 from .lammps_text import Table, add_box, restricted_box, whole_periods
 
 MAGIC = b"LammpS RestartT\x00"
-# the end of the header, which is flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
+# end of the header, flag 44 (one file for all ranks) and −1, then the flag before the block of a rank
 HEADER_END, BLOCK = struct.pack("<iii", 44, 0, -1), struct.pack("<i", 47)
-# up to 2023 the header had a flag more at its end, 45, which is 0 unless LAMMPS wrote with MPI-IO
+# up to 2023 the header ended with another flag, 45, which is 0 unless LAMMPS used MPI-IO
 OLD_END = re.compile(rb"(\x2c\0\0\0[^\xff]{4})\x2d\0{7}(\xff{4}(?:\x2f\0\0\0|LammpS))", re.DOTALL)
-PART = struct.pack("<i", 46)  # the flag at the beginning of a part, before its number of blocks
-POSITION, TAG, TYPE, IMAGE, VELOCITY, OWN, EXTRA = 1, 4, 5, 7, 8, 11, 16  # OWN: of the columns of the atom style
+PART = struct.pack("<i", 46)  # flag at the beginning of a part, before its number of blocks
+POSITION, TAG, TYPE, IMAGE, VELOCITY, OWN, EXTRA = 1, 4, 5, 7, 8, 11, 16  # OWN: columns of the atom style
 SIZES = ("radius", "mass", "spin")
-OWN_COLUMNS = {  # of atom styles, after those that all have; hybrid ones have those of their parts, each once
+OWN_COLUMNS = {  # columns of atom styles after the common ones; hybrid styles have those of their parts, each once
     "sphere": SIZES, "bond": ("molecule", "bonds"), "bpm/sphere": ("molecule", "bonds", *SIZES, "orientation"),
     "atomic": (),
 }  # fmt: skip
-WIDTHS = {"spin": 3, "orientation": 4}  # numbers of columns that are no single ones
-BOND_MEMORY = {"bpm/spring": 1, "bpm/rotational": 4}  # numbers of each bond that these styles store
+WIDTHS = {"spin": 3, "orientation": 4}  # widths of columns other than 1
+BOND_MEMORY = {"bpm/spring": 1, "bpm/rotational": 4}  # numbers stored for each bond by these styles
 AT_LIMIT = 1e-9  # relative distance to the Coulomb limit within which a contact without dashpots slides
-HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory with grains
+HISTORY, WALL, REGION = "NEIGH_HISTORY", "wall/gran", "wall/gran/region"  # fixes that store memory of grains
 LONGEST_LIST, LONGEST_NAME = 4096, 200  # bytes of the list of fixes, and of a name
 AT_CAP, TWIST, TWIST_AT_CAP = 6, 7, 8  # columns of `Contacts.rolling`
-MOST, ROTATIONS = 7, 4  # values after the slip: a contact radius, rolling, twisting; those of rolling and twisting
-PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (1 / 3)  # gap of LAMMPS over the largest of jkr
-SHARE = 0.05  # share of the dashpots' force that half a step may change
+MOST, ROTATIONS = (
+    7,
+    4,
+)  # number of values after the slip: contact radius, rolling and twisting; rolling and twisting only
+PULL_OFF = ((9 / 16) ** (1 / 6) - (9 / 16) ** (2 / 3)) / (27 / 256) ** (
+    1 / 3
+)  # gap in LAMMPS over the pull-off gap of jkr
+SHARE = 0.05  # fraction of the dashpot force that half a step may change
 
 
 INT, BIG, DOUBLE, INTS, DOUBLES, STRING = range(6)
-FLAGS = {  # what follows the flags of a header
+FLAGS = {  # types of the values after the flags of a header
     **dict.fromkeys((0, 4, 15, 59), STRING), **dict.fromkeys((5, 16, 18, 21, 24, 27, 71), BIG),
     **dict.fromkeys((8, 14), INTS),
     **dict.fromkeys((31, 32, 36, 37, 49), DOUBLES),
@@ -68,12 +73,12 @@ FLAGS = {  # what follows the flags of a header
 }  # fmt: skip
 UNITS, STEP, BOUNDARY, STYLE, ATOMS, LOW, HIGH, XY, XZ, YZ = 4, 5, 14, 15, 16, 31, 32, 33, 34, 35
 MOST_GROUPS = 32
-LABELS = 72  # the flag before labels of types
-NO_PLACE = "restart files do not say where it is; give the run's folder, whose log or input script does"
+LABELS = 72  # flag before labels of types
+NO_PLACE = "restart files do not contain its position; give the run folder, whose log or input script does"
 
 
 class Restart(NamedTuple):
-    """Content of a restart file, sorted by the number of the grain, from 0."""
+    """Content of a restart file, sorted by grain id, numbered from 0."""
 
     position: np.ndarray  # (N, 3) in the box [length]
     image: np.ndarray  # (N, 3)
@@ -82,22 +87,22 @@ class Restart(NamedTuple):
     radius: np.ndarray  # (N,) [length]
     mass: np.ndarray  # (N,) [mass]
     types: np.ndarray  # (N,) from 0
-    mask: np.ndarray  # (N,) bits of the groups
+    mask: np.ndarray  # (N,) bit masks of the groups
     i: np.ndarray  # (C,) contacts, each once, i < j
     j: np.ndarray  # (C,)
     slip: np.ndarray  # (C, 3) of i relative to j [length]
-    wall: np.ndarray  # (K,) number of the fix of the wall that a grain touches
+    wall: np.ndarray  # (K,) index of the fix of the wall that a grain touches
     grain: np.ndarray  # (K,)
     wall_slip: np.ndarray  # (K, 3) [length]
     more: np.ndarray  # (C, 7) values after the slip, or its `rotations`, (C, 4)
     wall_more: np.ndarray  # (K, 7), or (K, 4)
-    ids: np.ndarray  # (N,) numbers of the grains in LAMMPS, increasing
-    face: np.ndarray  # (K,) of the region that is the wall, from 0; −1 for walls that are none
+    ids: np.ndarray  # (N,) ids of the grains in LAMMPS, increasing
+    face: np.ndarray  # (K,) face of the region, from 0; −1 for walls that are not regions
     bonds: ListedBonds | None = None
 
 
 def is_complete(path: Path) -> bool:
-    """Return True if a restart file has been written to its end."""
+    """Return True if a restart file is complete."""
     if not path.is_file() or path.stat().st_size < 2 * len(MAGIC):
         return False
     with path.open("rb") as file:
@@ -106,9 +111,9 @@ def is_complete(path: Path) -> bool:
 
 
 def _read_whole(path: Path) -> bytes:
-    """Content of a restart file, with the blocks of its parts if LAMMPS wrote these to other files, as for % in a name.
+    """Content of a restart file, with the blocks in its other parts if LAMMPS wrote several (% in the name).
 
-    The base ends with the header, in which the number of parts stands, and each part has the blocks of some ranks.
+    The base ends with the header, which contains the number of parts; each part has the blocks of some ranks.
     """
     content = OLD_END.sub(rb"\1\2", read_content(path), count=1)
     if recognize_part(content):
@@ -137,15 +142,15 @@ def _read_part(base: Path, name: str) -> bytes:
         )
     content = read_content(path)
     if not (recognize_part(content) and content.endswith(MAGIC)):
-        raise PackingError(f"{path} is no complete part of the restart file {base.name}: copy it again")
+        raise PackingError(f"{path} is not a complete part of the restart file {base.name}: copy it again")
     return content[2 * len(PART) : -len(MAGIC)]
 
 
 def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
-    """Start of the first block of a restart file, and the doubles of each block; ValueError if it is no such file."""
+    """Start of the first block of a restart file, and the doubles of each block; ValueError for other files."""
     mark, start = HEADER_END + BLOCK, 0
     if not content.startswith(MAGIC) or not content.endswith(MAGIC):
-        raise ValueError("no complete restart file of LAMMPS")
+        raise ValueError("not a complete LAMMPS restart file")
     while (start := content.find(mark, start)) >= 0:
         place, blocks = start + len(HEADER_END), []
         while content[place : place + 4] == BLOCK:
@@ -158,11 +163,11 @@ def _blocks(content: bytes) -> tuple[int, list[np.ndarray]]:
         if place == len(content) - len(MAGIC):
             return start + len(HEADER_END), blocks
         start += 1
-    raise ValueError("a restart file of LAMMPS in an unknown format")
+    raise ValueError("a LAMMPS restart file in an unknown format")
 
 
 def _record_starts(block: np.ndarray) -> np.ndarray:
-    """Start of the record of each grain in a block, and the end of the last; ValueError if a record does not fit."""
+    """Start of the record of each grain in a block, and the end of the last one; ValueError if one does not fit."""
     starts = [0]
     while starts[-1] < len(block):
         starts.append(int(_ends(block, np.array(starts[-1:]), len(block), EXTRA)[0]))
@@ -173,7 +178,7 @@ def _ends(block: np.ndarray, start: np.ndarray, stop, least: int = 2) -> np.ndar
     """Ends of records or entries that begin with their length; ValueError if one is too short or passes `stop`."""
     length = block[np.minimum(start, len(block) - 1)]
     if not ((length >= least) & (length <= stop - start)).all():
-        raise ValueError("a restart file of LAMMPS with a record whose length does not fit: it is damaged")
+        raise ValueError("a LAMMPS restart file with a record of wrong length: it is damaged")
     return start + length.astype(np.int64)
 
 
@@ -182,9 +187,9 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
 
     Parameters
     ----------
-    walls : number of fixes of walls, if not those that the file names
-    values : number of doubles in the memory of a contact between grains, of which the first three are the slip; by
-        default as many as the records have room for
+    walls : number of wall fixes, default those named in the file
+    values : number of doubles in the memory of a contact between grains, of which the first three are the slip;
+    default: as many as fit into the records
 
     Raises
     ------
@@ -209,7 +214,7 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     bonds = [np.concatenate(column) for column in zip(*(part[3] for part in parts), strict=True)]
     orientation = grains.pop()
     if not np.diff(ids).all() or not np.isin(np.concatenate([pairs[0], pairs[1], touched[1]]), ids).all():
-        raise ValueError("a restart file with a contact of a grain that it lacks")
+        raise ValueError("a restart file with a contact of a missing grain")
     pairs[:2], touched[1] = (np.searchsorted(ids, column) for column in pairs[:2]), np.searchsorted(ids, touched[1])
     once = pairs[0] < pairs[1]
     more = _first_copies(*pairs[:2], pairs.pop())[once]
@@ -219,7 +224,7 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
 
 
 def own_columns(style: str) -> list[str]:
-    """Columns of an atom style in a record, after those that all have; ValueError if it is not known."""
+    """Columns of an atom style in a record, after the common ones; ValueError if it is unknown."""
     parts = style.split()[1:] if style.startswith("hybrid") else [style]
     if not {*parts} <= {*OWN_COLUMNS}:
         raise ValueError(f"atoms of style {style}")
@@ -227,16 +232,16 @@ def own_columns(style: str) -> list[str]:
 
 
 def _memory_of_bonds(name: str) -> str:
-    """Bond style whose memory a fix of some name stores with grains; empty if it is none."""
+    """Bond style whose memory is stored by a fix of this name; empty if there is none."""
     return next((style for style in BOND_MEMORY if f"_{style.upper().replace('/', '_')}_FIX_PROP" in name), "")
 
 
 def _list_bonds(
     source: str, ids: np.ndarray, ends: np.ndarray, kind: np.ndarray, memory: np.ndarray, turned: np.ndarray
 ) -> ListedBonds:
-    """Bonds with their reference, of which both grains may have a copy.
+    """Bonds with their reference; both grains may have a copy of a bond.
 
-    LAMMPS stores the direction of rest from the grain with the larger number, as it was when this one was not turned.
+    LAMMPS stores the rest direction from the grain with the larger id, in the unrotated frame of that grain.
     """
     low, high = np.sort(ends, axis=1).T
     _, once = np.unique(low * (high.max(initial=0) + 1) + high, return_index=True)
@@ -254,10 +259,10 @@ def _list_bonds(
 
 
 def _first_copies(i: np.ndarray, j: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values of each contact from the grain that comes first in the file.
+    """Values of each contact from the first of its grains in the file.
 
-    LAMMPS evaluates a contact there, and changes the signs of the copy of the other grain, also those of rolling and
-    twisting, which are the same from both grains.
+    LAMMPS evaluates a contact there, and reverses the signs in the copy of the other grain, even those of rolling and
+    twisting, which should be equal for both grains.
     """
     low, high = np.minimum(i, j), np.maximum(i, j)
     _, first, copy = np.unique(low * (high.max(initial=0) + 1) + high, return_index=True, return_inverse=True)
@@ -265,7 +270,7 @@ def _first_copies(i: np.ndarray, j: np.ndarray, values: np.ndarray) -> np.ndarra
 
 
 def rotations(values: np.ndarray, rolls: int, twists: int) -> np.ndarray:
-    """(C, 4) rolling displacement and twist among the values after the slip, at their places; zero if these are −1."""
+    """(C, 4) rolling displacement and twist among the values after slip, at given positions; zero for −1."""
     out = np.zeros((len(values), ROTATIONS))
     if rolls >= 0:
         out[:, :3] = values[:, rolls : rolls + 3]
@@ -275,12 +280,12 @@ def rotations(values: np.ndarray, rolls: int, twists: int) -> np.ndarray:
 
 
 def recognize_part(head: bytes) -> bool:
-    """Return True for a part of a restart file of LAMMPS, which has the grains of some ranks only."""
+    """Return True for a part of a LAMMPS restart file, with the grains of some ranks only."""
     return head.startswith(PART) and head[2 * len(PART) :].startswith(BLOCK)
 
 
 def recognize(head: bytes) -> bool:
-    """Return True for a restart file of LAMMPS."""
+    """Return True for a LAMMPS restart file."""
     return head.startswith(MAGIC)
 
 
@@ -307,12 +312,12 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     except ValueError:
         spheres = False
     if not spheres:
-        read = "sphere, bpm/sphere and hybrids of sphere and bond are read"
-        raise PackingError(f"{path} has atoms of style {about[STYLE]}, and {read}: {remedy}")
+        read = "supported are sphere, bpm/sphere, and hybrids of sphere and bond"
+        raise PackingError(f"{path} has atoms of style {about[STYLE]}, but {read}: {remedy}")
     known = read_restart(path)
     if len(known.ids) != about[ATOMS]:
         raise PackingError(
-            f"{path} has {len(known.ids)} of {about[ATOMS]} grains: its parts are of other runs or times"
+            f"{path} has {len(known.ids)} of {about[ATOMS]} grains: its parts belong to other runs or times"
         )
     vectors = restricted_box(about[HIGH] - about[LOW], about.get(XY, 0.0), about.get(XZ, 0.0), about.get(YZ, 0.0))
     arrays = {
@@ -350,19 +355,19 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
 
 
 def stored_fixes(head: bytes) -> dict[str, str]:
-    """Styles of the fixes that a restart file has something of, by their ids."""
+    """Styles of the fixes with data in a restart file, by id."""
     return {name: plain_style(style) for fixes in _fixes(head) for name, style in fixes}
 
 
 def read_stored_fixes(path: Path) -> dict[str, str]:
-    """Styles of the fixes that a restart file stores something of, by id, without those that LAMMPS adds itself."""
+    """Styles of the fixes with data in a restart file, by id, without internal fixes of LAMMPS."""
     content = _read_whole(path)
     fixes = stored_fixes(content[: _blocks(content)[0]])
     return {name: style for name, style in fixes.items() if style == style.lower()}
 
 
 def time_step(path: Path) -> int:
-    """Time step of a restart file; −1 if it cannot be read."""
+    """Time step of a restart file; −1 if unreadable."""
     try:
         return int(_header(read_content(path, HEAD))[0][STEP])
     except (KeyError, ValueError):
@@ -370,12 +375,12 @@ def time_step(path: Path) -> int:
 
 
 def group_masks(path: Path, memory: Restart) -> dict[str, np.ndarray]:
-    """(N,) bool, members of each group whose name the file has."""
+    """(N,) bool, members of each group named in the file."""
     return _groups_and_labels(_read_whole(path), memory.mask)[0]
 
 
 def _groups_and_labels(content: bytes, mask: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, int]]:
-    """Members of each named group, and types by their labels."""
+    """Members of each named group, and types by label."""
     masks, names, labels = {}, [], []
     try:
         _, at = _header(content)
@@ -401,7 +406,7 @@ def _groups_and_labels(content: bytes, mask: np.ndarray) -> tuple[dict[str, np.n
 
 
 def _header(content: bytes) -> tuple[dict, int]:
-    """Values of a header by their flags, up to its end or a flag that is not known here, and the position after it."""
+    """Values of a header by flag, up to its end or an unknown flag, and the position after it."""
     out, reader = {}, Reader(content, len(MAGIC) + 8)
     while True:
         flag = reader.number("<i")
@@ -420,13 +425,13 @@ def _header(content: bytes) -> tuple[dict, int]:
 
 
 def _pair_style(head: bytes) -> tuple[str, int]:
-    """Pair style that a header names, without the end of an accelerated one, and the position after it."""
+    """Pair style named in a header, without the suffix of an accelerated style, and the position after it."""
     match = re.search(rb"\x27\0\0\0(.)\0\0\0([a-z0-9/_]+)\0", head, re.DOTALL)
     return (plain_style(match[2].decode()), match.end()) if match else ("none", 0)
 
 
 def compare_pair_style(path: Path, numbers: Sequence[float]) -> tuple[str, list[float]]:
-    """Pair style of a restart file, empty without one, and those of some coefficients that it does not have."""
+    """Pair style of a restart file (empty without one), and the given coefficients that are not in the file."""
     content = _read_whole(path)
     head = content[: _blocks(content)[0]]
     style, at = _pair_style(head)
@@ -440,7 +445,7 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     if style not in ("none", "granular") and style.removeprefix("gran/") not in HISTORY_LAWS and style[:6] != "hybrid":
         return None, [Obstacle(f"pair_style {style} of the restart file was not taken over: {no_equal(style)}", PAIRS)]
     if style.removeprefix("gran/") not in HISTORY_LAWS:
-        text = f"the coefficients of pair_style {style}: give the run's folder, or the law with --law"
+        text = f"the coefficients of pair_style {style}: give the run folder, or the law with --law"
         return None, [Absent(text, PAIRS)]
     reader = Reader(head, at)
     (kn, kt, damping_n, damping_t, mu), flag = reader.array("<f8", 5).tolist(), reader.number("<i")
@@ -452,14 +457,14 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
 
 
 def _fixes(head: bytes) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Ids and styles of the fixes whose own state is stored, and of those that store something with grains."""
+    """Ids and styles of the fixes with a global state, and of those that store data of grains."""
     end = len(head) - len(HEADER_END)
     start, of_grains = _find_list(head, end, blobs=False)
     return _find_list(head, start, blobs=True)[1], of_grains
 
 
 def _find_list(head: bytes, end: int, *, blobs: bool) -> tuple[int, list[tuple[str, str]]]:
-    """Start of the list of fixes that ends at a position, and their ids and styles; each may be followed by a blob."""
+    """Start of the list of fixes that ends at a position, and ids and styles; binary data may follow each."""
     first = max(end - LONGEST_LIST, 0)
     tail = head[first:end]
     for start in range(len(tail) - 4, 0, -1):
@@ -479,7 +484,7 @@ def _find_list(head: bytes, end: int, *, blobs: bool) -> tuple[int, list[tuple[s
 
 
 def _string(reader: Reader) -> str:
-    """String that follows its length; ValueError if that is not one of a name."""
+    """String that follows its length; ValueError if the length is not that of a name."""
     size = reader.number("<i")
     if not 0 < size < LONGEST_NAME:
         raise ValueError(f"a name of {size} characters")
@@ -487,14 +492,14 @@ def _string(reader: Reader) -> str:
 
 
 def _read_own(block: np.ndarray, start: np.ndarray, columns: Sequence[str]):
-    """Columns of an atom style in a block, the number of bonds of each grain, the place of the first, and the end."""
+    """Columns of an atom style in a block, number of bonds of each grain, position of the first, and the end."""
     own = {"orientation": np.tile([1.0, 0, 0, 0], (len(start), 1))}
     at, count, first = start + OWN, np.zeros(len(start), np.int64), start
     for name in columns:
         if name == "bonds":
             count, first = block.view("<i8")[np.minimum(at, len(block) - 1)], at + 1
             if not ((count >= 0) & (count < len(block))).all():
-                raise ValueError("a restart file of LAMMPS with more bonds than a record holds: it is damaged")
+                raise ValueError("a LAMMPS restart file with more bonds than fit into a record: it is damaged")
             at = at + 1 + 2 * count
         else:
             places = at[:, None] + np.arange(WIDTHS.get(name, 1))
@@ -508,9 +513,11 @@ def _read_bonds(block: np.ndarray, tag: np.ndarray, count: np.ndarray, first: np
 
     Parameters
     ----------
-    memories : entry and its end for each style that stores something with bonds
+    memories : entry and its end for each style that stores data of bonds
     """
-    number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # of a bond among those of its grain
+    number = np.arange(count.sum()) - np.repeat(
+        np.cumsum(count) - count, count
+    )  # index of a bond among those of its grain
     place = np.repeat(first, count) + number
     kind, other = (block.view("<i8")[np.minimum(at, len(block) - 1)] for at in (place, place + np.repeat(count, count)))
     memory = np.zeros((len(number), 4))
@@ -532,7 +539,7 @@ def _read_block(block: np.ndarray, columns: Sequence[str], stores: list[str], va
     position, velocity = (block[start[:, None] + k + np.arange(3)] for k in (POSITION, VELOCITY))
     own, count, first, entry = _read_own(block, start, columns)
     if not (entry <= stop).all():
-        raise ValueError("a restart file of LAMMPS with a record whose length does not fit: it is damaged")
+        raise ValueError("a LAMMPS restart file with a record of wrong length: it is damaged")
     sizes = own["radius"][:, 0], own["mass"][:, 0], whole[start + TYPE] - 1, whole[start + TYPE + 1]
     walls, memories = 0, {}
     none = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, MOST))
@@ -559,34 +566,34 @@ def _read_block(block: np.ndarray, columns: Sequence[str], stores: list[str], va
 
 
 def _read_pairs(block: np.ndarray, entry: np.ndarray, end: np.ndarray, tag: np.ndarray, count: np.ndarray, values=None):
-    """Ids of grains, the ids or faces that they touch, and the memory of each contact, as each grain lists its own."""
+    """Ids of grains, the ids or faces that they touch, and the memory of each contact, as listed by each grain."""
     whole = block.view("<i8")
     if not ((count >= 0) & (count < len(block))).all():
-        raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
+        raise ValueError("a LAMMPS restart file with more contacts than fit into a record: it is damaged")
     count = count.astype(np.int64)
     if values is None:
         some = np.flatnonzero(count)
         values = int((end - entry - 2)[some[0]] // count[some[0]]) - 1 if len(some) else 3
     if values < 3 or not (2 + (values + 1) * count <= end - entry).all():
-        raise ValueError("a restart file of LAMMPS with more contacts than a record holds: it is damaged")
+        raise ValueError("a LAMMPS restart file with more contacts than fit into a record: it is damaged")
     number = np.arange(count.sum()) - np.repeat(
         np.cumsum(count) - count, count
-    )  # of a contact among those of its grain
+    )  # index of a contact among those of its grain
     first = np.repeat(entry + 2, count) + (values + 1) * number
     more = _values_after(block, first + 4, first + 1 + values)
-    plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022 a number as it is
+    plain = (block[first] >= 1) & (block[first] < 2**53)  # up to 2022 stored as a plain number
     other = np.where(plain, np.where(plain, block[first], 0.0).astype(np.int64), whole[first])
     return np.repeat(tag, count), other, block[first[:, None] + 1 + np.arange(3)], more
 
 
 def _values_after(block: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(C, 7) values from each start, zero from its end."""
+    """(C, 7) values from each start to its end, then zeros."""
     at = start[:, None] + np.arange(MOST)
     return np.where(at < end[:, None], block[np.minimum(at, len(block) - 1)], 0.0)
 
 
 def restore_memory(state: State, law: Law, saved: Restart) -> State:
-    """State with the memory of a restart file: the grains of `state`, which are already where LAMMPS had them."""
+    """State with the memory of a restart file; the grains of `state` already have their positions in LAMMPS."""
     n = len(state.grains.radius)
     bare = state._replace(contacts=empty_contacts(state.n_bodies, 0, state.contacts.skin), instant=None)
     bare = accept(bare, forces(bare, law)[1])
@@ -599,7 +606,7 @@ def restore_memory(state: State, law: Law, saved: Restart) -> State:
     place = order[np.minimum(place, len(order) - 1)] if len(order) else place
     known = theirs[place] == key if len(order) else np.zeros(count, bool)
     mode, pair, slip = listed.mode.copy(), listed.pair.copy(), np.zeros_like(listed.slip)
-    if bridges_gaps(law.kind):  # LAMMPS also keeps bonds of grains that are out of reach
+    if bridges_gaps(law.kind):  # LAMMPS also keeps jkr bonds of grains beyond the contact range
         bonds = np.flatnonzero(known & (mode[:count] == OPEN) & (-overlaps(bare) < _ranges(bare, law)))
         mode[bonds], pair[bonds] = STICK, branch_vectors(bare)[bonds]
     known &= mode[:count] != OPEN
@@ -617,7 +624,7 @@ def restore_memory(state: State, law: Law, saved: Restart) -> State:
 
 
 def _ranges(state: State, law: Law) -> np.ndarray:
-    """(C,) gaps up to which bonds of jkr hold in LAMMPS, where a falls to its value at the largest attraction."""
+    """(C,) gaps up to which jkr contacts last in LAMMPS, where a falls to its value at the largest attraction."""
     r_eff, a, b = _pair_sizes(state, np.arange(state.contacts.count[0]))
     return PULL_OFF * evaluate(law, "range", a=a, b=b, overlap=0.0, r_eff=r_eff)
 
@@ -664,7 +671,7 @@ def _contact_radius(law: Law, state: State, rows: np.ndarray, stiffness: np.ndar
 
 
 def _at_cap(memory: np.ndarray, rate: np.ndarray, stiffness, damping, cap) -> np.ndarray:
-    """Mask of the moments at their cap, spring and dashpot together as in `_slides`."""
+    """Mask of the moments at their cap, with spring and dashpot together as in `_slides`."""
     dashpot = damping[:, None] * rate
     load = np.linalg.norm(stiffness[:, None] * memory + dashpot, axis=1)
     return load >= (1 - AT_LIMIT) * cap - SHARE * np.linalg.norm(dashpot, axis=1)
@@ -673,8 +680,8 @@ def _at_cap(memory: np.ndarray, rate: np.ndarray, stiffness, damping, cap) -> np
 def _slides(state: State, law: Law, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Masks of the contacts at the Coulomb limit, and of those whose limit is not zero.
 
-    LAMMPS leaves the spring and the dashpot of a sliding contact together at the limit, with the velocities of the half
-    step; at the full step, their force may have changed by a share of the dashpots' force.
+    LAMMPS keeps the total force of spring and dashpot of a sliding contact at the limit, with the velocities of the
+    half step; at the full step, it may have changed by a fraction of the dashpot force.
     """
     if not len(rows):
         return np.zeros(0, bool), np.zeros(0, bool)
@@ -692,8 +699,8 @@ class Places(NamedTuple):
     """Layout of the memory of a contact in LAMMPS: its slip or force comes first."""
 
     size: int  # number of doubles
-    rolls: int = -1  # place of the rolling displacement after the slip; -1 without
-    twists: int = -1  # place of the twist
+    rolls: int = -1  # position of the rolling displacement after the slip; -1 without
+    twists: int = -1  # position of the twist
 
     @classmethod
     def of(cls, law: Law) -> "Places":
@@ -704,16 +711,16 @@ class Places(NamedTuple):
 
 
 def wall_values(saved: Restart, bonds: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mask of the contacts with walls that exist, their slip, and the values after it.
+    """Mask of the existing contacts with walls, their slip, and the values after it.
 
-    Of laws with bonds, a number that tells whether they exist comes first.
+    In laws with bonds, the first number is nonzero if the bond exists.
     """
     values = np.hstack([saved.wall_slip, saved.wall_more, np.zeros((len(saved.wall), 1))])
     return (values[:, 0] > 0) | (not bonds), values[:, bonds : bonds + 3], values[:, bonds + 3 :]
 
 
 def write_memory(template: Path, target: Path, state: State, law: Law) -> None:
-    """Write a restart file with the memory of a state: `template` is one of the same grains, with any memory.
+    """Write a restart file with the memory of a state; `template` is one with the same grains and any memory.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Frames of LAMMPS dumps in a folder, found while they are written: one growing file, or one file for each frame.
 
-A frame is complete when all rows that its header declares have been written, the last one with its newline. Files are
-read once: each look continues where the one before ended. Of a running simulation, packings are read as their frames
-become complete.
+A frame is complete when all rows declared in its header have been written, the last one with its newline. Files are
+read once: each search continues where the previous one ended. Packings of a running simulation are read as soon as
+their frames are complete.
 """
 
 import hashlib
@@ -26,30 +26,30 @@ from .lammps_file import packing_from_table, pairs_from_table
 from .lammps_folder import read_folder
 from .lammps_text import Table, parse_step
 
-GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # what a dump says that it has a number of
+GRAINS, CONTACTS = "ATOMS", "ENTRIES"  # entries counted in a dump
 BEGIN, ITEM = b"ITEM: TIMESTEP", b"ITEM:"
 COMPRESSED = (b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # first bytes of gzip and Zstandard files
-HEAD = 512  # bytes at the beginning of a file that tell what it is
+HEAD = 512  # bytes at the beginning of a file by which its format is detected
 
 
 class DumpFrame(NamedTuple):
     """Place of one time step in a dump."""
 
     step: int  # −1 if its header cannot be read
-    kind: str  # GRAINS, CONTACTS, or the label of something else
+    kind: str  # GRAINS, CONTACTS, or another label
     path: Path
     start: int  # first byte
     stop: int  # byte after the last one
-    digest: str  # of its bytes
-    problem: str = ""  # why it cannot be used; empty for a complete frame
+    digest: str  # digest of its bytes
+    problem: str = ""  # reason why it cannot be used; empty for a complete frame
 
 
 class Dump(NamedTuple):
     """A file and the frames found in it so far."""
 
     frames: tuple[DumpFrame, ...]
-    read: int  # bytes up to which frames are known
-    size: int  # bytes of the file at the last look
+    read: int  # bytes already searched for frames
+    size: int  # size of the file at the last search [bytes]
     modified: int  # time of its last change [ns]
 
     @property
@@ -59,7 +59,7 @@ class Dump(NamedTuple):
 
 
 def find_dumps(folder: Path, known: dict[Path, Dump], pattern: str = "*") -> dict[Path, Dump]:
-    """Dumps in a folder whose names match a pattern; `known` are those of the look before."""
+    """Dumps in a folder whose names match a pattern; `known` are those of the previous search."""
     dumps = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or not fnmatch(path.name, pattern) or not path.is_file():
@@ -80,7 +80,7 @@ def _head(path: Path) -> bytes:
 
 
 def has_dumps(folder: Path, kind: str, pattern: str = "*") -> bool:
-    """Return True if a folder has a dump of a kind, if only its beginning, or an empty file named like a dump."""
+    """Return True if a folder has a (possibly incomplete) dump of a kind, or an empty file named like a dump."""
     mark = f"NUMBER OF {kind}".encode()
     for path in folder.iterdir() if folder.is_dir() else ():
         if not path.name.startswith(".") and fnmatch(path.name, pattern) and path.is_file():
@@ -99,7 +99,7 @@ def find_compressed(folder: Path) -> Path | None:
 
 
 def _read_new_frames(path: Path, before: Dump, modified: int) -> Dump:
-    """Find the frames that were written after those of an earlier look."""
+    """Find the frames that were written since the previous search."""
     with path.open("rb") as file:
         frames = (*before.frames, *_frames_from(file, path, before.read))
         size, read = file.seek(0, 2), frames[-1].stop if frames else 0
@@ -184,9 +184,9 @@ def _damaged_frame(file: BinaryIO, path: Path, start: int, step: int, damage: st
 
 
 def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame], list[str]]:
-    """Complete frames of a kind by their step, and notes on damaged ones and on steps that are there more than once.
+    """Complete frames of a kind by step, and notes on damaged ones and on duplicate steps.
 
-    Of several frames with the same step, the one that was written last is used.
+    Among several frames with the same step, the last one written is used.
     """
     frames: dict[int, DumpFrame] = {}
     twice: dict[tuple[Path, Path], int] = {}
@@ -198,10 +198,10 @@ def frames_of(dumps: dict[Path, Dump], kind: str) -> tuple[dict[int, DumpFrame],
                     twice.setdefault((other.path, path), frame.step)
                 frames[frame.step] = frame
     notes = [
-        f"step {step} is in {old.name} and in {new.name}: the latter, which was written last, is used; name the files "
-        f"that belong together"
+        f"step {step} is in {old.name} and in {new.name}: the latter, which was written last, is used; give a pattern "
+        "for files that belong together"
         if old != new
-        else f"step {step} is twice in {old.name}, as after `reset_timestep`: the last of both is used"
+        else f"step {step} occurs twice in {old.name}, as after `reset_timestep`: the last one is used"
         for (old, new), step in twice.items()
     ]
     damage = [frame.problem for dump in dumps.values() for frame in dump.frames if frame.problem]
@@ -221,13 +221,13 @@ def read_content(frame: DumpFrame) -> Table:
         raise PackingError(f"{frame.path.name}, step {frame.step} is damaged: {problem}") from None
 
 
-INTERVAL = 1.0  # time between two looks at the folder [s]
-FRESH = 3.0  # time after which a file that has not changed is not being written [s]
-NEEDS = "`stickslip docs lammps` shows what LAMMPS must write"
+INTERVAL = 1.0  # time between two searches of the folder [s]
+FRESH = 3.0  # time after which an unchanged file is considered complete [s]
+NEEDS = "`stickslip docs lammps` describes the required output of LAMMPS"
 
 
 class Source(NamedTuple):
-    """Place of the dumps, and options for reading them."""
+    """Location of the dumps, and options for reading them."""
 
     folder: Path
     grains: str  # pattern of the names of dumps of grains
@@ -236,11 +236,11 @@ class Source(NamedTuple):
     columns: str | None
     boundary: str | None
     i0: float | None
-    run: Packing | None = None  # packing of the folder whose law, walls and loads the frames have
+    run: Packing | None = None  # packing of the folder, for law, walls and loads of the frames
 
 
 class Pair(NamedTuple):
-    """A frame of grains, and that of their contacts."""
+    """A frame of grains, and the frame of their contacts."""
 
     grains: DumpFrame
     contacts: DumpFrame | None
@@ -253,12 +253,12 @@ class Look(NamedTuple):
     local: dict[Path, Dump]  # of contacts
     ready: list[Pair]  # complete frames, by step
     waiting: tuple[int, ...]  # steps whose contacts may still be written
-    lost: tuple[int, ...]  # steps without contacts, although later ones have them
+    lost: tuple[int, ...]  # steps without contacts, although later steps have them
     notes: tuple[str, ...]
 
     @property
     def sizes(self) -> dict[Path, tuple[int, int]]:
-        """Size and time of change of every file: they differ if the simulation has written."""
+        """Sizes and modification times of all files, which change when the simulation writes."""
         return {path: (dump.size, dump.modified) for path, dump in (self.dumps | self.local).items()}
 
 
@@ -269,7 +269,7 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     ----------
     memory : whether dumps of contacts are used: those named by `contacts`, or those in the folder
     options : those of `read_packing` for LAMMPS dumps. `contacts` may be a pattern such as contacts.*.dump. Without a
-        law, that of the log or the script in the folder is taken, with walls, loads and what holds grains
+    law, that of the log or script in the folder is used, with its walls, loads and held grains
 
     Raises
     ------
@@ -278,15 +278,17 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     """
     given = {name: value for name, value in options.items() if value is not None}
     if "frame" in given:
-        raise PackingError("--frame was given, but all frames are read: leave it out, or use stickslip stability")
+        raise PackingError(
+            "--frame does not apply here, as all frames are read: leave it out, or use stickslip stability"
+        )
     if "atom_style" in given:
-        raise PackingError("--atom-style was given, but dumps name their columns: leave it out")
+        raise PackingError("--atom-style does not apply to dumps, which name their columns: leave it out")
     if not Path(place).exists():
         raise PackingError(f"{place} does not exist: give the folder into which LAMMPS writes its dumps")
     folder, grains = (Path(place), "*") if Path(place).is_dir() else (Path(place).parent, Path(place).name)
     contacts, columns, boundary, i0 = (given.pop(name, None) for name in ("contacts", "columns", "boundary", "i0"))
     if not memory and (contacts or columns):
-        raise PackingError(f"--no-contacts was given with --{'contacts' if contacts else 'columns'}: leave one out")
+        raise PackingError(f"--no-contacts and --{'contacts' if contacts else 'columns'} exclude each other")
     _require_dumps(folder, grains, GRAINS)
     path = Path(contacts or "*")
     where = folder / path if path.parent == Path() else path
@@ -294,12 +296,12 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     memory = memory and (_await_contacts(folder, grains, where) or contacts is not None)
     run = None
     if own is None and "law" not in given and Path(place).is_dir():
-        with suppress(PackingError):  # there may be no run yet
+        with suppress(PackingError):  # the run may not have started yet
             run = read_folder(folder)[0]
     if own is None and "law" not in given and (run is None or run.law is None):
         raise PackingError(
-            "LAMMPS dumps contain no contact law: give --law and its parameters, --kn, --kt and --mu, as in the "
-            "pair_style, or the folder with log.lammps or the input script"
+            "LAMMPS dumps do not contain the contact law: give --law with --kn, --kt and --mu as in the pair_style, "
+            "or a folder with log.lammps or the input script"
         )
     law = own or (chosen_law(run, given, None, memory=memory) if run else lammps_law(given, memory=memory))
     if memory:
@@ -321,20 +323,20 @@ def _await_contacts(folder: Path, grains: str, where: Path) -> bool:
 
 
 def _require_dumps(folder: Path, pattern: str, kind: str) -> None:
-    """Raise PackingError if no file of the folder is, or may become, a dump of a kind."""
+    """Raise PackingError if no file in the folder is, or may become, a dump of a kind."""
     if has_dumps(folder, kind, pattern):
         return
     if folder.is_dir() and (packed := find_compressed(folder)):
         raise PackingError(f"{packed} is compressed: decompress it, or have LAMMPS write text")
     if kind == CONTACTS:
-        raise PackingError(f"{folder / pattern} is no `dump local` with contacts that LAMMPS wrote as text: {NEEDS}")
+        raise PackingError(f"{folder / pattern} is not a text file of contacts from `dump local` in LAMMPS: {NEEDS}")
     empty = not any(folder.iterdir())
-    what = "is empty" if empty else "has no dump of grains that LAMMPS wrote as text"
+    what = "is empty" if empty else "has no LAMMPS text dump of grains"
     raise PackingError(f"{folder if pattern == '*' else folder / pattern} {what}: {NEEDS}")
 
 
 def look(source: Source, before: Look | None = None) -> Look:
-    """Look into the folder again; frames found `before` are not read again."""
+    """Search the folder again; frames found `before` are not read again."""
     dumps = find_dumps(source.folder, before.dumps if before else {}, source.grains)
     grains, notes = frames_of(dumps, GRAINS)
     if source.contacts is None:
@@ -353,7 +355,7 @@ def look(source: Source, before: Look | None = None) -> Look:
 
 
 def missing_frames(seen: Look) -> list[str]:
-    """Notes on what is missing if nothing more will be written."""
+    """Notes on missing data if nothing more will be written."""
     cut = [path.name for path, dump in (seen.dumps | seen.local).items() if dump.partial]
     notes = [f"{name} ends in the middle of a frame, which is left out" for name in cut]
     for steps, state in ((seen.waiting, "not yet written"), (seen.lost, "not in the dumps")):
@@ -379,8 +381,7 @@ def read_pair(source: Source, pair: Pair) -> tuple[State, list[str]]:
     if run is not None:
         if run.setting is not None and run.ids is not None and not np.array_equal(packing.ids, run.ids):
             raise PackingError(
-                "it has other grains than the newest packing of the run, whose walls and loads it would have: give "
-                "--law"
+                "its grains are not those of the newest packing of the run, which defines walls and loads: give --law"
             )
         known = [] if run.setting is None else notes_about(packing.notes, WALLS)
         acts = [note for note in run.notes if isinstance(note, Obstacle)]
@@ -404,9 +405,9 @@ def follow_packings(
     ----------
     place : folder into which LAMMPS writes its dumps as text, in one growing file or one file for each frame; or one
         dump in it
-    until_idle : end when nothing has been written for this time [s]; with 0, only frames that are there are read
-    memory : whether dumps of contacts are used; with False, or without such dumps, no contact has slipped
-    interval : time between two looks at the folder [s]
+    until_idle : stop when nothing has been written for this time [s]; with 0, only existing frames are read
+    memory : whether dumps of contacts are used; with False, or without such dumps, slip is zero
+    interval : time between two searches of the folder [s]
     options : those of `read_packing` for LAMMPS dumps; `contacts` may be a pattern such as contacts.*.dump
 
     Yields

@@ -1,6 +1,7 @@
-"""LAMMPS's text files: data files and dumps of `custom` and `local` style are parsed, and data files are written.
+"""LAMMPS text files: data files and dumps of style `custom` and `local` are parsed, and data files are written.
 
-A second file has the contacts as LAMMPS would dump them, whose memory it cannot import; `read_packing` takes it back.
+A second file contains the contacts in the format of LAMMPS dumps, as LAMMPS cannot import their memory; `read_packing`
+reads it back.
 """
 
 import re
@@ -24,8 +25,10 @@ from .content import digits_note, first_lines, read_lines
 from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
 from .lammps_bonds import list_bonds
 
-HEADER = re.compile(r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$")  # of a section in a data file
-ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # of columns of contacts
+HEADER = re.compile(
+    r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$"
+)  # heading of a section in a data file
+ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # order of columns of contacts
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
 FORCE = ("fx", "fy", "fz")
@@ -45,9 +48,9 @@ STYLES = {  # columns of the section Atoms, which three whole numbers may follow
     "dipole": "id type charge x y z mux muy muz",
     "peri": "id type volume density x y z",
 }
-MOST_IMAGES = 25  # periods of the box by which positions are unwrapped
+MOST_IMAGES = 25  # largest number of box periods by which positions are unwrapped
 WHOLE = ("id", "molecule", "type", "flag")
-NO_WALLS = "the file contains no walls, and none were read; those of `fix wall/gran` are read from the run's folder"
+NO_WALLS = "no walls were read, as the file contains none; those of `fix wall/gran` are read from a run folder"
 RENAMED = "`dump_modify colname` may have renamed them"
 SPHERES = "x y z, diameter and density"
 
@@ -58,10 +61,10 @@ class Table(NamedTuple):
     step: int
     vectors: np.ndarray  # (3, 3) box vectors as rows [length]
     corner: np.ndarray  # (3,) of the box [length]
-    periodic: np.ndarray | None  # (3,) bool; None if the file does not say
+    periodic: np.ndarray | None  # (3,) bool; None if not in the file
     columns: dict[str, list[str]]  # words, one list per column
     grains: bool = True  # False for a dump of contacts
-    items: tuple[str, ...] = ()  # headings other than the time step
+    items: tuple[str, ...] = ()  # headings except the time step
     file: str = ""  # its name, for messages
 
     def numbers(self, *names: str) -> np.ndarray:
@@ -155,17 +158,17 @@ def add_box(table: Table, arrays: dict, boundary: str | None, notes: list[str]) 
     periodic = table.periodic
     if boundary is not None:
         if not re.fullmatch("[pfsm]{3}", boundary):
-            raise PackingError(f"boundary {boundary!r} was given: three letters are needed, such as ppp or ppf")
+            raise PackingError(f"boundary must have three letters, such as ppp or ppf, got {boundary!r}")
         given = np.array([letter == "p" for letter in boundary])
         if periodic is not None and (given != periodic).any():
             has = "".join("p" if flag else "f" for flag in periodic)
-            notes = [*notes, f"boundary {boundary} was given and is taken, where the file has {has}"]
+            notes = [*notes, f"boundary {boundary} replaces that of the file, {has}"]
         periodic = given
     elif periodic is None:
         periodic = np.ones(3, bool)
         notes = [
             *notes,
-            Absent("the file does not say which directions are periodic: all are assumed to be (--boundary)"),
+            Absent("the file does not state periodic directions: all are assumed to be periodic (--boundary)"),
         ]
     flat = [arrays["position"], arrays.get("velocity", np.zeros((1, 3)))]
     cell = table.vectors.copy()
@@ -200,8 +203,8 @@ def grains_from_dump(table: Table, path: Path) -> tuple[np.ndarray | None, dict,
     if ids is not None:
         check_ids(path, ids)
         if len(ids) and ids[-1] > len(ids):
-            gaps = f"ids go up to {ids[-1]}, and {len(ids)} grains are in the file"
-            notes.append(Absent(f"{gaps}: others may touch them, if it is the dump of a group", GROUP))
+            gaps = f"ids go up to {ids[-1]}, but {len(ids)} grains are in the file"
+            notes.append(Absent(f"{gaps}: if it is the dump of a group, others may touch them", GROUP))
     return ids, arrays, notes
 
 
@@ -210,13 +213,13 @@ def check_ids(path: Path, ids: np.ndarray) -> None:
     if not np.diff(ids).all():
         twice = ids[:-1][np.diff(ids) == 0]
         raise PackingError(
-            f"{path} has grain {twice[0]} twice within one time step: it is put together from several files or steps; "
-            f"give the dump as LAMMPS wrote it"
+            f"{path} has grain {twice[0]} twice in one time step, so that several files or steps were merged: give "
+            "the original dump"
         )
 
 
 def whole_periods(image: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(N, 3) displacements by images of the box; zero if grains are so far apart that contacts could not count them."""
+    """(N, 3) displacements by box images; zero if grains are too far apart for the images of contacts."""
     return image @ vectors if np.abs(image).max(initial=0) <= MOST_IMAGES else np.zeros(image.shape)
 
 
@@ -240,7 +243,7 @@ def _position(table: Table, path: Path) -> np.ndarray:
 def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, Table, list[str]]:
     """Read ids, arrays for `from_arrays`, the box (with the time step, −1 if unknown) and notes from a data file.
 
-    Its atom style is the one that its section Atoms names, the one `asked` for, or the only one that fits.
+    Its atom style is the one named in its section Atoms, the one `asked` for, or the only one that fits.
     """
     text = read_lines(path)
     first = text.partition("\n")[0]
@@ -281,13 +284,13 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
 
 
 def _type_labels(sections: dict[str, tuple[str | None, str]], kind: str) -> dict[str, str]:
-    """Numbers of types of atoms or bonds by their labels."""
+    """Numbers of atom or bond types by label."""
     name = f"{kind} Type Labels"
     return dict(line.split()[1::-1] for line in sections[name][1].strip().split("\n")) if name in sections else {}
 
 
 def _parse_bonds(sections: dict[str, tuple[str | None, str]], head: str):
-    """Types and ends of the bonds of a data file, and labels of types; ValueError if it declares another number."""
+    """Types and ends of bonds in a data file, and type labels; ValueError if their number is not the declared one."""
     given, labels = re.search(r"(?m)^\s*(\d+)\s+bonds\b", head), _type_labels(sections, "Bond")
     count = parse_integer(given[1]) if given else 0
     if not count and "Bonds" not in sections:
@@ -299,7 +302,7 @@ def _parse_bonds(sections: dict[str, tuple[str | None, str]], head: str):
 
 
 def _headings(head: str) -> list[str]:
-    """Names of the lines of a header that do not count zero of something."""
+    """Names of the header lines, without counts of zero."""
     lines = [line.partition("#")[0].split() for line in head.split("\n")]
     words = [[word for word in line if not re.fullmatch(r"[-+.\d]+([eE][-+]?\d+)?", word)] for line in lines]
     counts = zip(words, lines, strict=True)
@@ -311,7 +314,7 @@ def _columns_of_atoms(
 ) -> tuple[list[str], list[str]]:
     """Names of the columns of the section Atoms, and a note if its style was inferred."""
     if asked and style not in (None, asked, asked.split()[0]):
-        raise PackingError(f"atom_style = {asked!r} was given, but {path} names atoms of style {style}: leave it out")
+        raise PackingError(f"atom_style = {asked!r} contradicts {path}, whose atoms are of style {style}: leave it out")
     kind = asked or style
     if kind is None:
         return _infer_style(path, rows, head)
@@ -326,7 +329,7 @@ def _columns_of_atoms(
 
 
 def style_columns(style: str, width: int) -> list[str] | None:
-    """Columns of an atom style; of a hybrid one those that all have come first. None for an unknown style."""
+    """Columns of an atom style; hybrid styles begin with the common columns. None for an unknown style."""
     kind, *parts = style.split()
     if kind != "hybrid":
         return STYLES[kind].split() if kind in STYLES else None
@@ -339,7 +342,7 @@ def style_columns(style: str, width: int) -> list[str] | None:
 
 
 def _infer_style(path: Path, rows: np.ndarray, head: str) -> tuple[list[str], list[str]]:
-    """Columns of the only style that fits the rows, and a note that it is assumed."""
+    """Columns of the only style that fits the rows, and a note on this assumption."""
     types = re.search(r"(?m)^\s*(\d+)\s+atom\s+types\b", head)
     most = int(types[1]) if types else np.inf
     fits = [style for style in STYLES if _fits(STYLES[style].split(), style, rows, most, head)]
@@ -361,7 +364,7 @@ def _infer_style(path: Path, rows: np.ndarray, head: str) -> tuple[list[str], li
 
 
 def _fits(names: list[str], style: str, rows: np.ndarray, types: float, head: str) -> bool:
-    """Return True if rows can be those of a style: whole numbers, types and positive sizes where it has them."""
+    """Return True if rows fit a style: whole numbers, types and positive sizes in its columns."""
     if rows.shape[1] - len(names) not in (0, 3) or style == "peri":
         return False
     part = dict(zip(names, rows.T, strict=False))
@@ -426,23 +429,23 @@ def contacts_path(path: Path) -> Path:
 
 
 def write_lammps(path: str | Path, frame: Frame) -> list[str]:
-    """Write a data file and its contacts; return notes on what they do not store."""
+    """Write a data file and its contacts; return notes on data that they do not store."""
     path, state = Path(path), frame.state
     vectors, corner = bounding_box(state, "LAMMPS")
     if state.cell.dim == 2:
         vectors, corner = vectors.copy(), corner.copy()
         vectors[2], corner[2] = (0, 0, 1), -0.5
-    notes = [f"LAMMPS data does not store {', '.join(lost)}" for lost in [list_losses(frame)] if lost]
+    notes = [f"LAMMPS data files do not store {', '.join(lost)}" for lost in [list_losses(frame)] if lost]
     if not state.cell.periodic[: state.cell.dim].all():
         letters = "".join("p" if p else "f" for p in state.cell.periodic[: state.cell.dim]) + "p" * (3 - state.cell.dim)
-        notes.append(f"LAMMPS data does not store which directions are periodic: use `boundary {' '.join(letters)}`")
+        notes.append(f"LAMMPS data files do not store periodic directions: use `boundary {' '.join(letters)}`")
     i0 = state.grains.inertia / (state.grains.mass * state.grains.radius**2)
     if np.abs(i0 - 0.4).max() > 1e-12:
         notes.append(
             "LAMMPS uses the moment of inertia of spheres, 2/5 m R², or with `disc` 1/2 m R²: set it here with --i0"
         )
     if state.grains.angle.any():
-        notes.append("LAMMPS data does not store angles")
+        notes.append("LAMMPS data files do not store angles")
     with replace_atomically(path) as part:
         part.write_text(_format_data(frame, vectors, corner), encoding="utf-8")
         notes += _write_contacts(contacts_path(path), frame, vectors, corner)
@@ -474,11 +477,11 @@ def _format_data(frame: Frame, vectors, corner) -> str:
 
 
 def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
-    """Write the contacts between grains as `compute pair/local` does; return notes on what is not written."""
+    """Write the contacts between grains as `compute pair/local` does; return notes on omitted data."""
     state, law = frame.state, frame.law
     pairs, notes = without_walls(frame)
     if law.coulomb != SHARP:
-        return [*notes, "LAMMPS has sharp friction, but this law is smooth: the memory of contacts is not written"]
+        return [*notes, "friction is sharp in LAMMPS but smooth in this law: the memory of contacts is not written"]
     rows = touching(state)
     rows = rows[state.contacts.j[rows] < len(state.grains.radius)]
     c = linearise(state, law)
@@ -503,8 +506,8 @@ def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:
     sliding = int(((pairs["mode"] == SLIDE) & (vt.any(axis=1) | (vn != 0))).sum())
     if damping_model(law) and sliding:
         notes.append(
-            f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored without the force carried by "
-            f"dashpots"
+            f"the slip of {pluralize(sliding, 'sliding contact')} in motion is stored without the part of the force "
+            "in dashpots"
         )
     back = f"read it back with --contacts {shlex.quote(str(path))}"
     return [*notes, f"LAMMPS cannot import the memory of contacts, which is in {path.name}: {back}"]

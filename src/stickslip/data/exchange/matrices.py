@@ -10,8 +10,8 @@ from scipy.io import mmwrite
 from ...core.arguments import checked
 from ..run_files import replace_atomically
 
-PARTS = ("data", "indices", "indptr", "shape")  # of a sparse matrix in compressed rows
-COORDINATES = ("mass", "body", "axis")  # of the `free` coordinates of a result, which give rows of matrices a meaning
+PARTS = ("data", "indices", "indptr", "shape")  # parts of a sparse matrix in compressed rows
+COORDINATES = ("mass", "body", "axis")  # of the `free` coordinates of a result, to which rows of matrices refer
 
 
 @checked
@@ -21,7 +21,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     Parameters
     ----------
     path : `NAME.npz`, or a new folder for Matrix Market files
-    sources : named tuples or dictionaries whose arrays, sparse matrices and numbers are written by their names:
+    sources : named tuples or dictionaries whose arrays, sparse matrices and numbers are written under their names:
         `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; of free coordinates,
         `mass`, `body` and `axis`; the rest is left out
     overwrite : whether files of the same names are replaced
@@ -33,14 +33,14 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     Raises
     ------
     ValueError
-        if two results have the same name, or nothing to write, or if a file is there already.
+        if a name occurs twice, there is nothing to write, or a file already exists.
 
     Notes
     -----
     A sparse matrix `k` in `NAME.npz` consists of the arrays of its compressed rows:
-    `scipy.sparse.csr_array((f["k.data"], f["k.indices"], f["k.indptr"]), shape=f["k.shape"])`. Arrays of more than two
-    dimensions are flattened to two in Matrix Market files, the first one kept; bodies, contacts and coordinates are
-    counted from 0 in both.
+    `scipy.sparse.csr_array((f["k.data"], f["k.indices"], f["k.indptr"]), shape=f["k.shape"])`. In Matrix Market files,
+    arrays of more than two dimensions are flattened to two, keeping the first; in both formats, bodies, contacts and
+    coordinates are numbered from 0.
 
     Examples
     --------
@@ -70,10 +70,10 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
 
 
 def check_name(path: Path) -> bool:
-    """Whether matrices are written to one file, `NAME.npz`; raise ValueError if neither file nor folder can be."""
+    """Return True if the path is that of one file, `NAME.npz`; raise ValueError if it is unsuitable."""
     flat = path.suffix.lower() == ".npz"
     if not flat and path.suffix:
-        raise ValueError(f"{path} was given: give NAME.npz, or the name of a folder for Matrix Market files")
+        raise ValueError(f"expected NAME.npz, or a folder for Matrix Market files, got {path}")
     if not path.parent.is_dir():
         raise ValueError(f"{path.parent} is not a folder: create it first")
     if path.is_dir() if flat else path.is_file():
@@ -92,14 +92,13 @@ def _parts_of(sources) -> dict:
             parts |= {name: getattr(free, name) for name in COORDINATES}
         if not any(np.ndim(value) or sparse.issparse(value) for value in parts.values()):
             raise ValueError(
-                f"{type(source).__name__} was given, which has no matrices: give results such as "
-                "modes.equations_of_motion(state, law)"
+                f"{type(source).__name__} has no matrices: give results such as modes.equations_of_motion(state, law)"
             )
         if twice := sorted(set(found) & set(parts)):
-            raise ValueError(f"{', '.join(twice)} was given twice: write the results to separate files")
+            raise ValueError(f"{', '.join(twice)} occurs twice: write the results to separate files")
         found |= parts
     if not found:
-        raise ValueError("nothing to write was given: give results such as modes.equations_of_motion(state, law)")
+        raise ValueError("there is nothing to write: give results such as modes.equations_of_motion(state, law)")
     return found
 
 

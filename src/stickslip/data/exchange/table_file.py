@@ -1,7 +1,7 @@
 """Tables of grains and contacts as text: CSV, columns with or without names, MercuryDPM's .data, extended XYZ.
 
-Extended XYZ, which ASE and OVITO read, has grains as atoms of species X, further columns, the cell, and the law. It is
-written without a library, because ASE would write only eight decimals.
+Extended XYZ for ASE and OVITO has grains as atoms of species X, further columns, the cell, and the law. It is written
+without ASE, which would write only eight decimals.
 """
 
 import json
@@ -31,7 +31,7 @@ from .content import (
 )
 from .frame import Frame, exported, law_from_dict, law_to_dict, list_losses
 
-MERCURY = {  # numbers in the header, and columns of a row
+MERCURY = {  # numbers in the header, and numbers of columns
     8: ["x", "y", "z", "vx", "vy", "vz", "r", "a", "b", "g", "wx", "wy", "wz", "info"],
     6: ["x", "y", "vx", "vy", "r", "a", "w", "info"],
 }  # fmt: skip
@@ -62,13 +62,13 @@ def recognize(head: bytes) -> bool:
 
 
 def has_grains(names: list[str] | None) -> bool:
-    """Return True if there are names of positions and of radii among these."""
+    """Return True if names of positions and radii are among these."""
     known, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
     return "position" in known and bool({"radius", "diameter"} & set(known))
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read the grains of a table, or of each of its time steps, which a column of times tells apart."""
+    """Read the grains of a table, or of each of its time steps if there is a column of times."""
     columns, notes = read_columns(path)
     times = next((values for name, values in columns.items() if _are_times(name, values)), None)
     if times is None:
@@ -86,7 +86,7 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
 
 
 def _are_times(name: str, values: np.ndarray) -> bool:
-    """Return True for a column of times, in their order, that has several rows for each of several times."""
+    """Return True for a sorted column of times with several rows for each of several times."""
     counts = np.unique(values, return_counts=True)[1]
     return plain_name(name) in TIMES and len(counts) > 1 and counts.min() > 1 and bool((np.diff(values) >= 0).all())
 
@@ -94,27 +94,29 @@ def _are_times(name: str, values: np.ndarray) -> bool:
 def read_columns(
     path: Path, nameless: dict[int, list[str]] | None = None, heads: Callable = has_grains
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns of a table by their names, or by their content if it has none, and notes on what was assumed.
+    """Columns of a table by name, or by content if it has no names, and notes on assumptions.
 
-    Rows without a number, and totals below the grains, are left out. Lengths in several units are converted to that of
-    the first.
+    Incomplete rows, and totals below the grains, are left out. Lengths in several units are converted to the first
+    unit.
 
     Parameters
     ----------
-    nameless : names of columns without names, by their number; by default by their content
-    heads : function that returns True for names in a comment that are those of the columns
+    nameless : names of unnamed columns by the number of columns; default: by content
+    heads : function that returns True if names in a comment are those of the columns
     """
     lines = _content_lines(read_lines(path, fallback="cp1252"), heads)
     names = names_of(lines[0]) if lines else None
     if nameless is not None and not lines:
-        raise PackingError(f"{path} has no rows: it is empty, or has comments only")
+        raise PackingError(f"{path} has no rows: it is empty, or contains only comments")
     named, notes = names is not None, []
     if not named and nameless is not None and lines and (names := nameless.get(len(_split(lines[0])))) is None:
         allowed = " or ".join(f"{n} ({' '.join(known)})" for n, known in nameless.items())
-        raise PackingError(f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are read, name others")
+        raise PackingError(
+            f"{path} has {len(_split(lines[0]))} columns without names: {allowed} are recognized, name others"
+        )
     below = [line for line in lines[named:] if not line.startswith(COMMENT)]
     while len(below) > 1 and TOTALS.fullmatch(next(filter(None, _split(below[-1])), "").strip(" :.")):
-        notes.append(Assumption(f"{path.name}: its last row, {below[-1][:40]!r}, is taken as a total and left out"))
+        notes.append(Assumption(f"{path.name}: the last row, {below[-1][:40]!r}, is treated as a total and left out"))
         below.pop()
     rows = _numbers(path, below, len(names or (_split(lines[0]) if lines else ())))
     if len(rows) and (empty := np.isnan(rows).all(axis=1)).any() and not empty.all():
@@ -123,7 +125,7 @@ def read_columns(
         )
         rows = rows[~empty]
     if names is None and (names := names_by_content(rows)) is None:
-        raise PackingError(f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are read, name others")
+        raise PackingError(f"{path} has {rows.shape[1]} columns without names: {LAYOUTS} are recognized, name others")
     if not named:
         notes.append(Assumption(f"{path.name} does not name its columns: {' '.join(names)} is assumed", COLUMNS))
     columns = {name: values for name, values in zip(names, rows.T, strict=True) if name or np.isfinite(values).any()}
@@ -139,7 +141,7 @@ def _content_lines(text: str, heads: Callable = has_grains) -> list[str]:
 
 
 def _separator(line: str) -> str | None:
-    """What separates the entries of a line; None is white space, beside which numbers may have decimal commas."""
+    """Separator of the entries of a line; None is white space, with which numbers may have decimal commas."""
     mark = next((mark for mark in ";\t," if mark in line), None)
     return None if mark == "," and re.search(r"\d\s+[-+.]?\d", line) else mark
 
@@ -159,7 +161,7 @@ def names_of(line: str) -> list[str] | None:
 
 
 def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
-    """Convert lengths to the unit of the first of them, in place, and note it; PackingError if a unit is not known."""
+    """Convert lengths in place to the unit of the first one, and return a note; PackingError for an unknown unit."""
     found = {name: UNIT.search(name) for name in columns if plain_name(name) in LENGTHS}
     units = {name: (match[1] or match[2]).strip().lower() for name, match in found.items() if match}
     if len(set(units.values())) < 2:
@@ -177,7 +179,7 @@ def _convert_lengths(path: Path, columns: dict[str, np.ndarray]) -> list[str]:
 
 
 def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
-    """(rows, width) numbers of lines, all of the same length; with decimal commas unless commas separate."""
+    """(rows, width) numbers in lines of equal length; with decimal commas unless commas are separators."""
     try:
         mark = _separator(lines[0]) if lines else None
         rows = [row for _, row in split_rows(path, list(enumerate(lines, 1)), mark)]
@@ -195,7 +197,7 @@ def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
 
 
 def recognize_mercury(head: bytes) -> bool:
-    """Return True for a .data file of MercuryDPM: the number of grains, the time and the domain, then the grains."""
+    """Return True for a MercuryDPM .data file: the number of grains, the time and the domain, then the grains."""
     lines = head_text(head).split("\n")
     sizes = [len(line.split()) for line in lines[:2]]
     return (
@@ -207,7 +209,7 @@ def recognize_mercury(head: bytes) -> bool:
 
 
 def read_mercury(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read time steps of a .data file of MercuryDPM, named by their number."""
+    """Read time steps of a MercuryDPM .data file, named by number."""
     steps = split_frames(path, frame, MERCURY, 1, "time step", "N t and the domain are needed, as in MercuryDPM")
     return [_mercury_step(path, *step) for step in steps]
 
@@ -217,13 +219,13 @@ def _mercury_step(path: Path, name: str, lines: list[str]) -> Packing:
     rows = _numbers(path, lines[1:], len(names))
     packing = packing_of_columns(dict(zip(names, rows.T, strict=True)), path.name, name)
     walls = Assumption(
-        "MercuryDPM's .data has no walls and no periodic boundaries: none were read; they are in its .restart"
+        "no walls and periodic boundaries were read, as MercuryDPM's .data has none; they are in its .restart"
     )
     return packing._replace(notes=[*packing.notes, walls, Assumption(extent_note(path.name))])
 
 
 def refuse(path: Path) -> PackingError:
-    """Sentence for a file in no known format: what it begins with, and what helps."""
+    """Sentence on a file in an unknown format: its beginning, and a remedy."""
     text = first_lines(path)
     lines = _content_lines(head_text(read_content(path, HEAD))[:4000])
     known = identify_columns(dict.fromkeys(names_of(lines[0]) or [] if lines else [], np.zeros(0)))[0]
@@ -234,8 +236,8 @@ def refuse(path: Path) -> PackingError:
             f"names"
         )
     return PackingError(
-        f"{path} is in no format that is read here: {text}; give {NEEDED} as a table with these names, or another "
-        f"format of `stickslip docs exchange`"
+        f"{path} is in an unknown format: {text}; give {NEEDED} as a table with these names, or another format of "
+        "`stickslip docs exchange`"
     )
 
 
@@ -245,7 +247,7 @@ def contact_table_path(path: Path) -> Path:
 
 
 def write_csv(path: str | Path, frame: Frame) -> list[str]:
-    """Write a table of grains and one of contacts, both or none; return notes on what they do not store."""
+    """Write a table of grains and one of contacts, both or none; return notes on data that they do not store."""
     path, grains = Path(path), frame.state.grains
     columns = {"": grains.position, "radius": grains.radius, "mass": grains.mass, "velocity": grains.velocity}
     columns |= {"spin": grains.spin, "material": grains.material, **exported(frame.grains)}
@@ -270,7 +272,7 @@ PAIR = re.compile(r'(\w+)=("(?:[^"\\]|\\.)*"|\S+)')
 def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write frames one after the other, with numbers exact to the last bit.
 
-    Return notes on what the format does not store.
+    Return notes on data that the format does not store.
     """
     with replace_atomically(Path(path)) as part, part.open("w", encoding="utf-8") as file:
         for frame in frames:

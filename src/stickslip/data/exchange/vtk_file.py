@@ -1,8 +1,9 @@
-"""VTK files, which ParaView reads: grains as points with radii, contacts as lines with their forces, one file each.
+"""VTK files for ParaView: grains as points with radii, contacts as lines with their forces, one file each.
 
-NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-contacts.vtu contains the lines. Several
-frames become NAME_0000.vtu and so on, which ParaView opens as a series. Legacy files and those in XML, .vtu and .vtp,
-as ParaView, YADE and VTK itself write them, are read without a library.
+NAME.vtu contains the grains (Glyph: sphere, scaled by `diameter`), and NAME-contacts.vtu contains the lines. Their
+column `bond` is 1 for bonds and 2 for broken ones. Several frames become NAME_0000.vtu and so on, which ParaView opens
+as a series. Legacy files and XML files (.vtu and .vtp), as written by ParaView, YADE and VTK itself, are read without
+a library.
 
 Source: Kitware, VTK XML file formats, https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html.
 """
@@ -25,7 +26,7 @@ from ..run_files import name_file_in_errors
 from ..sample import Assumption, PackingError
 from .columns import packing_of_columns
 from .content import Packing, extent_note, only_state, read_content
-from .frame import Frame, exported, list_losses, wrapped_into
+from .frame import Frame, exported, list_losses, with_bonds, wrapped_into
 
 MARK, END = b"<VTKFile", b"</VTKFile>"
 TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
@@ -33,17 +34,17 @@ TYPES |= {"Float32": "f4", "Float64": "f8"}
 
 
 class _Source(NamedTuple):
-    """Encoded bytes of arrays, and how the file says that they are encoded."""
+    """Encoded bytes of arrays, and their encoding."""
 
     content: bytes
     base64: bool
-    header: np.dtype  # of the numbers of bytes that precede data
-    order: str  # of bytes, < or >
+    header: np.dtype  # type of the byte counts that precede data
+    order: str  # byte order, < or >
     packed: bool  # by zlib
     budget: Budget
 
     def decode(self, at: int, count: int) -> tuple[bytes, int]:
-        """Decode `count` bytes, and return them with the place after them."""
+        """Decode `count` bytes, and return them with the position after them."""
         reader = Reader(self.content, at)
         taken = reader.take(4 * -(-count // 3) if self.base64 else count)
         return (b64decode(taken, validate=True)[:count] if self.base64 else taken), reader.at
@@ -53,10 +54,10 @@ class _Source(NamedTuple):
         return np.frombuffer(self.decode(at, count * self.header.itemsize)[0], self.header).astype(np.int64)
 
     def array(self, at: int) -> bytes:
-        """Bytes of the array that begins at a place."""
+        """Bytes of the array that begins at a position."""
         first, width = int(self.sizes(at, 1)[0]), self.header.itemsize
         if not self.packed:
-            alone = at + 4 * -(-width // 3)  # some programs encode the number of bytes by itself
+            alone = at + 4 * -(-width // 3)  # some programs encode the byte count separately
             if self.base64 and self.content[alone - 1 : alone] == b"=":
                 return self.decode(alone, first)[0]
             return self.decode(at, width + first)[0][width:]
@@ -77,23 +78,23 @@ def _xml_columns(content: bytes, budget: Budget) -> dict[str, np.ndarray]:
     Raises
     ------
     ValueError
-        if the file is damaged, is of another kind or compressed otherwise than by zlib, in a few words
+        if the file is damaged, of another kind, or not compressed with zlib; the message is a few words
     """
     head, mark, tail = content.partition(b"<AppendedData")
     complete = END in tail or not mark
     try:
         root = ElementTree.fromstring(head + (END if mark and complete else b""))
     except ElementTree.ParseError as problem:
-        raise ValueError(f"no complete XML: {problem}") from None
+        raise ValueError(f"incomplete XML: {problem}") from None
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]  # without namespaces
     kind = root.get("type", "")
     if kind not in ("UnstructuredGrid", "PolyData"):
-        hint = ": it names other files, give one of those" if kind.startswith("P") else ""
-        raise ValueError(f"VTK of type {kind}{hint or ': UnstructuredGrid and PolyData are read'}")
+        hint = ": it refers to other files, give one of those" if kind.startswith("P") else ""
+        raise ValueError(f"unsupported VTK type {kind}{hint or ': UnstructuredGrid and PolyData are read'}")
     compressor = root.get("compressor", "vtkZLibDataCompressor")
     if compressor != "vtkZLibDataCompressor":
-        raise ValueError(f"compressed by {compressor}: only vtkZLibDataCompressor is read")
+        raise ValueError(f"compressed by {compressor}: only vtkZLibDataCompressor is supported")
     order = "<" if root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
     header = np.dtype(TYPES[root.get("header_type", "UInt32")]).newbyteorder(order)
     coded = b"base64" in tail.partition(b">")[0]
@@ -140,7 +141,7 @@ def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
 
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write two .vtu files per frame, all or none; return notes on what they do not store."""
+    """Write two .vtu files per frame, all or none; return notes on data that they do not store."""
     hl, path = require("pyevtk.hl", "exchange"), Path(path)
     if not path.parent.is_dir():
         raise PackingError(f"the folder {path.parent} does not exist: create it first")
@@ -149,14 +150,14 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
             for target, write in zip(targets, (_write_grains, _write_lines), strict=True):
-                if write is _write_lines and not len(frame.contacts["i"]):
+                if write is _write_lines and not len(with_bonds(frame)["i"]):
                     continue  # pyevtk cannot write an empty file
                 made.append((Path(write(hl, str(Path(folder) / target.stem), frame)), target))
         for part, target in made:
             part.replace(target)
     lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
-    bare = sum(not len(frame.contacts["i"]) for frame in frames)
-    notes = [f"{pluralize(bare, 'frame')} without contacts: no file of lines was written"] if bare else []
+    bare = sum(not len(with_bonds(frame)["i"]) for frame in frames)
+    notes = [f"{pluralize(bare, 'frame')} without contacts: no line file was written"] if bare else []
     return [*notes, f"VTK does not store {', '.join(lost)}"]
 
 
@@ -178,7 +179,7 @@ def _write_grains(hl, path: str, frame: Frame) -> str:
 
 def _write_lines(hl, path: str, frame: Frame) -> str:
     """Write lines from i along the branch vector to j, or to the surface of a wall, even across the box boundary."""
-    c = frame.contacts
+    c = with_bonds(frame)
     start = _positions(frame)[c["i"]]
     ends = np.stack([start, start - c["branch"]], axis=1).reshape(-1, 3)
     columns = {name: column for name, column in c.items() if name != "image"}

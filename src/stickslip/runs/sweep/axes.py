@@ -33,7 +33,7 @@ Count = Annotated[int, Field(ge=1, le=MOST)]
 
 
 def _require(holds: Callable, remedy: str) -> AfterValidator:
-    """Validator that refuses values for which `holds` is false; `remedy` ends the sentence."""
+    """Validator that rejects values for which `holds` is false; `remedy` ends the sentence."""
 
     def check(value):
         if not holds(value):
@@ -52,7 +52,7 @@ def _about(text: str):
     return Field(None, description=text)
 
 
-Ends = Annotated[Any, Listed, _require(_are_numbers, f"use two numbers up to {LARGEST:g} as the two ends")]
+Ends = Annotated[Any, Listed, _require(_are_numbers, f"use two numbers of at most {LARGEST:g} in magnitude as ends")]
 Rising = _require(lambda ends: ends[0] < ends[1], "the first end must be below the second")
 BothPositive = _require(lambda ends: min(ends) > 0, "both ends must be positive")
 BothWhole = _require(lambda ends: all(isinstance(v, int) for v in ends), "use two whole numbers, both included")
@@ -75,13 +75,13 @@ class Values(ScenarioTable):
     integers: Annotated[Ends, Rising, BothWhole] | None = _about("random, both ends included")
     normal: Normal | None = _about("random, with mean and standard deviation")
     column: str | None = _about("a column of `draws`, multiplied by f (default 1); all columns vary together")
-    count: Count | None = _about("for `seed` only: the scenario's seed and the following ones")
+    count: Count | None = _about("for `seed` only: the seed of the scenario and the following ones")
     number: Count | None = None
     times: Annotated[Finite, _require(bool, "use a number other than 0")] | None = None
 
     @property
     def kinds(self) -> list[str]:
-        """Those of KINDS that were given: one, in a valid table."""
+        """Those of KINDS that are present: one, in a valid table."""
         return [kind for kind in KINDS if getattr(self, kind) is not None]
 
     @model_validator(mode="after")
@@ -90,7 +90,9 @@ class Values(ScenarioTable):
             remedy = f"give one of {', '.join(KINDS)}"
             raise PydanticCustomError("kind", f"it has {len(self.kinds)} kinds of values: {remedy}")
         if self.times is not None and self.column is None:
-            raise PydanticCustomError("kind", "times is only for a column, as a factor for its values: leave it out")
+            raise PydanticCustomError(
+                "kind", "times, a factor for the values of a column, requires column: leave it out"
+            )
         return self
 
 
@@ -105,7 +107,7 @@ class Options(ScenarioTable):
         "latin-hypercube", description="points of a sample: a Latin hypercube, or a scrambled Sobol' sequence"
     )
     draw_seed: Annotated[int, Field(ge=0)] = Field(0, description="seed of all random values")
-    where: Any = Field(None, description="conditions on swept keys; points that do not satisfy them are refused")
+    where: Any = Field(None, description="conditions on swept keys; points that do not satisfy them are rejected")
     draws: Any = Field(None, description="table whose rows are points, for keys with a `column`")
 
     @model_validator(mode="after")
@@ -113,9 +115,11 @@ class Options(ScenarioTable):
         if self.mode == "sample" and self.number is None:
             raise ValueError('sweep.mode = "sample" needs the number of points: give sweep.number')
         if self.mode == "grid" and self.number is not None:
-            raise ValueError("sweep.number is only for zip and sample: in a grid, give each distribution its number")
+            raise ValueError(
+                "sweep.number applies to zip and sample only: in a grid, give a number for each distribution"
+            )
         if self.mode != "sample" and "draw" in self.model_fields_set:
-            raise ValueError('sweep.draw was given, but only points of a sample are drawn: set sweep.mode = "sample"')
+            raise ValueError('sweep.draw requires sweep.mode = "sample"')
         return self
 
 
@@ -146,7 +150,7 @@ def swept_entries(table: dict) -> dict:
 
 
 def short_names(keys: Iterable[str], others: Iterable[str] = ()) -> dict[str, str]:
-    """Return the shortest last parts of dotted keys by which they differ from each other and from other names.
+    """Return the shortest endings of dotted keys that are unique among them and other names.
 
     Examples
     --------
@@ -172,9 +176,11 @@ def parse_entry(key: str, entry) -> list | Values:
     if isinstance(entry, dict) and "logspace" not in entry:
         return validate_table(Values, entry, f"sweep.{key}")
     if isinstance(entry, dict):
-        raise ScenarioError(f"sweep.{key}.logspace was given: use geomspace, which takes the end values themselves")
+        raise ScenarioError(f"sweep.{key}.logspace is not supported: use geomspace with the end values")
     if not isinstance(entry, list):
-        raise ScenarioError(f"sweep.{key} = {entry!r} was given: use a list of values, or {{{' | '.join(KINDS)} = …}}")
+        raise ScenarioError(
+            f"sweep.{key} = {entry!r} is not allowed: use a list of values, or {{{' | '.join(KINDS)} = …}}"
+        )
     if not entry:
         raise ScenarioError(f"sweep.{key} is an empty list: give at least one value")
     return entry
@@ -192,14 +198,14 @@ def make_axis(key: str, entry: list | Values, seed, options: Options, draws: dic
     if kind == "count":
         return Axis(key, _seeds(key, seed, parameters), kind)
     if options.mode == "sample" and entry.number is not None:
-        raise ScenarioError(f"sweep.{key}.number was given: a sample has one number for all keys, sweep.number")
+        raise ScenarioError(f"sweep.{key}.number is not allowed: a sample has one number for all keys, sweep.number")
     if kind == "column":
         return Axis(key, tuple((entry.times or 1.0) * value for value in draws[parameters]), kind)
     if options.mode == "sample":
         return Axis(key, (), kind, parameters)
     number = entry.number or options.number
     if number is None:
-        raise ScenarioError(f"sweep.{key} has no number of values: give it, as in {{{kind} = …, number = 5}}")
+        raise ScenarioError(f"sweep.{key} needs a number of values, as in {{{kind} = …, number = 5}}")
     if kind in SPACED:
         values = getattr(np, kind)(*map(float, parameters), number)
         whole = all(isinstance(end, int) for end in parameters) and (values == np.round(values)).all()
@@ -210,14 +216,16 @@ def make_axis(key: str, entry: list | Values, seed, options: Options, draws: dic
 
 def _seeds(key: str, first, count: int) -> tuple:
     if key != "seed":
-        raise ScenarioError(f"sweep.{key} has count, which is only for seed: use a list, linspace or a distribution")
+        raise ScenarioError(
+            f"sweep.{key}.count is not allowed, except for seed: use a list, linspace or a distribution"
+        )
     if type(first) is not int or first < 0:
-        raise ScenarioError(f"seed = {first!r} was given: use a whole number, 0 or more")
+        raise ScenarioError(f"seed must be a whole number, 0 or more, got {first!r}")
     return tuple(range(first, first + count))
 
 
-FEWEST = 0.01  # share of accepted points below which drawing is given up
-LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # points drawn before that, and in all
+FEWEST = 0.01  # fraction of accepted points below which sampling is given up
+LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # numbers of points drawn before that, and in total
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
@@ -239,7 +247,7 @@ def latin_hypercubes(names, number: int, seed: int) -> Iterator[dict[str, np.nda
 def sobol_points(names, number: int, seed: int) -> Iterator[dict[str, np.ndarray]]:
     """Yield successive `number` points of a scrambled Sobol' sequence in the unit cube, {name: coordinates}.
 
-    Each coordinate is scrambled by its own generator, so that it depends only on the seed, its name and its place
+    Each coordinate is scrambled by its own generator, so that it depends only on the seed, its name and its position
     among the names (Owen 1998, doi:10.1006/jcom.1998.0487; Matoušek 1998, doi:10.1006/jcom.1998.0489).
     """
     from scipy.stats import qmc
@@ -269,17 +277,17 @@ def quantiles(kind: str, parameters, share: np.ndarray) -> tuple:
 
 
 def check_effort(accepted: int, tried: int, refused: dict[str, int]) -> None:
-    """Raise ScenarioError if conditions refuse nearly all points that are drawn."""
+    """Raise ScenarioError if conditions reject nearly all points."""
     few = accepted < FEWEST * tried and tried >= LEAST_TRIED
     if few or tried > MOST_TRIED:
         raise ScenarioError(
-            f"sweep.where refuses {tried - accepted} of {tried} points ({describe_refusals(refused)}): use a weaker "
+            f"sweep.where rejects {tried - accepted} of {tried} points ({describe_refusals(refused)}): use a weaker "
             "condition, or narrower distributions"
         )
 
 
 def describe_refusals(refused: dict[str, int]) -> str:
-    """Return the conditions with the number of points that each of them refuses."""
+    """Return the conditions with the number of points rejected by each."""
     return ", ".join(f"{count} by {text}" for text, count in refused.items() if count)
 
 
@@ -299,10 +307,10 @@ def read_draws(draws, entries: dict, kind) -> dict[str, list[float]]:
     columns = {key: entry for key, entry in entries.items() if isinstance(entry, Values) and entry.column is not None}
     if draws is None:
         if columns:
-            raise ScenarioError(f"sweep.{next(iter(columns))} names a column: give the file with sweep.draws")
+            raise ScenarioError(f"sweep.{next(iter(columns))} refers to a column: give its file in sweep.draws")
         return {}
     if not columns:
-        raise ScenarioError('sweep.draws was given, but no key uses it: give one, as "surface.a" = {column = "a"}')
+        raise ScenarioError('sweep.draws is not used by any key: add one, such as "surface.a" = {column = "a"}')
     of_file = isinstance(draws, str | Path)
     table, out = _read_file(Path(draws)) if of_file else _check_table(draws), {}
     for key, entry in columns.items():
@@ -329,7 +337,7 @@ def _read_file(path: Path) -> dict[str, tuple[str, list[float]]]:
         raise ScenarioError(f"sweep.draws = {path} has {len(rows)} rows: give 1 to {MOST_ROWS}")
     names = [(name, unit or "") for name, unit in map(split_label, header)]
     if len({name for name, _ in names}) < len(names):
-        raise ScenarioError(f"sweep.draws = {path} has two columns of the same name: keep one")
+        raise ScenarioError(f"sweep.draws = {path} has two columns of the same name: keep only one")
     return {name: (unit, [_parse(path, row, k, name) for row in rows]) for k, (name, unit) in enumerate(names)}
 
 

@@ -1,7 +1,7 @@
 """Dataset of a sweep: swept keys are dimensions, and the measures of its members are variables with units.
 
 The format is NetCDF 3, which xarray can read with SciPy alone and which geoscience programs can also read. Some
-experiments compare the members: slip since an event of sliders, Mohr circles of soils.
+experiments compare members: slip of sliders since an event, Mohr circles of soils.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ from .definition import Sweep, member, values_of
 
 DATASET = "sweep.nc"
 POINT, DRAW = "point", "draw"  # dimensions along which several axes, or the columns of a table, vary together
-LONGEST = 300  # characters of a failure message that are saved
+LONGEST = 300  # saved length of a failure message [characters]
 
 
 def is_sweep(folder: str | Path) -> bool:
@@ -43,7 +43,7 @@ def open_sweep(folder: str | Path, *, short: bool = False) -> xr.Dataset:
 
     Parameters
     ----------
-    short : whether swept keys have the shortest names by which they differ, as `mu` for `law.mu`
+    short : whether swept keys are abbreviated to unique endings, such as `mu` for `law.mu`
 
     Raises
     ------
@@ -127,7 +127,7 @@ def comparison_files() -> tuple[str, ...]:
     for experiment in EXPERIMENTS:
         try:
             names += EXPERIMENTS[experiment].compares
-        except Exception:  # code of other people, which only their own sweeps need
+        except Exception:  # third-party code, needed by its own sweeps only
             continue
     return tuple(dict.fromkeys(f"{name.removesuffix('.png')}.{kind}" if name.endswith(".png") else name
                                for name in names for kind in FORMATS))  # fmt: skip

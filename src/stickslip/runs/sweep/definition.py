@@ -2,8 +2,8 @@
 
 A value in the table is a list, or a table with one of the kinds below and `number`. Random values depend only on
 `draw_seed` and their own key, so adding another key does not change them. Points that do not satisfy the conditions
-`where` are refused and counted: of Python's grammar these may contain names of swept keys, numbers, comparisons,
-arithmetic, and, or and not; everything else is refused before Python evaluates anything.
+`where` are rejected and counted. Conditions may contain names of swept keys, numbers, comparisons, arithmetic, `and`,
+`or` and `not`; everything else is rejected before Python evaluates anything.
 """
 
 import ast
@@ -57,8 +57,8 @@ class Sweep(NamedTuple):
     axes: tuple[Axis, ...]
     mode: str  # "zip" for a grid with conditions, whose accepted points are a list
     text: str  # canonical; the order of keys is that of the dimensions
-    tried: int = 0  # points that conditions were applied to
-    refused: tuple[tuple[str, int], ...] = ()  # conditions and the number of points that each refused
+    tried: int = 0  # number of points tested by conditions
+    refused: tuple[tuple[str, int], ...] = ()  # conditions and the number of points rejected by each
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -80,9 +80,9 @@ class Sweep(NamedTuple):
 
     @property
     def refusals(self) -> str:
-        """One sentence on the points that were refused; empty if there are none."""
+        """One sentence on rejected points; empty if there are none."""
         count = sum(many for _, many in self.refused)
-        sentence = f"{count} of {self.tried} points were refused: {describe_refusals(dict(self.refused))}."
+        sentence = f"{count} of {self.tried} points were rejected: {describe_refusals(dict(self.refused))}."
         return sentence if count else ""
 
     @property
@@ -103,7 +103,7 @@ def _rows(chosen: Sweep):
     for axis in chosen.axes:
         yield axis.key, axis.values, *reversed(split_unit(field_at(kind, axis.key).description))
     yield "members", chosen.count, "", " × ".join(map(str, chosen.shape)) if len(chosen.shape) > 1 else ""
-    yield "refused points", chosen.refusals or None
+    yield "rejected points", chosen.refusals or None
 
 
 def _experiment(chosen: Sweep) -> str:
@@ -113,7 +113,7 @@ def _experiment(chosen: Sweep) -> str:
 class Member(NamedTuple):
     """A member of a sweep."""
 
-    name: str  # of its folder: the swept values, and a digest of the whole scenario
+    name: str  # name of its folder: the swept values, and a digest of the whole scenario
     values: dict  # {key: value}
     scenario: ScenarioBase
 
@@ -160,7 +160,7 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
     for key in entries:
         field_at(kind, key)
         if key in ("law.file", "law.checksum"):
-            raise ScenarioError(f"sweep.{key} was given, but law files cannot be swept: make one sweep for each file")
+            raise ScenarioError(f"sweep.{key} is not supported: make one sweep for each law file")
     draws = read_draws(options.draws, entries, kind)
     text = json.dumps(tables | {"sweep": table | ({"draws": draws} if draws else {})}, indent=1, default=str)
     axes = tuple(make_axis(key, entry, base.get("seed", 0), options, draws) for key, entry in entries.items())
@@ -169,8 +169,8 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
         for axis in side[1:]:
             if len(axis.values) != len(side[0].values):
                 raise ScenarioError(
-                    f"sweep.{side[0].key} has {len(side[0].values)} values and sweep.{axis.key} {len(axis.values)}: in "
-                    "zip mode, all keys need the same number of values"
+                    f"sweep.{side[0].key} has {len(side[0].values)} values, but sweep.{axis.key} has "
+                    f"{len(axis.values)}: in zip mode, all keys need the same number of values"
                 )
     chosen = _select_points(Sweep(base, axes, options.mode, text), options)
     require_sizes([Size("[sweep] defines", chosen.count, "members", FEWER)], ScenarioError)
@@ -180,7 +180,7 @@ def sweep(*, trust: bool = False, **tables) -> Sweep:
 def members(chosen: Sweep) -> Iterator[Member]:
     """Iterate over all members, with the last dimension varying fastest.
 
-    Each is validated when it is reached, as in `member`.
+    Members are validated one by one, as in `member`.
     """
     return (member(chosen, k) for k in range(chosen.count))
 
@@ -210,7 +210,7 @@ def values_of(chosen: Sweep, k: int) -> dict:
 
 
 def describe_differences(old: dict, new: dict) -> str:
-    """Describe how the tables of two sweeps differ; the result is empty if only the values of swept keys differ."""
+    """Describe differences between two sweeps; empty if only the values of swept keys differ."""
     (base, keys, mode), (its_base, its_keys, its_mode) = map(_split_tables, (old, new))
     differences = []
     if set(keys) != set(its_keys):
@@ -234,7 +234,7 @@ def _split_tables(tables: dict) -> tuple[dict, list[str], str]:
 
 
 def _select_points(chosen: Sweep, options: Options) -> Sweep:
-    """Draw the points of a sample, and leave out the points that do not satisfy the conditions."""
+    """Draw the points of a sample, and reject points that do not satisfy the conditions."""
     groups = [group for group in chosen.groups if group[0].kind != "count"]
     keys = [axis.key for group in groups for axis in group]
     conditions = () if options.where is None else parse_conditions(options.where, keys)
@@ -259,7 +259,7 @@ def _select_points(chosen: Sweep, options: Options) -> Sweep:
         if sampled and tried % number == 0:
             check_effort(len(points), tried, refused)
     if not points:
-        raise ScenarioError(f"sweep.where refuses all {number} points: {describe_refusals(refused)}")
+        raise ScenarioError(f"sweep.where rejects all {number} points: {describe_refusals(refused)}")
     values = dict(zip(keys, zip(*points, strict=True), strict=True))
     axes = tuple(axis._replace(values=values.get(axis.key, axis.values)) for axis in chosen.axes)
     mode, tried = "sample" if sampled else "zip", tried if conditions else 0
@@ -279,10 +279,10 @@ def _sample(axis: Axis, share: np.ndarray) -> tuple:
     return quantiles(axis.kind, axis.parameters, share)
 
 
-LONGEST, DEEPEST = 1000, 50  # characters of a condition, and levels of parentheses and operators
+LONGEST, DEEPEST = 1000, 50  # limits of a condition: characters, and levels of parentheses and operators
 ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
 COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
-POWER = "**"  # name of a function, which no key has
+POWER = "**"  # name of a function that cannot be a key
 ALLOWED = "use names of swept keys, numbers, comparisons, + - * / **, and, or, not"
 
 
@@ -299,7 +299,7 @@ def parse_conditions(where, keys) -> tuple[Condition, ...]:
     Parameters
     ----------
     keys : dotted names of the swept keys. A condition may use their last parts alone if these are unique; names that
-        Python cannot read, such as legs.2.velocity, are written in quotes
+    are not valid in Python, such as legs.2.velocity, are quoted
 
     Examples
     --------
@@ -309,7 +309,7 @@ def parse_conditions(where, keys) -> tuple[Condition, ...]:
     """
     texts = where if isinstance(where, list | tuple) else [where]
     if not texts or not all(isinstance(text, str) for text in texts):
-        raise ScenarioError(f"sweep.where = {shortened(str(where))!r} was given: use a condition such as 'b > a'")
+        raise ScenarioError(f"sweep.where must be a condition such as 'b > a', got {shortened(str(where))!r}")
     return tuple(part for text in texts for part in _parse(text, tuple(keys)))
 
 
@@ -323,7 +323,7 @@ def _parse(text: str, keys: tuple[str, ...]) -> list[Condition]:
         raise ScenarioError(f"sweep.where has {len(text)} characters: at most {LONGEST} are allowed")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Python's remarks on odd expressions, which are refused below
+            warnings.simplefilter("ignore")  # Python's remarks on odd expressions, which are rejected below
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise _refusal(text, "it cannot be read", ALLOWED) from None
@@ -332,7 +332,7 @@ def _parse(text: str, keys: tuple[str, ...]) -> list[Condition]:
 
 
 def _compile(tree: ast.expr, text: str) -> Callable[[dict], bool]:
-    """Return a function of {key: value}, with one sentence for values at which it is not defined."""
+    """Return a function of {key: value} that raises a one-sentence error for values at which it is undefined."""
     code = compile(ast.fix_missing_locations(ast.Expression(tree)), "sweep.where", "eval")
 
     def holds(values: dict) -> bool:
@@ -345,13 +345,13 @@ def _compile(tree: ast.expr, text: str) -> Callable[[dict], bool]:
             return eval(code, {"__builtins__": {}, POWER: math.pow}, {key: float(value) for key, value in used.items()})
         except (ArithmeticError, ValueError):
             where = ", ".join(f"{key} = {value}" for key, value in values.items())
-            raise _refusal(text, f"it is not defined at {shortened(where)}", "exclude that point") from None
+            raise _refusal(text, f"it is undefined at {shortened(where)}", "exclude that point") from None
 
     return holds
 
 
 def _restrict(node: ast.expr, text: str, keys: tuple[str, ...], wanted: type, depth: int = 0) -> ast.expr:
-    """Copy of an expression that gives a truth value (bool) or a number (float), built from allowed parts alone."""
+    """Copy of an expression of type bool or float, built from allowed parts only."""
     if depth > DEEPEST:
         raise _refusal(text, "it is nested too deeply", f"at most {DEEPEST} levels are allowed")
 
@@ -374,7 +374,7 @@ def _restrict(node: ast.expr, text: str, keys: tuple[str, ...], wanted: type, de
             return ast.Constant(float(node.value))
         case ast.UnaryOp(op=ast.USub() | ast.UAdd()):
             return ast.UnaryOp(node.op, below(node.operand))
-        case ast.BinOp(op=ast.Pow()):  # of negative numbers, Python's is complex
+        case ast.BinOp(op=ast.Pow()):  # powers of negative numbers are complex in Python
             return ast.Call(ast.Name(POWER, ast.Load()), [below(node.left), below(node.right)], [])
         case ast.BinOp() if isinstance(node.op, ARITHMETIC):
             return ast.BinOp(below(node.left), node.op, below(node.right))
@@ -411,4 +411,4 @@ def _quoted(node: ast.AST) -> str:
 
 
 def _refusal(text: str, problem: str, remedy: str) -> ScenarioError:
-    return ScenarioError(f"sweep.where = {shortened(text)!r} was given, but {problem}: {remedy}")
+    return ScenarioError(f"sweep.where = {shortened(text)!r} is not valid, because {problem}: {remedy}")

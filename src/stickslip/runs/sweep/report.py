@@ -34,7 +34,7 @@ from .run import (
     validate_members,
 )
 
-LISTED = 10  # failures, and measures that no member has, that are listed
+LISTED = 10  # largest numbers of listed failures, and of listed measures that no member has
 READY = "ready"  # file that marks a sweep that replaces another one as complete
 
 
@@ -42,7 +42,7 @@ def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, look: Look,
     confirm: Callable[[], bool], part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> SweepResult | None:  # fmt: skip
-    """Print the number of members, ask for confirmation if there are many, validate them and run the unfinished ones.
+    """Print the number of members, confirm it if there are many, validate them and run the unfinished ones.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def _describe_size(chosen: Sweep) -> str:
 
 
 def _check_folder(out: Path, overwrite: bool) -> bool:
-    """Return True if a folder contains files that no sweep wrote and that may be replaced.
+    """Return True if a folder contains replaceable files that were not written by a sweep.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def _holds_other_sweep(out: Path, chosen: Sweep, overwrite: bool) -> bool:
 def _install_results(out: Path, overwrite: bool = False) -> None:
     """Move a complete sweep into place; if the process is killed during the move, the next call finishes it.
 
-    Files that no sweep wrote stay, and so does the new sweep, unless they may be overwritten.
+    If foreign files must not be overwritten, they and the new sweep stay in their places.
     """
     target = out / ANEW
     if not (target / READY).exists():
@@ -172,11 +172,11 @@ def describe_empty(names: list[str], written: Callable[[str], str] = str) -> str
 
     Parameters
     ----------
-    written : how a name is written
+    written : function that formats a name
     """
     plain = [name for name in names if not name.endswith("_error")]
     more = f" and {len(plain) - LISTED} more" if len(plain) > LISTED else ""
-    return f"No member has {', '.join(map(written, plain[:LISTED]))}{more}." if plain else ""
+    return f"Measures without a value in any member: {', '.join(map(written, plain[:LISTED]))}{more}." if plain else ""
 
 
 def show(swept: SweepResult) -> None:

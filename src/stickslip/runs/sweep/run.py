@@ -31,9 +31,9 @@ from .dataset import write_sweep
 from .definition import Sweep, member, sweep
 
 MEASURES = "measures.json"
-MANY = 1000  # number of members above which the user is asked to confirm
+MANY = 1000  # number of members above which the user must confirm
 FIRST = "first"  # folder of a timed first member
-SOME = 50  # members whose run times are used for the estimate
+SOME = 50  # number of members whose run times are used for the estimate
 PROBE = 20.0  # longest trial run of the first member [s]
 
 
@@ -54,7 +54,7 @@ class SweepResult(NamedTuple):
     found: list[dict | None]  # measures and seconds
     failures: list[str]  # error messages, or empty strings
     reused: int  # number of members that were already finished
-    remarks: tuple[str, ...] = ()  # on what the members give together
+    remarks: tuple[str, ...] = ()  # on comparisons of the members
 
 
 def validate_members(chosen: Sweep, report: Report = silent) -> list[str]:
@@ -142,8 +142,8 @@ def run_sweep(
     names : names of all members, if already validated
     workers : number of processes, each of which runs one member at a time, or the address of a Dask scheduler
     figures : whether each member also draws its figures
-    look : how figures are written
-    part : (k, n), to run only the k-th of n parts, in a folder of its own; `gather_members` joins the folders
+    look : formats and width of figures
+    part : (k, n), to run only the k-th of n parts, in a separate folder; `gather_members` joins the folders
     report : called as report(stage, share of the pending work done, text)
     """
     folder, names = Path(folder).resolve(), names or validate_members(chosen)
@@ -183,12 +183,14 @@ def gather_members(folder: Path, chosen: Sweep, names: list[str], parts: list[Pa
     Raises
     ------
     ValueError
-        if a folder does not hold this sweep.
+        if a folder does not contain this sweep.
     """
     count = 0
     for part in parts:
         if not is_same_sweep(part / SWEEP, chosen.text):
-            raise ValueError(f"{part} does not hold this sweep: give folders that --part wrote for the same scenario")
+            raise ValueError(
+                f"{part} does not contain this sweep: give folders written with --part for the same scenario"
+            )
         check_hidden(part, is_run_file)
         for name in dict.fromkeys(names):
             place, source = folder / MEMBERS / name, part / MEMBERS / name
@@ -250,7 +252,7 @@ def _run_in_folder(scenario: ScenarioBase, folder: Path, look: Look | None, repo
     simulate = partial(experiment.simulate, scenario, folder=folder, workers=1, report=report)
     try:
         result = simulate()
-    except ArchiveError:  # damaged checkpoint, or one of another version, and no user to ask
+    except ArchiveError:  # damaged checkpoint, or one of another version, without a user to decide
         drop_pieces(folder)
         result = simulate()
     if look:

@@ -10,12 +10,12 @@ from ...kit import FigureOptions, Out, Output, check_choice, command, complete_f
 
 LAWS = {
     "aging": "heals with time at rest (Dieterich)", "slip": "evolves only with slip (Ruina)",
-    "both": "both, and which one the data prefer",
+    "both": "both laws, and the preferred one",
 }  # fmt: skip
 FORMS = {"logarithmic": "the usual form", "regularized": "with arcsinh, regular at rest"}
 FIT = examples(
     ("run examples/rate_state.toml --out results/rate-state", "makes a record to fit; any other CSV will do"),
-    ("fit results/rate-state/series.csv --stiffness 200", "both laws, and which one the data prefer"),
+    ("fit results/rate-state/series.csv --stiffness 200", "both laws, and the preferred one"),
     ("fit results/rate-state/series.csv --stiffness 200 --json", "the same as one JSON object"),
     ("fit results/rate-state/series.csv --stiffness 200 --posterior", "also the posterior of the preferred law"),
 )
@@ -51,7 +51,7 @@ class ModelOptions(NamedTuple):
         return {name: getattr(self, name) for name in ("stiffness", "v0") if getattr(self, name) is not None}
 
     def free_names(self) -> tuple[str, ...]:
-        """Names of the parameters that are fitted besides the usual ones."""
+        """Names of the parameters that are fitted in addition to the usual ones."""
         names = ["stiffness"] * self.free_stiffness + ["trend"] * self.detrend
         names += [name.strip() for name in self.free.split(",")] if self.free else []
         return tuple(dict.fromkeys(names))
@@ -77,7 +77,7 @@ def fit(
     drawing: FigureOptions,
     output: Output,
 ) -> None:
-    """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and which law the data prefer."""
+    """Fit rate-and-state friction to a record: a, b, D_c and more with intervals, and the preferred law."""
     check_choice("law", model.law, LAWS)
     check_choice("form", model.form, FORMS)
     from ...kit import json_output, terminal

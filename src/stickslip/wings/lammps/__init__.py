@@ -1,5 +1,5 @@
-"""LAMMPS as an engine: a State becomes its input, it runs in processes of its own, and its restart files become States.
+"""LAMMPS as an engine: a State is written as its input, and its restart files are read as States.
 
-`supported` says what LAMMPS cannot do, `cell` and `script` write the input of a leg, and `run` runs it.
-`data.exchange.lammps_restart` reads and writes restart files, which hold the memory of contacts exactly.
+`supported` checks the conditions that LAMMPS can run, `cell` and `script` write the input of a leg, and `run` runs it.
+`data.exchange.lammps_restart` reads and writes restart files, which contain the exact memory of contacts.
 """

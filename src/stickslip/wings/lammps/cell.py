@@ -1,9 +1,10 @@
-"""How a leg looks to LAMMPS: atom types, rigid groups, and a cell that follows a stress or deforms, as formulas.
+"""A leg in terms of LAMMPS: atom types, rigid groups, and formulas for a cell that follows a stress or deforms.
 
-LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. It moves grains at their velocities
-u = v + L x in the laboratory, those of the middle of a step, where v are ours. What the cell does to them is therefore
-a force of `fix addforce`. With T and K = (1 − ½ dt L)⁻¹ of `core.dynamics.cell_motion`, κ = 1 − ½ dt ν and
-σ = 1/(1 + ½ dt ν) of the drag ν, it takes u of one step to that of the next (⁺) by way of v at the end of the step:
+LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. LAMMPS moves grains with their
+laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect of the cell on the
+grains is therefore a force of `fix addforce`. With T and K = (1 − ½ dt L)⁻¹ of `core.dynamics.cell_motion`, κ = 1 − ½
+dt ν and σ = 1/(1 + ½ dt ν) of the drag ν, it takes u of one step to that of the next (⁺) by way of v at the end of the
+step:
 
     v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x).
 
@@ -22,7 +23,7 @@ LOOSE = 1  # atom type of grains that belong to no rigid group; group g has type
 
 
 def warm_up(leg: Leg) -> int:
-    """Return the number of steps of duration zero before the first one."""
+    """Return the number of steps of zero duration before the first one."""
     return 2 if leg.state.control.cell_rate.any() or leg.state.control.cell_free.any() else 0
 
 
@@ -49,7 +50,7 @@ def is_held(state: State, members: np.ndarray) -> bool:
 
 
 def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the knots of a course from the start of a leg, with both ends, and its values there."""
+    """Times of the knots of a varying velocity from the start of a leg, with both ends, and its values there."""
     control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
     times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
     return times, np.interp(times, control.knots, control.course[:, column])
@@ -64,7 +65,7 @@ def inertia_factor(state: State) -> float:
     return float(i0[0]) if np.allclose(i0, i0[0], rtol=1e-9) else np.nan
 
 
-INSTANT = 1e-200  # duration of a step in which nothing moves; of zero, `fix langevin` makes NaN [time]
+INSTANT = 1e-200  # duration of a step in which nothing moves; with zero, `fix langevin` gives NaN [time]
 AXES = "xyz"
 BOX = {(0, 0): "lx", (1, 1): "ly", (2, 2): "lz", (0, 1): "xy", (0, 2): "xz", (1, 2): "yz"}
 Matrix = dict[tuple[int, int], str]  # upper triangular: formulas of the entries that are not zero
@@ -80,13 +81,13 @@ class CellCommands(NamedTuple):
 
 
 def needs_forces(leg: Leg) -> bool:
-    """Return True if the cell deforms otherwise than in simple shear at a constant rate, or if there is drag in it."""
+    """Return True if the cell deforms other than by simple shear at a constant rate, or if there is drag in it."""
     rate = leg.state.control.cell_rate
     return bool(leg.state.control.cell_free.any() or (rate @ rate).any() or (rate.any() and leg.drag))
 
 
 def tilts_of(state: State) -> np.ndarray:
-    """Components of the cell's vectors that its deformation makes differ from zero, and those that do, (3, 3) bool."""
+    """Components of the cell vectors that become nonzero by deformation, and those that change, (3, 3) bool."""
     step = np.eye(3) + (state.control.cell_rate != 0)
     return step @ step @ (state.cell.vectors.T != 0) > 0
 
@@ -106,7 +107,7 @@ def cell_commands(leg: Leg, turning: float = 0.0) -> CellCommands:
 
     Parameters
     ----------
-    turning : drag of the grains by another fix, which the forces on them take back [1/time]
+    turning : drag of the grains by another fix, which the forces compensate [1/time]
     """
     start, dt, axes = driven_bodies(leg.state).rate, digits(leg.dt), free_axes(leg.state)
     places = np.argwhere(leg.state.control.cell_free | (start != 0)).tolist()
@@ -215,7 +216,7 @@ def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, fi
 
 
 def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]) -> str:
-    """Row of matrices times velocity, place or force of a grain, with coefficients that are variables."""
+    """Row of matrices times velocity, position or force of a grain, with variables as coefficients."""
     parts = []
     for letter, matrix in terms.items():
         for b in range(k, leg.state.cell.dim):

@@ -38,7 +38,7 @@ def watch(
     once: Annotated[bool, typer.Option("--once", help="Compute the frames that are there, and end.")] = False,
     until_idle: Annotated[
         float | None,
-        typer.Option("--until-idle", min=0, metavar="SECONDS", help="End when nothing was written for so long."),
+        typer.Option("--until-idle", min=0, metavar="SECONDS", help="End when nothing has been written for this time."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Table; the page is next to it, with .html. Default: watch.csv in DIR.")
@@ -60,12 +60,12 @@ def watch(
 
     Each complete frame becomes a row of a table, in the terminal and as CSV; a page that reloads itself shows charts.
     Frames in the table are not computed again. Without --once or --until-idle, ctrl-C ends it. --contacts may be a
-    pattern of names in DIR; by default all dumps of contacts there are used. `stickslip docs lammps` shows
-    what LAMMPS must write.
+    pattern of names in DIR; by default all dumps of contacts there are used. `stickslip docs lammps` describes the
+    required output of LAMMPS.
     """
     check_choice("method", method, METHODS)
     if once and until_idle is not None:
-        raise ValueError("--once was given with --until-idle: give one of them")
+        raise ValueError("--once and --until-idle exclude each other: give one")
     from ...kit import lammps_series, terminal
     from .watch_record import watch_and_record
 

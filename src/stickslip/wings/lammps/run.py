@@ -1,4 +1,4 @@
-"""Legs run by LAMMPS: states come back as they are written, with the memory of their contacts."""
+"""Legs run by LAMMPS: states are read as they are written, with the memory of their contacts."""
 
 import os
 import re
@@ -47,7 +47,7 @@ for path in sys.argv[1:]:
     code.file(path)
 code.close()
 """
-SHOWN = 300  # characters of LAMMPS's own words in a message
+SHOWN = 300  # length of quotations from LAMMPS in a message [characters]
 
 
 def require_lammps(ranks: int = 1) -> None:
@@ -56,7 +56,8 @@ def require_lammps(ranks: int = 1) -> None:
     Raises
     ------
     MissingExtraError
-        If LAMMPS, its package GRANULAR, the MPI library or mpirun is missing. The message says how to install it.
+        If LAMMPS, its package GRANULAR, the MPI library or mpirun is missing. The message contains the installation
+        command.
     ScenarioError
         If there are fewer cores than ranks.
     """
@@ -73,8 +74,8 @@ def require_lammps(ranks: int = 1) -> None:
         raise MissingExtraError(f"LAMMPS was requested with {ranks} ranks, but mpirun is missing: {GET}")
     if ranks > (cores := len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1):
         raise ScenarioError(
-            f"ranks = {ranks} was given, but this machine offers {cores} cores: use at most {cores}, or write the "
-            f"input for a larger machine with --export"
+            f"ranks = {ranks} exceeds the {cores} cores of this machine: use at most {cores}, or write the input for "
+            "a larger machine with --export"
         )
 
 
@@ -88,7 +89,7 @@ def load_error() -> str:
 
 
 def run_lammps(*inputs: str, folder: Path | None = None, ranks: int = 1) -> subprocess.CompletedProcess:
-    """Run input files in a folder, one after the other, and wait for the end."""
+    """Run input files in a folder one after another, and wait for the end."""
     return subprocess.run(_command(inputs, ranks), cwd=folder, capture_output=True, text=True, env=_environment())
 
 
@@ -125,14 +126,14 @@ def error_line(run: subprocess.CompletedProcess) -> str:
 
 
 def last_error(*texts: str) -> str:
-    """Return the last line that speaks of an error, or else the last line; empty if there is none."""
+    """Return the last line about an error, or else the last line; empty if there is none."""
     lines = [line.strip() for text in texts for line in text.splitlines() if line.strip()]
     wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
     return (wrong or lines or [""])[-1][:SHOWN]
 
 
 WAIT = 0.02  # between looks at the log [s]
-LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # of thermodynamic output
+LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of thermodynamic output
 
 
 @checked
@@ -215,7 +216,7 @@ def _pieces(ranks: int, leg: Leg) -> Iterator[tuple[State, Record]]:
 
 
 def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Record]]:
-    """Yield what an engine yields, from the states at the samples of a leg."""
+    """Yield the results of an engine from the states at the samples of a leg."""
     if not leg.every:
         nothing = join_samples([], leg)
         yield from ((state, nothing) for state in states)
@@ -359,7 +360,7 @@ def walls_at(leg: Leg, elapsed: float):
 
 
 def _course(leg: Leg, column: int, elapsed: float) -> tuple[float, float]:
-    """Integral of a course from the start of the leg, and its value."""
+    """Integral of a varying velocity from the start of the leg, and its value."""
     begin = leg.state.time
     if column < 0:
         return elapsed, 1.0

@@ -111,7 +111,7 @@ def _next_sample(leg: Leg, step: str) -> str:
 
 
 def _warm_up(leg: Leg) -> str:
-    """Two steps of duration zero, so that the forces of the first step know the rate of the cell and its start."""
+    """Two steps of zero duration, so that the forces of the first step depend on the rate of the cell and its start."""
     moving = _moving_cell(leg)
     between = "\n".join(["run 1", *moving.first, "run 1 pre no", *moving.second]) if moving.before else "run 2"
     return f"timestep {INSTANT}\n{between}\ntimestep {digits(leg.dt)}\n"
@@ -246,7 +246,7 @@ def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step")
     parts = [f"{digits(values[0])}*{time}"]
     for a, b, low, high in zip(edges[:-1] - begin, edges[1:] - begin, values[:-1], values[1:], strict=True):
         slope = (high - low) / (b - a)
-        if slope:  # the velocity gains slope (t − a) up to b, and keeps what it gained
+        if slope:  # the velocity increases by slope (t − a) up to b, and then stays constant
             part = f"ternary({time}<{digits(a)},0,ternary({time}>{digits(b)},{digits(b - a)},{time}-{digits(a)}))"
             later = f"ternary({time}>{digits(b)},{time}-{digits(b)},0)"
             parts.append(f"{digits(0.5 * slope)}*{part}*{part}+{digits(high - low)}*{later}")
@@ -350,7 +350,7 @@ def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
         share = control.force[members, k].sum() / n
         stiffness = control.spring[members, k].sum()
         if free[k] and stiffness > 0:
-            # LAMMPS knows the centre of mass, which is at a constant distance from the mean of the grains' positions
+            # LAMMPS provides the centre of mass, at a constant distance from the mean position of the grains
             place, mass = leg.state.grains.position[members, k], leg.state.grains.mass[members]
             anchor = digits(control.anchor[members, k].mean() + (mass @ (place - place.mean())) / mass.sum())
             lines.append(f"variable {name}_lead{axis} equal {lead_formula(leg, int(control.leads[body, k]))}")
@@ -387,8 +387,8 @@ def _place_commands(leg: Leg) -> str:
 def _cell_commands(leg: Leg) -> list[str]:
     """Simple shear of the cell by `fix deform`; grains that cross a boundary change their velocity.
 
-    The fix deforms the cell at the end of a step, after its forces: it is told the tilt of the next step. Two steps of
-    duration zero come first, so that the forces of the first step know the rate of the cell and the tilt at the start.
+    The fix deforms the cell at the end of a step, after its forces: its input is the tilt of the next step. Two steps
+    of zero duration come first, so that the forces of the first step depend on the initial rate and tilt of the cell.
     """
     rate, lines, arguments = leg.state.control.cell_rate, [], []
     for a, b in zip(*np.nonzero(rate), strict=True):

@@ -1,4 +1,4 @@
-"""What LAMMPS can run, and one sentence for each thing that it cannot."""
+"""Conditions that LAMMPS can run, and a one-sentence message for each one that it cannot."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ...kit import (
 )
 from .cell import inertia_factor, is_held, leg_course, members_of, needs_forces, tilts_of
 
-MAX_KNOTS = 64  # of the course of a velocity within one leg
+MAX_KNOTS = 64  # largest number of knots of a varying velocity in a leg
 STAY = 'or use engine = "stickslip"'
 
 
@@ -31,13 +31,13 @@ def lacks_radius(law: Law) -> bool:
 
 
 def check_law(law: Law, state: State) -> None:
-    """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
+    """Raise ScenarioError if LAMMPS has no pair style equivalent to this law."""
     if isinstance(law.kind, Kind) or name_with_radius(law) not in lammps_laws.MODELS:
-        raise ScenarioError(f"LAMMPS was given a law that only stickslip evaluates here: {STAY[3:]}")
+        raise ScenarioError(f"LAMMPS does not have this law in stickslip's form: {STAY[3:]}")
     if law.coulomb != builtin.SHARP:
-        raise ScenarioError(f'LAMMPS was given smooth Coulomb friction, which it does not have: use "sharp", {STAY}')
+        raise ScenarioError(f'LAMMPS does not have smooth Coulomb friction: use "sharp", {STAY}')
     if len(np.unique(state.grains.material)) > 1:
-        raise ScenarioError(f"LAMMPS was given grains of several materials, but its laws have one: {STAY[3:]}")
+        raise ScenarioError(f"the LAMMPS input written here supports grains of one material only: {STAY[3:]}")
     _check_memory(law)
     _check_moments(law, parameters_of(law, state))
     _check_dashpots(law, parameters_of(law, state), walls=len(state.walls.mass) > 0)
@@ -47,11 +47,11 @@ def check_law(law: Law, state: State) -> None:
             f"hertz_mindlin_reff, {STAY}"
         )
     if builtin.rescales(law) and len(state.walls.mass):
-        raise ScenarioError(f"LAMMPS was given a rescaled law and walls, whose torques differ: {STAY[3:]}")
+        raise ScenarioError(f"LAMMPS has other torques at walls under a rescaled law: {STAY[3:]}")
 
 
 def name_with_radius(law: Law) -> str:
-    """Name of a law, with √R_eff if that is what it lacks."""
+    """Name of a law, with √R_eff if it lacks this factor."""
     name = BUILTIN_LAWS[law.kind].name
     return name.replace("hertz_mindlin", "hertz_mindlin_reff") if lacks_radius(law) else name
 
@@ -60,21 +60,19 @@ def _check_memory(law: Law) -> None:
     """Raise ScenarioError if LAMMPS treats the memory of contacts otherwise."""
     if BUILTIN_LAWS[law.kind].bonds:
         raise ScenarioError(
-            f"LAMMPS was given {BUILTIN_LAWS[law.kind].name}, whose contacts it separates at 0.48 of the gap of "
-            f"pull-off: {STAY[3:]}"
+            f"LAMMPS separates contacts of {BUILTIN_LAWS[law.kind].name} at 0.48 of the pull-off gap: {STAY[3:]}"
         )
     if law.properties & builtin.TWISTING:
         raise ScenarioError(
-            f"LAMMPS was given twisting moments, whose spring it turns round to the direction of the present rate "
-            f"where their limit falls: {STAY[3:]}"
+            "LAMMPS turns the spring of twisting moments to the direction of the present rate where their limit "
+            f"falls: {STAY[3:]}"
         )
     granular = law.properties or BUILTIN_LAWS[law.kind].parameters
     if granular and not law.properties & builtin.LEVER:
         names = {builtin.KEEPS_FORCE: "a memory of forces", builtin.ROLLING: "rolling moments"}
         name = next((name for part, name in names.items() if law.properties & part), BUILTIN_LAWS[law.kind].name)
         raise ScenarioError(
-            f'LAMMPS was given {name} with lever arms R, and has it with R - δ/2: use lever = "overlap", or '
-            f"laws.with_lever, {STAY}"
+            f'LAMMPS has {name} with lever arms R - δ/2 only: use lever = "overlap", or laws.with_lever, {STAY}'
         )
 
 
@@ -82,9 +80,9 @@ def _check_moments(law: Law, q: np.ndarray) -> None:
     """Raise ScenarioError if LAMMPS has no such rolling moments."""
     values = dict(zip(builtin.parameter_names(law), q.tolist(), strict=True))
     if law.properties & builtin.ROLLING and (law.properties & builtin.VISCOUS or not values["k_roll"]):
-        raise ScenarioError(f'LAMMPS was given a rolling moment without a spring: use rolling = "spring", {STAY}')
+        raise ScenarioError(f'LAMMPS does not have rolling moments without a spring: use rolling = "spring", {STAY}')
     if law.properties & builtin.ROLLING and not values["mu"]:
-        raise ScenarioError(f"LAMMPS was given rolling moments without friction: use mu > 0, {STAY}")
+        raise ScenarioError(f"LAMMPS does not have rolling moments without friction: use mu > 0, {STAY}")
 
 
 def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
@@ -97,20 +95,20 @@ def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
         allowed = general
     if (q[builtin.DAMPING_N] > 0 or q[builtin.DAMPING_T] > 0) and model not in allowed:
         raise ScenarioError(
-            f"LAMMPS was given dashpots that it does not have for {own.name}: use hertz_mindlin_reff with viscoelastic "
-            f"dashpots, linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
+            f"LAMMPS does not have these dashpots for {own.name}: use hertz_mindlin_reff with viscoelastic dashpots, "
+            f"linear with mass_velocity ones, or lever arms R - δ/2, {STAY}"
         )
     if model == builtin.RESTITUTION and dashpot_coefficients(law).max() >= critical_coefficient(law.kind):
         raise ScenarioError(
-            f"LAMMPS was given a restitution of {q[builtin.DAMPING_N]:g} with tension = false, which needs more than "
-            f"its strongest dashpots: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
+            f"LAMMPS needs stronger dashpots than it has for a restitution of {q[builtin.DAMPING_N]:g} with tension = "
+            f"false: use at least {restitution_of(1.0, tension=False):.3f}, {STAY}"
         )
     if own.parameters and law.damping & builtin.NO_TENSION:
-        raise ScenarioError(f"LAMMPS was given tension = false with {own.name}, which it does not allow: {STAY[3:]}")
+        raise ScenarioError(f"LAMMPS does not allow tension = false with {own.name}: {STAY[3:]}")
     if (is_granular(law) or walls) and model not in rest and q[builtin.DAMPING_T] > 0 and not q[builtin.DAMPING_N] > 0:
         raise ScenarioError(
-            f"LAMMPS was given {'this law' if is_granular(law) else 'walls and a law'} with damping_t but without "
-            f"damping_n, although it expresses damping_t as a multiple of damping_n: give both or neither"
+            f"LAMMPS expresses damping_t of {'this law' if is_granular(law) else 'walls and a law'} as a multiple of "
+            "damping_n: give both or neither"
         )
 
 
@@ -134,11 +132,11 @@ def check_leg(leg: Leg) -> None:
     _check_groups(leg)
     _check_walls(leg)
     if leg.samples < 1:
-        raise ScenarioError(f"samples = {leg.samples} was given: use at least 1")
+        raise ScenarioError(f"samples must be at least 1, got {leg.samples}")
     if leg.samples > leg.steps and not leg.every:
         raise ScenarioError(
-            f"{leg.samples} samples in {leg.steps} steps were requested, but LAMMPS writes at most one a step: use "
-            f"fewer samples or a smaller dt"
+            f"{leg.samples} samples do not fit into {leg.steps} steps, as LAMMPS writes at most one per step: use "
+            "fewer samples or a smaller dt"
         )
 
 
@@ -147,8 +145,8 @@ def _check_order(leg: Leg) -> None:
     periodic = leg.state.cell.periodic[: leg.state.cell.dim].any()
     if leg.law.properties & builtin.ROLLING and (periodic or leg.ranks > 1):
         raise ScenarioError(
-            f"LAMMPS was given rolling moments, whose memory it reverses where grains cross a periodic side or go to "
-            f"another process: use open sides and one process, {STAY}"
+            "LAMMPS reverses the memory of rolling moments where grains cross a periodic side or pass to another "
+            f"process: use open sides and one process, {STAY}"
         )
 
 
@@ -158,21 +156,19 @@ def _check_cell(leg: Leg) -> None:
     rate, free = control.cell_rate, control.cell_free
     if (free & ~np.eye(3, dtype=bool)).any():
         raise ScenarioError(
-            "LAMMPS was given a cell whose shear follows a stress, but has no sum of f_x r_y, only one of f_y r_x: let "
-            f"only lengths of the cell follow, {STAY}"
+            "LAMMPS cannot control a shear stress by the cell, as it sums f_y r_x but not f_x r_y: control only the "
+            f"lengths of the cell, {STAY}"
         )
     if np.tril(rate, -1).any() or (control.cell_follows[rate != 0] >= 0).any():
         raise ScenarioError(
-            "LAMMPS was given a cell whose rate varies in time or tilts it along yx, zx or zy: use a constant rate and "
-            f"shear along xy, xz or yz, {STAY}"
+            "LAMMPS does not support cell rates that vary in time or tilt along yx, zx or zy: use a constant rate "
+            f"and shear along xy, xz or yz, {STAY}"
         )
     if needs_forces(leg) and (tilts := tilts_of(state))[0, 1] and tilts[1, 2]:
-        raise ScenarioError(
-            f"LAMMPS was given a cell that tilts along xy and yz at once, which it cannot deform: use one, {STAY}"
-        )
+        raise ScenarioError(f"LAMMPS cannot tilt a cell along xy and yz at once: use one, {STAY}")
     if needs_forces(leg) and (len(state.walls.mass) or (control.group >= 0).any()):
         raise ScenarioError(
-            f"LAMMPS was given walls or rigid groups in a cell that changes its lengths: leave them out, {STAY}"
+            f"LAMMPS does not support walls or rigid groups in a cell whose lengths change: leave them out, {STAY}"
         )
     if not (np.triu(cell.vectors, 1) == 0).all() or not (np.diag(cell.vectors) > 0).all():
         raise ScenarioError("LAMMPS needs a cell whose first vector is along x and second one in the xy plane")
@@ -180,8 +176,8 @@ def _check_cell(leg: Leg) -> None:
     for k in np.flatnonzero(cell.periodic[: cell.dim]):
         if cell.vectors[k, k] < reach:
             raise ScenarioError(
-                f"LAMMPS tells images of a grain apart by its number only, and the cell is {cell.vectors[k, k]:.3g} "
-                f"long along {'xyz'[k]}: use a cell at least two diameters long"
+                f"LAMMPS does not distinguish images of a grain, but the cell is only {cell.vectors[k, k]:.3g} long "
+                f"along {'xyz'[k]}: use a cell at least two diameters long"
             )
 
 
@@ -190,13 +186,15 @@ def _check_grains(state: State) -> None:
     loose = control.group[:n] < 0
     used = [*range(state.cell.dim), *range(6 - (3 if state.cell.dim == 3 else 1), 6)]
     if not control.free[:n][loose][:, used].all():
-        raise ScenarioError(f"LAMMPS was given single grains that are held or driven: make them a rigid group, {STAY}")
+        raise ScenarioError(
+            f"the LAMMPS input written here cannot hold or drive single grains: make them a rigid group, {STAY}"
+        )
     if control.force[:n][loose].any() or control.torque[:n].any() or control.spring[:n][loose].any():
-        raise ScenarioError(f"LAMMPS was given forces on single grains, which are not translated: {STAY[3:]}")
+        raise ScenarioError(f"forces on single grains are not translated for LAMMPS: {STAY[3:]}")
     i0 = inertia_factor(state)
     if not (np.isclose(i0, 0.4, rtol=1e-9) or (state.cell.dim == 2 and np.isclose(i0, 0.5, rtol=1e-9))):
         raise ScenarioError(
-            f"LAMMPS was given I0 = {i0:.4g}, but has I0 = 2/5 and, in two dimensions, 1/2: use one of these, {STAY}"
+            f"LAMMPS has I0 = 2/5 and, in two dimensions, 1/2, but not {i0:.4g}: use one of these, {STAY}"
         )
 
 
@@ -206,11 +204,11 @@ def _check_groups(leg: Leg) -> None:
         free, follows = control.free[members[0], :dim], control.follows[members[0], :dim]
         if free.any() and (follows[~free] >= 0).any():
             raise ScenarioError(
-                f"LAMMPS was given a plate that a force moves along one axis and a velocity that varies in time along "
-                f"another: use a constant velocity, {STAY}"
+                "a plate moved by a force along one axis and by a varying velocity along another is not translated "
+                f"for LAMMPS: use a constant velocity, {STAY}"
             )
         if control.free[members, 3:].any():
-            raise ScenarioError(f"LAMMPS was given a rigid group that turns, which is not translated: {STAY[3:]}")
+            raise ScenarioError(f"rotating rigid groups are not translated for LAMMPS: {STAY[3:]}")
         if is_held(leg.state, members):
             for k in range(dim):
                 _check_course(leg, int(follows[k]))
@@ -220,20 +218,20 @@ def _check_walls(leg: Leg) -> None:
     state, n = leg.state, len(leg.state.grains.radius)
     if state.control.free[n:, : state.cell.dim].any():
         raise ScenarioError(
-            f"LAMMPS was given a wall that a force moves, but it moves walls at given velocities only: use a plate, "
-            f"whose grains are a rigid body, {STAY}"
+            "LAMMPS moves walls at prescribed velocities only, not by forces: use a plate, whose grains are a rigid "
+            f"body, {STAY}"
         )
     for column in np.unique(state.control.follows[n:, :3]):
         _check_course(leg, int(column))
 
 
 def _check_course(leg: Leg, column: int) -> None:
-    """Raise ScenarioError if the course of a velocity has too many knots for a formula."""
+    """Raise ScenarioError if a varying velocity has too many knots for a formula."""
     if column < 0 or column in leg.waves:
         return
     inside = len(leg_course(leg, column, leg.steps * leg.dt)[0]) - 2
     if inside > MAX_KNOTS:
         raise ScenarioError(
-            f"LAMMPS was given a velocity with {inside} knots in one leg, and evaluates it as a formula: use at most "
+            f"LAMMPS evaluates a varying velocity as a formula, here with {inside} knots in one leg: use at most "
             f"{MAX_KNOTS}, {STAY}"
         )

@@ -35,7 +35,7 @@ class Row(NamedTuple):
     """Measures of a frame, in the units of the simulation; None where there is none."""
 
     step: int
-    digest: str = ""  # of the frame; a frame with another one is computed again
+    digest: str = ""  # digest of the frame; a frame with another one is computed again
     grains: int | None = None
     contacts: int | None = None  # that touch
     rattlers: int | None = None
@@ -56,14 +56,14 @@ class Row(NamedTuple):
     softest: float | None = None  # smallest real part of an eigenvalue λ, without zero modes [1/time²]
     zero_modes: int | None = None
     pairs: int | None = None  # that grow
-    growth_rate: float | None = None  # of the fastest pair [1/time]
+    growth_rate: float | None = None  # growth rate of the fastest pair [1/time]
     omega: float | None = None  # its frequency [1/time]
     buckling: int | None = None  # motions that grow without oscillation
     stable: bool | None = None  # None without a verdict
     balanced: bool | None = None
     verdict: str = ""
-    scope: str = ""  # what was checked, where it was not everything
-    note: str = ""  # why something is missing
+    scope: str = ""  # limits of the check, if any
+    note: str = ""  # reasons for missing values
 
     @property
     def computed(self) -> bool:
@@ -81,7 +81,7 @@ def measure_frame(
     ----------
     memory : whether the slip of its contacts is known
     method : one of `METHODS`; with "auto", the spectrum of more than 1500 coordinates is computed only in equilibrium
-    notes : on the frame; what acts on its grains and was not taken over leaves the verdict undecided
+    notes : notes on the frame; actions on its grains that were not taken over leave the verdict undecided
     report : called as report(stage, share done, text)
     """
     here, mode = linearised(state, law), state.contacts.mode[: state.contacts.count[0]]
@@ -145,13 +145,13 @@ def verdict_word(row: Row) -> str:
 
 
 NO_MEMORY = (
-    "without a dump of contacts, the slip of contacts is unknown and set to zero: stress is that of the normal forces, "
-    "sliding contacts are unknown, and forces that friction balances appear unbalanced, which leaves no verdict"
+    "without a dump of contacts, slip is unknown and set to zero: stress is due to normal forces only, "
+    "sliding contacts are unknown, and forces balanced by friction appear unbalanced, so that there is no verdict"
 )
 
 
 class Progress(NamedTuple):
-    """State of a watch: the table so far, and how much is left to compute."""
+    """State of a watch: the table so far, and the number of remaining frames."""
 
     rows: dict[int, Row]
     notes: tuple[str, ...]
@@ -170,19 +170,19 @@ def watch(
     source: lammps_series.Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
     until_idle: float | None = None, interval: float = lammps_series.INTERVAL, report: Report = silent,
 ) -> Iterator[Progress]:  # fmt: skip
-    """Compute every frame that is not `known`, and yield what is known before and after each.
+    """Compute every frame that is not `known`, and yield the results before and after each.
 
     While a simulation writes, its newest frame is computed first. The others follow while it does not write.
 
     Parameters
     ----------
-    once : end after the frames that are there at the beginning, in the order of their steps
+    once : end after the frames present at the beginning, in the order of their steps
     until_idle : end when all frames are computed and nothing has been written for this time [s]; None: never
 
     Raises
     ------
     PackingError
-        if no frame can be used; the message is that of the last one tried.
+        if no frame can be used; the message is that of the last frame tried.
     """
     rows, seen, last = dict(known), None, time.monotonic()
     said: dict[str, None] = {} if source.contacts else {NO_MEMORY: None}

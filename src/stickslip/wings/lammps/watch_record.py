@@ -1,6 +1,6 @@
 """Watching a simulation with its table, its page and the terminal.
 
-The table is a CSV file with a comment that says how it was computed. The terminal shows a live table, or one line for
+The table is a CSV file with a comment that states how it was computed. The terminal shows a live table, or one line for
 each frame if it cannot draw again.
 """
 
@@ -40,8 +40,8 @@ from ...kit import (
 from ...measure import BALANCED_BELOW
 from .watch import Progress, Row, verdict_word, watch
 
-Column = Annotated[Any, Array((1,), finite=False)]  # NaN where a quantity is not known
-COLOURS = {"stable": style.GREEN, "unstable": style.RED}  # of a verdict; others have none
+Column = Annotated[Any, Array((1,), finite=False)]  # NaN for unknown quantities
+COLOURS = {"stable": style.GREEN, "unstable": style.RED}  # colours of verdicts; others have none
 
 
 def _line(axes, step, values, color, label=None, quantity=None):
@@ -120,7 +120,7 @@ def watched_balance(step: Column, residual: Column, limit: float):
 
 
 RELOAD = 10  # time after which the page is loaded again [s]
-ROWS = 60  # of the table of frames
+ROWS = 60  # largest number of rows of the table of frames
 HEADINGS = (
     "step", "contacts", "per grain", "sliding", "pressure", "shear/pressure", "unbalanced", "softest λ", "pairs",
     "growth rate", "verdict",
@@ -157,13 +157,13 @@ def _newest(row: Row, done: Progress) -> str:
     verdict = row.verdict or row.note
     html = page.paragraph(f"Step {row.step}: {verdict}.", kind="verdict" if row.stable is not None else "")
     if row.scope:
-        html += page.paragraph(f"What was checked: {row.scope}.", kind="soft")
+        html += page.paragraph(f"Scope: {row.scope}.", kind="soft")
     if row.note and row.verdict:
         html += page.paragraph(row.note[:1].upper() + row.note[1:] + ".", kind="soft")
     if done.left:
         html += page.paragraph(
-            f"Not computed yet: {pluralize(done.left, 'frame')}. The newest one comes first, the others while the "
-            f"simulation does not write.",
+            f"Not computed yet: {pluralize(done.left, 'frame')}. The newest frame is computed first, the others while "
+            "the simulation is not writing.",
             kind="warning",
         )
     return html
@@ -208,7 +208,7 @@ NUMBERS = {name: kind for name, kind in Row.__annotations__.items() if kind is n
 
 
 def describe(source: lammps_series.Source, method: str) -> dict:
-    """What determines the numbers of a row besides its frame."""
+    """Settings that determine the numbers of a row in addition to its frame."""
     law = source.law
     return {
         "law": describe_law(law), "parameters": law.table.tolist(), "kind": str(law.kind),
@@ -230,7 +230,7 @@ def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Ro
     Raises
     ------
     ValueError
-        if the file is not such a table, or was computed in another way; the message is one sentence.
+        if the file is not such a table, or was computed with other settings; the message is one sentence.
     """
     if not path.exists() or overwrite:
         return {}
@@ -242,7 +242,7 @@ def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Ro
             raise ValueError("it has no such comment")
         before = json.loads(head.partition(": ")[2])
         if not isinstance(before, dict):
-            raise ValueError("its comment is no JSON object")
+            raise ValueError("its comment is not a JSON object")
         (_, names), *lines = read_table(path)
         rows = [_parse(dict(zip(names, fields, strict=True))) for _, fields in lines]
     except (ValueError, KeyError, TypeError):
@@ -265,8 +265,8 @@ def _number(text: str) -> int | float | bool | None:
     return int(text) if text.lstrip("-").isdigit() else parse_number(text)
 
 
-NARROW = 78  # columns below which there are lines instead of a table
-AROUND = 9  # lines of the terminal that the rows of the table leave free
+NARROW = 78  # terminal width below which lines replace the table
+AROUND = 9  # lines of the terminal not used by rows of the table
 COLORS = {"stable": "green", "unstable": "bold red", "damaged": "red"}
 COLUMNS = {"step": 9, "pressure": 9, "shear/p": 7, "Z": 5, "sliding": 7, "softest λ": 9, "growth": 8, "verdict": 10}
 
@@ -279,7 +279,7 @@ def _words(row: Row) -> list[str]:
 
 @contextmanager
 def screen() -> "Iterator[_Live | _Lines]":
-    """Context manager for what shows the progress, `show(done)`, and that of one frame, `report`."""
+    """Context manager for functions that show the progress: `show(done)`, and `report` for one frame."""
     if terminal.can_redraw() and console.width >= NARROW:
         with Live(console=console, refresh_per_second=4) as live:
             yield _Live(live)
@@ -320,7 +320,7 @@ def _table(done: Progress) -> Table:
 
 
 def _state(done: Progress) -> str:
-    """What is being done, in a few words."""
+    """Present activity, in a few words."""
     computed = sum(row.computed for row in done.rows.values())
     parts = [f"{computed} frame{'s' * (computed != 1)}"]
     if done.at is not None:
@@ -359,19 +359,19 @@ def _align(columns: list[str]) -> str:
 
 
 SAVE_EVERY = 3.0  # least time between two writes of table and page [s]
-REST = 5.0  # the same, over the time that a write takes
+REST = 5.0  # interval between writes, over the time that a write takes
 
 
 def watch_and_record(
     source: lammps_series.Source, table: Path, *, method: str, once: bool, until_idle: float | None, overwrite: bool,
     made_from=(),
 ) -> tuple[Progress, str]:  # fmt: skip
-    """Watch until the end; return what is known then, and, after ctrl-C, a sentence that names the table.
+    """Watch until the end; return the results and, after ctrl-C, a sentence that names the table.
 
     Raises
     ------
     ValueError
-        before anything is computed, if the table or the page would replace something else.
+        before any computation, if the table or the page would replace a foreign file.
     """
     page, how = table.with_suffix(".html"), describe(source, method)
     if table.suffix.lower() != ".csv":
@@ -398,6 +398,6 @@ def watch_and_record(
         if not done.any_computed:
             return done, "stopped by the user before a frame was computed: there is no table"
         save(done._replace(live=False))
-        left = f"; {done.left} frames are not computed yet" if done.left else ""
+        left = f"; {done.left} frames have not been computed yet" if done.left else ""
         return done, f"stopped by the user: {table} has {len(done.rows)} frames{left}, and the same command continues"
     return done, ""

@@ -3,7 +3,7 @@
 A disk with no force at any contact is released as a body. It stays released if all of its contacts open in the least
 motion with which it follows its neighbours. Otherwise it carries load again.
 
-Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, where the question is left open.
+Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, which leaves the question open.
 """
 
 import itertools
@@ -54,7 +54,9 @@ from .system import (
     rolling_motions,
 )
 
-COMBINED = 3  # bodies up to which all combinations of released ones are tried; each needs a factorisation of k
+COMBINED = (
+    3  # number of bodies up to which all combinations of released ones are tried; each needs a factorisation of k
+)
 
 
 class ReducedMap(NamedTuple):
@@ -109,7 +111,7 @@ class ApexStatuses(NamedTuple):
     apex: np.ndarray  # (M,) bool: contacts at the apex
     status: np.ndarray | None  # (M,) as in `cone_apex`; None if no consistent combination was found
     velocity: np.ndarray | None  # (M, d) V of the contacts that are not released with a body
-    stable: bool | None  # whether det k has the same sign as if all contacts stick; None if nothing was found
+    stable: bool | None  # whether det k has the same sign as if all contacts stick; None if no status was found
     others: tuple[np.ndarray, ...]  # (M,) other consistent combinations
     complete: bool  # True if all combinations were enumerated, so that there are no others
     motion: np.ndarray | None = None  # (n,) velocities of all coordinates, released bodies included
@@ -157,7 +159,7 @@ def decide_statuses(
     choices, complete = try_groups(search, lone)
     if not choices and len(lone) and not wedged:
         choices, complete = try_groups(search._replace(any_motion=True), lone)
-    if wedged:  # there was no room to open: combinations in which bodies carry load come first
+    if wedged:  # without room to open, combinations in which bodies carry load come first
         choices.reverse()
     choices.sort(key=lambda choice: not choice[2])
     if not choices:
@@ -307,8 +309,8 @@ def contact_status(
     a time (if A may be a P-matrix), and then Lemke's algorithm is used. Every status found is verified contact by
     contact with a factor of k(S) itself. For up to 14 critical contacts, all statuses are enumerated unless A is a
     P-matrix: those with det k > 0 come first, and the absence of a status is proven. If many statuses are singular,
-    solutions may exist to within the error bounds, of which none balances the load as k(S) itself shows: nothing is
-    proven then, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
+    solutions may exist within the error bounds although none balances the load under k(S) itself: then there is no
+    proof, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
 
     A critical contact without force may also open (`ContactStatus.opens`), and in space it may slide in any direction.
     A status is then sought as on a load path, and verified by the balance of the force rates that the law itself gives
@@ -332,6 +334,11 @@ def contact_status(
         return status_of_critical(
             matrix, load, critical=numbers, start=start, geometric=geometric, unique=unique
         )  # fmt: skip
+    if matrix.rigid is not None:
+        raise ValueError(
+            "a packing with rigid bonds and contacts without force was given, whose opening is not decided: use "
+            "linear_system(..., bonds='elastic')"
+        )
     mask = np.isin(np.arange(matrix.count), numbers)
     return _status_at_apex(matrix._replace(limit=mask & ~faint), np.asarray(load, float), mask & faint, geometric)
 
@@ -384,7 +391,7 @@ def is_balanced(matrix: LinearSystem, load: np.ndarray, choice: ApexStatuses, ge
 
 
 class Probed(NamedTuple):
-    """Answer to one increment of stress."""
+    """Response to one increment of stress."""
 
     status: ContactStatus
     strain: np.ndarray  # (dim, dim) per unit of the stress, compression positive; NaN without a consistent status
@@ -421,9 +428,7 @@ def probe_statuses(state: State, law: Law, stresses: np.ndarray, *, unique: bool
     stresses = np.asarray(stresses, float)
     require_not_negative(stresses=float(np.abs(stresses).max(initial=0.0)))
     if stresses.shape[1:] != (dim, dim) or not np.allclose(stresses, stresses.transpose(0, 2, 1)):
-        raise ValueError(
-            f"stresses of shape {stresses.shape} were given: symmetric ones of shape (M, {dim}, {dim}) are needed"
-        )
+        raise ValueError(f"stresses must be symmetric, of shape (M, {dim}, {dim}), got shape {stresses.shape}")
     matrix = linear_system(_under(state, stress(state, law)[:dim, :dim]), law)
     still = external_force(_under(state, np.zeros((dim, dim))), matrix.free)
     answers = []

@@ -1,9 +1,9 @@
 """Collapse at the end of a load path: damped dynamics under the load reached, to the next equilibrium.
 
 Where no stable equilibrium continues, the load is raised slightly and then held while the packing moves under a stated
-drag. A dead load stays the same; a body pulled by a spring moves away from a load point that stays where it is, so that
-a stiff spring holds the displacement and a soft one holds the force. The energy released, the work of the load less the
-change in stored energy, is dissipated by friction, dashpots and drag.
+drag. A dead load is constant; a body pulled by a spring moves relative to a fixed load point, so that a stiff spring
+fixes the displacement and a soft one the force. The energy released, the work of the load less the change in stored
+energy, is dissipated by friction, dashpots and drag.
 """
 
 from typing import NamedTuple
@@ -32,15 +32,15 @@ from .events import APEX, gaps
 from .matrices import linear_system, stiffness_matrix
 from .system import pinned_coordinates, roll_springs
 
-TIME_STEP = 0.1  # of dynamics, in units of the longest stable one, as in `slow_dynamics`
+TIME_STEP = 0.1  # time step of dynamics, in units of the longest stable one, as in `slow_dynamics`
 RAMP, GENTLY = 25, 200  # stages in which the load is raised, and steps of each
 BLOCK, SAMPLE = 5000, 25  # steps between two looks at the packing, and between samples of its energy
 DURATION, TRAVEL = 1e5, 5.0  # defaults of the longest time, in natural units, and of the farthest, in mean diameters
 RESTING = (1e-6, 1e-8)  # residuals at which Newton's method is tried, over the mean normal force
 BALANCED = 5e-11  # its tolerance, likewise
-ROUND_OFF = 1e-15  # of the force of a stiff spring, over that of an elongation of the size of the packing
+ROUND_OFF = 1e-15  # round-off of the force of a stiff spring, over that of an elongation of the size of the packing
 FAR = 1e3  # distance to which it may move grains, over the overlap that changes a force by the residual
-NULL = 1e-9  # share of the largest stiffness up to which an eigenvalue is that of a motion that nothing resists
+NULL = 1e-9  # fraction of the largest stiffness up to which an eigenvalue belongs to an unresisted motion
 RANK = 1e-8  # singular value up to which modes are parallel
 DENSE_BELOW, NEAREST = 1200, 12  # coordinates up to which all modes are computed, and number of modes beyond
 
@@ -57,24 +57,26 @@ class Collapse(NamedTuple):
     load: float  # at which the path ended, in legs
     reason: str  # why it ended
     held: float  # load during the motion, slightly above, in legs
-    quiet: bool  # whether the motion is no larger than that before, for this change of the load: nothing collapsed
+    quiet: (
+        bool  # True if the motion is not larger than before for this change of the load, so that there was no collapse
+    )
     rests: bool  # whether an equilibrium was found; otherwise the numbers are those of the state where dynamics ended
     duration: float  # [time]
-    steps: int  # of dynamics
+    steps: int  # number of steps of dynamics
     largest: float  # displacement of a grain, relative to the deformation of the cell [length]
     total: float  # root of the sum of squares of these displacements [length]
     motion: float  # along the load, over all coordinates: of the wall that is loaded, or ℓ times the strain [length]
     strain: np.ndarray  # (3, 3) change of the displacement gradient of the cell
-    work: float  # of the loads and springs during the motion [energy]
+    work: float  # work of the loads and springs during the motion [energy]
     released: float  # work less the change in stored energy, which is dissipated [energy]
     kinetic_energy: float  # largest [energy]
     direction: np.ndarray  # (n,) displacement, of unit length, zero for rattlers
-    participation: float  # of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
+    participation: float  # participation of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
     eigenvalue: float  # smallest real part of the eigenvalues of k where the path ended [force/length]
-    modes: int  # number of modes that nothing resists there, or 1, the softest
-    overlap: float  # of the direction with them: length of its projection on their span
-    lost: int  # contacts between grains that are not rattlers before that are not there afterwards
-    gained: int  # such contacts after that were not there before
+    modes: int  # number of unresisted modes there, or 1 for the softest
+    overlap: float  # overlap of the direction with them: length of its projection on their span
+    lost: int  # lost contacts between grains that were not rattlers
+    gained: int  # gained contacts of this kind
     sliding: tuple[int, int]  # number of contacts at the Coulomb limit before and after
 
 
@@ -86,11 +88,11 @@ class Motion(NamedTuple):
     steps: int
     time: float  # [time]
     kinetic_energy: float  # largest [energy]
-    work: float  # of loads, springs and the stress on a free cell [energy]
+    work: float  # work of loads, springs and the stress on a free cell [energy]
 
 
 class _Dynamics:
-    """State that moves under a drag, with what has been measured so far."""
+    """State that moves under a drag, with the measurements so far."""
 
     def __init__(self, state: State, law: Law, drag: float):
         self.start, self.law, self.drag, self.held = state, law, drag, _held_bodies(state)
@@ -123,7 +125,7 @@ def run_to_rest(
     """Damped dynamics under a control until the packing is at rest, or beyond a time or a displacement.
 
     Loads change to those of the control slowly enough that a stiff spring does not push. Newton's method only removes
-    what is left of the unbalanced forces.
+    the remaining unbalanced forces.
 
     Parameters
     ----------
@@ -161,7 +163,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     Parameters
     ----------
     before : at the end of the path
-    pull : (n,) rate of the load on the coordinates of `freedom(before)`, whatever its size
+    pull : (n,) rate of the load on the coordinates of `freedom(before)`, up to a factor
     predicted : displacement below which the motion is quiet [length]
     known : load, reason and held of the event
     """
@@ -189,7 +191,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
 
 
 def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray, int]:
-    """Smallest real part of the eigenvalues of k(S), and the modes that nothing resists, or the softest one.
+    """Smallest real part of the eigenvalues of k(S), and the unresisted modes, or the softest one.
 
     S: all contacts at the limit slide, and those without force are open.
 
@@ -256,7 +258,7 @@ def displacements(before: State, after: State) -> np.ndarray:
 
 
 def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
-    """(B, 6) displacements, zero for rattlers, and without the mean of the others along axes that nothing holds."""
+    """(B, 6) displacements, zero for rattlers, and without the mean of the others along unsupported axes."""
     held = _held_bodies(state)
     moved = moved * held[:, None]
     if not len(state.walls.mass) and held.any():

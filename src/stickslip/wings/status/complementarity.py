@@ -24,7 +24,7 @@ from ...kit import checked, one_thread, readable
 from .matrices import LinearSystem
 from .system import StatusSolver
 
-SLACK = 1e-9  # share of the largest rate below which a rate may have either sign
+SLACK = 1e-9  # fraction of the largest rate below which a rate may have either sign
 ROUND_OFF = 1e-14  # relative error of an entry: 45 units in the last place, for sums of a few dozen terms
 SPARE = 10.0  # safety factor on errors estimated from two right-hand sides
 SWEEPS = 6  # scaling sweeps; each halves the logarithms of the largest entries
@@ -72,8 +72,8 @@ def complementarity(
             return complementarity_of_system(StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric))
         except np.linalg.LinAlgError as problem:
             raise np.linalg.LinAlgError(
-                "the stiffness matrix is singular although all contacts stick: a motion is resisted by nothing, as in "
-                "a packing without friction or with loose grains; quasirigid.mechanisms lists such motions"
+                "the stiffness matrix is singular although all contacts stick: there are unresisted motions, as in a "
+                "packing without friction or with loose grains; quasirigid.mechanisms lists them"
             ) from problem
 
 
@@ -87,13 +87,12 @@ def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
     known = critical.dtype.kind in "iu" or not critical.size
     if critical.dtype == bool or critical.ndim != 1 or not known or len(np.unique(critical)) < len(critical):
         raise ValueError(
-            f"critical = {critical.tolist()!r:.60} was given: distinct numbers of contacts, or one bool for each of "
-            f"the {matrix.count} contacts, are needed"
+            f"critical must be distinct contact numbers, or one bool for each of the {matrix.count} contacts, got "
+            f"{critical.tolist()!r:.60}"
         )
     if critical.size and not 0 <= critical.min() <= critical.max() < matrix.count:
         raise ValueError(
-            f"critical contacts {critical.min()} to {critical.max()} were given: contacts have the numbers 0 to "
-            f"{matrix.count - 1}"
+            f"contacts are numbered from 0 to {matrix.count - 1}, but critical has {critical.min()} to {critical.max()}"
         )
     return critical.astype(np.int64)
 
@@ -227,7 +226,7 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
 MAPPED = 14  # contacts up to which all statuses are enumerated: 16,384
 AT_ONCE = 2048  # statuses solved together; more do not fit into the cache
 SURE = 0.1  # largest errors of the entries of A_SS, over those that would make it singular
-SAME = 1e-6  # share of the largest rate up to which two solutions are the same: half of the digits
+SAME = 1e-6  # fraction of the largest rate up to which two solutions are equal: half of the digits
 BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
 
@@ -254,7 +253,7 @@ class Solution(NamedTuple):
     slip: np.ndarray  # (Mc,) λ
     rate: np.ndarray  # (Mc,) Ṽ
     error: np.ndarray  # (Mc,) error bound of Ṽ
-    sign: int  # of det A_SS = det k(S)/det k₀; 0 if singular to round-off
+    sign: int  # sign of det A_SS = det k(S)/det k₀; 0 if singular to round-off
 
 
 class Ray(NamedTuple):
@@ -472,8 +471,8 @@ def status_map(problem: Complementarity) -> StatusMap:
     size = len(problem.vector)
     if size > MAPPED:
         raise ValueError(
-            f"{size} critical contacts were given, {2.0**size:.3g} combinations of statuses: at most {MAPPED} "
-            f"are allowed; `contact_status` finds a consistent status, `certificate` tests uniqueness"
+            f"{size} critical contacts have {2.0**size:.3g} combinations of statuses, more than the limit of "
+            f"{MAPPED}: `contact_status` finds a consistent status, `certificate` tests uniqueness"
         )
     through = enumerate_rates(scale_problem(problem))
     fits = np.where(through.slides, through.rate > 0, through.rate < 0)

@@ -34,10 +34,10 @@ SIDE = np.array([0.0, 1.0, -1.0, 0.0])  # s of each status
 ROUNDS = 60  # largest number of iterations before the pieces are followed one by one
 PIECES = 4000  # largest number of pieces followed
 ENUMERATED = 4096  # largest number of combinations of statuses enumerated
-HELPING = 1e-4  # share of their springs that disks keep while pieces are followed on which nothing holds them
+HELPING = 1e-4  # fraction of their springs that disks keep while pieces without support are followed
 SINGULAR = 1e12  # condition number of a piece beyond which it is treated as singular
-SAME = 1e-6  # share of the largest velocity up to which two velocities are the same
-SLACK = 1e-9  # share of the largest velocity below which a velocity may have either sign
+SAME = 1e-6  # fraction of the largest velocity up to which two velocities are equal
+SLACK = 1e-9  # fraction of the largest velocity below which a velocity may have either sign
 
 
 @readable
@@ -49,14 +49,14 @@ class Apex(NamedTuple):
     springs: np.ndarray  # (E, d, d) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
-    alone: np.ndarray  # (E,) bool: contacts of disks without others; nothing holds such a disk if all open or slide
+    alone: np.ndarray  # (E,) bool: contacts of disks without others, which lose their support if all open or slide
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or value."""
         check_types(self)
         require_shape(2 * (np.size(self.velocity),), compliance=self.compliance)
         if not np.isin(self.sign, (-1.0, 0.0, 1.0)).all():
-            raise ValueError("sign holds other numbers than −1, 0 and 1: use those")
+            raise ValueError("sign must contain only −1, 0 and 1")
 
     @property
     def allowed(self) -> list[tuple[int, ...]]:
@@ -83,7 +83,7 @@ def piece_matrix(apex: Apex, status: np.ndarray, helped: bool = False) -> np.nda
 
 
 def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); with `helped`, disks held by nothing else keep a small stiffness."""
+    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); with `helped`, disks without other support keep a small stiffness."""
     change = np.zeros((*status.shape, 2, 2))
     slides = (status == SLIDES) | (status == SLIDES_BACK)
     change[slides, 1, 0], change[slides, 1, 1] = -(apex.slope * SIDE[status])[slides], -1.0
@@ -146,7 +146,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
 
 
 def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
-    """Give every contact the status of its cell until nothing changes; None if this does not converge."""
+    """Give every contact the status of its cell until convergence; None if this does not converge."""
     seen = set()
     for _ in range(ROUNDS):
         if now.tobytes() in seen:
@@ -253,8 +253,8 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
     """Enumerate all combinations of statuses, as `consistent_statuses` does; stable ones come first."""
     if count_choices(apex) > ENUMERATED:
         raise ValueError(
-            f"{len(apex.sign)} contacts with {count_choices(apex):.3g} combinations of statuses were given: at most "
-            f"{ENUMERATED} can be enumerated; use `statuses_at_apex` to find one that is consistent"
+            f"{len(apex.sign)} contacts have {count_choices(apex):.3g} combinations of statuses, of which at most "
+            f"{ENUMERATED} can be enumerated: use `statuses_at_apex` to find one that is consistent"
         )
     every = list(itertools.product(*apex.allowed))
     status = np.array(every, int).reshape(len(every), len(apex.sign))
@@ -313,7 +313,7 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
 
 
 def force_change(apex: Apex, solution: StatusSolution) -> np.ndarray:
-    """(E, d) K (S − 1) V, what the statuses change in the force rates."""
+    """(E, d) K (S − 1) V, the change of force rates due to the statuses."""
     if apex.velocity.shape[1] == 2:
         return np.einsum("eab,eb->ea", stiffness_change(apex, solution.status), solution.velocity)
     return np.einsum("eab,eb->ea", apex.springs, round_cone_stretch(apex, solution.velocity)[0] - solution.velocity)

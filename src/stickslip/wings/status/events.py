@@ -1,7 +1,7 @@
 """Events at the end of a linear piece of a path, and rattlers, which other grains push aside.
 
 Within a piece, forces and positions are linear in the load, until a contact reaches the cone or its apex, or a pair
-closes. Where the nonlinearity of the packing would matter, an event is approached in several steps. Otherwise the two
+closes. If the nonlinearity of the packing matters, an event is approached in several steps. Otherwise the two
 contacts of a disk, whose forces vanish together, would seem to reach the cone just before the forces are zero.
 
 Rattlers carry no load, so no force balance determines their positions. A grain that presses into a rattler moves it by
@@ -201,8 +201,8 @@ def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
 NEAR_APEX = 1e-4  # normal force, in mean normal forces, below which a linear step reaches the apex to within APEX
 NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
-APPROACH = 0.9  # share of the distance to an event that a linear step would miss; then c is recomputed
-TOGETHER = 1e-9  # share of an increment within which events are simultaneous
+APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss, above which c is recomputed
+TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
 REACHES, CLOSES, AT_APEX, NEARS, INCREMENT = "reaches the cone", "closes", "at the apex", "nears an event", "increment"
 
 
@@ -228,7 +228,7 @@ class Fork(NamedTuple):
 class NextEvent(NamedTuple):
     """End of a linear piece."""
 
-    step: float  # share of the increment
+    step: float  # fraction of the increment
     contacts: np.ndarray  # numbers of all simultaneous contacts; from M on: pairs that do not touch yet
     kind: str
 
@@ -356,7 +356,7 @@ def _first_closing(increment, choice: ContactStatus, first: NextEvent) -> NextEv
     soonest = time.min(initial=np.inf)
     if not soonest < first.step:
         return first
-    # a pair whose bodies move past each other overlaps more than a linear step predicts
+    # a pair whose bodies move past each other overlaps more than predicted by a linear step
     aside = float((apart[time.argmin()] ** 2).sum() - closing[time.argmin()] ** 2) * soonest**2
     if increment.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * increment.mean:
         return NextEvent(float(APPROACH * soonest), np.zeros(0, int), NEARS)

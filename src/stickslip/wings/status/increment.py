@@ -29,14 +29,14 @@ from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
 BLURRED = 10.0  # force over the unbalanced one, below which disks with two contacts are not checked against the cone
-CROWD = 200  # events after which a path without progress of the load ends; no real avalanche of this size was seen
+CROWD = 200  # number of events without progress of the load after which a path ends; no real avalanche was as large
 OUT_OF_BALANCE = 1e-4  # in mean normal forces, beyond which an increment is halved; loads of events are as accurate
 BALANCED = 1e-10  # residual, in mean normal forces, after balancing; far below the force of a contact at the apex
 TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touches; below the error due to APEX
 STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which an increment in space is halved
-BRACKET = 1e-3  # share of an increment within which the load is found at which a sliding contact in space sticks again
+BRACKET = 1e-3  # fraction of an increment within which the load is found at which a sliding contact in 3D sticks again
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
-LOOK = 0.01  # share of a leg after which other statuses are sought even without an event; c changes little within it
+LOOK = 0.01  # fraction of a leg after which other statuses are sought even without an event; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
 NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
 
@@ -113,7 +113,7 @@ class Increment:
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
         begins = np.flatnonzero(apex & (sides != 0))
         state = with_modes(state, m.rows[begins], SLIDE)
-        if m.width == 3:  # the memory keeps the direction, whatever the length
+        if m.width == 3:  # the memory keeps the direction, for any length
             state.contacts.slip[m.rows[begins]] = (
                 NUDGE
                 * np.einsum("ma,mak->mk", choice.velocity[begins, 1:], m.frame[begins, 1:])
@@ -224,7 +224,7 @@ class Increment:
             self.unique = True
             return True
         known = choice.uniqueness
-        if known is None:  # `contact_status` does not test uniqueness with so many contacts
+        if known is None:  # `contact_status` does not test uniqueness with too many contacts
             try:
                 problem = complementarity(matrix, self.load, geometric=self.geometric)
             except LinAlgError:
@@ -294,7 +294,7 @@ class Increment:
         """Estimate the error of a piece in space, in which directions turn, from the rates at both of its ends.
 
         It is half the difference times the piece. If the slip of a contact has changed its sign, the piece is halved
-        until the load at which this happens is known to a share BRACKET of an increment.
+        until the load at which this happens is known to a fraction BRACKET of an increment.
         """
         after, (step, rate) = _increment_matrices(place, self.law), self.ahead
         if not np.array_equal(place.state.contacts.key[after.rows], self.state.contacts.key[self.matrix.rows]):

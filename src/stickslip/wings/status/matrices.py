@@ -12,7 +12,7 @@ small, of the order of the overlap over the radius.
 
 In three dimensions, t is along the slip and t′ = n × t across it: F and V have three components, D_t is the length of
 the slip, and its sign is 1. A contact slides along t only: across it, S is 1 and K is K_t, which turns the force. The
-geometric stiffness, which is the same for all statuses, is what the Jacobian has beyond c K S cᵀ.
+geometric stiffness, which is the same for all statuses, is the part of the Jacobian beyond c K S cᵀ.
 
 Walls may rotate, with one additional coordinate each, arm × angle about its point. A disk at x_i and a wall with point
 p, normal n and tangent t touch on the surface of the wall, at p + a t with a = (x_i − p)·t. This point is at R − δ from
@@ -27,10 +27,11 @@ Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III,
 documentation.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from ... import OPEN, SLIDE, STICK, Law, State, freedom
 from ...kit import (
@@ -38,10 +39,16 @@ from ...kit import (
     Numbers,
     Positive,
     blocks_of,
+    bond_blocks,
+    bond_rows,
+    bond_vectors,
     builtin,
     check_types,
     checked,
+    cross_matrix,
     incidence,
+    is_beam,
+    knows_bonds,
     linearise,
     readable,
     require_shape,
@@ -51,6 +58,7 @@ from ...kit import (
 )
 from ...measure import branch_vectors, touching
 from ...measure import rattlers as loose_grains
+from ...modes import assembled
 from ...results import Freedom
 
 
@@ -72,8 +80,9 @@ class LinearSystem(NamedTuple):
     force: np.ndarray  # (M, d) on body i [force]
     limit: np.ndarray  # (M,) bool: currently at the Coulomb limit
     geometric: sparse.csr_array  # (n, n) geometric stiffness [force/length]
-    machine: sparse.csr_array  # (n, n) diagonal stiffness of springs that pull bodies [force/length]
+    machine: sparse.csr_array  # (n, n) stiffness of springs that pull bodies, and of bonds [force/length]
     free: Freedom
+    rigid: sparse.csr_array | None = None  # (K, n) B: rigid bonds forbid motions with B v ≠ 0; None without them
 
     check_entries = check_types
 
@@ -94,10 +103,17 @@ class LinearSystem(NamedTuple):
 
 
 @checked
+@knows_bonds
 def linear_system(
-    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: Positive | None = None
-) -> LinearSystem:
+    state: State, law: Law, *, rattlers: bool | np.ndarray = False, wall_arm: Positive | None = None,
+    bonds: Literal["rigid", "elastic"] = "rigid",
+) -> LinearSystem:  # fmt: skip
     """Compute the matrices of an accepted state.
+
+    Intact bonds are constraints, or springs. A rigid bond neither stretches nor, as far as it has the stiffnesses,
+    shears, bends or twists: B v = 0 with the rates of these deformations. Grains that are joined by bonds which resist
+    everything move as one, and contacts between them neither slide nor open. Under a load, velocities are those of
+    elastic bonds in the limit of infinite stiffness; forces that bonds bear turn with them.
 
     Parameters
     ----------
@@ -106,6 +122,7 @@ def linear_system(
     rattlers : whether rattlers and their contacts are included; or (N,) bool, the grains to exclude instead
     wall_arm : if given, every wall of a packing of disks may also rotate about its point: the last coordinates are this
         arm times the angles of the walls [length]
+    bonds : whether intact bonds are rigid, or have their stiffness
 
     Raises
     ------
@@ -115,11 +132,13 @@ def linear_system(
     """
     if law.coulomb == builtin.SMOOTH:
         raise ValueError(
-            "a law with smooth friction was given: contact status needs coulomb='sharp', where contacts stick or slide"
+            "contact status needs coulomb='sharp', as contacts under smooth friction neither stick nor slide"
         )
     if resists_rolling(law):
-        raise ValueError("a law with rolling resistance was given: use a law without it, contact status has none")
+        raise ValueError("contact status does not support rolling resistance: use a law without it")
     rows, modes = touching(state), np.minimum(state.contacts.mode, STICK)
+    if state.bonds:
+        rows = rows[state.contacts.mode[rows] != OPEN]
     stuck = state._replace(contacts=state.contacts._replace(mode=modes))
     line = linearise(stuck, law)
     parted = ~line.normal[rows].any(axis=1)  # contacts with memory that do not overlap, to the last digits
@@ -134,7 +153,7 @@ def linear_system(
     count = len(line.normal)
     c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, frame, count))
     slip = np.einsum("ck,ck->c", line.slip[rows], frame[:, 1])
-    # a contact at the limit exerts exactly μ F_n, whatever the round-off of its slip; without friction none sticks
+    # a contact at the limit exerts exactly μ F_n, despite round-off of its slip; without friction none sticks
     slippery = ~parted & (line.mu[rows] == 0)
     sliding = (state.contacts.mode[rows] == SLIDE) & ~slippery
     k_n, k_t = line.slope_n[rows], np.where(slippery, 0.0, line.stiffness_t[rows])
@@ -151,18 +170,72 @@ def linear_system(
         line.mu[rows], force, sliding, sparse.csr_array((len(free), len(free))),
         sparse.csr_array(spring_stiffness(state, free)), free,
     )  # fmt: skip
-    dead = stuck._replace(control=stuck.control._replace(spring=np.zeros_like(stuck.control.spring)))
-    matrix = matrix._replace(geometric=_geometric_stiffness(dead, law, line, matrix))
+    dead = stuck._replace(control=stuck.control._replace(spring=np.zeros_like(stuck.control.spring)), bonds=None)
+    bare = line._replace(bond=np.zeros((1, 3)))
+    matrix = matrix._replace(geometric=_geometric_stiffness(dead, law, bare, matrix))
+    if state.bonds:
+        intact = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])
+        held = state._replace(bonds=state.bonds._replace(intact=intact))
+        elastic = matrix.machine - assembled(held, bond_blocks(held), free)
+        forbidden = forbidden_rates(held, free) if bonds == "rigid" else None
+        limit = sliding & ~(_within_clusters(held, rows) & (bonds == "rigid"))
+        matrix = matrix._replace(machine=sparse.csr_array(elastic), rigid=forbidden, limit=limit)
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
 
 
+def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
+    """Mask of contacts between grains that bonds which resist everything join, directly or through others."""
+    bonds, n = state.bonds, state.n_bodies
+    beams = is_beam(bonds, state.cell.dim)
+    joined = sparse.coo_array((np.ones(beams.sum()), (bonds.i[beams], bonds.j[beams])), shape=(n, n))
+    part = connected_components(joined, directed=False)[1]
+    return part[state.contacts.i[rows]] == part[state.contacts.j[rows]]
+
+
+def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:
+    """(K, n) rates of deformation of intact bonds: stretching and, with stiffness, shear, bending and twisting.
+
+    Shear is the velocity of i relative to j at the point where the shear force acts, see `core/contacts/bonds.py`;
+    rotations are over the inverse of the bond's length, so that all rates are velocities.
+    """
+    bonds, count, dim = state.bonds, int(state.contacts.count[0]), state.cell.dim
+    held = np.flatnonzero(bonds.intact)
+    r = bond_vectors(bonds, state.grains.position, state.cell.vectors)[held]
+    a, b = (state.grains.radius[end[held]] for end in (bonds.i, bonds.j))
+    arm, long = bonds.arm[held], np.linalg.norm(r, axis=1)
+    frame = contact_frames(r / long[:, None], np.zeros_like(r), 3)
+    if dim == 2:
+        frame[:, 2], frame[:, 1] = [0.0, 0.0, 1.0], np.cross([0.0, 0.0, 1.0], frame[:, 0])
+    # of (r, ρ, angle_i − angle_j); θ at the arm is (ρ + ((1 − α) R_j − α R_i)(angle_i − angle_j))/(R_i + R_j)
+    lever = cross_matrix(r) / (a + b)[:, None, None]
+    moved = np.zeros((len(held), 3, 9))
+    moved[:, :, :3], moved[:, :, 3:6] = np.eye(3), lever
+    moved[:, :, 6:] = ((1 - arm) * b - arm * a)[:, None, None] * lever
+    turned = np.zeros((len(held), 3, 9))
+    turned[:, :, 6:] = long[:, None, None] * np.eye(3)
+    stiff = bonds.stiffness[held] > 0
+    across = [1] if dim == 2 else [1, 2]
+    parts = [(frame[:, :1] @ moved, stiff[:, 0]), (frame[:, across] @ moved, stiff[:, 1])]
+    parts += [(turned[:, 2:], stiff[:, 2])] if dim == 2 else [
+        (frame[:, 1:] @ turned, stiff[:, 2]), (frame[:, :1] @ turned, stiff[:, 3])
+    ]  # fmt: skip
+    column = (9 * bond_rows(bonds, state.contacts)[held, None, None] + np.arange(9)).astype(np.int64)
+    blocks = []
+    for part, acts in parts:
+        row = np.arange(acts.sum() * part.shape[1]).reshape(-1, part.shape[1], 1)
+        place = np.broadcast_to(row, part[acts].shape), np.broadcast_to(column[acts], part[acts].shape)
+        shape = (acts.sum() * part.shape[1], 9 * count)
+        blocks.append(sparse.csr_array((part[acts].ravel(), tuple(p.ravel() for p in place)), shape=shape))
+    return sparse.csr_array(sparse.vstack(blocks) @ incidence(state, count, free, 9).T)
+
+
 def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarray) -> np.ndarray:
-    """(B,) mask of the grains to exclude; contacts in the rows `parted` support nothing."""
+    """(B,) mask of the grains to exclude; contacts in the rows `parted` do not support grains."""
     n, loose = len(state.grains.radius), np.zeros(state.n_bodies, bool)
     if not isinstance(rattlers, bool):
         if np.shape(rattlers) != (n,):
             raise ValueError(
-                f"rattlers of shape {np.shape(rattlers)} was given: True, False, or one bool for each grain is needed"
+                f"rattlers must be True, False, or one bool for each grain, got shape {np.shape(rattlers)}"
             )
         loose[:n] = rattlers
     elif not rattlers:
@@ -271,7 +344,7 @@ def _status_of_all(matrix: LinearSystem, sliding) -> np.ndarray:
     sliding = matrix.limit if sliding is None else np.asarray(sliding, bool)
     if sliding.shape != (matrix.count,):
         raise ValueError(
-            f"statuses of shape {sliding.shape} were given for {matrix.count} contacts: one for each contact is needed"
+            f"sliding must have one status for each of the {matrix.count} contacts, got shape {sliding.shape}"
         )
     return sliding
 
@@ -343,14 +416,12 @@ def append_wall_rotations(state: State, matrix, arm: float):
 def _check_walls(state: State) -> None:
     n = len(state.grains.radius)
     if state.cell.dim != 2:
-        raise ValueError(
-            "wall_arm was given for a packing in three dimensions, where walls only translate: leave it out"
-        )
+        raise ValueError("wall_arm does not apply in three dimensions, where walls only translate: leave it out")
     if not len(state.walls.mass):
-        raise ValueError("wall_arm was given for a packing without walls: leave it out")
+        raise ValueError("wall_arm does not apply, as the packing has no walls: leave it out")
     if state.cell.periodic.any():
-        raise ValueError("wall_arm was given in a periodic cell, where a wall cannot rotate: leave it out")
+        raise ValueError("wall_arm does not apply in a periodic cell, where a wall cannot rotate: leave it out")
     if (state.control.group[n:] >= 0).any():
         raise ValueError(
-            "wall_arm was given for a wall in a rigid group, which cannot rotate: remove the wall from the group"
+            "wall_arm requires a wall that can rotate, unlike one in a rigid group: remove the wall from the group"
         )

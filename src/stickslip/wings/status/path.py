@@ -38,15 +38,15 @@ from .matrices import LinearSystem, linear_system
 from .status import Verdict
 from .system import driven_motions, external_force, pinned_coordinates, regular_stiffness
 
-SMALLEST = 1e-8  # share of a leg to which increments are halved; wedged rattlers then overlap by round-off
+SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
-PROGRESS = 1e-5  # share of a leg; the load stalls if it rises by less in CROWD events and parts of increments
+PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
-COLLAPSE, PASSES = "collapse", "dynamics goes on without a collapse"
-OFFSET = 1e-4  # of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
-JUMP = 10.0  # motion over that before, for the same change of the load, from which it is a collapse
-PARTED = 1e-9  # share of a radius beyond which contacts at the apex have parted, the uncertainty of positions
-AGAIN = 5  # times that a disk is wedged on a path from which the path counts as dependent on the increment
+COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
+OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
+JUMP = 10.0  # motion over the previous one for the same change of the load, above which it is a collapse
+PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
+AGAIN = 5  # number of times that a disk is wedged on a path above which the path counts as dependent on the increment
 
 
 class PathPoint(NamedTuple):
@@ -96,9 +96,9 @@ class LoadPath(NamedTuple):
                 f"on the increment: compare several, or slow dynamics"
             )
         if forks := len(self.alternatives):
-            end += f"; other statuses were consistent, too, at {forks} load{'s'[: forks > 1]}: see `alternatives`"
+            end += f"; other statuses were also consistent at {forks} load{'s'[: forks > 1]}: see `alternatives`"
         if self.unchecked:
-            end += f"; {self.unchecked} times it is not known whether other statuses were consistent"
+            end += f"; {self.unchecked} times it is unknown whether other statuses were consistent"
         return end
 
     @property
@@ -120,8 +120,8 @@ def load_path(
     """Follow a packing while its control changes linearly from one given control to the next.
 
     The first leg begins at the control of the state. Loads are those of the given controls: absolute, not increments.
-    Where no stable equilibrium continues, the path ends or, if a `drag` is given, damped dynamics under a load that is
-    held leads to the next equilibrium, from which the path goes on. Loads are dead; the load points of springs may move
+    If no stable equilibrium continues the path, it ends or, if `drag` is given, damped dynamics under a constant load
+    leads to the next equilibrium, from which the path continues. Loads are dead; the load points of springs may move
     instead, and a stiff spring drives a displacement (`with_machine`).
 
     Slow dynamics in 200 steps of the load moved the lid as the path did, within 0.1 % (median) and 0.9 % (largest), and
@@ -145,8 +145,8 @@ def load_path(
     Raises
     ------
     ValueError
-        if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
-        supports, or the controls have different free components.
+        if the packing is out of balance or unstable, the law is not linear, the load acts on an unsupported body, or
+        the controls have different free components.
 
     Examples
     --------
@@ -191,7 +191,7 @@ class _Leg(NamedTuple):
     begin: Control
     end: Control
     number: int
-    count: int  # of legs
+    count: int  # number of legs
     increment: float
     geometric: bool
 
@@ -368,16 +368,13 @@ CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial sta
 def check_start(state: State, law: Law, legs, increment: float) -> None:
     """Raise ValueError, with one sentence, if no path can begin in a state, or if a leg cannot be followed."""
     if not legs:
-        raise ValueError("no leg was given: at least one Control is needed")
+        raise ValueError("at least one leg, a Control, is needed")
     if law.kind != linear().kind or law.properties:
-        raise ValueError(
-            "a law that is not linear in the overlap was given, or other lever arms: paths are piecewise linear "
-            "only for `linear`"
-        )
+        raise ValueError("paths are piecewise linear only for the law `linear` with lever arms R: use this law")
     if not law.table[..., builtin.KT].min() > 0:
-        raise ValueError("a law with kt = 0 was given: no contact sticks without tangential springs; use a positive kt")
+        raise ValueError("kt must be positive, as no contact sticks without tangential springs")
     if not 0 < increment <= 1:
-        raise ValueError(f"increment = {increment} was given: it must be above 0 and at most 1, in legs of the load")
+        raise ValueError(f"increment must be above 0 and at most 1 leg of the load, got {increment}")
     for end in legs:
         _check_leg(state.control, end)
     matrix = linear_system(state, law)
@@ -406,7 +403,7 @@ def check_start(state: State, law: Law, legs, increment: float) -> None:
             load = (
                 f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
             )
-            raise ValueError(f"a leg has a {load} that nothing balances: give loads without it")
+            raise ValueError(f"a leg has an unbalanced {load}: give loads without it")
         pull = np.abs(external_force(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):
@@ -436,8 +433,8 @@ def check_dynamics(control: Control, drag: float, duration: float | None, travel
     require_positive(drag=drag, **{k: v for k, v in (("duration", duration), ("travel", travel)) if v is not None})
     if control.rate.any() or control.cell_rate.any() or control.course.any():
         raise ValueError(
-            "a drag was given with bodies or a cell that move at a rate: dynamics holds the load, so all rates and "
-            "time profiles must be zero; pull with a spring whose anchor moves instead"
+            "drag requires all rates and time profiles of bodies and cell to be zero, as dynamics holds the load: "
+            "pull with a spring whose anchor moves instead"
         )
 
 

@@ -77,7 +77,7 @@ class Verdict(Enum):
     )
     NO_PROGRESS = "200 events occurred without the load advancing: the path ends here; follow it using dynamics"
     MECHANISM = (
-        "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
+        "the load drives an unresisted motion, and no status balances it: the packing collapses; balance the "
         "load, or follow it using dynamics"
     )
     FLOWS = (
@@ -141,9 +141,7 @@ def status_of_critical(
     """Find the status of critical contacts that all carry a force; arguments are those of `contact_status`."""
     system = StatusSolver(matrix, load, critical_numbers(matrix, critical), geometric)
     if start is not None and np.shape(start) != (matrix.count,):
-        raise ValueError(
-            f"start of shape {np.shape(start)} was given: one bool for each of the {matrix.count} contacts is needed"
-        )
+        raise ValueError(f"start must be one bool for each of the {matrix.count} contacts, got shape {np.shape(start)}")
     slides = np.ones(len(system.critical), bool) if start is None else np.asarray(start, bool)[system.critical]
     if len(driven := driven_motions(matrix, system.load, geometric)):
         return _make_failure(system, Verdict.MECHANISM, _unbalanced_motion(system, driven))
@@ -192,7 +190,7 @@ def _unbalanced_motion(system: StatusSolver, driven: np.ndarray) -> UnresistedMo
     # the forces of a sphere that rolls do not turn with it
     if system.matrix.free.dim == 3 and np.abs(turned).max() > 0:
         system.factorise(nothing)
-        velocity[system.kept] -= system.factor(turned[system.kept])
+        velocity -= system.expand(system.factor(system.reduce(turned)))
     power = float(move @ system.load) / np.linalg.norm(system.load)
     return UnresistedMotion(velocity / np.linalg.norm(velocity), move, power, nothing)
 

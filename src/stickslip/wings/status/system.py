@@ -2,7 +2,7 @@
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError
+from scipy.linalg import LinAlgError, qr
 from scipy.sparse.linalg import splu
 
 from ... import State
@@ -16,6 +16,8 @@ from .matrices import LinearSystem, stiffness_matrix
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
+AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
+RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
 AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
 
 
@@ -23,19 +25,24 @@ class StatusSolver:
     """Velocities of a packing under one load rate, for any status of its critical contacts.
 
     Coordinates are in a fill-reducing order, which is computed once. The coordinates in `held` are fixed, in addition
-    to one for each free translation of the whole packing.
+    to one for each free translation of the whole packing. Where rigid bonds forbid motions, B v = 0, as many
+    coordinates as B has rank follow the others, v = N z, and the equations are those of z: Nᵀ k(S) N z = Nᵀ b.
     """
 
     def __init__(self, matrix: LinearSystem, load: np.ndarray, critical: np.ndarray, geometric: bool, held=()):
         self.critical, self.solves = critical, 0
         self.matrix, self.geometric, self.load = matrix, geometric, load_of(matrix, load)
         order = elimination_order(matrix.c, matrix.free.body, matrix.width)
-        self.kept = order[~np.isin(order, np.append(pinned_coordinates(matrix), np.asarray(held, np.int64)))]
-        c = sparse.csr_array(matrix.c[self.kept])
-        self.right = self.load[self.kept]
+        fixed = np.append(pinned_coordinates(matrix), np.asarray(held, np.int64))
+        following, self.basis = (np.zeros(0, np.int64), None) if matrix.rigid is None else follow_bonds(matrix, fixed)
+        self.kept = order[~np.isin(order, np.append(fixed, following))]
+        self.basis = None if self.basis is None else sparse.csc_array(self.basis[:, self.kept])
+        c = sparse.csr_array(self.reduce(matrix.c))
+        self.right = self.reduce(self.load)
         geometry = (matrix.geometric if geometric else 0.0 * matrix.geometric) + roll_springs(matrix, geometric)
         parts = {"geometric": geometry, "machine": matrix.machine}
-        ordered = matrix._replace(c=c, **{k: sparse.csr_array(a)[self.kept][:, self.kept] for k, a in parts.items()})
+        parts = {k: sparse.csr_array(self.reduce(self.reduce(sparse.csr_array(a)).T).T) for k, a in parts.items()}
+        ordered = matrix._replace(c=c, **parts)
         self.stuck = sparse.csc_array(stiffness_matrix(ordered, np.zeros(matrix.count, bool)))
         columns = sparse.csc_array(c)
         normal, along = columns[:, matrix.width * critical], columns[:, matrix.width * critical + 1]
@@ -44,6 +51,10 @@ class StatusSolver:
         self.sees = sparse.csc_array(normal * slope + along * sign)
         self.reading = np.abs(self.sees).T
         self.factor, self.factored, self.answer, self.reached = None, None, None, {}
+
+    def reduce(self, rows):
+        """Rows (n, …) of loads on all coordinates as loads on the kept ones."""
+        return rows[self.kept] if self.basis is None else self.basis.T @ rows
 
     def stiffness(self, slides: np.ndarray):
         """k(S) of the kept coordinates."""
@@ -78,7 +89,7 @@ class StatusSolver:
             v = self.answer
             if not self._is_balanced(slides, v):
                 raise LinAlgError("singular")
-        return self._expand(v), self.sees.T @ v
+        return self.expand(v), self.sees.T @ v
 
     def rates_for_slip(self, slides: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocities (n,) and Ṽ for a status with given slip rates; k(S) may be singular.
@@ -91,13 +102,16 @@ class StatusSolver:
         v = self.answer + self.factor(self.pull @ slip)
         if not self._is_balanced(slides, v):
             raise LinAlgError("singular")
-        return self._expand(v), self.sees.T @ v
+        return self.expand(v), self.sees.T @ v
 
     def round_off(self, velocity: np.ndarray) -> np.ndarray:
         """(Mc,) round-off in Ṽ, a difference between velocities of touching bodies: a fraction of each velocity."""
         return ROUND_OFF * (self.reading @ np.abs(velocity[self.kept]))
 
-    def _expand(self, v: np.ndarray) -> np.ndarray:
+    def expand(self, v: np.ndarray) -> np.ndarray:
+        """(n,) velocities of all coordinates from those of the kept ones."""
+        if self.basis is not None:
+            return self.basis @ v
         full = np.zeros(len(self.load))
         full[self.kept] = v
         return full
@@ -133,12 +147,30 @@ def load_of(matrix: LinearSystem, load) -> np.ndarray:
     """(n,) load as an array; raises ValueError with one sentence if it is no finite number for each coordinate."""
     load, size = np.asarray(load, float), len(matrix.free)
     if load.shape != (size,):
-        raise ValueError(
-            f"a load of shape {load.shape} was given: shape {(size,)} is needed, one component for each coordinate"
-        )
+        raise ValueError(f"a load must have shape {(size,)}, one component for each coordinate, got {load.shape}")
     if not np.isfinite(load).all():
-        raise ValueError("a load that is not finite was given: every component must be a finite number")
+        raise ValueError("every component of a load must be finite")
     return load
+
+
+def follow_bonds(matrix: LinearSystem, fixed: np.ndarray) -> tuple[np.ndarray, sparse.csr_array]:
+    """Coordinates that follow the others where rigid bonds forbid motions, and N of v = N z (n, n), z without them.
+
+    The others include those that are fixed. Columns of N that belong to coordinates that follow are zero.
+    """
+    size = len(matrix.free)
+    if size > AT_MOST:
+        raise ValueError(f"{size} coordinates were given: rigid bonds are treated in packings of at most {AT_MOST}")
+    open_, forbidden = np.setdiff1d(np.arange(size), fixed), matrix.rigid.toarray()
+    _, r, pivots = qr(forbidden[:, open_], pivoting=True, mode="economic")
+    diagonal = np.abs(np.diag(r))
+    rank = int((diagonal > RANK * diagonal.max(initial=0.0)).sum())
+    following, basis = open_[pivots[:rank]], np.eye(size)
+    leading = np.concatenate([open_[pivots[rank:]], fixed]).astype(np.int64)
+    reach = np.linalg.lstsq(forbidden[:, following], -forbidden[:, leading], rcond=None)[0]
+    basis[following] = 0.0
+    basis[np.ix_(following, leading)] = np.where(np.abs(reach) > RANK, reach, 0.0)
+    return following, sparse.csr_array(basis)
 
 
 def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
@@ -149,7 +181,8 @@ def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
 def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
     """(n,) translations of the whole packing that move no contact."""
     moves = [(matrix.free.axis == axis).astype(float) for axis in range(matrix.free.dim)]
-    moves = [move for move in moves if move.any() and not (matrix.machine @ move).any()]
+    slack = 1e-12 * np.abs(matrix.machine.data).max(initial=0.0)  # bonds resist no translation but for round-off
+    moves = [move for move in moves if move.any() and np.abs(matrix.machine @ move).max() <= slack]
     return [move for move in moves if np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12]
 
 
@@ -197,8 +230,11 @@ def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
     if matrix.free.dim == 2:
         return np.zeros((0, 6), int)
     c, body = matrix.c.tocoo(), matrix.free.body
+    springs = matrix.machine.tocoo()
+    bonded = body[springs.col[springs.row != springs.col]]
     pairs = np.unique(body[c.row].astype(np.int64) * matrix.count + c.col // 3)
     two = np.bincount(pairs // max(matrix.count, 1), minlength=body.max(initial=0) + 1) == 2
+    two[bonded] = False
     first = np.flatnonzero((matrix.free.axis == 0) & two[body])
     own = np.minimum(first[:, None] + np.arange(6), len(body) - 1)
     return own[(matrix.free.axis[own] == np.arange(6)).all(axis=1)]

@@ -6,7 +6,7 @@ counts as zero, and A is then reported as singular rather than as being or not b
 
 If y ≥ 0, Aᵀ y ≤ 0 and qᵀ y < 0, then no λ ≥ 0 has w = A λ + q ≥ 0, since 0 ≤ yᵀ w = (Aᵀ y)ᵀ λ + qᵀ y < 0. A linear
 programme proposes such a Farkas certificate y. The inequalities are then verified, allowing for the errors in A and q.
-A motion that nothing resists proves the same.
+An unresisted motion proves the same.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """
@@ -33,7 +33,7 @@ class UniquenessVerdict(Enum):
     SINGULAR = (
         "singular: several slip rates give the same forces under some loads; see `contact_status` for a given load"
     )
-    UNDECIDED = "not known: no fast test is conclusive; all minors are computed only for up to 14 critical contacts"
+    UNDECIDED = "unknown: no fast test is conclusive; all minors are computed only for up to 14 critical contacts"
 
 
 @readable
@@ -48,7 +48,7 @@ class Uniqueness(NamedTuple):
 
     @property
     def unique(self) -> bool | None:
-        """True, False, or None if it is not known."""
+        """True, False, or None if unknown."""
         return {UniquenessVerdict.UNIQUE: True, UniquenessVerdict.UNDECIDED: None}.get(self.verdict, False)
 
     def __str__(self):
@@ -190,7 +190,7 @@ def may_be_p_matrix(problem: Complementarity) -> bool:
 FAR = 1e9  # in units of q: a certificate is valid if a consistent status would need larger slip rates
 TIGHT = 1e-6  # ten times the tolerance of HiGHS; inequalities tight to within it are turned into equations
 DENSE_UP_TO = 3000  # coordinates up to which null vectors are computed, which takes seconds
-ZERO = 1e-11  # share of the largest entry of k below which a pivot is zero
+ZERO = 1e-11  # fraction of the largest entry of k below which a pivot is zero
 NULL = 1e-9  # residual of a null vector of unit size, over the largest entry of k
 
 
@@ -204,7 +204,7 @@ class Absence(NamedTuple):
 
 
 class UnresistedMotion(NamedTuple):
-    """Motion that nothing resists and that the load drives."""
+    """Unresisted motion driven by the load."""
 
     velocity: np.ndarray  # (n,) v of unit length, k(S) v = 0
     balance: np.ndarray  # (n,) u of unit length, uᵀ k(S) = 0; since uᵀ b is not zero, S cannot balance the load b
@@ -235,7 +235,7 @@ def farkas(problem: Complementarity) -> Absence | None:
 
 
 def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
-    """y with nearly tight inequalities turned into equations, as for a motion that nothing resists."""
+    """y with nearly tight inequalities turned into equations, as for an unresisted motion."""
     held = y > TIGHT
     tight = np.abs(here.matrix.T @ y) <= TIGHT
     a = here.matrix[np.ix_(held, tight)].T
@@ -296,13 +296,11 @@ def _verify_motion(
     size = np.linalg.norm(system.right)
     if np.abs(k @ v).max() > small or np.abs(k.T @ u).max() > small or not abs(power) > NULL * size:
         return None
-    whole = np.zeros((2, len(system.load)))
-    whole[:, system.kept] = v, u
-    return UnresistedMotion(*whole, power / size, slides)
+    return UnresistedMotion(system.expand(v), system.expand(u), power / size, slides)
 
 
 class IdleMotions(NamedTuple):
-    """Motions that nothing resists although all contacts stick, and that do not move any critical contact."""
+    """Motions that are unresisted although all contacts stick, and that do not move any critical contact."""
 
     coordinates: np.ndarray  # coordinates that may be held fixed to exclude these motions
     motion: UnresistedMotion | None  # motion driven by the load, if any; then no status balances the load
@@ -310,7 +308,7 @@ class IdleMotions(NamedTuple):
 
 def find_idle_motions(system: StatusSolver) -> IdleMotions | None:
     """Find null vectors of k₀ that are null vectors of every k(S); None if this cannot be decided."""
-    if not 0 < len(system.kept) <= DENSE_UP_TO:
+    if not 0 < len(system.kept) <= DENSE_UP_TO or system.basis is not None:
         return None
     k = system.stuck.toarray()
     scale = np.abs(k).max()

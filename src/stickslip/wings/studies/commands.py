@@ -22,7 +22,10 @@ MODES = {
     "simple": "shear along x with the gradient along y", "pure": "longer along x, shorter along y",
     "isotropic": "compression on all sides", "uniaxial": "compression along y between fixed sides",
 }  # fmt: skip
-UNTIL = {"first-event": "the first discontinuity of the path", "first-pair": "the first complex pair"}
+UNTIL = {
+    "first-event": "the first discontinuity of the path", "first-pair": "the first complex pair",
+    "first-break": "the first bond that breaks",
+}  # fmt: skip
 SHEAR = examples(
     ("shear examples/sheared_spheres.npz --coulomb sharp --mu 0.3 --settle", "until it jumps to another state"),
     ("shear examples/sheared_spheres.npz --until -2e-4", "shear back, to a strain"),
@@ -45,7 +48,7 @@ def shear(
         typer.Option(
             "--until",
             metavar="WHEN",
-            help="first-pair, first-event or a strain; a negative one shears back or unloads.",
+            help="first-pair, first-event, first-break or a strain; a negative one reverses the shear or unloads.",
             autocompletion=complete_from(UNTIL),
         ),
     ] = "first-event",
@@ -66,7 +69,7 @@ def shear(
         number_option("--drag", help="Drag that decides over events [1/time]; default: 0.1 of the highest frequency."),
     ] = None,
     settle: Annotated[
-        bool, typer.Option("--settle", help="Let it come to rest under this law first; shear that state.")
+        bool, typer.Option("--settle", help="First let it come to rest under this law; shear that state.")
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for results; default: results/shear-FILE.")] = None,
     overwrite: Overwrite = False,
@@ -76,9 +79,9 @@ def shear(
 ) -> None:
     """Shear or compress a packing quasi-statically until it fails, and forecast its next event.
 
-    Writes the stress-strain curve, complex pairs born and dying, events, contacts that open, close or slide, forecasts
-    with intervals, a figure and a page. Only an equilibrium in a periodic cell without walls is sheared. After ctrl-C
-    or a kill, stickslip resume continues.
+    Writes the stress-strain curve, complex pairs born and dying, events, contacts that open, close or slide, bonds that
+    break, forecasts with intervals, a figure and a page. Only an equilibrium in a periodic cell without walls is
+    sheared. After ctrl-C or a kill, stickslip resume continues.
     """
     from ...kit import trust_law_files, validate_scenario
     from .failure.scenario import FailureScenario
@@ -107,7 +110,8 @@ def _strain(word: str) -> float:
     try:
         return parse_number(word)
     except ValueError:
-        raise ValueError(f"--until {word!r} was given: use first-pair, first-event or a strain such as 1e-3") from None
+        allowed = "first-pair, first-event, first-break or a strain such as 1e-3"
+        raise ValueError(f"--until must be {allowed}, got {word!r}") from None
 
 
 def _tables(file: Path, options: PackingOptions, settle: bool) -> dict:

@@ -2,7 +2,7 @@
 
 Erickson et al. 2023, doi:10.1785/0120220066; description by B. Erickson, J. Jiang and E. Dunham, 1 October 2021. Series
 of FDRA (C. Cattania and Y. Sun, 2020 and 2021, boundary elements of 25 m) are in a public copy for a thrust of 60° and
-a normal fault of 30°: 7.5 km down dip, and at the surface. For the other dips we found none.
+a normal fault of 30°: 7.5 km down dip, and at the surface. No published series were found for the other dips.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from .claims import Reproduction
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
 
-STATION = 7500.0  # of the series, down dip [m]
+STATION = 7500.0  # position of the series, down dip [m]
 SURFACE = (-32e3, -16e3, -8e3, -0.01, 0.01, 8e3, 16e3, 32e3)  # [m]
-FINE, QUICK = (25.0, 50.0), (50.0, 62.5)  # cells, and coarser ones for errors [m]
-YEARS = (250.0, 490.0)  # of the compared slip [m], shear and normal stress [MPa]
+FINE, QUICK = (25.0, 50.0), (50.0, 62.5)  # cell lengths, and coarser ones for errors [m]
+YEARS = (250.0, 490.0)  # years of the compared slip [m], shear and normal stress [MPa]
 PUBLISHED = {
     (60.0, "thrust"): {
         "events": (177.100, 277.342, 334.302, 421.255),  # years
@@ -61,7 +61,7 @@ def paper_scenario(
 def reproduce(
     *, quick: bool = False, seed: int = 0, folder=None, workers=None, report: Report = silent
 ) -> Reproduction:
-    """Run the benchmark, dips with published series with two lengths of cells and others with the coarser ones only."""
+    """Run the benchmark: dips with published series at two cell lengths, others with the coarser cells only."""
     fine, coarse = QUICK if quick else FINE
     cases = [(dip, slip, cell) for cell in (fine, coarse) for dip, slip in PUBLISHED]
     cases += [] if quick else [(dip, slip, coarse) for dip, slip in OTHERS]

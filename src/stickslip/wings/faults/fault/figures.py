@@ -66,11 +66,11 @@ def max_slip_velocity(history: FaultHistory, threshold: float = 1e-3):
     figure, axes = column_axes(1, 2.1)
     axes.semilogy(history.time / YEAR, history.max_velocity, color=BLUE, lw=0.6)
     axes.axhline(threshold, color=BLACK, ls="--", lw=0.6)
-    axes.text(0, threshold, " events", va="bottom", fontsize=6.5)
+    axes.text(0, threshold, " events", va="bottom", fontsize=7)
     plates = history.fault.plate_rate
     if plates:
         axes.axhline(plates, color=BLACK, ls=":", lw=0.6)
-        axes.text(0, plates, " plates", va="top", fontsize=6.5)
+        axes.text(0, plates, " plates", va="top", fontsize=7)
     axes.set_xlim(0, history.time[-1] / YEAR)
     low, high = min(plates or np.inf, history.max_velocity.min()), max(threshold, history.max_velocity.max())
     axes.set_ylim(0.05 * low, 10 * high)

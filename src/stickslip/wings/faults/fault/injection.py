@@ -1,8 +1,8 @@
 """Reproduction of the SEAS benchmark problem BP6-QD: aseismic slip due to fluid injected into a fault.
 
 Lambert et al. 2025, doi:10.1029/2024JB030601. The parameters are those of the public inputs of tandem, RSFaultZ and
-QDBIM, which agree. Series of CYCLAPS (P. Dublanchet, 2024, aging law), from a public copy: "z = 0" is the cell beside
-the source, 9.77 m away, and "z = 0.5 km" is 50 cells away, as their pressures show. It has none of the slip law.
+QDBIM, which agree. Series of CYCLAPS (P. Dublanchet, 2024, aging law), from a public copy: their pressures show that "z
+= 0" is the cell beside the source, 9.77 m away, and "z = 0.5 km" is 50 cells away. It has none of the slip law.
 """
 
 import numpy as np
@@ -42,7 +42,7 @@ SHOWS = {
 def paper_scenario(*, quick: bool = False, seed: int = 0, cells: int = FINE, law: str = "aging") -> FaultScenario:
     """Return the scenario: one half of the fault, as slip is even about the source, and as at a free surface.
 
-    The number of cells is an odd multiple of 1024, with which a centre lies at the station beside the source.
+    The number of cells is an odd multiple of 1024, so that a cell centre lies at the station beside the source.
     """
     return validate_scenario(
         FaultScenario, seed=seed, line={"width": HALF, "cell": HALF / cells},

@@ -189,7 +189,7 @@ def files(result: FaultResult):
 
 
 def remarks(result: FaultResult) -> list[str]:
-    """Sentences on what did not happen, on the first event, and on nucleation."""
+    """Sentences on missing events, on the first event, and on nucleation."""
     run, events = result.scenario.run, result.history.events
     (lasted,), unit = in_readable_units([result.history.time[-1]], "s")
     nothing = f"There was no event in {lasted:.3g} {unit}: no slip velocity reached {run.threshold:g} m/s."

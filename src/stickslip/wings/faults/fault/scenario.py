@@ -76,7 +76,7 @@ class FaultFriction(ScenarioTable):
 
 
 class FluidInjection(ScenarioTable):
-    """Fluid that is injected into the fault at one depth and spreads along it, which lowers the normal stress."""
+    """Fluid injected into the fault at one depth, which spreads along it and lowers the normal stress."""
 
     flux: NotNegative = Field(
         0.0, description="volume per time and cross-section of the fault, half of it to each side; 0: none [m/s]"
@@ -107,7 +107,7 @@ class NormalStress(ScenarioTable):
     def _read_file(cls, given: Any):
         if isinstance(given, dict) and isinstance(given.get("file"), str):
             if given.keys() & {"times", "depths", "changes"}:
-                raise ValueError("normal_stress.file was given with a table: give one of them")
+                raise ValueError("normal_stress.file and a table exclude each other: give one")
             table = read_stress_table(given["file"])
             names = {"times": table.time, "depths": table.depth, "changes": table.values}
             return {key: value for key, value in given.items() if key != "file"} | {
@@ -125,8 +125,8 @@ class Loading(ScenarioTable):
     velocity: Positive | None = Field(None, description="slip velocity at the start; default: plate_rate [m/s]")
     stress: Literal["steady"] | Profile | None = Field(
         None,
-        description="shear stress at the start, a number, pairs [depth, value], or steady: that of steady sliding of "
-        "each cell; default: the steady stress of the deepest cell everywhere [Pa]",
+        description="initial shear stress: a number, pairs [depth, value], or steady for steady sliding of each cell; "
+        "default: the steady stress of the deepest cell everywhere [Pa]",
     )
 
 
@@ -139,7 +139,9 @@ class FaultRun(ScenarioTable):
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-2)] = Field(
         1e-4, description="error of each step in slip over dc and in ln θ"
     )
-    stations: Annotated[tuple[NotNegative, ...], Listed] = Field(STATIONS, description="depths of time series [m]")
+    stations: Annotated[tuple[NotNegative, ...], Listed] = Field(
+        STATIONS, description="depths of time series [m], by default those on the fault"
+    )
     surface: Numbers = Field(
         (),
         description="stations at the surface with in-plane shear, at distances from the trace of the fault, positive "
@@ -169,7 +171,7 @@ class FaultScenario(ScenarioBase):
     run: FaultRun = FaultRun()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over cells, points and profiles; an event is taken to last as long as a shear wave needs."""
+        """Iterate over cells, points and profiles; events are assumed to last as long as a shear wave travels."""
         line, run = self.line, self.run
         points, quiet = line.width / run.spacing, run.years / run.interval
         seismic = line.width / self.medium.wave_speed / run.seismic_interval
@@ -183,14 +185,18 @@ class FaultScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_fault(self):
         check_normal(self.fault, self.run.years * YEAR)
-        if wrong := [depth for depth in self.run.stations if depth > self.line.width]:
-            raise ValueError(f"run.stations contains {wrong[0]:g} m: use depths from 0 to line.width")
+        deep = [depth for depth in self.run.stations if depth > self.line.width]
+        if deep and "stations" not in self.run.model_fields_set:
+            on_fault = tuple(depth for depth in STATIONS if depth not in deep)
+            object.__setattr__(self, "run", self.run.model_copy(update={"stations": on_fault}))  # scenarios are frozen
+        elif deep:
+            raise ValueError(f"run.stations contains {deep[0]:g} m: use depths from 0 to line.width")
         if self.run.surface and not self.fault.dips:
-            raise ValueError('run.surface was given: use it with line.shear = "in-plane" and line.boundary = "surface"')
+            raise ValueError('run.surface requires line.shear = "in-plane" and line.boundary = "surface"')
         if 0 in self.run.surface:
             raise ValueError("run.surface contains 0: use 0.01 and −0.01 for the two sides of the trace")
         if self.run.threshold <= self.loading.plate_rate:
-            raise ValueError(f"run.threshold = {self.run.threshold:g} m/s was given: it must exceed loading.plate_rate")
+            raise ValueError(f"run.threshold must exceed loading.plate_rate, got {self.run.threshold:g} m/s")
         return self
 
     @property

@@ -16,7 +16,7 @@ from . import EXPERIMENT
 from .scenario import FaultScenario
 
 PART = 50.0  # years of simulated time between two saved parts
-SETTLING = 3  # events at the start that are left out of averages
+SETTLING = 3  # initial events excluded from averages
 
 
 @result_of(EXPERIMENT)
@@ -29,7 +29,7 @@ class FaultResult(NamedTuple):
 
     @property
     def settled(self) -> slice:
-        """Numbers of the events after the first three, or of all if there are fewer than five."""
+        """Indices of the events after the first three, or of all if there are fewer than five."""
         return slice(SETTLING if len(self.history.events.start) >= SETTLING + 2 else 0, None)
 
     @property
@@ -69,8 +69,8 @@ def simulate_cycles(
 
     Parameters
     ----------
-    folder : run folder, in which the history is saved every 50 simulated years; a run that was killed resumes from it
-        and is bitwise the same
+    folder : run folder, in which the history is saved every 50 simulated years; a killed run resumes from it, bitwise
+    identically
     report : called as report(stage, share done, text)
 
     Examples
@@ -95,7 +95,7 @@ def simulate_cycles(
     nouns = FaultHistory, FaultEvents, Energy, FaultState, Fault, Injection, Oscillation, StressTable
     kept = checkpoint_in(folder, scenario, *nouns)
     if kept:
-        # a reproduction runs several lengths and laws in one folder
+        # a reproduction runs several lengths and laws in the same folder
         dip = f"-{fault.slip}-{fault.dip:g}" if fault.dips else ""
         kept = kept.of(f"cells-of-{fault.cell:g}-m{dip}" + ("" if fault.law == "aging" else f"-{fault.law}"))
         kept.check()

@@ -24,7 +24,7 @@ from .stress_transfer import (
 SHEARS = ("antiplane", "in-plane")
 SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
 MOST_CELLS = 1_000_000
-MOST_ENTRIES = 1e7  # of a table of the effect of the surface on a dipping fault
+MOST_ENTRIES = 1e7  # size of a table of the effect of the surface on a dipping fault
 LONGEST_CELL = 1 / 3  # over the cohesive length
 SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
 
@@ -50,18 +50,18 @@ class Fault(NamedTuple):
     form: str = "regularized"  # or "logarithmic"
     shear: str = "antiplane"  # or "in-plane"
     shear_modulus: float = 32.04e9  # [Pa]
-    wave_speed: float = 3464.0  # of shear waves; infinite: no radiation damping [m/s]
+    wave_speed: float = 3464.0  # speed of shear waves; infinite: no radiation damping [m/s]
     poisson: float = 0.25  # Poisson's ratio, for in-plane shear
     plate_rate: float = 1e-9  # slip velocity of the rest of the plane, or of the plates [m/s]
     boundary: str = "surface"  # or "infinite" or "periodic"
-    thickness: float = np.inf  # of each plate, for a periodic fault [m]
+    thickness: float = np.inf  # thickness of each plate, for a periodic fault [m]
     v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
     v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
     b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
     dc2: np.ndarray | float = 1.0  # (N,) or a number, its characteristic slip; has no effect if b2 = 0 [m]
     alpha: float = 0.0  # effect of changes of the normal stress on the states
     changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # of the normal stress in time
-    dip: float = 90.0  # of a fault that reaches the surface, for in-plane shear [degrees]
+    dip: float = 90.0  # dip of a fault that reaches the surface, for in-plane shear [degrees]
     slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
     def check_entries(self) -> None:
@@ -70,7 +70,7 @@ class Fault(NamedTuple):
         choices = {"law": EVOLUTIONS, "form": FORMS, "shear": SHEARS, "boundary": BOUNDARIES, "slip": SENSES}
         for name, allowed in choices.items():
             if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} = {getattr(self, name)!r} was given: use {' or '.join(map(repr, allowed))}")
+                raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {getattr(self, name)!r}")
 
     @property
     def modulus(self) -> float:
@@ -108,7 +108,7 @@ class Fault(NamedTuple):
         return self.b / self.dc + self.b2 / np.asarray(self.dc2)
 
     def sliding_at(self, velocity: float) -> "Fault":
-        """Fault without cut-off velocities that has the same slopes of friction in steady sliding at V [m/s].
+        """Fault without cut-off velocities with the same slopes of friction in steady sliding at V [m/s].
 
         Its direct effect is A = ∂μ/∂ln V = a/(1 + V/V1), its evolution effects are B = ∂μ/∂ln θ = b/(1 + V/V2) and
         b2/(1 + V/V2).
@@ -118,7 +118,7 @@ class Fault(NamedTuple):
 
     @property
     def dips(self) -> bool:
-        """Whether slip is in-plane and reaches a free surface, so that it changes the normal stress."""
+        """True if slip is in-plane and reaches a free surface, so that it changes the normal stress."""
         return self.shear == "in-plane" and self.boundary == "surface"
 
     @property
@@ -165,7 +165,7 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     cell : length of a cell; the width must be a whole number of them [m]
     a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
         interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
-        `b2` and `dc2`, for which both must be given, belong to a second state variable, see `RateState`
+        `b2` and `dc2`, which must be given together, belong to a second state variable, see `RateState`
     more : the other fields of `Fault`
 
     Raises
@@ -184,12 +184,14 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
     """
     number = _count_cells(width, cell)
     if unknown := set(more) - set(Fault._fields):
-        raise ValueError(f"{min(unknown)!r} was given: the other fields of a fault are {', '.join(Fault._fields[6:])}")
+        raise ValueError(
+            f"{min(unknown)!r} is not a field of a fault; the other fields are {', '.join(Fault._fields[6:])}"
+        )
     depth = (np.arange(number) + 0.5) * cell
     given = {"a": a, "b": b, "dc": dc, "normal": normal, "b2": b2, "dc2": 1.0 if dc2 is None else dc2}
     profiles = {name: profile(name, value, depth) for name, value in given.items()}
     if dc2 is None and (profiles["b2"] > 0).any():
-        raise ValueError("b2 was given without dc2: a second state needs its characteristic slip")
+        raise ValueError("b2 requires dc2, the characteristic slip of the second state")
     fault = Fault(depth, cell=cell, **profiles, **more)
     check_fault(fault)
     return fault
@@ -199,11 +201,11 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
 def _count_cells(width: float, cell: float) -> int:
     require_positive(width=width, cell=cell)
     if not width / cell <= MOST_CELLS:
-        raise ValueError(f"width = {width:g} and cell = {cell:g} were given: use at most {MOST_CELLS:,} cells")
+        raise ValueError(f"width = {width:g} and cell = {cell:g} give too many cells: use at most {MOST_CELLS:,}")
     number = round(width / cell)
     if number < 3 or abs(number * cell - width) > 1e-6 * width:
         raise ValueError(
-            f"width = {width:g} and cell = {cell:g} were given: use a width of a whole number of cells, at least three"
+            f"width must be a whole number of cells, at least three, got width = {width:g} and cell = {cell:g}"
         )
     return number
 
@@ -215,7 +217,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
     except (TypeError, ValueError):
         points = None
     if points is None or value is None or isinstance(value, str):
-        raise ValueError(f"{name} = {quoted(value)} was given: use a number, or pairs of depth and value")
+        raise ValueError(f"{name} must be a number, or pairs of depth and value, got {quoted(value)}")
     if points.ndim == 0:
         points = np.array([[0.0, float(points)]])
     if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
@@ -231,7 +233,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 
 
 def check_fault(fault: Fault) -> None:
-    """Raise ValueError with one sentence if a fault is not valid, or if its cells are too long."""
+    """Raise ValueError with a one-sentence message if a fault is invalid, or if its cells are too long."""
     fault.check_entries()
     for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)
@@ -240,24 +242,22 @@ def check_fault(fault: Fault) -> None:
     require_positive(v0=fault.v0, shear_modulus=fault.shear_modulus)
     for name in ("plate_rate", "alpha"):
         if not (getattr(fault, name) >= 0 and np.isfinite(getattr(fault, name))):
-            raise ValueError(f"{name} = {getattr(fault, name)} was given: use a finite number that is not negative")
+            raise ValueError(f"{name} must be finite and not negative, got {getattr(fault, name)}")
     if fault.alpha > 0 and not (fault.evolution > 0).all():
-        raise ValueError(f"alpha = {fault.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
+        raise ValueError(f"alpha = {fault.alpha} requires b > 0, as normal stress acts on the state")
     for change in fault.changes:
         change.check()
     if not fault.wave_speed > 0:
-        raise ValueError(f"wave_speed = {fault.wave_speed} was given: it must be positive")
+        raise ValueError(f"wave_speed must be positive, got {fault.wave_speed}")
     if not -1 < fault.poisson < 0.5:
-        raise ValueError(f"poisson = {fault.poisson} was given: use a number between −1 and 0.5")
+        raise ValueError(f"poisson must be between −1 and 0.5, got {fault.poisson}")
     for name in ("v1", "v2"):
         if not getattr(fault, name) > 0:
-            raise ValueError(
-                f"{name} = {getattr(fault, name)} was given: use a positive velocity, or inf for no cut-off"
-            )
+            raise ValueError(f"{name} must be a positive velocity, or inf for no cut-off, got {getattr(fault, name)}")
     if fault.form == "regularized" and any(fault.cuts):
-        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
     if not np.isfinite(fault.mu0):
-        raise ValueError(f"mu0 = {fault.mu0} was given: use a finite number")
+        raise ValueError(f"mu0 must be finite, got {fault.mu0}")
     _check_geometry(fault)
     _check_cells(fault)
 
@@ -266,8 +266,8 @@ def _check_values(name: str, values, *, positive: bool) -> None:
     values = np.atleast_1d(np.asarray(values, float))
     bad = ~np.isfinite(values) | ((values <= 0) if positive else (values < 0))
     if bad.any():
-        allowed = "positive, finite values" if positive else "finite values that are not negative"
-        raise ValueError(f"{name} = {values[bad][0]:g} was given: use {allowed}")
+        allowed = "positive and finite" if positive else "finite and not negative"
+        raise ValueError(f"{name} must be {allowed}, got {values[bad][0]:g}")
 
 
 def check_normal(fault: Fault, until: float) -> None:
@@ -285,26 +285,25 @@ def check_normal(fault: Fault, until: float) -> None:
 
 def _check_geometry(fault: Fault) -> None:
     if fault.shear == "in-plane" and fault.boundary == "periodic":
-        raise ValueError("boundary = 'periodic' was given with in-plane shear: use 'surface' or 'infinite'")
+        raise ValueError("boundary must be 'surface' or 'infinite' for in-plane shear, got 'periodic'")
     if not 0 < fault.dip <= 90:
         raise ValueError(
-            f"dip = {fault.dip:g} was given: use degrees above 0 and up to 90, and slip = 'thrust' or 'normal'"
+            f"dip must be above 0 and at most 90 degrees, and slip 'thrust' or 'normal', got dip = {fault.dip:g}"
         )
     if not fault.dips and (fault.dip != 90 or fault.slip != "thrust"):
         raise ValueError(
-            f"dip = {fault.dip:g} and slip = {fault.slip!r} were given with {fault.shear} shear and boundary = "
-            f"{fault.boundary!r}: use in-plane shear and boundary = 'surface'"
+            f"dip = {fault.dip:g} and slip = {fault.slip!r} require in-plane shear and boundary = 'surface', got "
+            f"{fault.shear} shear and boundary = {fault.boundary!r}"
         )
     number = len(fault.depth)
     if fault.dips and image_nodes(number, fault.dip) * number > MOST_ENTRIES:
         raise ValueError(
-            f"{number:,} cells were given for a fault with a dip of {fault.dip:g}°, which needs too much memory: use "
-            f"longer cells"
+            f"{number:,} cells of a fault with a dip of {fault.dip:g}° need too much memory: use longer cells"
         )
     if fault.boundary == "periodic" and not (fault.thickness > 0 and np.isfinite(fault.thickness)):
         raise ValueError(
-            f"thickness = {fault.thickness} was given: a periodic fault is loaded through plates, whose thickness must "
-            f"be positive and finite"
+            "a periodic fault is loaded through plates, whose thickness must be positive and finite, got "
+            f"{fault.thickness}"
         )
 
 
@@ -321,6 +320,6 @@ def _check_cells(fault: Fault) -> None:
     name = "G D_c/(b σ)" if fault.states == 1 else "G/[(b/D_c + b2/D_c2) σ]"
     if fault.cell > LONGEST_CELL * length.min() * (1 + 1e-9):
         raise ValueError(
-            f"cell = {fault.cell:g} m was given, but the cohesive length {name} is {length.min():.4g} m: use "
-            f"cells of at most a third of it, {LONGEST_CELL * length.min():.4g} m"
+            f"cell = {fault.cell:g} m does not resolve the cohesive length {name} = {length.min():.4g} m: use cells "
+            f"of at most a third of it, {LONGEST_CELL * length.min():.4g} m"
         )

@@ -36,7 +36,7 @@ class Energy(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Loading minus the other terms, over loading or dissipation: the error of the integration."""
+        """Loading minus the other terms, over loading or dissipation: the integration error."""
         largest = max(abs(self.loading), self.frictional + self.radiated)
         return (self.loading - self.frictional - self.radiated - self.elastic) / largest
 
@@ -96,7 +96,7 @@ def simulate_fault(
     ----------
     years : the simulation ends with the first step after this time of 365.25 days that is not in an event
     start : default: `initial_state(fault)`; with the `state` of a history, that simulation is continued bit for bit
-    recording : what is recorded; default: no stations, profiles of slip every 5 years and every second of an event
+    recording : recorded quantities; default: no stations, profiles of slip every 5 years and every second during events
     tolerance : error of each step in slip over D_c, and in ln θ
     report : called as report(stage, share done, text)
 
@@ -117,7 +117,7 @@ def simulate_fault(
     check_fault(fault)
     require_positive(years=years, tolerance=tolerance)
     if years > MOST_YEARS:
-        raise ValueError(f"years = {years:g} was given: use at most {MOST_YEARS:g}")
+        raise ValueError(f"years must be at most {MOST_YEARS:g}, got {years:g}")
     check_normal(fault, years * YEAR)
     recording = recording or Recording()
     check_recording(fault, recording)
@@ -138,23 +138,23 @@ def check_recording(fault: Fault, recording: Recording) -> None:
     require_positive(**intervals)
     outside = ~((stations >= 0) & (stations <= fault.width))
     if outside.any():
-        raise ValueError(f"a station at {stations[outside][0]:g} m was given: use depths from 0 to {fault.width:g} m")
+        raise ValueError(f"stations must be at depths from 0 to {fault.width:g} m, got {stations[outside][0]:g} m")
     if len(surface) and not fault.dips:
-        raise ValueError("stations at the surface were given: use in-plane shear and boundary = 'surface'")
+        raise ValueError("stations at the surface require in-plane shear and boundary = 'surface'")
     if not (np.isfinite(surface) & (surface != 0)).all():
         raise ValueError(
-            f"surface = {recording.surface} was given: use finite distances from the trace, and 0.01 and −0.01 m "
-            f"instead of 0 for its two sides"
+            "surface must be finite distances from the trace, other than 0 (use 0.01 and −0.01 m for its two sides), "
+            f"got {recording.surface}"
         )
     if recording.threshold <= fault.plate_rate:
         raise ValueError(
-            f"threshold = {recording.threshold:g} m/s was given, and the plates move at {fault.plate_rate:g} m/s: "
-            f"use a larger threshold, such as 1e-3"
+            f"threshold must exceed the plate velocity of {fault.plate_rate:g} m/s, got {recording.threshold:g} m/s: "
+            "use a larger one, such as 1e-3"
         )
 
 
 def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder, tolerance: float, report):
-    """Take steps to the end; return the last state and the numbers of steps and of rejected ones."""
+    """Integrate to the end; return the last state and the numbers of steps and of rejected steps."""
     machine = Machine(fault, state.prestress)
     y, w = state.unknowns, state.log_velocity.copy()
     stages, powers = np.empty((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3))
@@ -163,7 +163,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
     now = _moment(fault, state)
-    # steps end where the normal stress is not smooth; the last one is infinite
+    # times at which steps end because the normal stress is not smooth; the last one is infinite
     breaks = np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
     longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
     while time < until or recorder.event is not None:
@@ -238,7 +238,7 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
 
 
 def join_histories(parts: list[FaultHistory]) -> FaultHistory:
-    """Join consecutive histories, each of which continued the one before it."""
+    """Join consecutive histories, each of which continues the previous one."""
     first, last = parts[0], parts[-1]
     along = {
         name: np.concatenate([getattr(part, name) for part in parts])

@@ -3,7 +3,7 @@
 The source of an event is its moment, stress drops, speed of the rupture and energies. u is slip in excess of plate
 motion and K the stress transfer, so that the shear stress on the fault is τ = τ₀ + K u; it exceeds friction by
 radiation damping, η V. D is the slip of an event, −K Δu its static stress drop. All sums are over cells of length h,
-and all quantities are those of a unit of length along strike, as the fault is two-dimensional.
+and all quantities are per unit length along strike, as the fault is two-dimensional.
 """
 
 from typing import NamedTuple
@@ -22,21 +22,21 @@ class FaultEvents(NamedTuple):
 
     start: np.ndarray  # [s]
     end: np.ndarray  # [s]
-    depth: np.ndarray  # of the fastest cell when the threshold is reached [m]
+    depth: np.ndarray  # position of the fastest cell when the threshold is reached [m]
     nucleation_length: np.ndarray  # around it, with at least a tenth of the largest slip velocity [m]
     top: np.ndarray  # shallowest and deepest points at which slip reached the threshold velocity [m]
     bottom: np.ndarray  # [m]
     max_velocity: np.ndarray  # [m/s]
     surface_velocity: np.ndarray  # largest of the first cell [m/s]
     max_slip: np.ndarray  # [m]
-    surface_slip: np.ndarray  # of the first cell [m]
+    surface_slip: np.ndarray  # slip of the first cell [m]
     moment: np.ndarray  # G × slip, integrated over depth: moment per length along strike [N]
     radiated: np.ndarray  # radiated energy, the work of radiation damping, per length along strike [J/m]
     rupture_length: np.ndarray  # length of the cells in which slip reached the threshold velocity [m]
     rupture_speed: np.ndarray  # mean, from where slip first reached the threshold velocity to the farther end [m/s]
     stress_drop: np.ndarray  # mean of the static stress drop over the rupture [Pa]
     slip_weighted_stress_drop: np.ndarray  # its mean weighted with slip, which is that of the energy [Pa]
-    seismological_stress_drop: np.ndarray  # of a crack with the moment and the length of the rupture [Pa]
+    seismological_stress_drop: np.ndarray  # stress drop of a crack with the moment and the length of the rupture [Pa]
     released: np.ndarray  # elastic energy released, per length along strike [J/m]
     loading: np.ndarray  # work of the plates during the event, per length along strike [J/m]
     frictional: np.ndarray  # work of friction, per length along strike [J/m]
@@ -72,7 +72,7 @@ def moment_magnitude(moment: Values):
     """
     moment = np.asarray(moment, float)
     if (moment <= 0).any():
-        raise ValueError(f"a moment of {moment.min():g} N m was given: use positive moments")
+        raise ValueError(f"moments must be positive, got {moment.min():g} N m")
     return 2 / 3 * (np.log10(moment) - 9.1)
 
 
@@ -81,8 +81,8 @@ def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bo
 
     A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so
     that C = 4/π. One that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for antiplane
-    shear; a dipping fault that breaks the surface slips more, and the result is 17 % too large for a dip of 30 or 60
-    degrees, and 26 % for one of 90 degrees.
+    shear; a dipping fault that breaks the surface slips more, so that the result is 17 % too large for a dip of 30 or
+    60 degrees, and 26 % for 90 degrees.
 
     Source
     ------
@@ -134,7 +134,7 @@ def _rupture_speed(fault: Fault, arrival: np.ndarray) -> float:
     return float(distance[far] / took) if took > 0 else np.nan
 
 
-CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
+CHANGE = 0.05  # largest change of log10 of the maximum slip velocity between two samples
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
 
 
@@ -149,7 +149,7 @@ class Recording(NamedTuple):
     seismic_sampling: float = 0.1  # within events [s]
     quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
     seismic_profiles: float = 1.0
-    spacing: float = 500.0  # of the points of a profile [m]
+    spacing: float = 500.0  # spacing of the points of a profile [m]
 
 
 class Points(NamedTuple):
@@ -183,7 +183,7 @@ def points(fault: Fault, depths) -> Points:
 
 
 def origin_of_value(fault: Fault, depth: float) -> str:
-    """From which cells the values at a depth come, and how, in words."""
+    """Description of the cells, and the interpolation, for values at a depth."""
     at = points(fault, depth)
     places, weights = fault.depth[at.cells[0]], at.weights[0]
     cells = f"cells at {places[0]:g} and {places[1]:g} m"
@@ -219,7 +219,7 @@ class Moment(NamedTuple):
 
     time: float
     excess_slip: np.ndarray
-    rate: np.ndarray  # of the excess slip
+    rate: np.ndarray  # rate of the excess slip
     log_states: np.ndarray  # (S, N) of its one or two states, plus their shift
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity
@@ -248,7 +248,7 @@ class Recorder:
         self._add_profile(now.time, False, now.fastest, now.excess_slip, now.rate)
 
     def step(self, before: Moment, now: Moment) -> None:
-        """Record what an accepted step calls for."""
+        """Record the samples due after an accepted step."""
         seismic = now.fastest >= self.wanted.threshold
         if self.event is None:
             pause, until = self.wanted.quiet_profiles, self._crossing(before, now) if seismic else now.time

@@ -16,7 +16,7 @@ from .stress_transfer import KERNEL
 
 NUMBER = DOP853.n_stages
 STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of the earlier stages in each later one, and in the step
-TIMES = np.append(DOP853.C, 1.0)  # of the stages, over the length of the step
+TIMES = np.append(DOP853.C, 1.0)  # times of the stages, over the length of the step
 EXPONENT = 1 / 8  # of the error in the choice of the step
 
 
@@ -105,7 +105,7 @@ class FaultState(NamedTuple):
     power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
     energy: np.ndarray  # (3,) their integrals since the start [J/m]
     step: float  # proposed for the next step [s]
-    error: float  # of the last step, over the tolerance
+    error: float  # error of the last step, over the tolerance
     sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
     log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
     events: int = 0  # number of events since an artificial start: 0 in a state that was not simulated
@@ -198,20 +198,20 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
     """
     check_fault(fault)
     if velocity is None and not fault.plate_rate:
-        raise ValueError("plate_rate = 0 was given without a velocity at the start: give one, such as 1e-12 m/s")
+        raise ValueError("plate_rate = 0 requires an initial velocity, such as 1e-12 m/s")
     velocity = fault.plate_rate if velocity is None else velocity
     require_positive(velocity=velocity)
     normal = fault.normal_at(0.0)
     steady = steady_stress(fault._replace(normal=normal), velocity)
     if isinstance(stress, str) and stress != "steady":
-        raise ValueError(f"stress = {stress!r} was given: use values in Pa, or 'steady'")
+        raise ValueError(f"stress must be values in Pa, or 'steady', got {stress!r}")
     tau = np.asarray(steady[-1] if stress is None else steady if isinstance(stress, str) else stress, float)
     if tau.shape not in ((), fault.depth.shape):
         raise ValueError(f"stress has shape {tau.shape}: use a number, or one for each of the {len(fault.depth)} cells")
     tau = np.array(np.broadcast_to(tau, fault.depth.shape))
     strength = tau - fault.damping * velocity
     if not (np.isfinite(strength).all() and (strength > 0).all()):
-        raise ValueError(f"stress = {tau.min():g} Pa was given: use positive, finite values")
+        raise ValueError(f"stress must be positive and finite, got {tau.min():g} Pa")
     w, n = np.log(velocity / fault.v0), len(fault.depth)
     s = _log_state(fault, _state_terms(fault, w, strength / normal), fault.evolution, -w)
     _check_balance(fault, s, tau, velocity, default=stress is None)
@@ -249,9 +249,9 @@ def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: fl
         more = f", or v2 far above this velocity instead of {fault.v2:g} m/s" if fault.cuts[1] else ""
         if default:
             raise ValueError(
-                f"no initial stress was given, and that of steady sliding of the deepest cell, {stress[k]:.4g} Pa, "
-                f"cannot be balanced at {fault.depth[k]:g} m, where the normal stress is {fault.normal[k]:.4g} Pa: use "
-                f"stress = 'steady' for the steady stress of each cell, or values that vary with depth{more}"
+                f"the default initial stress, {stress[k]:.4g} Pa of steady sliding at the deepest cell, cannot be "
+                f"balanced at {fault.depth[k]:g} m, where the normal stress is {fault.normal[k]:.4g} Pa: use stress = "
+                f"'steady' for the steady stress of each cell, or values that vary with depth{more}"
             )
         change = "smaller" if s[k] > 0 else "larger"
         raise ValueError(
@@ -273,7 +273,7 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
     Raises
     ------
     ValueError
-        if the state is not one of this fault, or if no θ balances the stress.
+        if the state does not belong to this fault, or if no θ balances the stress.
     """
     check_state(fault, state)
     if np.ndim(log_velocity):
@@ -296,19 +296,21 @@ def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> Fa
 
 
 def check_state(fault: Fault, state: FaultState) -> None:
-    """Raise ValueError with one sentence if a state is not one of this fault."""
+    """Raise ValueError with a one-sentence message if a state does not belong to this fault."""
     cells, states = len(fault.depth), 1 if state.log_state2 is None else 2
     if len(state.excess_slip) != cells:
-        raise ValueError(f"the state has {len(state.excess_slip)} cells, and the fault {cells}: use one of this fault")
+        raise ValueError(
+            f"the state has {len(state.excess_slip)} cells, but the fault {cells}: use a state of this fault"
+        )
     if states != fault.states:
         raise ValueError(
-            f"the state has {states} state variable{'s' * (states > 1)}, and the fault {fault.states}: use one of this "
-            f"fault"
+            f"the state has {states} state variable{'s' * (states > 1)}, but the fault {fault.states}: use a state of "
+            "this fault"
         )
     if state.kernel != KERNEL:
         raise ValueError(
-            f"the state has slip that is {state.kernel} in each cell, and faults now have {KERNEL} slip, which changes "
-            f"their stress: start from one of initial_state, or use the version of stickslip that saved it"
+            f"the state has {state.kernel} slip in each cell, but faults now have {KERNEL} slip, which changes their "
+            "stress: start from initial_state, or use the version of stickslip that saved the state"
         )
     for name in ("excess_slip", "log_state", "log_state2", "log_velocity", "prestress"):
         values = getattr(state, name)

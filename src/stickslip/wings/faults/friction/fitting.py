@@ -1,7 +1,7 @@
 """Fits of rate-and-state parameters to records: least squares with correlated noise, intervals, and identifiability.
 
-Correlation of the residuals between samples is modelled as an autoregressive process, whose order is selected by BIC,
-and filtered out of both data and model (generalised least squares). Intervals and likelihood are those of the filtered
+Correlation of the residuals between samples is modelled as an autoregressive process of an order selected by BIC, and
+filtered out of both data and model (generalised least squares). Intervals and likelihood are those of the filtered
 problem.
 """
 
@@ -52,8 +52,8 @@ from .ratestate import RateState
 
 MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
 MISFIT = (
-    "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is that "
-    "slow, and the data cannot tell which; the values are the best fit, but intervals cannot be given"
+    "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is "
+    "as slow, which the data cannot distinguish; the values are the best fit, but without intervals"
 )
 UNLIKE = (
     "the residuals are not noise: filtered for its correlation, they are {:.2g} times the noise of the record, so that "
@@ -63,10 +63,10 @@ UNLIKE = (
 # excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law; with
 # noise that is correlated over much of a leg, it may be exceeded by the right law, too
 MAX_EXCESS = 1.0
-# filtered residuals over noise: 0.8 to 1.1 for the right law, with correlated noise, too, and up to 1.31 with noise of
+# filtered residuals over noise: 0.8 to 1.1 for the right law, also with correlated noise, and up to 1.31 with noise of
 # long tails (Student's t, 3 degrees of freedom); from 1.4 on if a stiffness is wrong by a factor of three
 MOST_REDUCED = 1.35
-SHARE_OF_SEARCH = 0.8  # of the work of a fit, before noise is modelled
+SHARE_OF_SEARCH = 0.8  # fraction of the work of a fit before noise is modelled
 ROUNDS = 3  # alternations between noise and parameters
 EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
 TINY = 1e-15  # smallest size of noise
@@ -74,10 +74,10 @@ TINY = 1e-15  # smallest size of noise
 
 @readable
 class Fit(NamedTuple):
-    """Fitted parameters of one law. Parameters that the data do not determine are NaN; `sentence` says what to fix."""
+    """Fitted parameters of one law. Parameters that the data do not determine are NaN; `sentence` contains a remedy."""
 
     law: str
-    names: tuple[str, ...]  # of the m free parameters; "mu0[2]" belongs to the second data set
+    names: tuple[str, ...]  # names of the m free parameters; "mu0[2]" belongs to the second data set
     values: dict  # name → value
     errors: dict  # name → standard error
     intervals: dict  # name → (low, high), 95 %
@@ -89,7 +89,7 @@ class Fit(NamedTuple):
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
-    sigma: float  # standard deviation of the noise (for sigma = 1 where sigma was given)
+    sigma: float  # standard deviation of the noise, relative to sigma if given
     noise: np.ndarray  # autoregressive coefficients; empty for white noise
     effective: float  # number of independent samples
     innovations: np.ndarray  # filtered residuals over their size, for `compare_laws`
@@ -99,7 +99,7 @@ class Fit(NamedTuple):
     evaluations: int
     reduced: float = 1.0  # size of filtered residuals over that of the noise of the record
     form: str = "logarithmic"
-    spikes: tuple[np.ndarray, ...] = ()  # numbers of the samples that were left out as spikes, for each data set
+    spikes: tuple[np.ndarray, ...] = ()  # indices of the samples excluded as spikes, for each data set
 
     @property
     def samples(self) -> int:
@@ -131,8 +131,7 @@ def fit(
 
     Least-squares fit of a law of `RateState`, plus trend × displacement and drift × time, over complete records: slider
     and state are integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting
-    values come from a coarse search, so that no initial guess is needed. Compare Reinen and Weeks 1993,
-    doi:10.1029/93JB00780.
+    values are found by a coarse search. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
 
     Parameters
     ----------
@@ -155,7 +154,7 @@ def fit(
     -------
     Fit
         with NaN and an explanation for parameters that these data do not determine. Spikes of the record, the same for
-        every law, are left out. Without intervals if the fit does not describe the record (`Fit.adequate`): if the
+        every law, are excluded. Without intervals if the fit does not describe the record (`Fit.adequate`): if the
         residuals vary as slowly as the signal, or if filtered for their correlation they exceed 1.35 times the noise,
         the larger of that between neighbouring samples of the record and that of the bulk of the residuals.
 
@@ -204,10 +203,10 @@ def solve_fit(
     """Find the best parameters; the arguments are those of `fit`."""
     records = [data] if isinstance(data, Data) else list(data)
     if not records:
-        raise ValueError("no data were given: give one record, or a list of them")
+        raise ValueError("there are no data: give one record, or a list of records")
     for name in own:
         if name not in NAMES:
-            raise ValueError(f"{name!r} was given in own: parameters are {', '.join(NAMES)}")
+            raise ValueError(f"own contains the unknown parameter {name!r}; parameters are {', '.join(NAMES)}")
     cases = [prepare(record, windows) for record in records]
     spikes = tuple(map(find_spikes, cases))
     cases = [case._replace(used=without(case.used, left)) for case, left in zip(cases, spikes, strict=True)]
@@ -226,7 +225,7 @@ def solve_fit(
 
 
 def _reduced_residual(task: Task, x, filters) -> float:
-    """Size of the filtered residuals over the noise: that between samples, or that of their bulk if it is larger."""
+    """Size of the filtered residuals over the noise between samples, or over that of their bulk if larger."""
     rest = filtered_residual(task, x, filters)
     noise = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
     return float(np.sqrt(np.mean(rest**2))) / max(noise, TINY)
@@ -274,14 +273,16 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
     """Check the options; return all fixed values and the names of the free parameters."""
     for name, value, allowed in zip(("law", "form"), laws, (EVOLUTIONS, FORMS), strict=True):
         if value not in allowed:
-            raise ValueError(f"{name} = {value!r} was given: use {' or '.join(map(repr, allowed))}")
+            raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {value!r}")
     if noise not in ("correlated", "white"):
-        raise ValueError(f"noise = {noise!r} was given: use 'correlated' or 'white'")
+        raise ValueError(f"noise must be 'correlated' or 'white', got {noise!r}")
     for name in (*fixed, *free):
         if name not in (*NAMES, "v0") or (name == "v0" and name in free):
-            raise ValueError(f"{name!r} was given: parameters are {', '.join(NAMES)}, and v0, which is always fixed")
+            raise ValueError(
+                f"{name!r} is not a parameter; these are {', '.join(NAMES)}, and v0, which is always fixed"
+            )
     for name in set(fixed) & set(free):
-        raise ValueError(f"{name} was given as both fixed and free: choose one")
+        raise ValueError(f"{name} cannot be both fixed and free: choose one")
     for name, value in fixed.items():
         least = -np.inf if name in LINEAR else 0.0
         if (
@@ -293,19 +294,19 @@ def _check_parameters(cases, laws: tuple[str, str], fixed: dict, free, noise: st
     names = tuple(name for name in NAMES if (name in FIT or name in free) and name not in fixed)
     with_spring = any(case.legs is not None for case in cases)
     if with_spring and "stiffness" not in (*fixed, *names):
-        raise ValueError("the stiffness is not known: give fixed={'stiffness': …} [1/length] or free=('stiffness',)")
+        raise ValueError("the stiffness is missing: give fixed={'stiffness': …} [1/length] or free=('stiffness',)")
     if not with_spring and {"stiffness", "damping"} & set(free):
         raise ValueError("the slip velocity was measured, so there is no spring: leave stiffness and damping out")
     if "alpha" in names and not any(case.legs is not None and np.ptp(case.legs[2]) > 0 for case in cases):
         raise ValueError("alpha cannot be fitted because the normal stress never changes in these data: leave it out")
     if laws[1] == "regularized" and {"v1", "v2"} & {*fixed, *names}:
-        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
     if len({"b2", "dc2"} & {*fixed, *names}) == 1:
         raise ValueError("a second state has two parameters, b2 and dc2: give both, each fixed or free")
     if "trend_length" in {*fixed, *names} and "trend" not in {*fixed, *names}:
-        raise ValueError("trend_length was given without a trend: fit the trend as well (--detrend)")
+        raise ValueError("trend_length requires a trend: fit it as well (--detrend)")
     if not names:
-        raise ValueError("nothing is left to fit: leave some of a, b, dc and mu0 out of `fixed`")
+        raise ValueError("there is nothing to fit: remove some of a, b, dc and mu0 from `fixed`")
     return {"v0": cases[0].before, "stiffness": 1.0, **DEFAULTS, **fixed}, names
 
 
@@ -329,7 +330,7 @@ def _build_task(cases, laws: tuple[str, str], names, fixed: dict, own) -> Task:
 def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
     """Size of the filtered noise, its degrees of freedom, and a factor that widens intervals.
 
-    Degrees of freedom that a fit takes from the independent samples are also missing in the estimate of slow noise.
+    Degrees of freedom used by a fit are also missing in the estimate of slow noise.
     """
     rest, m = filtered_residual(task, x, filters), len(x)
     n, independent = len(rest), effective_samples(filters, len(rest))
@@ -376,7 +377,7 @@ def build_fit(solution: Solution) -> Fit:
 
 
 def _fixed_values(task: Task) -> dict:
-    """Fixed values that matter: those of the spring if there is one, and of variants of the law that differ from it."""
+    """Relevant fixed values: those of a spring, and of variants of the law."""
     spring = any(case.legs is not None for case in task.cases)
     plain = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
     return {k: v for k, v in task.fixed.items() if k not in plain and (spring or k not in ("stiffness", "damping"))}

@@ -35,7 +35,7 @@ WANTED = laboratory_table.Wanted(
 )  # fmt: skip
 LEAST = 10  # rows
 LEAST_FRICTION, MOST_FRICTION = 0.005, 3.0  # beyond which a unit is doubted
-CROOKED = 0.2  # straight legs per sample from which a displacement counts as noisy
+CROOKED = 0.2  # number of straight legs per sample above which a displacement counts as noisy
 
 
 @readable
@@ -55,36 +55,34 @@ class LabRecord(NamedTuple):
 
 @checked
 def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None, motion: bool = True) -> LabRecord:
-    """Read a record from a table as text, an HDF5, MATLAB or binary XLOOK file, whichever its content is.
+    """Read a record from a text table, or an HDF5, MATLAB or binary XLOOK file, detected from the content.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
-    columns are slip, theta and pore_pressure, by which the normal stress is made the effective one unless it is named
-    effective_normal_stress; a friction that the record has is taken as it is. `record_columns` lists what is not used,
-    and a warning names what is not understood. Units stand in brackets (`time [s]`), after the name (`time_s`), in
-    a row below the names, or in the attribute `units` of an HDF5 dataset. Text may begin with any lines; separators are
-    commas, semicolons, tabs or white space; except with commas, numbers may have decimal commas. Lines that start with
-    # or % are comments. Files that are not UTF-8 are read as Windows-1252. Rows without a number (an empty cell, nan,
-    or -9999 far from all others) in a column that is used are left out, and a displacement that is counted backwards
-    is turned round, each with a warning.
+    columns are slip, theta and pore_pressure, from which the effective normal stress is computed unless it is named
+    effective_normal_stress; a friction column is used unchanged. `record_columns` lists unused columns, and a warning
+    names unknown ones. Units are in brackets (`time [s]`), after the name (`time_s`), in a row below the names, or in
+    the attribute `units` of an HDF5 dataset. Text may begin with any lines; separators are commas, semicolons, tabs or
+    white space; except with commas, numbers may have decimal commas. Lines that start with # or % are comments. Files
+    that are not UTF-8 are read as Windows-1252. Rows without a number (an empty cell, nan, or -9999 far from all
+    others) in a used column are skipped, and the sign of a decreasing displacement is reversed, each with a warning.
 
     Parameters
     ----------
-    columns : numbers of columns, counted from 0, or their headings, keyed by the names they stand for, as in
+    columns : column numbers, counted from 0, or headings, by standard name, as in
         {"time": 0, "load_point [um]": "LVDT 2", "friction": 3}. A column without a unit has that of its heading; in a
         file without headings it is in metres, seconds or pascals
-    motion : False if the record need not say how the load point moved, as with `record_data(…, velocity=…)`
+    motion : False if the record need not contain the motion of the load point, as with `record_data(…, velocity=…)`
 
     Raises
     ------
-    ValueError
-        with one sentence that names the offending column, unit or line, and states what is allowed.
+    ValueError with a one-sentence message that names the offending column, unit or line, and the allowed ones.
     """
     path = Path(path)
     table = _open_record(path, columns)
     _check_columns(table, motion)
     if told := table.list_unknown():
         warnings.warn(
-            f"{path}: not understood, and not used: {told}; name a column with --columns if it is needed", stacklevel=2
+            f"{path}: unknown columns, not used: {told}; name a column with --columns if it is needed", stacklevel=2
         )
     values = table.numbers()
     if len(values["time"]) < LEAST:
@@ -116,13 +114,13 @@ def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
     usual = float(np.median(np.abs(values["friction"])))
     told = f"{path}: friction is about {usual:.3g}"
     if usual > MOST_FRICTION or 0 < usual < LEAST_FRICTION:
-        warnings.warn(f"{told}: is it in per cent, or are units of the stresses mixed up?", stacklevel=3)
+        warnings.warn(f"{told}: is it in per cent, or do the units of the stresses differ?", stacklevel=3)
     if {"shear_stress", "normal_stress"} <= set(values) and (values["normal_stress"] > 0).all():
         ratio = float(np.median(np.abs(values["shear_stress"] / values["normal_stress"])))
         if abs(ratio - usual) > 0.1 * usual:
             warnings.warn(
-                f"{told}, and shear over normal stress is about {ratio:.3g}: friction is used; correct the column that "
-                f"is wrong",
+                f"{told}, but shear over normal stress is about {ratio:.3g}: friction is used; correct the wrong "
+                "column",
                 stacklevel=3,
             )
 
@@ -155,7 +153,7 @@ def _doubt_time(table: laboratory_table.LaboratoryTable) -> None:
 
 @checked
 def record_columns(path: str | Path, *, columns: dict[str, int | str] | None = None) -> dict[str, list[str]]:
-    """Headings of a record in three groups: used, without influence on forces, and not understood.
+    """Headings of a record in three groups: used, without influence on forces, and unknown.
 
     Parameters
     ----------
@@ -191,8 +189,8 @@ def record_data(
     """Data for `fit`: legs from the load-point displacement, or, if it was not recorded, the slip velocity.
 
     If the displacement is so noisy that hardly any samples lie on straight lines, steps of constant velocity are found
-    in it, with a warning that states them as `velocity` takes them. A stated velocity that a recorded displacement
-    contradicts is taken, with a warning.
+    in it, with a warning that states them in the syntax of `velocity`. If a stated velocity contradicts the recorded
+    displacement, it is used, with a warning.
 
     Parameters
     ----------
@@ -212,7 +210,7 @@ def record_data(
     if velocity is not None:
         legs = stated_steps(velocity, record.time)
         if record.load_point is not None and (told := contradiction(legs, record.time, record.load_point)):
-            warnings.warn(f"{told}: the fit takes --velocity; leave it out to take the displacement", stacklevel=2)
+            warnings.warn(f"{told}: the fit uses --velocity; leave it out to use the displacement", stacklevel=2)
     else:
         legs = load_steps(time, record.load_point)
         if len(legs) > CROOKED * len(time):
@@ -230,7 +228,7 @@ def record_data(
 
 
 def _open_record(path: Path, columns: dict[str, int | str] | None) -> laboratory_table.LaboratoryTable:
-    """Table of a record, without a pore pressure that there is nothing to take off from."""
+    """Table of a record, without a pore pressure if there is no normal stress to correct."""
     table = laboratory_table.open_table(path, WANTED, columns)
     places = dict(table.places)
     units, aliases = laboratory_table.COLUMNS["normal_stress"]
@@ -241,12 +239,12 @@ def _open_record(path: Path, columns: dict[str, int | str] | None) -> laboratory
 
 
 def _make_effective(path: Path, values: dict[str, np.ndarray]) -> None:
-    """Take the pore pressure off the normal stress."""
+    """Subtract the pore pressure from the normal stress."""
     pressure = values.pop("pore_pressure", None)
     if pressure is None or not pressure.any():
         return
     values["normal_stress"] = values["normal_stress"] - pressure
-    kept = "; friction is the one of the record" if "friction" in values else ""
+    kept = "; friction is that of the record" if "friction" in values else ""
     warnings.warn(
         f"{path}: the normal stress is made effective, by the pore pressure of the record{kept}; name it "
         f"effective_normal_stress (--columns) if it is already",
@@ -255,7 +253,7 @@ def _make_effective(path: Path, values: dict[str, np.ndarray]) -> None:
 
 
 def _check_columns(table: laboratory_table.LaboratoryTable, motion: bool) -> None:
-    """Raise ValueError if the header lacks columns that a fit needs; with the columns seen and sought."""
+    """Raise ValueError if the header lacks required columns; the message lists present and required names."""
     path, header, there = table.path, table.headings, table.places
     if "time" not in there:
         lacks, sought = "time", _names("time")
@@ -375,7 +373,7 @@ def healing(hold: Series, excess: Series) -> Healing:
     """
     hold, excess = np.asarray(hold, float), np.asarray(excess, float)
     if hold.shape != excess.shape or hold.ndim != 1 or len(np.unique(hold)) < 3:
-        raise ValueError(f"{len(np.unique(hold))} different holds were given: a fit with an interval needs three")
+        raise ValueError(f"a fit with an interval needs three different holds, got {len(np.unique(hold))}")
     if not (np.isfinite(excess).all() and (hold > 0).all() and np.isfinite(hold).all()):
         raise ValueError("holds must be positive and finite, and peaks must be finite: leave out all others")
     x = np.log(hold) - np.log(hold).mean()
@@ -400,7 +398,7 @@ def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, b
     legs = tuple(legs)
     time, friction, ends = np.asarray(time, float), np.asarray(friction, float), np.cumsum(leg_arrays(legs)[0])
     if friction.shape != time.shape:
-        raise ValueError(f"friction has shape {friction.shape}, time {time.shape}: give one value per time")
+        raise ValueError(f"friction must have one value per time, got shapes {friction.shape} and {time.shape}")
     require_positive(before=before)
     drops = []
     for k in range(1, len(legs) - 1):

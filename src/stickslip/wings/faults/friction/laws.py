@@ -1,9 +1,9 @@
 """Laws of rate-and-state friction in logarithms of velocity and states, and a slider on a spring.
 
-Rows (w, s, s2) hold w = ln(V/V0), s = ln(V0 θ/D_c), and s2 for a second state θ2 with D_c2. Rows (a, b, b2, mu0, cut,
-cut2) hold the parameters of a surface, with cut = V0/V1 and cut2 = V0/V2 for the cut-off velocities of the direct and
-the evolution effect; b2 = 0 with one state. The laws themselves are in `_core/rate_state.h`. `python -m benchmarks
-rate_state` compares the speed of the integrator with that of LSODA.
+Rows (w, s, s2) contain w = ln(V/V0), s = ln(V0 θ/D_c), and s2 for a second state θ2 with D_c2. Rows (a, b, b2, mu0,
+cut, cut2) contain the parameters of a surface, with cut = V0/V1 and cut2 = V0/V2 for the cut-off velocities of the
+direct and the evolution effect; b2 = 0 with one state. The laws themselves are in `_core/rate_state.h`. `python -m
+benchmarks rate_state` compares the speed of the integrator with that of LSODA.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ CUT_OFF = 2
 
 
 def form_code(form: str, cut: float, cut2: float) -> int:
-    """Code of a form of the law, which is another one with cut-off velocities."""
+    """Code of a form of the law, different with cut-off velocities."""
     return CUT_OFF if cut > 0 or cut2 > 0 else FORMS[form]
 
 

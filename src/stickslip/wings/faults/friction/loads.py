@@ -1,4 +1,4 @@
-"""Load histories: legs of constant velocity and normal stress, as they are stated, or found in a displacement."""
+"""Load histories: legs of constant velocity and normal stress, stated or found in a displacement."""
 
 import re
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ class LoadStep(NamedTuple):
     """One leg of a load history, with constant velocity of the load point."""
 
     duration: float  # [time]
-    velocity: float  # of the load point; 0 in a hold [length/time]
+    velocity: float  # velocity of the load point; 0 in a hold [length/time]
     normal: float = 1.0  # normal stress over its reference value
 
 
@@ -86,7 +86,7 @@ def load_steps(
     time, place = np.asarray(time, float), np.asarray(load_point, float)
     check_times(time)
     if place.shape != time.shape:
-        raise ValueError(f"load_point has shape {place.shape}, time {time.shape}: give one displacement per sample")
+        raise ValueError(f"load_point must have one displacement per sample, got shapes {place.shape} and {time.shape}")
     factor = np.ones(len(time)) if normal is None else np.asarray(normal, float)
     require_shape(time.shape, normal=factor)
     moved = np.abs(np.diff(place))
@@ -116,9 +116,9 @@ def leg_arrays(legs) -> np.ndarray:
     try:
         table = np.array([tuple(leg) for leg in legs], float).reshape(-1, 3)
     except (TypeError, ValueError):
-        raise ValueError("a leg holds something other than numbers: give LoadStep(duration, velocity)") from None
+        raise ValueError("a leg must consist of numbers: give LoadStep(duration, velocity)") from None
     if len(table) == 0:
-        raise ValueError("no legs were given: a load history needs at least one LoadStep(duration, velocity)")
+        raise ValueError("a load history needs at least one LoadStep(duration, velocity)")
     for k, (duration, velocity, normal) in enumerate(table, start=1):
         if not (duration > 0 and np.isfinite(duration)):
             raise ValueError(f"leg {k} lasts {duration:g}: every leg needs a positive duration")
@@ -147,8 +147,8 @@ def check_times(time) -> None:
 
 CANDIDATES, SEARCHED = 400, 4000  # most trial times of a change of velocity, and most samples
 MOST, ROUNDS = 60, 40  # changes, and iterations of their times
-CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
-REST, EXACT = 4.0, 1e-9  # standard errors, and share of the largest velocity, below which one counts as zero
+CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC requires 2, for white noise
+REST, EXACT = 4.0, 1e-9  # standard errors, and fraction of the largest velocity, below which a velocity counts as zero
 OFF, CLEARLY = 0.03, 6.0  # departure of a displacement from a stated leg: over its length, and over the noise
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
 
@@ -168,7 +168,7 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
 
     Parameters
     ----------
-    text : velocities of the load point, with a unit or in m/s, each but the last until a time of the record
+    text : velocities of the load point, with a unit or in m/s, each except the last until a time of the record
     time : (N,) times of the samples [s]
 
     Raises
@@ -192,8 +192,8 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
             stop = end if last and until is None else float(until) * laboratory_table.TIME[unit or "s"]
         except (TypeError, ValueError, KeyError):
             raise ValueError(
-                f"--velocity: {part.strip()!r} was given: use velocities and times, as in '1e-6 until 120 s, then "
-                f"10 um/s'"
+                "--velocity: expected velocities and times as in '1e-6 until 120 s, then 10 um/s', got "
+                f"{part.strip()!r}"
             ) from None
         if not start < stop <= end:
             raise ValueError(
@@ -203,7 +203,7 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
         start = stop
     if start < end:
         raise ValueError(
-            f"--velocity ends at {start:g} s, the record at {end:g} s: say what follows, or leave out 'until'"
+            f"--velocity ends at {start:g} s, but the record at {end:g} s: add the rest, or leave out 'until'"
         )
     return tuple(legs)
 
@@ -213,8 +213,8 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
     """Steps of constant velocity in a noisy displacement of the load point.
 
     A continuous line of straight pieces is fitted by least squares; a change of velocity is added where it lowers the
-    sum of squares most, as long as it does so by far more than noise would. Then all times of change are refined
-    together. Velocities that are zero within their errors become holds.
+    sum of squares most, as long as the decrease is far larger than that due to noise. Then all times of change are
+    refined together. Velocities that are zero within their errors become holds.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
     velocity = np.where(np.abs(slopes[1:]) < least, 0.0, slopes[1:])
     legs = tuple(map(LoadStep, np.diff([time[0], *changes, time[-1]]).tolist(), velocity.tolist()))
     text = steps_text(legs, time)
-    return FoundSteps(legs, noise, f'the load point has noise of {noise:.2g}; its velocity is taken as "{text}"')
+    return FoundSteps(legs, noise, f'the load point has noise of {noise:.2g}; its velocity is assumed to be "{text}"')
 
 
 def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
@@ -272,7 +272,7 @@ def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray)
             share = float(apart.max()) / way if apart.max() > CLEARLY * noise else 0.0
             if share > worst:
                 k = int(apart.argmax())
-                said = f"--velocity says {leg.velocity:g} m/s from {start:g} to {end:g} s, but the load point"
+                said = f"--velocity states {leg.velocity:g} m/s from {start:g} to {end:g} s, but the load point"
                 way = leg.velocity * (t[k] - t[0])
                 worst, told = share, f"{said} moved by {x[k]:.4g} m until {t[k]:g} s instead of {way:.4g} m"
                 if way and (unit := laboratory_table.unit_of_time(x[k] / way)):
@@ -301,7 +301,7 @@ def _best_change(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> tu
 
 
 def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, worth: float) -> np.ndarray:
-    """Changes of velocity without those that a shift of their neighbours makes needless."""
+    """Changes of velocity without those that become unnecessary by shifting their neighbours."""
     while len(changes):
         fewer = [_refine(time, place, np.delete(changes, k)) for k in range(len(changes))]
         sums = [_misfit(time, place, rest) for rest in fewer]
@@ -316,7 +316,7 @@ def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
     """Sum of squares about the best line with given times of change."""
     basis = _pieces(time, changes)
     basis /= np.abs(basis).max(axis=0)
-    square = np.einsum("ni,nj->ij", basis, basis)  # a QR decomposition of so few columns takes many times longer
+    square = np.einsum("ni,nj->ij", basis, basis)  # for so few columns, a QR decomposition takes many times longer
     rest = place - basis @ np.linalg.solve(square, np.einsum("ni,n->i", basis, place))
     return float(rest @ rest)
 

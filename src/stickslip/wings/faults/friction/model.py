@@ -123,12 +123,10 @@ def _in_windows(time, windows) -> np.ndarray:
     try:
         windows = np.asarray(windows, float).reshape(-1, 2)
     except (TypeError, ValueError):
-        raise ValueError(f"windows = {windows!r} was given: use pairs (start, end) of times") from None
+        raise ValueError(f"windows must be pairs (start, end) of times, got {windows!r}") from None
     for window in windows:
         if not window[0] < window[1]:
-            raise ValueError(
-                f"the window {tuple(window.tolist())} was given: use pairs (start, end) with start before end"
-            )
+            raise ValueError(f"a window must have its start before its end, got {tuple(window.tolist())}")
         used |= (time >= window[0]) & (time <= window[1])
     return used
 
@@ -258,21 +256,21 @@ def log_head_volume(noise, pieces) -> float:
 
 
 AROUND = 7  # samples of the running median with which each sample is compared
-FAR = 6.0  # standard deviations beyond which a sample is a spike; one Gaussian sample in 5e8 is
-MOST_SPIKES = 0.02  # share of the samples; more of them are noise with long tails
+FAR = 6.0  # standard deviations beyond which a sample is a spike, as is one Gaussian sample in 5e8
+MOST_SPIKES = 0.02  # largest fraction of spikes; more of them are noise with long tails
 LEAST_NOISE = 1e-6  # over the scatter of friction, below which a record has no noise but round-off
 TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
 SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over its own
 ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity and of the normal stress after which friction may peak
-BEFORE, AFTER = -1, 3  # samples next to such a change, of which none is a spike
+BEFORE, AFTER = -1, 3  # number of samples next to such a change that cannot be spikes
 
 
 def find_spikes(case: Prepared) -> np.ndarray:
-    """Numbers of the samples that are spikes, from the record alone: they are the same for every law.
+    """Indices of the samples that are spikes, from the record alone and therefore the same for every law.
 
-    A spike is farther from the median of its neighbours than six standard deviations of the noise, and than this median
-    itself changes around it, so that neither a resolved peak nor a stress drop is one. At an abrupt change of the load
-    no sample is, because it may be the peak of the response.
+    The distance of a spike from the median of its neighbours exceeds six standard deviations of the noise, and the
+    change of this median around it, so that neither a resolved peak nor a stress drop counts. At an abrupt change of
+    the load no sample is, because it may be the peak of the response.
     """
     middle = _middle(case)
     apart = np.abs(case.friction - middle)
@@ -287,8 +285,8 @@ def find_spikes(case: Prepared) -> np.ndarray:
 def noise_level(cases: list[Prepared]) -> float:
     """Standard deviation of the noise between neighbouring samples over `sigma`, from fourth differences of friction.
 
-    These vanish for smooth signals. It is that of the part of the noise that changes from sample to sample, of which
-    correlated noise has less.
+    These vanish for smooth signals. It refers to the part of the noise that changes from sample to sample, which is
+    smaller for correlated noise.
     """
     runs = [(case.friction / case.sigma)[case.used][run] for case in cases for run in case.pieces]
     fourth = np.abs(np.concatenate([np.diff(run, 4) for run in runs]))
@@ -310,7 +308,7 @@ def _middle(case: Prepared) -> np.ndarray:
 
 
 def _load_changes(case: Prepared) -> np.ndarray:
-    """Whether the load changes abruptly at each sample or just before it, where a peak may be that narrow."""
+    """Mask of samples at, or just after, an abrupt change of the load, where a peak may be as narrow."""
     out = np.zeros(len(case.time), bool)
     if case.legs is None:
         first = np.flatnonzero(_abrupt(case.velocity)) + 1
@@ -324,7 +322,7 @@ def _load_changes(case: Prepared) -> np.ndarray:
 
 
 def _abrupt(velocity: np.ndarray) -> np.ndarray:
-    """Whether each velocity differs much from the one before."""
+    """Mask of velocities that differ much from the previous one."""
     size = np.abs(velocity)
     return np.abs(np.diff(velocity)) > ABRUPT * np.maximum(size[1:], size[:-1])
 

@@ -1,6 +1,6 @@
 """Comparison of two fits to the same data, and remedies for fits that describe a record badly.
 
-Remedies, such as a trend that was left out or a stiffness in another unit, are measured by a second fit of the record.
+Remedies, such as a missing trend or a stiffness in another unit, are tested by a second fit of the record.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ class LawComparison(NamedTuple):
     """Result of a comparison of two fits."""
 
     preferred: str | None  # law, or None if the data do not discriminate
-    delta_aic: float  # AIC of the other minus that of the better one, ≥ 0
+    delta_aic: float  # AIC of the other law minus that of the better one, ≥ 0
     evidence: float  # exp(ΔAIC/2)
     vuong: float  # positive if the first fit is better
     sentence: str
@@ -72,10 +72,10 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     )
 
 
-LEAST_FALL = 0.05  # of the residuals, below which a trend changes little
+LEAST_FALL = 0.05  # fraction of the residuals below which a trend changes little
 SURE = 16.0  # χ² of the trends, four standard errors for one of them
 STEEP = 3.0  # ratio of a stiffness to the steepest rise of friction, either way, beyond which both are compared closely
-FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses beyond which one contradicts the other; the latter beyond an interval
+FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses beyond which they contradict each other, without and with an interval
 CLEAR = 2.0  # half widths of the 95 % interval beyond which a stiffness contradicts an adequate fit
 NEAR = 1.3  # ratio within which a unit explains a stiffness
 BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
@@ -86,7 +86,7 @@ PLAUSIBLE = 0.03, 3.0  # friction of faults
 
 
 class Gain(NamedTuple):
-    """What one more parameter for each record would change in a fit without it."""
+    """Effect of an additional parameter for each record on a fit without it."""
 
     values: tuple[float, ...]  # of the parameter, one for each record
     shifts: dict[str, float]  # change of each other parameter, relative if it is positive
@@ -101,7 +101,7 @@ class Gain(NamedTuple):
 
 
 def gain_by(name: str, solution: Solution) -> Gain:
-    """Fit one more parameter of each record as well: "trend", or "theta" if it did not start in steady state.
+    """Fit an additional parameter of each record: "trend", or "theta" if it did not start in steady state.
 
     The fall of the sum of squares is compared with the number of independent samples in the residuals that remain, so
     that slow noise is not mistaken for a trend.
@@ -134,7 +134,7 @@ class StiffnessDoubt(NamedTuple):
     given: float  # [1/m]
     shown: float  # by the record, from a fit with the stiffness free [1/m]
     interval: tuple[float, float]  # 95 %; NaN if unknown
-    unit: str  # a likelier unit of the number that was given; "" if none is known
+    unit: str  # a likelier unit of the given number; "" if none is known
     value: float  # that number converted from it [1/m]
     friction: float = np.nan  # median of the record
     normal: float = np.nan  # normal stress with which `unit` would be right, if none was recorded [Pa]
@@ -168,11 +168,11 @@ class StiffnessDoubt(NamedTuple):
             said += (
                 f", or friction, {self.friction:.2g}, is {factor} times too {'large' if small else 'small'} (stresses)"
             )
-        return f"{said}, and then the stiffness is right"
+        return f"{said}, with the correct stiffness"
 
 
 def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:
-    """Compare a fixed stiffness with what the record shows; None if they agree, or if the record does not show it.
+    """Compare a fixed stiffness with the record; None if they agree, or if the record does not show it.
 
     Friction rises with the displacement of the load point by at most k (1 − V/V_l), which is k after a hold or a large
     step. If the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with
@@ -223,7 +223,7 @@ def _steepest_rise(case: Prepared) -> float:
 
 
 def _likelier_unit(given: float, shown: float, normal: float | None) -> tuple[str, float, float]:
-    """Unit in which the given number is what the record shows, its value [1/m], and the normal stress that it needs."""
+    """Unit in which the given number agrees with the record, its value [1/m], and the required normal stress."""
     known = dict(BY_LENGTH) | ({} if normal is None else {unit: size / normal for unit, size in BY_STRESS.items()})
     unit = min(known, key=lambda symbol: abs(np.log(given * known[symbol] / shown)))
     if _is_near(given * known[unit], shown, NEAR):

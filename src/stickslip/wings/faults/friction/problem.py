@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from ....kit import Report, silent, within
 from .model import DEFAULTS, LINEAR, LOGARITHMIC, PLAIN, WHITE, Prepared, linear_column, model_friction, whitened
 
-SEARCHED, FOUND = 0.5, 0.9  # shares of the work after which guesses are found, and the best minimum
+SEARCHED, FOUND = 0.5, 0.9  # fractions of the work after which guesses, and the best minimum, are found
 SINGULAR = (
     1e-5  # singular value of the scaled Jacobian, over the largest, below which it is an error of finite differences
 )
@@ -80,7 +80,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
 
 
 def without_intervals(estimates: Estimates, reason: str) -> Estimates:
-    """Return the same values without errors and intervals, which are not known unless the noise is."""
+    """Return the same values without errors and intervals, which are unknown if the noise is unknown."""
     nothing = dict.fromkeys(estimates.errors, np.nan)
     sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence}"
     return estimates._replace(
@@ -120,7 +120,7 @@ SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
 LENGTHS = 9  # number of values of D_c, the smallest 1/300 of the length of a leg
 STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
 SECOND = (10.0, 0.1)  # D_c of a second state over that of the first
-SHARE = 0.3  # share of a second state in the evolution effect
+SHARE = 0.3  # fraction of a second state in the evolution effect
 FAST = 10.0  # cut-off velocities over the greatest velocity
 BEST = 5  # number of guesses that are returned
 
@@ -245,7 +245,7 @@ class Task(NamedTuple):
     names: tuple[str, ...]  # one for each entry of x
     slots: list[dict]  # for each record: name → index in x
     fixed: dict
-    scatter: float  # of friction in the records
+    scatter: float  # scatter of friction in the records
     form: str = "logarithmic"
     report: Report = silent  # called as report(stage, share done, text with the misfit and the parameters)
 

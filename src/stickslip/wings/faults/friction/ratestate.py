@@ -80,7 +80,7 @@ class SlipHistory(NamedTuple):
     time: np.ndarray  # [time]
     load_point: np.ndarray  # displacement since the start [length]
     slip: np.ndarray  # [length]
-    velocity: np.ndarray  # of slip [length/time]
+    velocity: np.ndarray  # slip velocity [length/time]
     theta: np.ndarray  # [time]
     friction: np.ndarray  # μ(V, θ); the spring force over n is this + η V/n [1]
     normal: np.ndarray  # normal stress over its reference; at a jump, the value before it
@@ -98,22 +98,22 @@ def check(rs: RateState) -> None:
     """Raise ValueError if the parameters of a surface are not valid."""
     for name, allowed in (("law", EVOLUTIONS), ("form", FORMS)):
         if getattr(rs, name) not in allowed:
-            raise ValueError(f"{name} = {getattr(rs, name)!r} was given: use {' or '.join(map(repr, allowed))}")
+            raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {getattr(rs, name)!r}")
     for name in ("a", "dc", "v0", "dc2"):
         if not (getattr(rs, name) > 0 and np.isfinite(getattr(rs, name))):
-            raise ValueError(f"{name} = {getattr(rs, name)} was given: use a positive, finite number")
+            raise ValueError(f"{name} must be positive and finite, got {getattr(rs, name)}")
     for name in ("v1", "v2"):
         if not getattr(rs, name) > 0:
-            raise ValueError(f"{name} = {getattr(rs, name)} was given: use a positive velocity, or inf for no cut-off")
+            raise ValueError(f"{name} must be a positive velocity, or inf for no cut-off, got {getattr(rs, name)}")
     if rs.form == "regularized" and not np.isinf([rs.v1, rs.v2]).all():
-        raise ValueError("cut-off velocities were given with the regularized form: use the logarithmic form")
+        raise ValueError("cut-off velocities require the logarithmic form, not the regularized one")
     for name in ("b", "alpha", "b2"):
         if not (getattr(rs, name) >= 0 and np.isfinite(getattr(rs, name))):
-            raise ValueError(f"{name} = {getattr(rs, name)} was given: use a finite number that is not negative")
+            raise ValueError(f"{name} must be finite and not negative, got {getattr(rs, name)}")
     if not np.isfinite(rs.mu0):
-        raise ValueError(f"mu0 = {rs.mu0} was given: use a finite number")
+        raise ValueError(f"mu0 must be finite, got {rs.mu0}")
     if rs.alpha > 0 and rs.b + rs.b2 == 0:
-        raise ValueError(f"alpha = {rs.alpha} was given with b = 0: normal stress acts on the state, so use b > 0")
+        raise ValueError(f"alpha = {rs.alpha} requires b > 0, as normal stress acts on the state")
 
 
 @checked
@@ -165,7 +165,7 @@ def spring_slider(
     if not (start > 0 and np.isfinite(start)):
         raise ValueError(f"slip starts at the velocity {start}: give `before`, the positive slip velocity at the start")
     if theta is not None and not (theta > 0 and np.isfinite(theta)):
-        raise ValueError(f"theta = {theta} was given: use a positive, finite number")
+        raise ValueError(f"theta must be positive and finite, got {theta}")
     ends = np.cumsum(duration)
     times = _default_times(duration, ends) if times is None else _times_within(times, ends[-1])
     w, f = np.log(start / rs.v0), np.log(rs.v0 * (theta or rs.dc / start) / rs.dc)
@@ -186,9 +186,9 @@ def slider_of(rs: RateState, spring: Spring) -> laws.Slider:
 def check_spring(spring: Spring) -> None:
     """Raise ValueError if the parameters of a spring are not valid."""
     if not (spring.stiffness > 0 and np.isfinite(spring.stiffness)):
-        raise ValueError(f"stiffness = {spring.stiffness} was given: use a positive, finite number [1/length]")
+        raise ValueError(f"stiffness must be positive and finite [1/length], got {spring.stiffness}")
     if not (spring.damping >= 0 and np.isfinite(spring.damping)):
-        raise ValueError(f"damping = {spring.damping} was given: use 0 (quasi-static) or a positive, finite number")
+        raise ValueError(f"damping must be 0 (quasi-static) or positive and finite, got {spring.damping}")
 
 
 def _build_history(rs, spring, time, place, out, normal) -> SlipHistory:
@@ -250,7 +250,7 @@ def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | 
         raise ValueError(f"velocity has shape {velocity.shape} for {len(time)} times: give {len(time) - 1} pieces")
     if not (np.isfinite(velocity).all() and (velocity >= 0).all()):
         worst = velocity[np.flatnonzero(~(velocity >= 0))[:1]]
-        raise ValueError(f"a slip velocity of {worst} was given: use finite velocities that are not negative")
+        raise ValueError(f"slip velocities must be finite and not negative, got {worst}")
     if theta is None and velocity[0] == 0:
         raise ValueError("slip starts with velocity 0, where no state is steady: give theta")
     start = rs.dc / velocity[0] if theta is None else theta

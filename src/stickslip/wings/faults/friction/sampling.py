@@ -22,8 +22,8 @@ from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces,
 
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
 LONG = 50.0  # autocorrelation times that a chain must have
-BURN = 5.0  # autocorrelation times that are left out at the start
-FITTED = 0.1  # share of the work after which the best fit is known
+BURN = 5.0  # number of initial autocorrelation times that are discarded
+FITTED = 0.1  # fraction of the work after which the best fit is known
 LEAST = 300  # steps of a chain, however short the autocorrelation time is
 BLOCK = 50  # steps between two estimates of the autocorrelation time
 FREEDOM = 4.0  # degrees of freedom of the proposals, whose tails must be wider than those of the posterior
@@ -54,10 +54,10 @@ def posterior(
 ) -> Posterior:
     """Sample the posterior distribution of the parameters of a fit.
 
-    Half of the steps propose points of Student's t distribution around the best fit, whatever the present point; the
-    others are stretch moves (Goodman and Weare 2010, doi:10.2140/camcos.2010.5.65; Foreman-Mackey et al. 2013,
-    doi:10.1086/670067). Sampling ends as soon as the chain has 50 autocorrelation times, and
-    300 steps, after its start.
+    Half of the steps propose points of Student's t distribution around the best fit, independent of the present point;
+    the others are stretch moves (Goodman and Weare 2010, doi:10.2140/camcos.2010.5.65; Foreman-Mackey et al. 2013,
+    doi:10.1086/670067). Sampling ends as soon as the chain has 50 autocorrelation times, and 300 steps, after its
+    start.
 
     Parameters
     ----------
@@ -73,8 +73,7 @@ def posterior(
         if the input is not valid.
     RuntimeError
         if the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
-        shorter than 50 autocorrelation times. Nothing is returned then, since the draws would not represent the
-        posterior.
+        shorter than 50 autocorrelation times. No draws are returned then, as they would not represent the posterior.
     MissingExtraError
         if emcee is not installed.
 
@@ -100,9 +99,9 @@ def posterior(
     fit = build_fit(solution)
     m = len(fit.names)
     if walkers < 2 * m or walkers % 2:
-        raise ValueError(f"walkers = {walkers} was given: use an even number of at least {2 * m} for {m} parameters")
+        raise ValueError(f"walkers must be an even number, at least {2 * m} for {m} parameters, got {walkers}")
     if steps < 2 * BLOCK:
-        raise ValueError(f"steps = {steps} was given: use at least {2 * BLOCK}")
+        raise ValueError(f"steps must be at least {2 * BLOCK}, got {steps}")
     if not (fit.identifiable and fit.adequate):
         raise RuntimeError(f"there is no posterior to sample: {fit.sentence}")
     density, proposal, draw = _target(solution)
@@ -131,7 +130,7 @@ def posterior(
 
 
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
-    """Return the logarithm of the density, the proposal of new points for given ones, and a function that draws points.
+    """Return three functions: logarithm of the density, proposal of the sampler with its log-ratio, and random points.
 
     Everything is relative to the best fit for the final noise.
     """

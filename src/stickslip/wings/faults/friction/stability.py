@@ -84,7 +84,7 @@ def steady_sliding(rs: RateState, spring: Spring, velocity: float) -> Sliding:
     check(rs)
     check_spring(spring)
     if not (velocity > 0 and np.isfinite(velocity)):
-        raise ValueError(f"velocity = {velocity} was given: use a positive, finite velocity for steady sliding")
+        raise ValueError(f"velocity must be positive and finite for steady sliding, got {velocity}")
     w = np.log(velocity / rs.v0)
     matrix = rates(slider_of(rs, spring), (w, -w, -w), velocity, 1.0)[1].astype(complex)
     values = np.linalg.eigvals(matrix if rs.b2 > 0 else matrix[:2, :2])
@@ -182,12 +182,12 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Whether earthquakes can nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
+    """Possibility that earthquakes nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
     cohesive_length: float
-    half_length: float  # of a nucleation zone
+    half_length: float  # half length of a nucleation zone
     sentence: str
 
 
@@ -196,8 +196,8 @@ def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
     """Compare the velocity-weakening part of a fault with the length that an earthquake needs to nucleate.
 
     The comparison is a guide: it uses the length of nucleation zones in an infinite body, and counts a zone at the free
-    surface as half of one. With two states, for which no theory was published, it is a rough one: the shortest zone
-    counts of those with both states and with each alone.
+    surface as half a zone. With two states, for which no theory was published, it is rough: the shortest of the zones
+    with both states and with each alone is used.
 
     With cut-off velocities, the effects are A = a/(1 + V/V1) and B = b/(1 + V/V2), those of steady sliding at the given
     velocity. Whether slip at other velocities up to 1 m/s weakens or strengthens instead is part of the sentence:
@@ -260,7 +260,7 @@ def _lengths(fault: Fault) -> _Lengths:
 
 
 def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthens: str) -> str:
-    """Sentence on steady slip at V, and on what changes on the way to 1 m/s."""
+    """Sentence on steady slip at V, and on changes up to 1 m/s."""
     place, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
     if slow.longest == fast.longest == 0:
         ends = f"from {velocity:.3g} to {SEISMIC:g} m/s"
@@ -285,7 +285,7 @@ def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
     b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
     rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
     half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
-    if fault.states > 1:  # at slips shorter than its characteristic one, a state stays as it is
+    if fault.states > 1:  # at slips shorter than its characteristic slip, a state hardly changes
         first = fault.a, fault.b, fault.dc, fault.normal
         second = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
         for rows in (np.stack(first), np.stack(second)):

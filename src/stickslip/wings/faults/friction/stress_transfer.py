@@ -1,11 +1,11 @@
 """Stress on a straight fault: due to its own slip, with a free surface or without, and imposed normal stress in time.
 
 Slip at the centres of N cells of length h continues between them as a band-limited function, the sum of
-sin(πx/h)/(πx/h): that with these values and no wave shorter than 2h. A sinusoid then has its exact stiffness G*|k|/2,
-with G* = G for antiplane and G/(1 − ν) for in-plane shear, and errors are those of slip that such a sum does not have.
-Slip of 1 at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m, 0 for even m].
-A free surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
-`stress_matrix` returns the same as a dense matrix.
+sin(πx/h)/(πx/h): the function with these values and no wavelength below 2h. A sinusoid then has its exact stiffness
+G*|k|/2, with G* = G for antiplane and G/(1 − ν) for in-plane shear, and errors arise only from slip that such a sum
+cannot represent. Slip of 1 at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m,
+0 for even m]. A free surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log
+N) operations; `stress_matrix` returns the same as a dense matrix.
 
 In a half-space, points are ζ = x + iz, with x horizontal and the depth z ≥ 0. The fault is ζ = ξ t with t = e^{iψ}, dip
 ψ and distance ξ down dip; its hanging wall is at larger x. Slip δ is that of a thrust: the foot wall moves along t,
@@ -17,8 +17,8 @@ Elasticity, 1953),
 
 with * for the conjugate and the first term for an infinite body; the others remove the tractions at the surface. The
 solution is that of A. K. Head, Proc. Phys. Soc. B 66, 793 (1953); P. Segall (2010), chapter 3, has it for faults.
-What the surface adds depends on ξ of the cell that is stressed and ξ' of the one that slips, and is smooth in ξ but for
-ξ = ξ' = 0. Between ξ and 2ξ it is a polynomial in ξ within round-off.
+The contribution of the surface depends on ξ of the stressed cell and ξ' of the slipping one, and is smooth in ξ except
+at ξ = ξ' = 0. Between ξ and 2ξ it is a polynomial in ξ within round-off.
 
 Imposed changes of normal stress (injected fluid, an oscillation, a table) have `change(depth, time)`, which is added to
 the normal stress of the fault, and times `breaks` at which it is not smooth or extreme, where time steps end.
@@ -95,12 +95,12 @@ def surface_displacement(x, ends, dip: float) -> np.ndarray:
     return (-t * turn - t.conj() * np.diff(s.imag / (x - s.conj()), axis=1)) / np.pi
 
 
-KERNEL = "band-limited"  # how slip continues between the centres of cells
+KERNEL = "band-limited"  # continuation of slip between the centres of cells
 BOUNDARIES = ("surface", "infinite", "periodic")
 
 
 class StressTransfer(NamedTuple):
-    """Linear map from slip to shear stress, for N cells: a convolution, and one with slip mirrored in the surface.
+    """Linear map from slip to shear stress for N cells: a convolution, and one with slip mirrored in the surface.
 
     The product of two polynomials, slip at cells and stress by lag, is that of their values at the L roots of x^L = i.
     Powers outside of 0 to L − 1 become imaginary there, and L ≥ N values are enough. Mirrored slip has x⁻¹ for x: the
@@ -128,7 +128,7 @@ class StressTransfer(NamedTuple):
         return shear if added is None else shear + added, normal
 
     def of_image(self, slip: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | float]:
-        """Shear stress, None for none, and normal stress (N,) that the surface adds to those of mirrored slip."""
+        """Shear stress (or None) and normal stress (N,) due to the surface, in addition to those of mirrored slip."""
         if self.image is None:
             return None, 0.0
         spread, table = self.image
@@ -136,7 +136,7 @@ class StressTransfer(NamedTuple):
         return spread @ sheared, self.sense * (spread @ clamped)
 
     def struct(self):
-        """Struct for the compiled core, with working memory of its own."""
+        """Struct for the compiled core, with separate working memory."""
         sides = dict(zip(("rows", "columns"), self.turns.shape[1:], strict=True))
         return core.fill("Transfer", self._asdict() | sides | {"work": np.empty(4 * len(self.symbol))})
 
@@ -189,7 +189,7 @@ def _parts(power: np.ndarray) -> np.ndarray:
 
 
 def _reversed_bits(number: int) -> np.ndarray:
-    """Order in which a transform of a power of two leaves frequencies (number,)."""
+    """Order of frequencies after a transform of length a power of two (number,)."""
     order = np.zeros(1, int)
     while len(order) < number:
         order = np.concatenate([2 * order, 2 * order + 1])
@@ -206,7 +206,7 @@ def _periodic(number: int, cell: float, modulus: float, thickness: float) -> np.
 
 
 def image_nodes(number: int, dip: float) -> int:
-    """Number of places down dip, at most, from which the effect of the surface is interpolated to N cells."""
+    """Largest number of points down dip from which the effect of the surface is interpolated to N cells."""
     order = min(_order(dip), number)
     return min(number, order * (2 + max(0, int(np.ceil(np.log2(number / (2 * order)))))))
 
@@ -271,9 +271,9 @@ INSTANTS = 400  # times at which the normal stress is checked before a simulatio
 
 @readable
 class Injection(NamedTuple):
-    """Fluid that enters a fault at one place at a constant rate, and spreads along it by diffusion in one dimension.
+    """Fluid that enters a fault at one point at a constant rate, and spreads along it by one-dimensional diffusion.
 
-    The fault is taken as infinitely long for the fluid, with a constant diffusivity c and without losses. At a
+    For the fluid, the fault is infinitely long, with a constant diffusivity c and without losses. At a
     distance x the pressure after a time t of injection is p = q √(t/c) ierfc[x/√(4ct)]/S, with ierfc(y) = exp(−y²)/√π −
     y erfc(y); after the end, that of a second source of −q is added. This is the pressure of the SEAS benchmark
     problem BP6-QD (Lambert et al. 2025, doi:10.1029/2024JB030601).
@@ -300,8 +300,8 @@ class Injection(NamedTuple):
         require_positive(flux=self.flux, storage=self.storage, diffusivity=self.diffusivity)
         if not (0 <= self.start < self.stop and np.isfinite(self.at)):
             raise ValueError(
-                f"an injection from {self.start:g} to {self.stop:g} s at {self.at:g} m was given: use a start that is "
-                f"not negative, a later end and a finite place"
+                "an injection needs a start that is not negative, a later end and a finite position, got "
+                f"{self.start:g} to {self.stop:g} s at {self.at:g} m"
             )
 
     @property
@@ -402,7 +402,7 @@ def read_stress_table(path: str | Path) -> StressTable:
 
     Parameters
     ----------
-    path : CSV file; what stands in the corner does not matter
+    path : CSV file; the content of the corner is ignored
 
     Raises
     ------

@@ -29,9 +29,9 @@ SYMBOLS = {
     "a": "$a$", "b": "$b$", "dc": "$D_c$", "mu0": r"$\mu_0$", "b2": "$b_2$", "dc2": "$D_{c2}$", "v1": "$V_1$",
     "v2": "$V_2$", "stiffness": "$k$", "damping": r"$\eta$", "alpha": r"$\alpha$", "theta": r"$\theta_0$",
 }  # fmt: skip
-BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # of two-dimensional histograms: cells, width of the filter, contours
+BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # two-dimensional histograms: cells, width of the filter, contours
 UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
-PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)  # of the members of a sweep
+PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)  # percentiles of the members of a sweep
 BOTTOM = 1e-12  # smallest velocity that is drawn, over the largest
 
 _History = Annotated[Any, Result("SlipHistory", ("time", "load_point", "friction", "velocity", "theta"))]

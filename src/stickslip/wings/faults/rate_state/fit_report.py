@@ -60,8 +60,8 @@ class RecordFits(NamedTuple):
     fits: tuple[Fit, ...]
     comparison: LawComparison | None
     posterior: Posterior | None = None
-    remedies: tuple[str, ...] = ()  # what may be wrong with the input, measured by second fits
-    met: dict[str, list[str]] | None = None  # columns of the record: used, without influence, not understood
+    remedies: tuple[str, ...] = ()  # possible faults of the input, tested by second fits
+    met: dict[str, list[str]] | None = None  # columns of the record: used, without influence, unknown
 
 
 def fit_record(
@@ -74,7 +74,7 @@ def fit_record(
     With a number of steps, the posterior of the law, or of the law that the data prefer, is sampled as well.
     """
     if "stiffness" in fixed and "stiffness" in free:
-        raise ValueError("--stiffness and --free-stiffness were both given: choose one")
+        raise ValueError("--stiffness and --free-stiffness exclude each other: choose one")
     raw = read_record(file, columns=_parse_columns(columns), motion=velocity is None)
     record = record_data(raw, before=before, normal=normal, velocity=velocity)
     sprung, has_stiffness = len(record.legs) > 0, "stiffness" in fixed or "stiffness" in free
@@ -106,7 +106,7 @@ def fit_record(
 
 
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Report = silent) -> tuple[str, ...]:
-    """Sentences on laws that the data do not reject: a trend that was left out, a stiffness that contradicts them."""
+    """Sentences on laws that are not rejected by the data: a missing trend, a contradictory stiffness."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
     solutions = [
         solution._replace(task=solution.task._replace(report=within(tell, stage=f"doubts about the {law} law")))
@@ -116,7 +116,7 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Rep
     found = [stiffness_doubt(record, solution, normal) for solution in solutions]
     some = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
     for solution, doubt in zip(solutions, found, strict=True):
-        if doubt:  # a law that does not describe the record either shows nothing if another one does
+        if doubt:  # a law that does not describe the record is irrelevant if another one does
             out += [f"{solution.task.law} law: {doubt}"] if np.isfinite(doubt.interval[0]) or not some else []
             continue
         trend, state = gain_by("trend", solution), gain_by("theta", solution)
@@ -157,8 +157,7 @@ def _parse_columns(text: str | None) -> dict[str, int | str] | None:
     pairs = [[part.strip() for part in item.partition("=")] for item in text.split(",")]
     if not all(name and place for name, _, place in pairs):
         raise ValueError(
-            f"--columns {text!r} was given: use NAME=NUMBER, counted from 0, or "
-            "NAME=HEADING, as in 'time=0,friction=mu2'"
+            f"--columns must be NAME=NUMBER, counted from 0, or NAME=HEADING, as in 'time=0,friction=mu2', got {text!r}"
         )
     return {name: parse_integer(place) if place.isdecimal() else place for name, _, place in pairs}
 
@@ -254,7 +253,7 @@ def show(result: RecordFits) -> None:
 
 
 def _trade_offs(fit: Fit) -> str:
-    """Sentence on the parameters that a fitted stiffness trades off with; empty without one."""
+    """Sentence on parameters correlated with a fitted stiffness; empty without one."""
     if "stiffness" not in fit.names or not np.isfinite(fit.values["stiffness"]):
         return ""
     size = np.sqrt(np.diag(fit.covariance))
@@ -278,12 +277,12 @@ def _show_posterior(result: Posterior) -> None:
 
 
 def doubts(result: RecordFits) -> list[str]:
-    """Return one sentence for each suspicion: spikes, a wrong unit of length or of stiffness, a trend left out."""
+    """Return one sentence for each possible fault: spikes, a wrong unit of length or stiffness, a missing trend."""
     low, high = CREDIBLE
     fit = result.fits[0]
     count = sum(map(len, fit.spikes))
     total = f"{count} of {count + fit.samples} samples are spikes, farther from their neighbours than noise explains"
-    spikes = [f"{total}; they were left out"] if count else []
+    spikes = [f"{total}; they were excluded"] if count else []
     lengths = [
         f"{fit.law} law: D_c = {dc:.3g} m is outside the range of {low:g} to {high:g} m found in experiments: "
         f"is the unit of the displacement right? In {unit}, D_c would be {dc * factor:.3g} m"

@@ -32,7 +32,7 @@ class Surface(ScenarioTable):
     @model_validator(mode="after")
     def _check_form(self):
         if self.form == "regularized" and (self.v1 or self.v2):
-            raise ValueError('v1 and v2 are for the logarithmic form: leave them out, or set form = "logarithmic"')
+            raise ValueError('v1 and v2 require form = "logarithmic": set it, or leave them out')
         return self
 
     @property
@@ -75,7 +75,7 @@ class Samples(ScenarioTable):
     """Recorded samples."""
 
     number: Annotated[int, Field(ge=10, le=100_000)] = Field(
-        150, description="number of samples of each leg; the first ones are closer together in time"
+        150, description="number of samples of each leg, closer together in time at its beginning"
     )
     noise: NotNegative = Field(0.0, description="standard deviation of noise added to the recorded friction")
     correlation: Annotated[float, Field(ge=0, lt=1)] = Field(

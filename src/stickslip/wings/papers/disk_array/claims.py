@@ -86,15 +86,15 @@ VARIED = (  # changes of the printed model, one at a time
     {"load": {"press": 1.0}},
 )  # fmt: skip
 PUSHES = np.arange(1, 81) / 40  # in units of F_y
-STEPS = 100_000  # of the search for an equilibrium; where there is one, a tenth of them are enough
+STEPS = 100_000  # largest number of steps of the search for an equilibrium; a tenth suffices if there is one
 BEFORE = 2e-6, 3.2e-5  # distances in F_x from a birth, at which Im λ and the gap of the real eigenvalues are compared
-SQUARE_ROOT = 0.05  # of the exponent 1/2: an eigenvalue that jumps has 0, two that cross have 1
-PURE = 1 - TOLERANCE["share"]  # share in y from which a mode counts as a pure y mode
+SQUARE_ROOT = 0.05  # tolerance of the exponent 1/2: an eigenvalue that jumps has 0, two that cross have 1
+PURE = 1 - TOLERANCE["share"]  # fraction in y above which a mode counts as a pure y mode
 UNIT = "sqrt(k_n (2R)^1/2/m)"
 
 
 def first_pair(**change) -> float | None:
-    """Push, in units of F_y, at which the first pair exists; 0 without equilibrium at any push, None if none is met."""
+    """Push, in units of F_y, at which the first pair exists; 0 without equilibrium at any push, None without a pair."""
     chosen = validate_scenario(DiskArrayScenario, dynamics={"loads": ()}, relaxation={"steps": STEPS}, **change)
     state, law = press(chosen)
     protocol = make_protocol(chosen, law)
@@ -212,7 +212,7 @@ def _mode_claims(main: DiskArrayResult) -> list[Claim]:
         claim("y-mode-share", 'Fig 6: "no projection on either longitudinal or angular degrees of freedom"', 1.0,
               float(shares[k, 1]), "fraction", TOLERANCE["share"], others, error=0.0),
         claim("y-mode-frequency", 'Fig 6: "an eigen-frequency ω ≈ 0.235"', 0.235, float(modes.frequency[k]), UNIT,
-              TOLERANCE["frequency"], "mode with the largest share in y", error=0.0),
+              TOLERANCE["frequency"], "mode with the largest fraction in y", error=0.0),
         claim("wall-mode-frequency", "Fig 6: not printed; the same mode before any push", None,
               float(main.pressed_spectrum.frequency[y_mode(main.pressed_spectrum)]), UNIT, TOLERANCE["closed form"],
               "checks the units", error=0.0, reference=float(np.sqrt(1.5 * press ** (1 / 3))),
@@ -238,8 +238,7 @@ def _wave_claims(main: DiskArrayResult) -> list[Claim]:
               f"{', '.join(f'{n} at {load}' for load, n in counts.items())}", error=0.0),
         claim("y-mode-wave-number", 'Fig 6: "a wavelength of approximately 2. Thus the associated k vector is k ≈ π"',
               float(np.pi), strongest, "1/length", TOLERANCE["wave number"],
-              f"strongest Fourier component of y in the mode with the largest share in y; shares by wave number: "
-              f"{shares}", error=0.0),
+              f"strongest Fourier component of y in the mode with most power in y; by wavenumber: {shares}", error=0.0),
         claim("y-wave-speed", 'Fig 6: "determining a velocity V_2 ≈ 0.235/π ≈ 0.075"', 0.075, measured, "length/time",
               TOLERANCE["front"],
               f"frequency over wave number of the same mode; the mode with most power at wavelength 2, "
@@ -407,7 +406,7 @@ def _arrest_claims(arrest: Arrest) -> list[Claim]:
             f"M of the equilibria to which {count} late states of the run relax: {static.min():.2e} to "
             f"{static.max():.2e}; of {arrest.before} disk–disk contacts they have {kept}",
             error=float(static.std(ddof=1)), reference=float(arrest.late.mean()),
-            reference_source="M of the same late states in motion: if the two agree, M is a displacement at rest",
+            reference_source="M of the same late states in motion: if both agree, M is a displacement at rest",
         ),
         claim(
             f"arrest-pairs-{arrest.load:.3f}", "Fig 3: the MSD becomes stationary; not explained", None,
@@ -425,8 +424,8 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
     outcomes = zip(threshold.loads, threshold.probability[:, 0], threshold.lasting_probability[:, 0], strict=True)
     shares = ", ".join(f"{slid:.2g} and {lasting:.2g} at {load:g}" for load, slid, lasting in outcomes)
     note = (
-        f"load at which half of the kicked runs slide on; shares of {threshold.runs[0, 0]} runs from velocities of "
-        f"{threshold.kicks[0]:g} that slide by {threshold.distance:g}, and that slide on: {shares}"
+        f"load at which half of the kicked runs slide on; fractions of {threshold.runs[0, 0]} runs from velocities "
+        f"of {threshold.kicks[0]:g} that slide by {threshold.distance:g}, and that slide on: {shares}"
     )
     stops, (last, first) = "no sliding array came to rest at a lower load", threshold.arrest_range
     if np.isfinite(last):
@@ -448,7 +447,7 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
 
 
 MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # the name of a stage
-SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # of the work before sliding, in a quick run
+SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # fraction of the work before sliding, in a quick run
 
 
 class Reproduction(NamedTuple):
@@ -456,7 +455,7 @@ class Reproduction(NamedTuple):
 
     main: DiskArrayResult
     quarter: DiskArrayResult
-    arrests: list[Arrest]  # of the main scenario
+    arrests: list[Arrest]  # arrests of the main scenario
     threshold: KineticThreshold  # likewise
     claims: list[Claim]
 

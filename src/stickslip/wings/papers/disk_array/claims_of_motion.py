@@ -47,7 +47,7 @@ TOLERANCE = {
     "birth": 0.01,  # 0.082 is printed with two digits: half a unit of the last is 0.6 %
     "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last is 5 % of 0.001
     "growth": 0.02,  # linear theory is exact; the fit window ends where contacts begin to open
-    "saturation": 1.0,  # the paper says "about" and prints a power of ten: a factor of two either way
+    "saturation": 1.0,  # the paper prints "about" and a power of ten: a factor of two either way
     "threshold": 0.1,  # the paper's loads of arrest and of sliding differ by a factor of two
     "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realizations, 9 %
     "ratio": 1.5 / 4.3,  # the scatter that the paper prints: 4.3 ± 1.5
@@ -57,9 +57,9 @@ TOLERANCE = {
     "share": 0.1,  # the figure shows no x and no rotation: bars of 0.3 would be visible, and their square is 0.1
     "frequency": 0.05,  # "approximately"; printed with three digits, at a push that is not stated
     "wave number": 0.25,  # "approximately 2": half a unit of the only digit of the wavelength
-    "steady": 0.1,  # "fixed", "without growth": what a plot would show
+    "steady": 0.1,  # "fixed", "without growth": as visible in a plot
     "power": 0.1,  # t and t^1.1 differ by a quarter over a decade
-    "independence": 0.25,  # of an exponent: from 0.083 to 0.12 the speed then changes by a tenth
+    "independence": 0.25,  # tolerance of an exponent: from 0.083 to 0.12 the speed then changes by a tenth
     "charging": 0.1,  # a smaller change of t_iw than this is none
     "closed form": 1e-6,  # exact; the relaxation ends at a residual of 1e-14
 }
@@ -96,7 +96,7 @@ def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Fron
         claim(f"{name}{suffix}", source, paper, front.speed, unit, tolerance,
               f"fitted through the start of the front, as in Eq 9; {other}; {note}", error=front.speed_error),
         claim(f"{name}-free{suffix}", source, paper, front.free_intercept, unit, tolerance,
-              f"fitted with a free intercept; {other}; the paper does not say which one it used; {note}",
+              f"fitted with a free intercept; {other}; the paper does not state its choice; {note}",
               error=front.free_error),
     ]  # fmt: skip
 
@@ -170,8 +170,8 @@ def _start(name: str, source: str, disk: int, times: np.ndarray) -> Claim:
     error = np.sqrt(share * (1 - share) / n) if n else np.inf
     return statement(
         name, source, exceeds(share, error, 0.5),
-        f"disk {disk + 1} is the first in {share:.0%} of {n} complete realizations, and by chance in "
-        f"{1 / times.shape[1]:.0%}; the statement is read as more than half",
+        f"disk {disk + 1} is the first in {share:.0%} of {n} complete realizations, by chance in "
+        f"{1 / times.shape[1]:.0%}; the statement is interpreted as more than half",
     )  # fmt: skip
 
 
@@ -245,7 +245,7 @@ def _power_of_push(fronts: dict[float, Front | None]) -> tuple[float | None, flo
 
 
 def _drift(main: DiskArrayResult) -> Claim:
-    """Claim that the backward front is what a drift with a constant profile of displacements makes."""
+    """Claim that the backward front results from a drift with a constant profile of displacements."""
     raw, front = (backward_front(main, V2_THRESHOLD, FRONT_LOADS, smooth=smooth) for smooth in (False, True))
     drift = drift_front(main, V2_THRESHOLD, FRONT_LOADS)
     name, source = "backward-front-by-drift", "Fig 5: speed of the backward front; its explanation by a drift"
@@ -280,7 +280,7 @@ def _charging(arrest: Arrest) -> Claim:
         f"charging-{arrest.load:.3f}", 'Fig 3: "static friction with charging of t_iw" at 0.03 and 0.04',
         exceeds(mean, error, 1 + TOLERANCE["charging"]),
         f"mean |t_iw| of {len(arrest.charge)} late states over that before the run: {mean:.3f} ± {error:.3f}; at rest "
-        f"the forces of the substrate add up to F_x, so that t_iw can change sign or place, but not its sum",
+        "the forces of the substrate add up to F_x, so that t_iw can change sign or position, but not its sum",
     )  # fmt: skip
 
 
@@ -310,7 +310,7 @@ def _where_first(main: DiskArrayResult) -> Claim:
 
 
 def _share_error(yes: np.ndarray) -> float:
-    """Standard error of the share of realizations with an outcome; infinite without realizations."""
+    """Standard error of the fraction of realizations with an outcome; infinite without realizations."""
     return float(np.sqrt(yes.mean() * (1 - yes.mean()) / len(yes))) if len(yes) else np.inf
 
 
@@ -373,9 +373,9 @@ def _center(main: DiskArrayResult) -> list[Claim]:
     onset = np.concatenate([np.column_stack([g.velocity, g.drift[:, k]]) for g in groups])
     rows = (
         ("fixed-velocity", '"a simple first order transition from static to dynamics with a fixed velocity"', velocity,
-         "steady", "velocity of the center in the last sixth of the runs over that in the sixth before"),
+         "steady", "velocity of the center in the last sixth of the runs over that in the previous sixth"),
         ("height-without-growth", '"the y component of the center of mass that oscillates without growth"', height,
-         "steady", "standard deviation of the height of the center in the last sixth over that in the sixth before"),
+         "steady", "standard deviation of the height of the center in the last sixth over that in the previous sixth"),
         ("first-order-onset", '"appears like a simple first order transition"', onset, "front",
          f"velocity when the center has moved by {V2_THRESHOLD:g} over that in the last third of the runs: one if "
          f"the velocity jumps"),

@@ -19,9 +19,9 @@ _WithSliding = Annotated[Any, Result(_KIND, ("free_runs", "sliding"))]
 _Front = Annotated[Any, Result("Front", ("delay", "distance", "error", "speed", "speed_error"))]
 _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error", "intercept", "slope"))]
 LOAD = r"push $F_x$"
-DIAMETER = "$2R$"  # unit of length
-SPEED = r"$2R/\sqrt{m/(k_n\sqrt{2R})}$"
-STRAIGHT = 1e-3  # probability of so large a χ² below which a front has no single speed, and no line is drawn
+DIAMETER = "diameters"
+SPEED = "diameters / time unit"
+STRAIGHT = 1e-3  # probability of a larger χ² below which a front has no single speed, so that no line is drawn
 MOVED = (r"$\Delta C^x_\mathrm{mass}$", DIAMETER)
 
 
@@ -78,7 +78,7 @@ def mean_square_displacement(result: _WithRuns):
     if any(f.growth for f in result.free_runs.values()):
         axes.plot([], [], "--", color=style.BLACK, lw=0.8, label=r"$\propto e^{2\omega_i t}$, predicted")
     axes.legend(title=LOAD, loc="lower right", ncol=2)
-    style.label_axes(axes, x=style.TIME, y=(r"$M(t)=\Sigma_i|\mathbf{r}_i(t)-\mathbf{r}_i(0)|^2$", "$(2R)^2$"))
+    style.label_axes(axes, x=style.TIME, y=(r"$M(t)=\Sigma_i|\mathbf{r}_i(t)-\mathbf{r}_i(0)|^2$", "diameters²"))
     axes.set_ylim(bottom=0.1 * min(np.percentile(f.msd[f.msd > 0], 1) for f in result.free_runs.values()))
     return figure
 
@@ -96,7 +96,7 @@ def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: in
             (first - 150, first),
             f"disk {grain + 1}, $F_x$ = {data.load:.3f}, before any contact\nreaches the Coulomb limit",
         ),
-        ((first, end), "from there until its contact with the substrate does"),
+        ((first, end), "from there until its contact with the\nsubstrate is broken"),
     )
     for axes, ((start, stop), title) in zip(panels, windows, strict=True):
         shown = (data.time >= start) & (data.time <= max(stop, start + 150))
@@ -111,12 +111,12 @@ def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: in
 
 
 def _plot_front(axes, front, color, name: str) -> None:
-    """Plot the delays of a front, and the line of its speed unless χ² refuses one speed for all of it."""
+    """Plot the delays of a front, and the line of its speed unless χ² rejects a single speed."""
     known = front.error > 0
     degrees = max(np.count_nonzero(known) - 1, 1)
     squares = float((((front.distance / front.speed - front.delay)[known] / front.error[known]) ** 2).sum())
     straight = chdtrc(degrees, squares) > STRAIGHT
-    about = rf"$\chi^2$ = {squares:.3g} for {degrees}"
+    about = rf"$\chi^2$ = {squares:.3g}, {degrees} degrees of freedom"
     speed = style.power_of_ten(front.speed, front.speed_error)
     label = f"{name} = {speed}, {about}" if straight else f"{name}: no single speed, {about}"
     axes.errorbar(front.delay, front.distance, xerr=front.error, fmt="o", color=color, label=label, capsize=1.5, lw=0.7)
@@ -129,7 +129,7 @@ def _plot_front(axes, front, color, name: str) -> None:
 def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | None, threshold: float):
     """Mean times of breaching (forward) and of sliding (backward), with the fitted speeds if they fit (Fig 5).
 
-    χ² is that of the delays about the fitted line, for so many degrees of freedom.
+    χ² of the delays about the fitted line, and its degrees of freedom.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | Non
     if backward:
         _plot_front(bottom, backward, style.PURPLE, "$V_2$")
     style.label_axes(
-        bottom, x=(rf"mean delay of sliding by {threshold:g} $\times 2R$", style.TIME[1]),
+        bottom, x=(f"mean delay of sliding by {threshold:g} diameters", style.TIME[1]),
         y=("distance\nfrom last disk", DIAMETER),
     )  # fmt: skip
     for axes in (top, bottom):
@@ -175,7 +175,7 @@ def mode_shape(spectrum: Spectrum, index: int):
         axes.bar(k * n + 1 + np.arange(len(part)), part, color=color, label=name, width=0.8)
     axes.axhline(0, color=style.BLACK, lw=0.5)
     share = spectrum.shares()[index]
-    axes.set_title(rf"$\omega$ = {spectrum.frequency[index]:.4f}, share in $y$ {share[1]:.3f}")
+    axes.set_title(rf"$\omega$ = {spectrum.frequency[index]:.4f}, fraction in $y$ {share[1]:.3f}")
     style.label_axes(axes, x=r"degree of freedom $q_\ell$", y="mass-weighted component", whole="x")
     axes.legend(ncol=3, loc="best")
     return figure
@@ -194,7 +194,7 @@ def center_of_mass(
     printed : (slope, intercept) shown in the paper's figure, drawn dashed
     """
     if load not in result.free_runs:
-        raise ValueError(f"load = {load} was given: there are runs at {', '.join(map(str, result.free_runs))}")
+        raise ValueError(f"there is no run at load = {load}: there are runs at {', '.join(map(str, result.free_runs))}")
     rows = 2 + bool(result.sliding) + bool(line)
     figure, panels = style.column_axes(rows, 0.4 + 1.7 * rows)
     free, left = result.free_runs[load], list(panels[2:])
@@ -202,7 +202,9 @@ def center_of_mass(
     panels[0].plot(free.time, x, color=style.BLUE)
     style.plot_fast(panels[1], free.time, y, color=style.GREEN, middle=False)
     panels[0].set_title(f"$F_x$ = {load:.3f}")
-    style.label_axes(panels[0], x=style.TIME, y=MOVED)
+    panels[0].sharex(panels[1])
+    panels[0].tick_params(labelbottom=False)
+    style.label_axes(panels[0], y=MOVED)
     style.label_axes(panels[1], x=style.TIME, y=(r"$\Delta C^y_\mathrm{mass}$", DIAMETER))
     if result.sliding:
         axes = left.pop(0)
@@ -219,7 +221,7 @@ def center_of_mass(
         axes.plot(ends, line.intercept + line.slope * ends, "-", color=style.RED, lw=0.7, label="fit")
         if printed:
             axes.plot(ends, printed[1] + printed[0] * ends, "--", color=style.BLACK, lw=0.7, label="paper")
-        style.label_axes(axes, x=LOAD, y=("$V^x_\\mathrm{mass}$\n", SPEED))
+        style.label_axes(axes, x=LOAD, y=("sliding velocity\n", SPEED))
         axes.legend(loc="upper left")
     return figure
 
@@ -241,7 +243,7 @@ def transition_movie(
     times = np.linspace(max(start, data.time[0]), stop, frames)
     length, n = result.pressed.cell.vectors[0, 0], len(radius)
     with style.common_style(**{"savefig.dpi": "figure"}):
-        figure = style.OwnFigure(figsize=(6.4, 1.6), dpi=110)
+        figure = style.OwnFigure(figsize=(6.4, 1.6), dpi=150)
         axes = figure.add_axes([0.02, 0.2, 0.96, 0.62])
         axes.set(xlim=(-0.1, length + 0.1), ylim=(-0.15, 2.3 * radius.max()), aspect="equal")
         axes.axis("off")

@@ -111,7 +111,7 @@ def run_transition(
         *(late_halves(time[late], run.center[late]) if slides else np.full((2, 2), np.nan)),
         crossing_times(time, smooth, thresholds),
         *drift_profile(time, smooth, thresholds),
-        run.time[thin].copy(),  # not views, which would keep the whole record
+        run.time[thin].copy(),  # copies, as views would keep the whole record
         run.center[thin].copy(),
     )
 

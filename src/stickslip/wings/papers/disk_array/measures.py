@@ -20,7 +20,7 @@ from .fronts import FreeRun
 from .simulate import DiskArrayResult, Ensemble, make_protocol, point_at_load
 
 BLOCKS = 8  # blocks in the late half of a run, for the error of its mean; each is long compared with the modes' beats
-LATE = 4  # a run is divided into this many parts; the mean M of the last one is compared with that of the first
+LATE = 4  # number of parts of a run; the mean M of the last part is compared with that of the first
 HALVES = (1e-19, 1e-15), (1e-15, 1e-11)  # halves of the window of M in which growth is fitted
 
 
@@ -49,7 +49,7 @@ def backward_front(
 ) -> fronts.Front | None:
     """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`.
 
-    `smooth`: of displacements without their oscillation, see `fronts.Transition`.
+    `smooth`: use displacements without their oscillation, see `fronts.Transition`.
     """
     how, name = result.scenario.sliding, "smooth_slide" if smooth else "slide"
     order, distance = backward_order(result)
@@ -87,12 +87,12 @@ def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
 
 
 def y_mode(modes: Spectrum) -> int:
-    """Index of the mode with the largest share in y."""
+    """Index of the mode with the largest fraction in y."""
     return int(np.argmax(modes.shares()[:, 1]))
 
 
 def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
-    """Wave numbers (Q,) [1/diameter] and shares (Q, n) of the motion of each mode along y, disks in a periodic row."""
+    """Wave numbers (Q,) [1/diameter] and their fractions (Q, n) in the y motion of each mode of a row."""
     y = modes.modes[modes.free.axis == 1]
     n = len(y)
     power = np.abs(np.fft.fft(y, axis=0)) ** 2
@@ -102,7 +102,7 @@ def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exceeds(value: float, error: float, bound: float) -> bool | None:
-    """Whether a number lies above a bound; None within two standard errors of it."""
+    """Verdict on a number above a bound; None within two standard errors of it."""
     return None if not abs(value - bound) > 2 * error else bool(value > bound)
 
 
@@ -127,7 +127,7 @@ def saturation_error(free: FreeRun) -> float | None:
 
 
 def growth_factor(free: FreeRun) -> float:
-    """Ratio of the mean of M over the last quarter of a run to that over the first; about 1 where nothing grows."""
+    """Ratio of the mean of M over the last quarter of a run to that over the first; about 1 without growth."""
     parts = np.array_split(free.msd[1:], LATE)
     return float(parts[-1].mean() / parts[0].mean())
 
@@ -189,11 +189,11 @@ def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, 
     return Proportion(np.array(there), np.array([im_lambda[load] for load in there]), speed, error)
 
 
-LATE_STATES = 8  # of a run, relaxed
-ARREST_LOADS = (0.030, 0.040)  # at which the paper's array comes to rest after growth
-KICK = 1e-4  # standard deviation of the initial velocities: far above what a pair grows from [length/time]
+LATE_STATES = 8  # number of late states of a run, relaxed
+ARREST_LOADS = (0.030, 0.040)  # loads at which the paper's array comes to rest after growth
+KICK = 1e-4  # standard deviation of the initial velocities: far above the noise from which a pair grows [length/time]
 KICKED_LOADS = (0.030, 0.040, 0.0425, 0.045, 0.0475, 0.050, 0.055, 0.083)
-FEWER_LOADS = (0.040, 0.045, 0.050, 0.083)  # of a quick run
+FEWER_LOADS = (0.040, 0.045, 0.050, 0.083)  # loads of a quick run
 REALIZATIONS = {False: 20, True: 8}  # at each load, in a full and in a quick run
 
 
@@ -210,7 +210,7 @@ class Arrest(NamedTuple):
 
 
 def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
-    """Relax the end of the free run at a load, and further late states of the same run, each an eighth of it apart."""
+    """Relax the end of the free run at a load, and further late states of this run, an eighth of it apart."""
     scenario, law, how = result.scenario, result.law, result.scenario.dynamics
     point, protocol = point_at_load(result.path, load), make_protocol(result.scenario, result.law)
     end, rows = perturbed(point.state, scenario.seed, how.seed_velocity), []

@@ -57,7 +57,10 @@ def paper_figures(reproduction: Reproduction):
     yield "fig2_complex_pairs.png", figures_of.complex_pairs(both, IM_LAMBDA)
     point, line = point_at_load(main.path, MODE_LOAD), velocity_line(main, LINE_TOP)
     yield from _figures(main, point, FRONT_LOADS, line, center_load=0.087, printed=(4.5e-4, -1.3e-5))
-    yield "fig8_static_and_kinetic.png", common_figures.static_and_kinetic(reproduction.threshold, label="$F_x$")
+    yield (
+        "fig8_static_and_kinetic.png",
+        common_figures.static_and_kinetic(reproduction.threshold, label="push $F_x$ [units of force]"),
+    )
 
 
 def paper_numbers(reproduction: Reproduction) -> dict:

@@ -157,10 +157,7 @@ class DiskArrayScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_loads(self):
         if self.load.disk > self.array.disks:
-            raise ValueError(
-                f"load.disk = {self.load.disk} was given, but there are {self.array.disks} disks: use at most "
-                f"{self.array.disks}"
-            )
+            raise ValueError(f"load.disk must be at most {self.array.disks}, the number of disks, got {self.load.disk}")
         if self.dynamics.watch is not None and self.dynamics.watch not in self.dynamics.loads:
             raise ValueError(
                 f"dynamics.watch = {self.dynamics.watch:g} is not among dynamics.loads {self.dynamics.loads}: use one "
@@ -174,7 +171,7 @@ class DiskArrayScenario(ScenarioBase):
         if overlap > 0.2 * min(radius):
             raise ValueError(
                 f"load.press = {self.load.press:g} makes disks overlap the substrate by {overlap:.3g}, more than a "
-                f"fifth of a radius, where contact laws do not hold: use a smaller press or a larger kn"
+                "fifth of a radius, where contact laws are invalid: use a smaller press or a larger kn"
             )
         low, high = min(self.load.push), max(self.load.push)
         for table in ("dynamics", "sliding"):

@@ -111,7 +111,7 @@ def push_disk_array(
 
     Parameters
     ----------
-    step : load step, if it differs from the scenario's; used to see how much the path depends on it
+    step : load step, if different from that of the scenario, to test its influence on the path
     kept : storage for the points of the path
     """
     state, law = press(scenario)
@@ -191,7 +191,7 @@ def simulate_disk_array(
         not depend on it
     device : "cuda": run the realizations of sliding side by side on a graphics processor; they agree with those of
         other processors until round-off has grown
-    sensitivity : also track the pairs on the same path with twice the load step, to see how much births depend on it
+    sensitivity : also track the pairs on the same path with twice the load step, to test its influence on births
     report : called as report(stage, share done, text with the relevant quantities)
 
     Raises
@@ -221,7 +221,7 @@ def simulate_disk_array(
 
 
 def open_checkpoint(folder: Path | None, scenario: DiskArrayScenario) -> Checkpoint | None:
-    """Location of what a run saves, after a check of what is there; None without a folder."""
+    """Location of the saved data of a run, after a check of existing data; None without a folder."""
     nouns = (FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
     kept = checkpoint_in(folder, scenario, *nouns)
     if kept:
@@ -277,5 +277,5 @@ def add_sliding(
 
 
 def simulate_with_sensitivity(scenario: DiskArrayScenario, **options) -> DiskArrayResult:
-    """Run a scenario, then repeat its path with twice the load step to show how much the births depend on the step."""
+    """Run a scenario, then repeat its path with twice the load step to show its influence on the births."""
     return simulate_disk_array(scenario, sensitivity=True, **options)

@@ -55,7 +55,7 @@ def reslides_after_longest(result: GougeResult, before: float):
 def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
     """Return the hold times followed by slides at one common velocity, and that velocity.
 
-    The velocity is the one before the hold if there are such slides, otherwise the slowest.
+    The velocity is that before the hold if there are such slides, otherwise the slowest.
     """
     holds = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in holds) else min(w for _, w in holds)
@@ -77,7 +77,8 @@ PEAK = 0.3  # tolerance of the peak, as of all numbers of rate-and-state frictio
 STUDY = "Ferdowsi and Rubin 2021, doi:10.1029/2021JB022125, abstract"
 FULL = "not run: part of stickslip reproduce gouge --full"
 UNDEFINED = (
-    f"t̄ = {HOLD:g} is read as k V_i t/(a σ), 1.43 s; as V_i t/D_c it would be 437 s. By both laws the slope does not "
+    f"t̄ = {HOLD:g} is interpreted as k V_i t/(a σ), 1.43 s; as V_i t/D_c it would be 437 s. By both laws the slope "
+    "does not "
     f"depend on the hold"
 )
 
@@ -125,7 +126,7 @@ def collapse_defect(x: np.ndarray, peaks: list[Number]) -> Number:
 
 
 def below_or_not(number: Number, limit: float) -> bool | None:
-    """Whether a number is below a limit; None if the limit lies in its 95 % interval, or if that is not known."""
+    """Verdict on a number below a limit; None if the limit lies in its 95 % interval, or if the interval is unknown."""
     return bool(number.value < limit) if abs(number.value - limit) > number.half else None
 
 
@@ -231,12 +232,12 @@ def _law_of_holds(main: GougeResult) -> list[Claim]:
 
 
 STEADY = (0.33, 0.42)  # range of the steady friction of such gouge
-LEDGER = 1e-2  # largest defect of the ledger over the dissipated energy, so that its shares are accurate to a per cent
+LEDGER = 1e-2  # largest defect of the ledger over the dissipated energy, so that fractions are accurate to one per cent
 ENERGY = 1e-2  # kinetic over elastic energy below which grains count as quasi-static
-TELLING = 0.015  # largest half width of the interval of a difference for which two holds may be called alike
+TELLING = 0.015  # largest half width of the interval of a difference for which two holds may count as equal
 TOLERANCE = {
     "steady": (STEADY[1] - STEADY[0]) / (STEADY[1] + STEADY[0]),  # the known range
-    "rate and state": 0.3,  # b is 28 % less than a: with a larger deviation one could be mistaken for the other
+    "rate and state": 0.3,  # b is 28 % less than a: with a larger deviation they could be confused
     "healing": 1 / 3,  # the range from b/2 to b
 }
 LAW = "slip law for this hold, with the a, b and D_c printed in the paper"
@@ -439,7 +440,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
     sizes = [abs(n.value - seen.impedance.value * (pair[1] - pair[0])) for n, pair in (forward, back)]
     halves = float(np.hypot(forward[0].half, back[0].half))
     difference = sizes[0] - sizes[1]
-    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # else it is not known
+    same = abs(difference) + halves <= TOLERANCE["rate and state"] * np.mean(sizes)  # otherwise it is unknown
     alike = False if abs(difference) > halves else True if same else None
     return _statement(
         "velocity-step-symmetry", where, alike,
@@ -566,7 +567,7 @@ def _quasi_static(main: GougeResult) -> Claim:
 
 
 def _energies(main: GougeResult) -> Claim:
-    """Claim about the energy ledger of a stretch of sliding, which shows how the work of the spring is spent."""
+    """Claim about the energy ledger of a period of sliding, which shows where the work of the spring goes."""
     books = [sample.ledger for sample in main.realizations if sample.ledger]
     source, study = "Text: not in the paper; a check of this package", "conservation of energy"
     if not books:

@@ -66,7 +66,7 @@ def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
     ----------
     panels : pairs of curves (each a `Curve`) and predictions, {law: (times, change in friction)}
     """
-    figure, rows = style.column_axes(len(panels), 0.6 + 2.0 * len(panels), sharex=False, squeeze=False)
+    figure, rows = style.column_axes(len(panels), 0.6 + 2.6 * len(panels), sharex=False, squeeze=False)
     for axes, (curves, laws) in zip(rows[:, 0], panels, strict=True):
         for number, curve in enumerate(curves):
             _plot_band(axes, curve, (style.BLUE, style.ORANGE, style.RED)[number % 3])
@@ -75,31 +75,32 @@ def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
         axes.set_xscale("log")
         style.label_axes(axes, x=HELD if axes is rows[-1, 0] else None, y=r"$\mu - \mu(0)$")
         _name_band(axes, "two standard deviations")
-        axes.legend(loc="lower left")
+        style.legend_above(axes, ncol=1)
     return figure
 
 
 @style.styled
-def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float):
+def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float | None = None):
     """Kinetic over elastic energy, and velocity of the plate, against the hold time.
 
     Parameters
     ----------
     ratios, creep : one `Curve` per damping
-    sliding : kinetic over elastic energy in steady sliding before the holds
+    sliding : kinetic over elastic energy in steady sliding before the holds, if it is to be drawn
     """
-    figure, (above, below) = style.column_axes(2, 3.6, sharex=True)
+    figure, (above, below) = style.column_axes(2, 4.4, sharex=True)
     for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
         color = (style.BLUE, style.ORANGE, style.RED)[number % 3]
         above.plot(ratio.x, ratio.mean, color=color)
         below.plot(velocity.x, np.where(velocity.mean > 0, velocity.mean, np.nan), color=color, label=ratio.label)
-    above.axhline(sliding, color=style.BLACK, lw=0.7, ls=":")
-    above.text(1, sliding, "steady sliding ", ha="right", va="top", transform=above.get_yaxis_transform())
+    if sliding is not None:
+        above.axhline(sliding, color=style.BLACK, lw=0.7, ls=":")
+        above.text(1, sliding, "steady sliding ", ha="right", va="top", transform=above.get_yaxis_transform())
     for axes in (above, below):
         axes.set(xscale="log", yscale="log")
     style.label_axes(above, y="kinetic / elastic energy")
     style.label_axes(below, x=HELD, y=("creep of the plate", "m/s"))
-    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=1)
     return figure
 
 

@@ -129,7 +129,7 @@ def step_curve(
 def _change(
     result: GougeResult, tests: list[tuple[Realization, Test]], level: Callable | None, column: str, label: str
 ) -> Curve | None:
-    """Change in a column in tests against the slip of the load point [D], relative to level(sample) or to their twins.
+    """Change of a column during tests against load-point slip [D], relative to level(sample) or to the twin tests.
 
     The grid of slips is fine enough for a mean over slips up to `EARLY`. None without tests or without a twin.
     """
@@ -338,9 +338,9 @@ def peak(curve: Curve, *, sign: float = 1.0) -> Number:
 def peak_bias(curve: Curve) -> float:
     """Upper bound on the bias of the peak due to noise.
 
-    It is the difference between the peak and the mean of the samples' values, each taken at the peak position of the
-    other samples. These values are not biased by the selection of a maximum, but lie below the true peak to the extent
-    that the others misplace it. NaN for a single branch.
+    It is the difference between the peak and the mean of the values of the samples, each at the peak position of the
+    other samples. These values are not biased by the selection of a maximum, but lie below the true peak as far as the
+    peak positions of the others are wrong. NaN for a single branch.
     """
     units = smoothed(curve).units
     if len(units) < 2:

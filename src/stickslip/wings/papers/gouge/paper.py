@@ -54,7 +54,7 @@ def paper_scenario(
     which `read_samples` checks.
     """
     if not paper_size and (realizations or samples):
-        raise ValueError("realizations or samples were given, but only the paper's size has them: add paper_size")
+        raise ValueError("realizations and samples require paper_size")
     if paper_size:
         if samples and realizations:
             check_folder(samples)
@@ -98,10 +98,10 @@ def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
 
 
 def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | None = None) -> GougeScenario:
-    """Return the scenario of the paper's own size: 4341 mobile grains of 1 to 5 mm, and eight samples if not said.
+    """Return the scenario of the paper's own size: 4341 mobile grains of 1 to 5 mm, and eight samples by default.
 
     The time step is 16 times that of the paper, half the longest stable one. Branches start from one state of
-    each sample. With another damping than that of the paper, holds are shorter, and nothing follows.
+    each sample. With a damping other than that of the paper, holds are shorter, and no slides follow.
     """
     hold = {"kind": "slide-hold-slide", "before": (PAPER,), "approach": 4.0, "slip": 1.5}
     long = {"holds": (1e-2, 1e-1, 1.0, 1.43), "after": (PAPER, 0.05, 0.1, 0.3)}
@@ -147,9 +147,9 @@ def reproduce(
     quick : run holds of 0.1 s with only two damping values
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
     paper_size : run the scenarios of the paper's own size instead
-    realizations : number of samples of each of these, 8 if neither it nor `samples` are given
+    realizations : number of samples of each of these, 8 if neither this nor `samples` is given
     samples : folder of samples of the paper's own size. Without `realizations`, the stored ones are evaluated, and
-        nothing is run. With it, those that are missing are run and added, and all are evaluated.
+        nothing is run. With it, missing ones are run and added, and all are evaluated.
     """
     names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
     size = {"quick": quick, "paper_size": paper_size, "realizations": realizations, "samples": samples}

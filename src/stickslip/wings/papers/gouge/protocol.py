@@ -20,7 +20,7 @@ from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 
 DECADE = 20  # samples of a hold in each decade of time
 TRUNK = "trunk"  # name of the pieces of an unfinished trunk
-SKIN = 0.02  # of LAMMPS's neighbour lists in mean diameters: the fastest of those tried in `benchmarks/gouge.py`
+SKIN = 0.02  # skin of LAMMPS's neighbour lists in mean diameters, the fastest in `benchmarks/gouge.py`
 
 
 class Series(NamedTuple):
@@ -37,7 +37,7 @@ class Series(NamedTuple):
     kinetic_energy: np.ndarray  # (T,) of the mobile grains, translations and rotations [J]
     temperature: np.ndarray  # (T,) granular: mean of v_y² and v_z² of the mobile grains, by mass [m²/s²]
     coordination: np.ndarray  # (T,) contacts of a grain that is not a rattler, including the grains of the plates [1]
-    sliding_fraction: np.ndarray  # (T,) share of contacts at the Coulomb limit [1]
+    sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts [1]
 
     def __getitem__(self, rows):
@@ -94,7 +94,7 @@ class Realization(NamedTuple):
         return [test for test in self.tests if test.kind in kinds]
 
     def slide_to(self, test: Test) -> Test:
-        """Return the slide that led to the state from which a hold, a slide after a hold or a first step branches."""
+        """Return the slide that leads to the state from which a hold, a slide after a hold or a first step branches."""
         mine = (test.part, test.branch, test.before)
         return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
@@ -307,7 +307,7 @@ def _concatenate(parts: list[Series]) -> Series:
 
 
 def _is_steady(series: Series, window: float, change: float) -> bool:
-    """Return True if friction over the last window of slip agrees with that over the window before."""
+    """Return True if friction over the last window of slip agrees with that over the previous window."""
     slip = series.load_point - series.load_point[-1]
     late, early = slip > -window, (slip > -2 * window) & (slip <= -window)
     begin = slip[0] - (slip[1] - slip[0])  # the first sample is one interval after the start of the slide
@@ -381,7 +381,7 @@ class Slips(NamedTuple):
 
     A slip begins with the first sample at which the plate moves faster than `threshold` times the load point, and ends
     with the first one at which it is no longer faster than the load point. Rebounds that begin before the load point
-    has moved on by 0.01 D belong to the slip. Slips that a slide does not contain from beginning to end are left out.
+    has moved on by 0.01 D belong to the slip. Slips that are not completely within a slide are excluded.
     """
 
     realization: np.ndarray  # (K,) seed

@@ -30,7 +30,7 @@ from .statistics import slope
 
 STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
 COLLAPSE = 5.0  # C of Ferdowsi & Rubin 2021, Fig S2b
-LONG = 0.1  # share of a realization above which the cost of a single hold is announced
+LONG = 0.1  # fraction of a realization above which the cost of a single hold is announced
 
 
 def announce(*scenarios) -> None:

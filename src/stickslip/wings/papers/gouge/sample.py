@@ -19,7 +19,9 @@ from .scenario import GougeScenario
 
 # limits of the quasi-static range of hard grains, in a layer that is not dominated by its plates
 INERTIAL, STIFFNESS, OVERLAP, LAYER = 1e-3, 100.0, 0.02, 8.0
-LONG = 0.4  # share of the largest stable time step above which the stiffest contacts are wrong by at least a per cent
+LONG = (
+    0.4  # fraction of the largest stable time step above which the stiffest contacts are wrong by at least one per cent
+)
 
 
 def stiffness(scenario: GougeScenario, value: float | None = None, definition: str | None = None) -> float:
@@ -45,7 +47,7 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
 
 
 def normalised_stiffness(scenario: GougeScenario) -> dict[str, float]:
-    """Return the scenario's stiffness in terms of every definition; see `stiffness`."""
+    """Return the stiffness of the scenario by every definition; see `stiffness`."""
     return {
         name: stiffness(scenario) / _unit(scenario, name) for name in ("per_area", "per_stress", "grain", "rate_state")
     }
@@ -62,7 +64,7 @@ def _unit(scenario: GougeScenario, definition: str) -> float:
 
 
 def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> dict[str, float]:
-    """Return a hold time t after sliding at V in terms of every definition (Ferdowsi & Rubin 2021: 1650, with none).
+    """Return a hold time t after sliding at V by every definition (Ferdowsi & Rubin 2021: 1650, without a definition).
 
     The definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of the velocity in a hold with
     frozen state; inertial, t/(D √(ρ/σ)).
@@ -90,7 +92,7 @@ def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float)
 
 
 class Range(NamedTuple):
-    """Numbers that show how quasi-static and how hard a sample is, and how far apart its plates are."""
+    """Numbers for the quasi-static limit, the hardness of grains, and the distance of the plates."""
 
     inertial_number: float  # (V/H) D √(ρ/σ) at the largest velocity V
     stiffness: float  # (E/((1 − ν²) σ))^(2/3), about D over the overlap
@@ -272,8 +274,8 @@ def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps
     except ValueError as problem:
         longest = stable_time_step(state, law)
         raise ScenarioError(
-            f"dt = {scenario.dt:g} was given, but the largest stable time step under this stress is {longest:.3g}: "
-            f"use a dt of about {0.1 * longest:.1g}"
+            f"dt = {scenario.dt:g} exceeds the largest stable time step under this stress, {longest:.3g}: use about "
+            f"{0.1 * longest:.1g}"
         ) from problem
     if not outcome.ok:
         raise RuntimeError(f"the run stopped at time {state.time:.4g}: {outcome}")
@@ -312,7 +314,7 @@ def _unbalance(state: State, law: Law) -> tuple[float, float]:
 def _glue_plates(scenario: GougeScenario, state: State) -> State:
     """Replace the walls with plates made of the lowest and highest grains.
 
-    Contacts have no memory, as nothing has slipped.
+    Contacts have no slip.
 
     Glued grains shrink until they no longer overlap, so that they do not touch each other.
     """

@@ -1,7 +1,7 @@
 """Scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring, in SI units.
 
 x is the direction of shear, y that of the normal stress, and z the transverse direction; the cell is periodic along x
-and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with a key of its own.
+and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with its own key.
 """
 
 from collections.abc import Iterator
@@ -51,8 +51,8 @@ class GougeGrains(ScenarioTable):
         low, high = self.diameter
         if not low <= high <= 5 * low:
             raise ValueError(
-                f"grains.diameter = [{low:g}, {high:g}] was given: put the smallest first and make the largest at most "
-                f"five times as large"
+                "grains.diameter must be the smallest and the largest diameter, with a ratio of at most five, got "
+                f"[{low:g}, {high:g}]"
             )
         return self
 
@@ -84,8 +84,8 @@ class GougeLaw(LawTable):
         lacking = [name for name in ("reading", "size", "speed") if getattr(self, name) is None]
         if self.restitution is not None and lacking:
             raise ValueError(
-                f"law.restitution was given without law.{lacking[0]}: give reading ('eq8' or 'collision'), size and "
-                f"speed of the collision, or damping_n instead"
+                f"law.restitution requires law.{lacking[0]}: give reading ('eq8' or 'collision'), size and speed of "
+                "the collision, or damping_n instead"
             )
         return self
 
@@ -201,8 +201,7 @@ class Slide(ScenarioTable):
         ends = (self.slip is not None) + (self.time is not None)
         if ends != 1:
             raise ValueError(
-                "a slide ends after a given slip or a given time: give only one of them, "
-                "which must be slip if steady = true"
+                "a slide ends after a given slip or a given time: give only one, which must be slip if steady = true"
             )
         if self.velocity == 0 and self.time is None:
             raise ValueError("a slide at velocity = 0 never reaches a slip: give its time")
@@ -242,8 +241,8 @@ class VelocitySteps(Branching):
     def _check_slips(self):
         if isinstance(self.slip, tuple) and len(self.slip) != len(self.velocities):
             raise ValueError(
-                f"{len(self.slip)} values of slip were given for {len(self.velocities)} velocities: give one for each, "
-                f"or one for all"
+                f"slip must be one value, or one for each of the {len(self.velocities)} velocities, got "
+                f"{len(self.slip)}"
             )
         return self
 
@@ -370,8 +369,8 @@ class GougeScenario(ScenarioBase):
         for name in ("length", "width"):
             if getattr(self.cell, name) < 4 * largest:
                 raise ValueError(
-                    f"cell.{name} = {getattr(self.cell, name):g} was given, but grains of diameter {largest:g} need at "
-                    f"least {4 * largest:g} to stay clear of their periodic images: use a larger cell"
+                    f"cell.{name} must be at least {4 * largest:g} for grains of diameter {largest:g} to stay clear "
+                    f"of their periodic images, got {getattr(self.cell, name):g}"
                 )
         return self
 
@@ -389,9 +388,8 @@ class GougeScenario(ScenarioBase):
     def _check_time_step(self):
         if self.dt > self.longest_step:
             raise ValueError(
-                f"dt = {self.dt:g} was given, but contacts of the smallest grains under this stress are stable only up "
-                f"to about {self.longest_step:.2g}: use about {0.2 * self.longest_step:.1g}, or softer grains "
-                f"(law.young)"
+                f"dt = {self.dt:g} is unstable for contacts of the smallest grains under this stress, whose limit is "
+                f"about {self.longest_step:.2g}: use about {0.2 * self.longest_step:.1g}, or softer grains (law.young)"
             )
         return self
 
@@ -401,8 +399,7 @@ class GougeScenario(ScenarioBase):
         least = max(chosen.slip, 2 * chosen.window)
         if chosen.steady and chosen.longest < least:
             raise ValueError(
-                f"preparation.longest = {chosen.longest:g} was given, but it must not be less than slip or two "
-                f"windows: use at least {least:g}"
+                f"preparation.longest must be at least slip and two windows, {least:g}, got {chosen.longest:g}"
             )
         name = "preparation.window" if chosen.steady else "preparation.slip"
         legs = {name: (chosen.window if chosen.steady else chosen.slip) * size / chosen.velocity}
@@ -415,8 +412,8 @@ class GougeScenario(ScenarioBase):
                 legs[f"{name}, its window"] = chosen.window * size / part.velocity
                 if part.slip < 2 * chosen.window:
                     raise ValueError(
-                        f"slip = {part.slip:g} was given in {name}, but steadiness requires two windows: use at least "
-                        f"{2 * chosen.window:g}"
+                        f"{name}: slip must be at least two windows, {2 * chosen.window:g}, to judge steadiness, got "
+                        f"{part.slip:g}"
                     )
         for name, seconds in legs.items():
             if seconds < LEAST * self.interval * (1 - 1e-9):
@@ -430,8 +427,8 @@ class GougeScenario(ScenarioBase):
         marks = [round(hold / self.interval) for hold in sorted(holds)]
         if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
             raise ValueError(
-                f"holds = {list(holds)} was given in {name}, but holds must differ by a sample of {self.interval:.2g} "
-                f"s and last at least two samples, and the longest must last at least {LEAST}: lower sample_every"
+                f"{name}: holds must last at least two samples and differ by one, {self.interval:.2g} s, and the "
+                f"longest must last at least {LEAST} samples, got {list(holds)}: lower sample_every"
             )
 
     @property

@@ -2,13 +2,13 @@
 
 Finished realizations are saved and not run again.
 
-The file of a sample has the series of one realization, compact enough to be kept and exchanged. It contains its
-scenario, and can be evaluated together with files of the same scenario and other seeds. It contains no states; that at
-the end of the trunk, from which further tests can start, is written to a file of its own. All columns except times and
-displacements of the load point are rounded to single precision.
+The file of a sample contains the series of one realization, compact enough to be kept and exchanged. It contains its
+scenario, and can be evaluated together with files of the same scenario and other seeds. It contains no states; the
+state at the end of the trunk, from which further tests can start, is written to a separate file. All columns except
+times and displacements of the load point are rounded to single precision.
 
-For a queue, the protocol runs once with an engine that writes legs instead of running them, and once more with one that
-reads what LAMMPS made of them. A leg is identified by its name.
+For a queue, the protocol runs once with an engine that writes legs instead of running them, and again with one that
+reads the results of LAMMPS. A leg is identified by its name.
 """
 
 import json
@@ -81,7 +81,7 @@ from .sample import Gouge, Range, gouge_law
 from .scenario import GougeScenario
 
 PHYSICS = 1  # increase it whenever a change of the preparation, law, integrator or protocol changes the statistics
-EXACT = ("time", "load_point")  # columns whose small differences matter
+EXACT = ("time", "load_point")  # columns in which small differences are relevant
 STATES = "states"  # folder of the states, next to the samples
 _FREE = {"seed", "realizations"}  # keys that differ between samples of one result
 
@@ -90,9 +90,9 @@ class Sample(NamedTuple):
     """A stored sample."""
 
     path: Path
-    scenario: GougeScenario  # of this sample alone
+    scenario: GougeScenario  # scenario of this sample alone
     realization: Realization
-    version: str  # of the package that computed it
+    version: str  # version of the package that computed it
 
 
 def sample_path(folder: Path, scenario: GougeScenario) -> Path:
@@ -175,7 +175,7 @@ def read_sample(path: Path, *scenarios: GougeScenario) -> Sample:
         scenario = GougeScenario.model_validate_json(about["scenario"])
     except ValueError:
         raise ArchiveError(
-            f"{path} has a scenario that this version does not know: use the version that wrote it"
+            f"{path} has a scenario that is unknown to this version: use the version that wrote it"
         ) from None
     fewest = min((_differences(scenario, one) for one in scenarios), key=len)
     if fewest:
@@ -202,7 +202,7 @@ TABLE = "legs.json"
 def export(scenario: GougeScenario, folder: Path) -> list[Path]:
     """Write a folder that LAMMPS runs without this package, and from which `stickslip resume` reads the result.
 
-    Samples settle here, and LAMMPS is needed here to write the memory of their contacts.
+    Samples settle on this machine, and LAMMPS is needed on it to write the memory of their contacts.
 
     Raises
     ------
@@ -213,8 +213,8 @@ def export(scenario: GougeScenario, folder: Path) -> list[Path]:
     """
     if scenario.preparation.steady or any(part.kind == "slide" and part.steady for part in scenario.protocol):
         raise ScenarioError(
-            "--export was given with fault gouge that slides until the measured friction is steady, so that its legs "
-            "cannot be written in advance: set preparation.steady = false and leave steady = true out of slides, or "
+            "--export must know all legs in advance, but this gouge slides until the measured friction is steady: set "
+            "preparation.steady = false and leave steady = true out of slides, or "
             "run stickslip with --engine lammps inside the job"
         )
     require_lammps()
@@ -323,12 +323,12 @@ def simulate_gouge(
         check_folder(samples)
     if device and scenario.engine != "stickslip":
         raise ValueError(
-            f'device = "{device}" was given with engine = "{scenario.engine}", which runs elsewhere: give one'
+            f'device = "{device}" does not apply to engine = "{scenario.engine}", which runs elsewhere: give one'
         )
     law = gouge_law(scenario, scenario.law.mu)
     where = open_device(device, law) if device else find_engine(scenario, folder) and None
     if workers is None and scenario.ranks > 1:
-        workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts so many MPI processes
+        workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts this many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
     realizations = [_find_realization(member, folder, samples) for member in alone]
@@ -368,7 +368,7 @@ class _Ensemble(NamedTuple):
         return self.scenario.trunk_duration / self.scenario.duration
 
     def run(self) -> list[Realization | str]:
-        """Return each realization, or one sentence that says why it failed."""
+        """Return each realization, or one sentence with the reason of its failure."""
         before = self.scenario.realizations - len(self.alone)
         more = f"; {before} had finished earlier" if before else ""
         cost = f"each takes {self.scenario.expected_cost}{more}"

@@ -159,7 +159,7 @@ def slope(x, numbers: list[Number]) -> Number:
 def difference(a: Number, b: Number) -> tuple[float, float]:
     """Return the difference a − b between numbers from two results, and half the width of its 95 % interval (Welch).
 
-    The interval is not known if one of the results has a single sample with a single branch.
+    The interval is unknown if one of the results has a single sample with a single branch.
     """
     variances = np.array([a.error**2, b.error**2])
     units = np.array([n.samples if n.samples >= LEAST else n.branches for n in (a, b)])

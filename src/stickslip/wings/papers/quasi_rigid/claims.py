@@ -53,13 +53,13 @@ EXPONENT = 0.02  # tolerance of a closed form: t and t^1.02 differ by 10 % over 
 SLOPE = 0.25  # tolerance: half the distance to the next half-integer order
 RATE = 0.02  # as EXPONENT
 LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
-BALANCED = 1e-6  # share of a load without balance; round-off of k is 1e-10
+BALANCED = 1e-6  # unbalanced fraction of a load; round-off of k is 1e-10
 HUNDREDS, DISKS = 100, 1600
 MOTION = 1e-10  # of `table_one` for one disk, a millionth of its overlap
 
 
 def evaluate_motion(main: QuasiResult, quick: bool) -> list[Claim]:
-    """Evaluate the statements; a quick run leaves out other pressures and the packing of 1600 disks."""
+    """Evaluate the statements; a quick run omits other pressures and the packing of 1600 disks."""
     pairs = [(sample, state) for sample in main.tested for state in _sliding_states(sample)]
     loads = [_lid_load(main, state, sample) for sample, state in pairs]
     states = [
@@ -165,7 +165,7 @@ def _least_stable(states: list[tuple[int, SlidingState]]) -> Claim:
 
 
 def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
-    """Claim about the mean share of sliding contacts in Q; its error is that between samples."""
+    """Claim about the mean contribution of sliding contacts to Q; its error is that between samples."""
     seeds = sorted({seed for seed, _ in states})
     means = [float(np.mean(np.concatenate([s.shares for k, s in states if k == seed]))) for seed in seeds]
     shares = np.concatenate([s.shares for _, s in states]) if states else np.zeros(0)
@@ -177,7 +177,7 @@ def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
         'Sec. V A: "the contributions of sliding contacts to the quadratic form are on the average negative"',
         mean < 0 if decided else None,
         f"{(shares < 0).mean() if len(shares) else 0:.0%} of {len(shares)} are negative; mean over samples of the "
-        f"share of one contact in Q {mean:.4f} ± {2 * (error or 0):.4f}, for v under the load; more "
+        f"contribution of one contact to Q {mean:.4f} ± {2 * (error or 0):.4f}, for v under the load; more "
         f"samples would decide it",
     )  # fmt: skip
 
@@ -355,7 +355,7 @@ def sign_test(yes: int, total: int) -> bool | None:
 def collapse_ratio(sample: SampleResult, beyond: float) -> tuple[float, float]:
     """Bounds on the ratio of the collapse load of slow dynamics to the load at which the path loses stability.
 
-    The bounds are equal if both loads are known. Dynamics that continued beyond the end of the path by the share
+    The bounds are equal if both loads are known. Dynamics that continued beyond the end of the path by the fraction
     `beyond`, or reached the whole load, gives only a lower bound. A path that did not end with a loss of stability
     gives only an upper bound.
     """

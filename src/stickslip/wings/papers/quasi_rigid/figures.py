@@ -39,7 +39,7 @@ COLORS = (
     style.PURPLE,
     style.SKY,
     style.BLACK,
-)  # of samples, with contrast between neighbours
+)  # colours of samples, with contrast between neighbours
 
 
 @style.styled
@@ -78,7 +78,7 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
 
 @checked
 def collapses_of(sample: Annotated[Any, Result("SampleResult", ("path",))]) -> list:
-    """Collapses on the path of a sample that moved more than the load alone would have."""
+    """Collapses on the path of a sample with larger motion than the load alone would cause."""
     return [event for event in sample.path.collapses if not event.quiet]
 
 
@@ -109,7 +109,7 @@ def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("poin
 
 @checked
 def force_on(state: State, body: int) -> np.ndarray:
-    """(3,) load on a body: a dead one, and that of the spring of a machine [force]."""
+    """(3,) load on a body: the dead load, and that of the spring of a machine [force]."""
     require_index(state.n_bodies, body=body)
     return state.control.force[body] + spring_forces(state.control, body_positions(state), state.time)[body]
 

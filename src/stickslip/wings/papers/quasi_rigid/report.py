@@ -38,7 +38,7 @@ def numbers(result: QuasiResult) -> dict:
     """Return the contents of the archive other than scenario and version."""
     return {
         "scenario": result.scenario.text,
-        "units": "those of the scenario; loads are shares of the change from the first to the last load",
+        "units": "units of the scenario; loads are fractions of the change from the first to the last load",
         "samples": {f"{sample.seed:03d}": _sample(sample) for sample in result.tested},
     }
 
@@ -102,13 +102,13 @@ def _collapses(result: QuasiResult) -> list[Made]:
 
 NAN = float("nan")
 MEASURES = Measures([
-    Quantity("last_load", "1", "share of the load at which the path ends", lambda sample: sample.path.load[-1]),
+    Quantity("last_load", "1", "fraction of the load at which the path ends", lambda sample: sample.path.load[-1]),
     Quantity("stress_ratio", "1", "ratio of the stresses there", lambda sample: sample.curve.ratio[-1]),
     Quantity("strain", "1", "strain there", lambda sample: sample.curve.strain[-1]),
     Quantity("events", "1", "changes of contact status along the path", lambda sample: len(sample.path.events)),
-    Quantity("collapses", "1", "collapses that moved more than the load alone would have",
+    Quantity("collapses", "1", "collapses with larger motion than the load alone would cause",
              lambda sample: sum(not event.quiet for event in sample.path.collapses)),
-    Quantity("sliding_share", "1", "share of contacts at the Coulomb limit at the end",
+    Quantity("sliding_share", "1", "fraction of contacts at the Coulomb limit at the end",
              lambda sample: sample.path.points[-1].sliding / max(sample.path.points[-1].contacts, 1)),
     Quantity("error_of_slowest_dynamics", "1", "error of the strain of the slowest dynamics",
              lambda sample: max(sample.slow, key=lambda run: run.time).error if sample.slow else NAN),
@@ -124,7 +124,7 @@ def show(result: QuasiResult) -> None:
         console.print(f"  sample {sample.seed}: {sample.path.summary}")
     if result.scenario.loading.collapses:
         loud = [event for event in _collapses(result) if not event.quiet]
-        title = "Collapses, with the overlap of their motion with what nothing resists before"
+        title = "Collapses, with the overlap of their motion with unresisted motions before"
         shown = ("sample", "load", "largest", "motion", "released", "participation", "lost", "gained", "overlap")
         COLLAPSE.show_rows(loud, *shown, title=title)
     for failure in result.failures:

@@ -50,17 +50,18 @@ class Loading(ScenarioTable):
     )
     collapses: bool = Field(
         False,
-        description="whether dynamics with the drag `dynamics.drag` carries the sample through collapses to its next "
-        "equilibrium, from which the path goes on",
+        description="whether dynamics with the drag `dynamics.drag` leads through collapses to the next equilibrium, "
+        "from which the path continues",
     )
     unload: bool = Field(
-        False, description="whether to unload, starting from the share `turn` of the load at which the path ends"
+        False, description="whether to unload, starting from the fraction `turn` of the load at which the path ends"
     )
     turn: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.5, description="share of the last load of the path at which unloading begins, see `unload`"
+        0.5, description="fraction of the last load of the path at which unloading begins, see `unload`"
     )
     increment: Share = Field(
-        0.005, description="load increment as a share of the whole load; the geometry is updated after each increment"
+        0.005,
+        description="load increment as a fraction of the whole load; the geometry is updated after each increment",
     )
     geometric: bool = Field(True, description="whether to include the geometric stiffness")
 
@@ -75,7 +76,7 @@ class Slow(ScenarioTable):
         0.02, description="drag on translations and rotations, in addition to the law's dashpots [1/time]"
     )
     beyond: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.1, description="how far runs continue beyond the last load of the path, as a share of that load"
+        0.1, description="continuation of runs beyond the last load of the path, as a fraction of that load"
     )
 
 
@@ -105,19 +106,16 @@ class QuasiScenario(ScenarioBase):
     @model_validator(mode="after")
     def _check_loading(self):
         if self.loading.collapses and not self.dynamics.drag:
-            raise ValueError(
-                "loading.collapses = true was given with dynamics.drag = 0: a collapse comes to rest by drag; use a "
-                "positive drag"
-            )
+            raise ValueError("loading.collapses = true requires dynamics.drag > 0, as a collapse comes to rest by drag")
         if self.loading.strain and not self.loading.machine:
             raise ValueError(
-                f"loading.strain = {self.loading.strain:g} was given without loading.machine, which imposes it: "
-                "give its stiffness, or leave the strain out"
+                f"loading.strain = {self.loading.strain:g} requires loading.machine, the stiffness of the machine "
+                "that imposes it"
             )
         if self.loading.machine and self.loading.test == "shear":
             raise ValueError(
-                'loading.machine was given with test = "shear": a machine moves a wall; use test = "biaxial", or '
-                "leave it out"
+                'loading.machine moves a wall and does not apply to test = "shear": use test = "biaxial", or leave it '
+                "out"
             )
         return self
 
@@ -126,12 +124,10 @@ class QuasiScenario(ScenarioBase):
         overlap = self.disks.pressure / self.law.kn
         if not overlap <= 0.01:
             raise ValueError(
-                f"disks.pressure / law.kn = {overlap:g} was given, but quasi-rigid grains overlap only slightly: use "
-                f"at most 0.01"
+                "disks.pressure / law.kn must be at most 0.01, as quasi-rigid grains overlap only slightly, got "
+                f"{overlap:g}"
             )
         for name in ("mu", "kt"):
             if getattr(self.law, name) == 0:
-                raise ValueError(
-                    f"law.{name} = 0 was given, but without friction no contact slides or sticks: use a positive {name}"
-                )
+                raise ValueError(f"law.{name} must be positive, as no contact slides or sticks without friction")
         return self

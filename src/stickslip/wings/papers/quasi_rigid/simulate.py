@@ -48,14 +48,14 @@ PAIR = 1e-9  # imaginary part, relative to the largest eigenvalue, above which e
 # round-off
 CLOSED, LEAST = 0.1, 1e-10
 STRAIN = 0.01  # travel of a machine, see `Loading.strain`
-COMPARED = 0.95  # share of the path's load up to which path and dynamics are compared
+COMPARED = 0.95  # fraction of the path's load up to which path and dynamics are compared
 BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
 
 class Curve(NamedTuple):
     """Stress-strain curve of T points, as customarily plotted in engineering."""
 
-    load: np.ndarray  # (T,) share of the load
+    load: np.ndarray  # (T,) fraction of the load
     strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain [1]
     volumetric: np.ndarray  # (T,) volumetric strain, compression positive [1]
     ratio: np.ndarray  # (T,) stress in the loaded direction over that in the other; or shear stress over pressure [1]
@@ -70,7 +70,7 @@ class PathStiffness(NamedTuple):
     symmetric: np.ndarray  # (L,) smallest eigenvalue of the symmetric part of k: Q > 0 for all v fails below zero
     pairs: np.ndarray  # (L,) number of complex pairs of m⁻¹k
     growth_rate: np.ndarray  # (L,) growth rate of the fastest pair, 0 without pairs [1/time]
-    unique: np.ndarray  # (L,) 1 if the status is unique for every load, 0 if not, −1 if not known
+    unique: np.ndarray  # (L,) 1 if the status is unique for every load, 0 if not, −1 if unknown
     consistent: np.ndarray  # (L,) consistent statuses under the path's load, −1 with too many critical contacts
     bijective: np.ndarray  # (L,) 1 if the status map is bijective, 0 if not, −1 with too many critical contacts
 
@@ -191,7 +191,7 @@ def simulate_sample(
 
 
 def stress_strain_curve(states: list[State], load, scenario: QuasiScenario) -> Curve:
-    """Stress-strain curve of states at given shares of the load; strains are relative to the first state."""
+    """Stress-strain curve of states at given fractions of the load; strains are relative to the first state."""
     if scenario.loading.test == "shear":
         cells, pressure = np.array([s.cell.vectors for s in states]), scenario.disks.pressure
         shear, area = cells[:, 1, 0] / cells[:, 1, 1], cells[:, 0, 0] * cells[:, 1, 1]
@@ -220,8 +220,8 @@ def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
 
     In slow motion, the kinetic energy scales as the square of the loading rate. A load step may begin a collapse if the
     slowest run has more than half the energy of the next faster run near that load, and more than thirty times its own
-    median so far. It does begin a collapse if, from there on, the strain departs from that of the path, or if the path
-    has ended. After soft stretches, where dynamics lags behind, the strain returns to that of the path.
+    median so far. It begins a collapse if the strain then departs from that of the path, or if the path has ended.
+    After soft stretches, where dynamics lags behind, the strain returns to that of the path.
     """
     if len(runs) < 2:
         return None
@@ -252,7 +252,7 @@ def stiffness_at(state: State, law: Law, begin: Control, end: Control) -> tuple:
 
 
 def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
-    """Return the fields `unique`, `consistent` and `bijective` of PathStiffness; −1 means not known."""
+    """Return the fields `unique`, `consistent` and `bijective` of PathStiffness; −1 means unknown."""
     if not m.limit.any():
         return 1, 1, 1
     try:

@@ -44,7 +44,7 @@ TOLERANCE = {
     "pairs": 0.0,  # counts
     "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit window are not
     "frequency": 1e-4,  # the phase is known to a fraction of a turn over some thousand turns
-    "decades": 0.2,  # the paper says "about 10": two more or less
+    "decades": 0.2,  # the paper prints "about 10": two more or less
     "constant": 1.0,  # nothing is printed; M grows by a factor of two between two evaluations of the spectrum
     "drop": 1.0,  # one run of one packing: a factor of two either way
     "contacts": 1.0,  # nothing is printed
@@ -66,7 +66,7 @@ def known_median(values) -> float | None:
 
 
 def describe_range(values, form: str = "{:.3g}") -> str:
-    """Say between which values those of the packings lie, and how many packings have one."""
+    """Describe the range of the values of packings, and their number."""
     known = _finite(values)
     if not known:
         return f"none of {len(values)} packings"
@@ -81,7 +81,7 @@ def median_claim(id: str, source: str, paper, values, unit: str, tolerance: str,
     return claim(id, source, paper, known_median(values), unit, TOLERANCE[tolerance], note, error=error, **more)
 
 
-PARTS = 10  # of the window of the fit, in each of which the amplitude of the stress is taken
+PARTS = 10  # parts of the fit window, in each of which the amplitude of the stress is measured
 
 
 def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +104,7 @@ class Oscillation(NamedTuple):
     """Change δσ of the shear stress in the window of the fit of M."""
 
     offset: float  # mean of δσ e^{−ω_i t} over its root mean square: 0 for an oscillation around zero
-    exponent: float  # of the amplitude of δσ against M: 1/2 if the stress is linear in the displacements
+    exponent: float  # exponent of the amplitude of δσ against M: 1/2 if the stress is linear in the displacements
 
 
 def stress_oscillation(run: Released) -> Oscillation | None:
@@ -146,7 +146,7 @@ def block_asymmetry(state: State, law: Law) -> dict[str, float]:
 
 
 BIRTHS = Path(__file__).with_name("births_by_law.csv")  # written by benchmarks/pairs_by_law.py
-MU, UNLIMITED = 10.0, 1e6  # the paper's friction; μ from which on no contact reaches the limit
+MU, UNLIMITED = 10.0, 1e6  # friction of the paper; μ above which no contact reaches the limit
 STUDY = "stored study of examples/pairs_by_law.toml"
 
 
@@ -216,7 +216,7 @@ def law_claims() -> list[Claim]:
 
 
 def share_interval(count: int, total: int) -> tuple[float, float]:
-    """95 % interval of a share.
+    """95 % interval of a fraction.
 
     Source
     ------
@@ -227,7 +227,7 @@ def share_interval(count: int, total: int) -> tuple[float, float]:
 
 
 def _mostly(count: int, total: int) -> bool | None:
-    """Whether more than half of all cases are so; None if the 95 % interval of the share contains a half."""
+    """True if most cases have a property; None if the 95 % interval of the fraction contains 1/2."""
     low, high = share_interval(count, total)
     return None if low <= 0.5 <= high else bool(low > 0.5)
 
@@ -239,7 +239,7 @@ SYMMETRIC = 1e-12  # relative difference of blocks that are equal: round-off, wi
 
 
 def number_claims(main: ShearResult) -> list[Claim]:
-    """Claims about how many pairs there are, and how large the first one becomes."""
+    """Claims about the number of pairs, and the size of the first one."""
     im = [run.eigenvalue.imag if run and run.pairs == 1 else None for run in main.single]
     last, births = [int(path.pairs[-1]) for path in main.paths], [late_births(path) for path in main.paths]
     many = sum(n >= MANY for n in last)
@@ -342,8 +342,8 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
         ),
         statement(
             "dynamics-overdamped", said, max(shares) > 0.5,
-            f"share of the modes with omega <= eta_0/2, which that drag overdamps: {describe_range(shares)}; softest "
-            f"mode: {describe_range(softest)}",
+            "fraction of the modes with omega <= eta_0/2, which are overdamped by this drag: "
+            f"{describe_range(shares)}; softest mode: {describe_range(softest)}",
         ),
         _isotropy(main),
     ]  # fmt: skip
@@ -528,7 +528,7 @@ def _decade_claims(main: ShearResult) -> list[Claim]:
         claim(
             "decades-of-growth", said, DECADES, known_median(decades), "decades of M", TOLERANCE["decades"],
             f"{note}; the number depends on the initial perturbation, velocities of "
-            f"{main.scenario.release.seed_velocity:g} here; the paper does not print the size of its own",
+            f"{main.scenario.release.seed_velocity:g} here; the paper does not print its value",
         ),
     ]  # fmt: skip
 

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from ....kit import Requirement, Result, pluralize, require_filled, style
 
 IM = (r"$\mathrm{Im}\,\lambda$", r"$k_n\sqrt{2\sigma_1}/m$")  # quantity and unit
-M = ("$M$", r"$(2\sigma_1)^2$")
+M = ("$M$", "diameters²")
 FINE = 8  # points of a drawn path between stored ones
 
 _KIND = "run of a ShearResult"
@@ -115,7 +115,8 @@ def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequ
     above = figure.add_subplot(2, 1, 1, **({"projection": "3d"} if dim == 3 else {"aspect": "equal"}))
     for color, k in zip((style.BLUE, style.GREEN, style.ORANGE, style.RED), most, strict=False):
         above.plot(*joined[:, k, :dim].T, color=color, lw=0.5, label=f"grain {k}")
-    figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.0)
+    names = above.get_legend_handles_labels()
+    figure.legend(*names, title="displacements in diameters", loc="outside upper center", ncols=4, columnspacing=1.0)
     funnel = figure.add_subplot(2, 1, 2, projection="3d")
     track = path[:, :, most[0]]
     axes = np.linalg.svd(track.reshape(-1, 3), full_matrices=False)[2][:2]
@@ -123,9 +124,8 @@ def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequ
     step = np.arange(track.shape[1] + 1) * 2 * np.pi / run.frequency / 10 / FINE
     time = (run.turn_time[:, None] + step - run.turn_time[0]) * run.growth_rate
     funnel.plot(*turned.reshape(-1, 2).T, time.ravel(), color=style.BLUE, lw=0.5)
-    unit = r"$2\sigma_1$"
-    _label_space(above, [(rf"$\Delta {c}$", unit) for c in "xyz"[:dim]], dim)
-    _label_space(funnel, [("major axis", unit), ("minor axis", unit), r"$\omega_i t$"], 3)
+    _label_space(above, [rf"$\Delta {c}$" for c in "xyz"[:dim]], dim)
+    _label_space(funnel, ["major axis", "minor axis", r"$\omega_i t$"], 3)
     funnel.set_title(f"grain {most[0]} against time", y=0.95)
     return figure
 
@@ -143,7 +143,7 @@ def _label_space(axes, labels, dim: int) -> None:
     if dim == 3:
         axes.set_box_aspect((1, 1, 0.8), zoom=0.85)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.set_tick_params(pad=-3, labelsize=6)
+            axis.set_tick_params(pad=-3, labelsize=7)
             axis.labelpad = -3 if axis is axes.zaxis else -5
             axis.set_major_locator(MaxNLocator(4))
 
@@ -180,7 +180,7 @@ def _plot_stress_and_contacts(axes, run) -> None:
 
 @style.styled
 def births_by_law(laws: list, packings: list):
-    """Strain of the first pair of every packing, one line for each law: the share of packings that have had a pair.
+    """Strain of the first pair of every packing, one line for each law: the fraction of packings that have had a pair.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ MEASURES = Measures([
     Quantity("rattlers", "1", "rattlers before shear", "path.packed.rattlers"),
     Quantity("onset_strain", "1", "strain at which the first pair is born", "path.onset.strain"),
     Quantity("onset_exponent", "1", "exponent of Im λ against the distance from that strain", "path.onset.exponent"),
-    Quantity("onset_share_at_limit", "1", "share of contacts at the Coulomb limit there", "path.onset.at_limit"),
+    Quantity("onset_share_at_limit", "1", "fraction of contacts at the Coulomb limit there", "path.onset.at_limit"),
     Quantity("onset_mobilisation", "1", "largest |F_t|/(μ F_n) there", "path.onset.mobilisation"),
     Quantity("pairs_at_last_strain", "1", "complex pairs at the last strain", lambda s: s.path.pairs[-1]),
     Quantity("unstable_steps", "1", "steps that ended at an unstable equilibrium", "path.unstable"),

@@ -39,16 +39,16 @@ class Shear(ScenarioTable):
     )
     drag: Positive | None = Field(
         None,
-        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow in spite of "
-        "it count as unstable [1/time]",
+        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow despite it "
+        "count as unstable [1/time]",
     )
 
     @model_validator(mode="after")
     def _check_path(self):
         if self.on_instability == "follow-dynamics" and self.drag is None:
             raise ValueError(
-                "shear.on_instability = 'follow-dynamics' was given without shear.drag: the drag decides which "
-                "oscillations grow"
+                "shear.on_instability = 'follow-dynamics' requires shear.drag, which determines the oscillations that "
+                "grow"
             )
         if len(self.strain) < 2 or self.strain[0] != 0.0:
             raise ValueError("shear.strain needs at least two turning points, the first of them 0.0, as in [0.0, 0.02]")
@@ -67,7 +67,7 @@ class Release(ScenarioTable):
     """Newtonian runs from unstable states: a state with a single complex pair, and the last state of the path."""
 
     e_folds: Positive = Field(45.0, description="duration of a run in units of 1/(growth rate)")
-    least: Duration = Field(5e4, description="minimum duration, so that it includes what follows fast growth [time]")
+    least: Duration = Field(5e4, description="minimum duration, to include the time after fast growth [time]")
     duration: Duration = Field(6e5, description="maximum duration [time]")
     dt: Positive = Field(0.1, description="time step [time]")
     seed_velocity: Positive = Field(

@@ -49,7 +49,7 @@ class Onset(NamedTuple):
     offset: np.ndarray  # (K,) γ − γ_c
     im_lambda: np.ndarray  # (K,) Im λ of the pair [1/time²]
     exponent: float  # exponent of Im λ against γ − γ_c; NaN if there were other pairs
-    at_limit: float  # share of the contacts that are at the Coulomb limit just above the birth
+    at_limit: float  # fraction of contacts at the Coulomb limit just above the birth
     mobilisation: float  # largest |F_t|/(μ F_n) there; NaN without friction
 
     @property

@@ -108,7 +108,7 @@ def complex_modulus(tables: list[_Table], scales: list[float]):
 
 @styled
 def work(table: _Table, parts: tuple[str, ...]):
-    """Shares of the area of the last loop at each amplitude: stacked bars, negative shares below zero."""
+    """Contributions to the area of the last loop at each amplitude: stacked bars, negative ones below zero."""
     figure, axes = column_axes(1, 2.8)
     clear = np.isfinite(table["sliding"])
     place = np.arange(clear.sum())
@@ -122,7 +122,7 @@ def work(table: _Table, parts: tuple[str, ...]):
         )
         above, below = above + np.maximum(share, 0), below + np.minimum(share, 0)
     axes.axhline(0, color=BLACK, lw=0.5)
-    label_axes(axes, x=CYCLE["amplitude"].axis, y="share of the area of the loop")
+    label_axes(axes, x=CYCLE["amplitude"].axis, y="fraction of the area of the loop")
     axes.set_xticks(place, [f"{amplitude:g}" for amplitude in table["amplitude"][clear]])
     axes.set_xlim(-0.6, max(len(place), 1) - 0.4)
     axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0))

@@ -22,7 +22,7 @@ from .scenario import CyclicShearScenario
 from .simulate import CyclicRun, CyclicShearResult, Response
 
 ATMOSPHERE = 101.325e3  # [Pa]
-CYCLES = 10  # of loading, for which curves are drawn; they hardly depend on it
+CYCLES = 10  # number of cycles for which curves are drawn, which hardly depend on it
 UNIFORMITY = (1.0, 10.0)  # D60/D10 of uniform and of well-graded sands
 
 
@@ -75,7 +75,7 @@ def band(pressure: float, gamma: np.ndarray) -> dict[str, tuple[np.ndarray, np.n
 ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
 RETURNED = 1e-2  # rms displacement over γ₀ D, below which a sample has returned
 CLEAR = 1e-5  # damping ratio from which the work is split: the area of a loop below is lost in round-off
-OFF = 0.02  # relative difference of G at the smallest amplitude from the tangent modulus, above which it is said
+OFF = 0.02  # relative difference of G at the smallest amplitude from the tangent modulus, above which it is reported
 NAN = float("nan")
 
 
@@ -127,7 +127,7 @@ class Loop:
 
     @cached_property
     def shares(self) -> dict[str, float]:
-        """Shares of the area: what is dissipated and stored, less the work of σ_yy, and the residual.
+        """Contributions to the area: dissipation and storage, less the work of σ_yy, and the residual.
 
         `drawn` is the excess of the polygon through the equilibria.
         """
@@ -143,7 +143,7 @@ class Loop:
 
     @property
     def in_rearrangements(self) -> float:
-        """Share of the dissipation in steps in which grains rearrange; NaN if nothing is dissipated."""
+        """Share of the dissipation in steps in which grains rearrange; NaN without dissipation."""
         book, moved = self.book, self.response.rearranged[self.k][1:]
         dissipated = np.diff(book.coulomb + book.rolling + book.viscous + book.drag)
         total = dissipated.sum()
@@ -151,7 +151,7 @@ class Loop:
 
     @property
     def clear(self) -> bool:
-        """Whether the work can be split."""
+        """True if the work can be split."""
         return abs(self.damping) >= CLEAR
 
 
@@ -178,15 +178,15 @@ CYCLE = Quantities([
     Quantity("storage", STRESS, "G′, storage modulus", lambda loop: loop.harmonics[0], "$G'$"),
     Quantity("loss", STRESS, "G″, loss modulus", lambda loop: loop.harmonics[1], "$G''$"),
     Quantity("area", WORK, "area of the loop, the work of the shear stress"),
-    *(_share(name, f"share of the area: {words}") for name, words in PARTS.items()),
+    *(_share(name, f"fraction of the area: {words}") for name, words in PARTS.items()),
     _share("drawn", "excess of the polygon through the equilibria, over the area"),
-    Quantity("in_rearrangements", "1", "share of the dissipation in steps in which grains rearrange",
+    Quantity("in_rearrangements", "1", "fraction of the dissipation in steps with rearrangements",
              lambda loop: loop.in_rearrangements if loop.clear else NAN),
-    Quantity("busiest", "1", "share of sliding in the tenth of the contacts that dissipates most",
+    Quantity("busiest", "1", "fraction of sliding work in the tenth of the contacts that dissipates most",
              lambda loop: loop.response.busiest[loop.k] if loop.clear else NAN),
-    Quantity("strong", "1", "share of sliding in contacts with more than the mean force",
+    Quantity("strong", "1", "fraction of sliding work in contacts with more than the mean force",
              lambda loop: loop.response.strong[loop.k] if loop.clear else NAN),
-    Quantity("rearranged", "1", "share of the steps in which grains rearrange",
+    Quantity("rearranged", "1", "fraction of steps with rearrangements",
              lambda loop: float(loop.response.rearranged[loop.k][1:].mean())),
     Quantity("pressure", STRESS, "pressure at the end", lambda loop: float(loop.response.pressure[loop.k][-1])),
     Quantity("volumetric_strain", "1", "volumetric strain at the end, compression positive",
@@ -237,8 +237,8 @@ def kind_of(response: Response) -> str:
     """Kind of cycles that an amplitude ends in.
 
     elastic: grains return after a cycle, and the damping ratio is below `ELASTIC`; reversible: they return, and the
-    loop has an area, so that what slides, slides back; periodic: they return after several cycles; irreversible: they
-    have not returned. Grains return if their rms displacement is below `RETURNED` times γ₀ times the mean diameter.
+    loop has an area, so that sliding is reversed; periodic: they return after several cycles; irreversible: they have
+    not returned. Grains return if their rms displacement is below `RETURNED` times γ₀ times the mean diameter.
     """
     if len(response.gamma) < 2:
         return "undecided"
@@ -292,7 +292,7 @@ MEASURES = Measures(
         Quantity("gamma_returns", "1", "largest amplitude up to which grains return",
                  lambda sample: sample.up_to("elastic", "reversible", "periodic")),
         Quantity("residual", "1", "largest residual of a loop, over its area"),
-        Quantity("in_band", "1", "share of amplitudes with G/Gmax and damping of sands",
+        Quantity("in_band", "1", "fraction of amplitudes with G/Gmax and damping of sands",
                  lambda sample: float(in_band(sample.scenario, sample.table).mean())),
         Quantity("G_ratio", "1", "G/Gmax at an amplitude", lambda sample: sample.at_amplitudes("G_ratio")),
         Quantity("damping", "1", "damping ratio at an amplitude", lambda sample: sample.at_amplitudes("damping")),
@@ -328,7 +328,7 @@ def _missing(result: CyclicShearResult) -> list[str]:
     out = [f"Sample {run.seed}: {run.ended}." for run in result.runs if run.ended]
     known = [run for run in result.runs if np.isfinite(run.modulus)]
     if len(known) < len(result.runs):
-        out.append("Samples without elastic moduli take G at the smallest amplitude as Gmax.")
+        out.append("Samples without elastic moduli use G at the smallest amplitude as Gmax.")
     off = max((abs(Loop(run.responses[0], -1).turns[0] / run.modulus - 1) for run in known), default=0.0)
     if off > OFF:
         out.append(

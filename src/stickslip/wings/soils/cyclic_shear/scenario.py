@@ -35,11 +35,11 @@ class Cycles(ScenarioTable):
     @model_validator(mode="after")
     def _check_amplitudes(self):
         if any(a >= b for a, b in pairwise(self.amplitudes)):
-            raise ValueError(f"cycles.amplitudes = {list(self.amplitudes)} was given: they must increase, sort them")
+            raise ValueError(f"cycles.amplitudes must increase, got {list(self.amplitudes)}: sort them")
         if self.amplitudes[0] < SMALLEST:
             raise ValueError(
-                f"cycles.amplitudes = {self.amplitudes[0]:g} was given: its stress would be below round-off; use at "
-                f"least {SMALLEST:g}"
+                f"cycles.amplitudes must be at least {SMALLEST:g}, or stresses would be below round-off, got "
+                f"{self.amplitudes[0]:g}"
             )
         return self
 
@@ -57,12 +57,12 @@ class CyclicShearScenario(SampleScenario):
         most, longest = self.cycles.amplitudes[-1], widest_shear(self.sample)
         if most > longest:
             raise ValueError(
-                f"cycles.amplitudes = {most:g} was given: the cell of {self.sample.grains} grains would become "
-                f"narrower than {NARROWEST:g} of the largest ones; use at most {longest:.2g}, or more grains"
+                f"at cycles.amplitudes = {most:g}, the cell of {self.sample.grains} grains would become narrower than "
+                f"{NARROWEST:g} of the largest ones: use at most {longest:.2g}, or more grains"
             )
         return self
 
     def sizes(self) -> Iterator[Size]:
         """Iterate over the steps of the cycles."""
         count = len(self.cycles.amplitudes) * self.cycles.number * self.cycles.steps
-        yield Size("cycles.amplitudes, number and steps ask for", count, "load steps", "use fewer of them")
+        yield Size("cycles.amplitudes, number and steps require", count, "load steps", "use fewer of them")

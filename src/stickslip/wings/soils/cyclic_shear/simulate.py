@@ -48,9 +48,9 @@ class Cycle(NamedTuple):
     pressure: np.ndarray  # (T + 1,) [force/length^(dim−1)]
     height: np.ndarray  # (T + 1,) ε_yy, compression positive, which is the volumetric strain
     rearranged: np.ndarray  # (T + 1,) bool, whether dynamics was needed to find the equilibrium
-    energies: np.ndarray  # (T + 1, 9) columns of `Ledger`, over the volume of the sample [energy/length^dim]
-    busiest: float  # share of the sliding work in that tenth of the contacts that dissipates most
-    strong: float  # share of the sliding work in contacts with more than the mean force
+    energies: np.ndarray  # (T + 1, 11) columns of `Ledger`, over the volume of the sample [energy/length^dim]
+    busiest: float  # fraction of the sliding work in the tenth of the contacts that dissipates most
+    strong: float  # fraction of the sliding work in contacts with more than the mean force
     end: State
 
 
@@ -229,13 +229,13 @@ class SlidingWork:
 
     @property
     def strong(self) -> float:
-        """Share in contacts with more than the mean force; NaN if nothing slides."""
+        """Share in contacts with more than the mean force; NaN without sliding."""
         total = float(np.concatenate(self.values).sum())
         return self.in_strong / total if total > 0 else np.nan
 
     @property
     def busiest(self) -> float:
-        """Share of the tenth of the contacts that dissipates most; NaN if nothing slides."""
+        """Share of the tenth of the contacts that dissipates most; NaN without sliding."""
         _, place = np.unique(np.concatenate(self.keys), return_inverse=True)
         by_contact = np.sort(np.bincount(place, np.concatenate(self.values)))[::-1]
         total = by_contact.sum()

@@ -30,7 +30,7 @@ EXPERIMENT = Experiment(
     **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("measures.MEASURES"),
     references=references,
-    writes=(r"(series|probes|envelopes)\.csv",),
+    writes=(r"(series|probes|envelopes|breaks)\.csv",),
     overlay=_here("laboratory.overlay"),
     compare=_here("report.compare"),
     compares=("mohr.png", "mohr.csv", "critical_state.png"),

@@ -26,7 +26,7 @@ from .measures import SERIES, STRESS
 
 HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
 MARKS = 40  # about as many points of a laboratory's test are marked
-FEW = 6  # samples that are told apart by colour
+FEW = 6  # number of samples distinguished by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
@@ -57,7 +57,7 @@ def stress_strain(
 ):  # fmt: skip
     """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
 
-    Compressions have the mean or the axial stress, and the void ratio.
+    For compression tests, void ratio against mean or axial stress.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
 
 @styled
 def contacts(tables: list[_Table], strain: str):
-    """Contact number, anisotropy of the fabric, and share of sliding contacts against the imposed strain."""
+    """Contact number, fabric anisotropy, and fraction of sliding contacts against the imposed strain."""
     figure, panels = column_axes(3, 4.6, sharex=True)
     for axes, name in zip(panels, ("coordination", "fabric_anisotropy", "sliding_fraction"), strict=True):
         _lines(axes, tables, strain, name)
@@ -128,8 +128,24 @@ def contacts(tables: list[_Table], strain: str):
 
 
 @styled
+def broken_bonds(tables: list[_Table], strain: str, unit: str):
+    """Deviatoric stress, and numbers of bonds that broke in tension and in shear, against strain."""
+    figure, (above, below) = column_axes(2, 3.8, sharex=True)
+    _lines(above, tables, strain, "q")
+    for color, mode in ((RED, "tension"), (BLUE, "shear")):
+        for k, table in enumerate(tables):
+            label = f"in {mode}" if k == 0 else None
+            below.plot(table[strain], table[f"broken_{mode}"], color=color, drawstyle="steps-post", label=label)
+    label_axes(above, y=_axis("q", unit))
+    label_axes(below, x=SERIES[strain].axis, y="broken bonds")
+    below.legend()
+    legend_above(above)
+    return figure
+
+
+@styled
 def grading(curve: _Curve, diameter: np.ndarray, dim: int):
-    """Curve of passing by mass: the wanted one, and that of the grains."""
+    """Grading curve: passing by mass, prescribed and of the grains."""
     figure, axes = column_axes()
     mass = diameter**dim
     sizes = np.geomspace(curve.size[0], curve.size[-1], 200)
@@ -183,7 +199,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
     high = 0.62 * factor * max((each.sigma1 - each.sigma3).max() for each in circles)
     least = min(0.0, *(-factor * each.envelope.cohesion / np.tan(np.radians(each.envelope.phi)) for each in circles
                        if each.envelope.phi > 0))  # fmt: skip
-    least = max(least, -0.25 * most)
+    least = min(max(least, -0.25 * most), 1.06 * factor * min(each.sigma3.min() for each in circles))
     wide = PAGE if columns > 1 else WIDTH
     panel = (wide / columns - 0.5) * high / (most - least) + 0.5
     figure, grid = subplots(
@@ -218,7 +234,7 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
 def critical_state(ends: list[_Ends], unit: str):
     """Ends of the paths of a sweep in the planes of p and q and of p and e, with critical-state lines.
 
-    States that are not steady are open marks. One colour stands for members that differ in the pressure alone.
+    States that are not steady are open marks. Members that differ only in pressure have the same colour.
     """
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 2.6))
     for color, each in zip(COLORS, ends, strict=False):
@@ -279,5 +295,5 @@ def failure_directions(
     label_axes(above, y=r"$\phi$ [°]")
     label_axes(below, x=SERIES[strain].axis, y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
     below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))
-    legend_above(above, ncol=1, fontsize="x-small")
+    legend_above(above, ncol=1, fontsize=7)
     return figure

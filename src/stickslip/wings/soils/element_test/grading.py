@@ -6,18 +6,18 @@ import numpy as np
 
 from ....kit import checked, require_positive
 
-MISFIT = 0.05  # largest deviation from a curve, as a share of the mass, with which a sample represents it
+MISFIT = 0.05  # largest deviation from a curve, as a fraction of the mass, in a representative sample
 LARGEST_SAMPLE = 10**7  # grains up to which the number that a curve needs is searched for
 WIDEST = 100.0  # largest ratio of the sizes of a grading
-POINTS = 4001  # of the distribution by number
+POINTS = 4001  # number of points of the distribution by number
 
 
 def require_span(smallest: float, largest: float) -> None:
     """Raise ValueError if sizes span more than `WIDEST`."""
     if not largest <= WIDEST * smallest:
         raise ValueError(
-            f"a grading from {smallest:g} to {largest:g} was given: the largest size may be at most {WIDEST:g} times "
-            f"the smallest; cut off the fines"
+            f"a grading may span at most a factor of {WIDEST:g} in size, got {smallest:g} to {largest:g}: cut off the "
+            "fines"
         )
 
 
@@ -25,14 +25,14 @@ class Grading(NamedTuple):
     """Curve of passing against size, linear in the logarithm of the size between its points."""
 
     size: np.ndarray  # (K,) diameters, increasing [length]
-    passing: np.ndarray  # (K,) share of the mass in grains that are smaller, from 0 to 1 [1]
+    passing: np.ndarray  # (K,) fraction of the mass in smaller grains, from 0 to 1 [1]
 
     def passing_at(self, diameter: np.ndarray) -> np.ndarray:
         """Share of the mass in grains that are smaller than given diameters."""
         return np.interp(np.log(diameter), np.log(self.size), self.passing)
 
     def size_at(self, passing: np.ndarray) -> np.ndarray:
-        """Diameter below which given shares of the mass are, such as D50 at 0.5 [length]."""
+        """Diameters below which given fractions of the mass lie, such as D50 at 0.5 [length]."""
         return np.exp(np.interp(passing, self.passing, np.log(self.size)))
 
 
@@ -47,7 +47,7 @@ def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
     """
     require_positive(d10=d10, d50=d50, d60=d60)
     if not d10 < d50 < d60:
-        raise ValueError(f"D10 = {d10:g}, D50 = {d50:g} and D60 = {d60:g} were given: they must increase")
+        raise ValueError(f"D10, D50 and D60 must increase, got {d10:g}, {d50:g} and {d60:g}")
     require_span(d10, d60)
     low, high = d10 * (d10 / d50) ** (1 / 4), d60 * (d60 / d50) ** 4
     return Grading(np.array([low, d10, d50, d60, high]), np.array([0.0, 0.1, 0.5, 0.6, 1.0]))
@@ -74,13 +74,13 @@ def diameters(grading: Grading, n: int, dim: int = 3) -> np.ndarray:
 
 @checked
 def passing_of(diameter: np.ndarray, size: float, dim: int = 3) -> float:
-    """Share of the mass of given grains in those that are smaller than a size; grains of that size count half."""
+    """Fraction of the mass of given grains in those smaller than a size; grains of that size count half."""
     mass = diameter**dim
     return float((mass[diameter < size].sum() + 0.5 * mass[diameter == size].sum()) / mass.sum())
 
 
 def misfit(grading: Grading, diameter: np.ndarray, dim: int) -> float:
-    """Largest deviation of the curve of given grains, at the grains, from the wanted one [1]."""
+    """Largest deviation of the grading curve of given grains, at the grains, from the prescribed one [1]."""
     mass = diameter**dim
     passed = (np.cumsum(mass) - 0.5 * mass) / mass.sum()
     return float(np.abs(passed - grading.passing_at(diameter)).max(initial=0.5 * mass[-1] / mass.sum()))

@@ -1,4 +1,4 @@
-"""Tests of laboratories beside element tests: their tables, in the units, strains and signs of series."""
+"""Laboratory tests for comparison with element tests: their tables, in the units, strains and signs of series."""
 
 import warnings
 from collections.abc import Callable
@@ -31,10 +31,10 @@ CLOSE = 0.1  # relative deviation within which numbers agree that follow from ea
 def read_test(path: str | Path) -> dict[str, np.ndarray]:
     """Read a laboratory's test of soil from a table, as columns of `series.csv` in pascals, compression positive.
 
-    Columns are known by the names of laboratories, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or
-    `p'`; units stand in brackets, after the name or in a row below, and numbers may have decimal commas, as in
+    Columns are recognized by usual names, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or
+    `p'`; units are in brackets, after the name or in a row below, and numbers may have decimal commas, as in
     `friction.read_record`. Strains are nominal, changes over initial sizes, unless they are named logarithmic, and
-    become logarithmic. Names of columns that are not understood are in a warning, and so is what was assumed.
+    become logarithmic. A warning lists unknown columns and assumptions.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
             f"{path} has no column of a test of soil: its columns are {seen}; name some as in '{WANTED.example}'"
         )
     if told := table.list_unknown():
-        warnings.warn(f"{path}: not understood, and not drawn: {told}", stacklevel=2)
+        warnings.warn(f"{path}: unknown columns, not drawn: {told}", stacklevel=2)
     values = table.numbers()
     if len(next(iter(values.values()))) < LEAST:
         raise ValueError(
@@ -102,7 +102,7 @@ def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.
         if pressure is not None and ("'" in word or "eff" in word):
             total = total + pressure
         elif pressure is not None:
-            warnings.warn(f"{path}: {heading!r} is taken for a total stress: name it effective if it is", stacklevel=3)
+            warnings.warn(f"{path}: {heading!r} is treated as a total stress: name it effective if it is", stacklevel=3)
             out["axial_stress"] = total - pressure
     elif total is not None and pressure is not None:
         out.setdefault("axial_stress", total - pressure)
@@ -124,9 +124,7 @@ def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
     """Make compression positive, with a warning if it was not."""
     axial, q = out.get("axial_strain"), out.get("q")
     if axial is not None and q is not None and (axial[np.abs(axial).argmax()] * q[np.abs(q).argmax()]) < 0:
-        warnings.warn(
-            f"{path}: strains and q have opposite signs: those of the strains were turned round", stacklevel=3
-        )
+        warnings.warn(f"{path}: strains and q have opposite signs: the signs of strains were reversed", stacklevel=3)
         for name in ("axial_strain", "volumetric_strain"):
             if name in out:
                 out[name] = -out[name]
@@ -172,12 +170,12 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
     Raises
     ------
     ValueError
-        with one sentence, if the table cannot be read or does not have what a test of this kind shows.
+        with one sentence, if the table cannot be read or lacks the quantities of a test of this kind.
     """
     kind = scenario.path.kind
     if scenario.sample.dim == 2 or scenario.units != "SI" or kind == "simple-shear":
         what = "disks" if scenario.sample.dim == 2 else "simple shear" if kind == "simple-shear" else "these units"
-        raise ValueError(f"--compare was given with {what}: it draws tests of spheres along an axis in SI units")
+        raise ValueError(f"--compare does not apply to {what}: it draws tests of spheres along an axis in SI units")
     test = read_test(path)
     pairs = [pair for pair in pairs_of(kind) if set(_named(pair, test)) <= set(test)]
     if not pairs:
@@ -188,10 +186,10 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
         if ways[0] * ways[1] < 0:
             ours, theirs = ("in extension" if way < 0 else "in compression" for way in ways)
             raise ValueError(f"{path} is a test {theirs}, and path.strain {ours}: give path.strain the other sign")
-    if "p" in test and abs(test["p"][0] / scenario.sample.pressure - 1) > CLOSE:
+    confining = scenario.confining
+    if "p" in test and abs(test["p"][0] - confining) > CLOSE * (confining or test["p"].max()):
         warnings.warn(
-            f"{path}: the test begins at p' = {_kpa(test['p'][0])}, the samples at {_kpa(scenario.sample.pressure)}",
-            stacklevel=2,
+            f"{path}: the test begins at p' = {_kpa(test['p'][0])}, the samples at {_kpa(confining)}", stacklevel=2
         )
     return partial(_compared, scenario, Path(path).stem, test, pairs)
 
@@ -254,7 +252,7 @@ def _differences(tables: list[dict], test: dict, pairs: list[tuple[str, str]], u
 
 
 def _at(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values of a curve at places along its first branch."""
+    """Values of a curve at points along its first branch."""
     end = int(np.abs(x).argmax()) + 1
     sign = np.sign(x[end - 1])
     order = np.argsort(sign * x[:end], kind="stable")

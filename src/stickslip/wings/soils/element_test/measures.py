@@ -17,18 +17,20 @@ from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries
 
 STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
-PEAK = 0.1  # largest share of the leg, on each side of the peak, from which the dilatancy there is fitted
-BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
-PARTS = 10  # of the logarithm of the pressure, from whose means the slope of the void ratio is fitted
+PEAK = 0.1  # largest fraction of the leg, on each side of the peak, for fitting the dilatancy there
+BINS = 20  # number of strain bins in which stress ratio and dilatancy are averaged for Rowe's relation
+PARTS = 10  # number of parts of the logarithm of pressure, from whose means the slope of the void ratio is fitted
 FEW = 5  # rows that a slope needs
+HALF = 0.4, 0.6  # range, over the strength, of the fit of the tangent at half of the strength
+MODES = {"tension": True, "shear": False}  # modes of breaking
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
 
 
 def face_stress(stress: np.ndarray, kind: str) -> np.ndarray:
-    """Stress (T, 3, 3) from which p, q and angles follow: what acts on the faces of the cell, as in a test machine.
+    """Stress (T, 3, 3) from which p, q and angles follow: the stress on the faces of the cell, as in a test machine.
 
-    Shear stresses on the faces, which scatter about zero, are left out unless the path is simple shear.
+    Shear stresses on the faces, which scatter about zero, are ignored unless the path is simple shear.
     """
     return stress if kind == "simple-shear" else stress * np.eye(3)
 
@@ -42,7 +44,7 @@ def volumetric_strain(series: ElementSeries) -> np.ndarray:
 def pore_pressure(series: ElementSeries, dim: int) -> np.ndarray:
     """Excess pore pressure of an undrained test at constant lateral pressure (T,) [force/length^(dim-1)].
 
-    The grains carry the effective stress. What its lateral part has lost since the start, water carries.
+    The grains carry the effective stress. The loss of its lateral part since the start is carried by water.
     """
     lateral = np.diagonal(series.stress, axis1=1, axis2=2)[:, : dim - 1].mean(axis=1)
     return lateral[0] - lateral
@@ -68,7 +70,9 @@ def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:
     """
     principal = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim])
     least, most = principal[:, 0], principal[:, -1]
-    return np.degrees(np.arcsin(np.clip((most - least) / (most + least), -1, 1)))
+    whole = most + least
+    sine = np.divide(most - least, whole, out=np.zeros_like(whole), where=whole != 0)
+    return np.degrees(np.arcsin(np.clip(sine, -1, 1)))
 
 
 def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
@@ -171,9 +175,11 @@ class LoadedSample:
         self.stress = face_stress(self.series.stress, self.kind)
         self.legs = legs_of(self.series, self.dim, self.kind)
         self.first, self.last = self.legs[0], self.legs[-1]
-        self.top = int(self.first.angle.argmax())  # row of the peak
+        self.cement, self.breaks = scenario.cement, run.breaks
+        rise = np.abs(self.first.q - self.first.q[0])
+        self.top = int((rise if self.cement else self.first.angle).argmax())  # index of the peak
         self.compressed = self.kind in ("isotropic", "oedometric")
-        self.sheared = not self.compressed
+        self.sheared = not self.compressed and not self.cement  # sheared without cement, up to a critical state
 
     def signed(self, values: np.ndarray) -> np.ndarray:
         """Values with the sign of the scenario, without negative zeros."""
@@ -223,7 +229,7 @@ class LoadedSample:
         reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
         near = np.abs(leg.load - leg.load[self.top]) <= reach * (1 + 1e-9)
         rate = leg.slope(leg.strain, near) * np.sign(length)
-        return dilatancy_angle(rate, self.dim) if self.sheared and np.isfinite(rate).all() else NAN
+        return dilatancy_angle(rate, self.dim) if not self.compressed and np.isfinite(rate).all() else NAN
 
     @property
     def secant(self) -> float:
@@ -261,7 +267,7 @@ class LoadedSample:
     @property
     def principal_stresses(self) -> dict[str, tuple[float, float]]:
         """Major and minor principal stress at the peak, at the critical state (NaN if it was not reached), and late."""
-        if not self.sheared:
+        if self.compressed:
             return {}
         stress = self.stress[:, : self.dim, : self.dim]
         values = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2)))[:, [-1, 0]].T
@@ -289,14 +295,15 @@ class LoadedSample:
     def indices(self) -> dict[str, Slope]:
         """Slopes of first compression, unloading and reloading; NaN where the path has no such part.
 
-        First compression is loading beyond all stresses before. Of several such parts, or of unloading or reloading,
-        the one that spans most of the logarithm counts; of first compression, the upper half of it.
+        First compression is loading beyond all previous stresses. If there are several such parts, or parts of
+        unloading or reloading, the one with the largest range of the logarithm is used; for first compression, its
+        upper half.
         """
         stress, e = self.compression_stress, self.series.void_ratio
         if not self.compressed or not (stress > 0).all():
             return dict.fromkeys(("compression", "swelling", "reloading"), Slope(NAN, NAN))
         beyond, rises = stress[1:] >= np.maximum.accumulate(stress)[:-1], np.diff(stress) > 0
-        kind = np.where(rises & beyond, 2, rises)  # of the steps: 0 unloading, 1 reloading, 2 first compression
+        kind = np.where(rises & beyond, 2, rises)  # kinds of steps: 0 unloading, 1 reloading, 2 first compression
         edges = [0, *(np.flatnonzero(np.diff(kind)) + 1), len(kind)]
         parts = [(kind[a], slice(a, b + 1)) for a, b in pairwise(edges) if b > a]
 
@@ -345,6 +352,70 @@ class LoadedSample:
         varies = min(np.ptp(ratio), np.ptp(dilatancy)) > 1e-9
         return angle, float(np.corrcoef(ratio, dilatancy)[0, 1]) if varies else NAN
 
+    def elastic(self, rows: np.ndarray) -> tuple[float, float]:
+        """Young's modulus and Poisson's ratio of a line through some rows of the first leg of a triaxial path."""
+        leg, axis = self.first, self.dim - 1
+        if rows.sum() < 2 or not np.ptp(leg.load[rows]) > 0:
+            return NAN, NAN
+        slope = np.polyfit(leg.load[rows], np.column_stack([leg.q, leg.strain])[rows], 1)[0]
+        stiffness, axial, lateral = slope[0], slope[1 + axis], slope[1 : 1 + axis].mean()
+        return float(stiffness / axial), float(-lateral / axial)
+
+    @property
+    def small(self) -> tuple[float, float]:
+        """E and ν between the first two rows."""
+        return self.elastic(np.arange(len(self.first.load)) < 2)
+
+    @property
+    def half(self) -> tuple[float, float]:
+        """E and ν at half of the strength: a line through the two rows around it, and those within `HALF` of it.
+
+        Only rows up to the peak count.
+        """
+        rise = np.abs(self.first.q - self.first.q[0])[: self.top + 1]
+        share = rise / (rise[-1] or 1.0)
+        first = int((share >= 0.5).argmax())
+        around = np.arange(len(self.first.q))
+        near = (around >= first - 1) & (around <= first)
+        near[: len(share)] |= (share >= HALF[0]) & (share <= HALF[1])
+        return self.elastic(near)
+
+    @property
+    def failed(self) -> bool:
+        """Return True if the path of a cemented sample ended because its deviatoric stress had fallen."""
+        rise = np.abs(self.last.q - self.first.q[0])
+        return bool(self.cement and rise[-1] <= self.cement.until * self.strength)
+
+    @property
+    def strength(self) -> float:
+        """Largest change of the deviatoric stress."""
+        return float(abs(self.first.q[self.top] - self.first.q[0]))
+
+    def uniaxial(self, sign: int) -> float:
+        """Strength of a sample without confining pressure, in compression (1) or tension (-1); NaN in other tests."""
+        if not self.cement or self.cement.confining or self.first.load[-1] * sign <= 0:
+            return NAN
+        return self.strength
+
+    def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:
+        """Number of bonds that broke in tension or in shear up to given rows, including those before the test."""
+        rows = np.sort(self.breaks.row[self.breaks.tension == tension])
+        return np.searchsorted(rows, row, side="right")
+
+    @property
+    def crack_initiation(self) -> float:
+        """Change of the deviatoric stress at which one in a hundred of the bonds that break up to the peak has broken.
+
+        Source
+        ------
+        Potyondy & Cundall, doi:10.1016/j.ijrmms.2004.09.011.
+        """
+        count = self.broken(np.arange(self.top + 1), True) + self.broken(np.arange(self.top + 1), False)
+        if count[-1] == count[0]:
+            return NAN
+        first = int((count - count[0] >= 0.01 * (count[-1] - count[0])).argmax())
+        return float(abs(self.first.q[max(first, 1)] - self.first.q[0]))
+
     @property
     def cone(self) -> ProbedState | None:
         """First state in which second-order work is negative in some direction."""
@@ -370,11 +441,16 @@ SERIES = Quantities([
     Quantity("coordination", "1", "mean contact number without rattlers", "series.coordination", "contact number"),
     Quantity("fabric_anisotropy", "1", "largest minus smallest principal value of the fabric",
              "series.fabric_anisotropy", "fabric\nanisotropy"),
-    Quantity("sliding_fraction", "1", "share of the contacts at the Coulomb limit", "series.sliding_fraction",
+    Quantity("sliding_fraction", "1", "fraction of contacts at the Coulomb limit", "series.sliding_fraction",
              "share of\nsliding contacts"),
-    Quantity("phi", "degrees", "mobilised angle of friction", lambda t: friction_angle(t.stress, t.dim)),
+    Quantity("phi", "degrees", "mobilised angle of friction",
+             lambda t: None if t.cement else friction_angle(t.stress, t.dim)),
     Quantity("work", "energy/length^dim", "work done on the sample", lambda t: work(t.series)),
     Quantity("unbalanced", "1", "mean unbalanced force over mean contact force", "series.unbalanced"),
+    *(Quantity(f"broken_{mode}", "1", f"bonds that broke in {mode}",
+               lambda t, tension=tension: t.broken(np.arange(len(t.series.load)), tension) if t.cement else None,
+               f"in {mode}")
+      for mode, tension in MODES.items()),
 ])  # fmt: skip
 
 SAMPLE = Quantities([
@@ -385,19 +461,39 @@ SAMPLE = Quantities([
     Quantity("G0", STRESS, "shear modulus at small strain", "run.elastic.shear", partial=True),
     Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
     Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
+    *(Quantity(f"{name}{end}", unit, f"{words} {where}",
+               lambda t, of=of, k=k: getattr(t, of)[k] if t.cement else NAN)
+      for of, end, where in (("small", "", "along the axis, tangent of the first step"),
+                             ("half", "_half", "along the axis, tangent at half of the strength"))
+      for k, (name, unit, words) in enumerate((("E", STRESS, "Young's modulus"), ("nu", "1", "Poisson's ratio")))),
+    Quantity("UCS", STRESS, "uniaxial compressive strength", lambda t: t.uniaxial(1) if t.cement else NAN),
+    Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else NAN),
+    Quantity("strength", STRESS, "largest change of q of a cemented sample",
+             lambda t: t.strength if t.cement else NAN),
+    Quantity("crack_initiation", STRESS, "change of q when 1 % of the bonds that break up to the peak have broken",
+             lambda t: t.crack_initiation if t.cement else NAN),
+    Quantity("bonds", "1", "bonds of the cemented sample",
+             lambda t: len(t.run.end.bonds.i) if t.cement else NAN),
+    Quantity("broken_before", "1", "bonds that broke before the test",
+             lambda t: int((t.breaks.row == 0).sum()) if t.cement else NAN),
+    *(Quantity(f"broken_{mode}{end}", "1", f"bonds that broke in {mode}, {where}",
+               lambda t, tension=tension, row=row: int(t.broken(row(t), tension)) if t.cement else NAN)
+      for end, where, row in (("_peak", "up to the peak", lambda t: t.top),
+                              ("", "up to the end", lambda t: len(t.series.load)))
+      for mode, tension in MODES.items()),
     Quantity("E50", STRESS, "secant modulus at half of the largest q", "secant"),
     Quantity("phi_peak", "degrees", "largest angle of friction",
              lambda t: t.at_peak(t.first.angle) if t.sheared else NAN),
     Quantity("strain_at_peak", "1", "strain at the peak",
-             lambda t: t.at_peak(np.abs(t.first.load - t.first.load[0])) if t.sheared else NAN),
+             lambda t: NAN if t.compressed else t.at_peak(np.abs(t.first.load - t.first.load[0]))),
     Quantity("psi", "degrees", "angle of dilatancy at the peak"),
     *(Quantity(f"sigma{name}_{state}", STRESS, f"{words} principal stress at the {where}",
-               lambda t, k=k, state=state: t.principal_stresses[state][k] if t.sheared else NAN)
+               lambda t, k=k, state=state: NAN if t.compressed else t.principal_stresses[state][k])
       for state, where in (("peak", "peak"), ("critical", "critical state"), ("end", "end, over the last third"))
       for k, (name, words) in enumerate((("1", "major"), ("3", "minor")))),
     Quantity("critical_reached", "1", "1 if the sample is in a critical state at the end",
              lambda t: float(t.steady is not None) if t.sheared else NAN),
-    Quantity("critical_from", "1", "strain from which on values at the critical state are averaged",
+    Quantity("critical_from", "1", "strain from which values at the critical state are averaged",
              lambda t: NAN if t.steady is None else float(abs(t.last.load[t.steady][0]))),
     Quantity("critical_ratio", "1", "q/p at the critical state", lambda t: abs(t.critical(t.last.q / t.last.p))),
     Quantity("phi_residual", "degrees", "angle of friction at the critical state",
@@ -420,11 +516,11 @@ SAMPLE = Quantities([
     Quantity("phi_rowe", "degrees", "angle of Rowe's relation", lambda t: t.rowe[0]),
     Quantity("rowe_correlation", "1", "correlation of σ₁/σ₃ and 1 − dε_v/dε₁", lambda t: t.rowe[1]),
     Quantity("largest_unbalanced", "1", "unbalanced over contact forces", lambda t: float(t.series.unbalanced.max())),
-    Quantity("rearranged_share", "1", "share of steps in which grains rearranged",
+    Quantity("rearranged_share", "1", "fraction of steps with rearrangements",
              lambda t: float(t.series.rearranged[1:].mean()) if len(t.series.load) > 1 else NAN),
-    Quantity("strain_at_cone", "1", "strain at which second-order work is first seen to be negative, first sample",
+    Quantity("strain_at_cone", "1", "strain at which second-order work is first negative, first sample",
              lambda t: abs(t.cone.load) if t.cone else NAN, partial=True),
-    Quantity("cone_direction", "degrees", "direction in which it is; 0 is axial compression, 90 lateral",
+    Quantity("cone_direction", "degrees", "direction of negative work; 0 is axial compression, 90 lateral",
              lambda t: float(np.degrees(t.cone.weakest)) if t.cone else NAN, partial=True),
     Quantity("u_at_peak", STRESS, "excess pore pressure at the peak, at constant lateral pressure",
              lambda t: t.at_peak(t.pore_pressure)),
@@ -456,7 +552,7 @@ class Probed(NamedTuple):
 
     @property
     def least_work(self) -> float:
-        """Least normalised second-order work; NaN without an answer."""
+        """Least normalised second-order work; NaN without a result."""
         return float(np.nanmin(self.state.envelope.normalised_work)) if np.isfinite(self.state.weakest) else NAN
 
 

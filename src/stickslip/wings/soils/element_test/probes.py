@@ -1,4 +1,4 @@
-"""Probes of the states of an element test: in which directions the sample can fail, and which sign of it comes first.
+"""Probes of the states of an element test: directions in which the sample can fail, and the first sign of failure.
 
 Signs assume that contacts at the Coulomb limit keep sliding, except second-order work, which follows each direction by
 finite steps, and uniqueness, which concerns all statuses of these contacts.
@@ -41,11 +41,11 @@ class ProbedState(NamedTuple):
     unique: str  # name of the verdict on the uniqueness of the contact status under all stresses
     pair: np.ndarray  # (2,) growth rate of the fastest complex pair at fixed strain and stress; NaN: unknown [1/time]
     real: np.ndarray  # (2,) the same for real eigenvalues [1/time]
-    reason: str = ""  # why there is no envelope
+    reason: str = ""  # reason for a missing envelope
 
     @property
     def signs(self) -> dict[str, bool]:
-        """Whether each of `SIGNS` is seen."""
+        """Presence of each of `SIGNS`."""
         if self.envelope is None or self.band is None:
             return dict.fromkeys(SIGNS, False)
         verdict = UniquenessVerdict[self.unique]
@@ -65,7 +65,7 @@ class ProbedState(NamedTuple):
 
     @property
     def weakest(self) -> float:
-        """Angle of the direction with the least normalised second-order work, of those that have an answer [rad]."""
+        """Angle of the direction with the least normalised second-order work, among those with a response [rad]."""
         work = self.envelope.normalised_work if self.envelope else np.full(1, np.nan)
         return float(self.envelope.angle[np.nanargmin(work)]) if np.isfinite(work).any() else float("nan")
 
@@ -112,7 +112,7 @@ def _uniqueness(loose: State, law: Law) -> str:
     try:
         system = linear_system(loose, law)
         return certificate(complementarity(system, np.zeros(len(system.free)))).verdict.name
-    except ValueError:  # a motion that nothing resists, or a law without a sharp limit
+    except ValueError:  # an unresisted motion, or a law without a sharp limit
         return UniquenessVerdict.UNDECIDED.name
 
 

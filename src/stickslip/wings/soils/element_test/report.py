@@ -31,9 +31,9 @@ from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
-COMPARED = {  # measures that half the step may change, of which the first that a path gives counts: words, digits, unit
+COMPARED = {  # measures compared at half the step (the first available one is used): words, digits, unit
     "phi_peak": ("peak angle", 2, " degrees"), "compression_index": ("compression index", 4, ""),
-    "swelling_index": ("swelling index", 4, ""),
+    "swelling_index": ("swelling index", 4, ""), "strength": ("strength", 1, ""),
 }  # fmt: skip
 
 
@@ -81,6 +81,8 @@ def figures(result: ElementTestResult):
             ),
         )
         yield "fig7_envelopes.png", _envelopes(probed, scenario)
+    if scenario.cement:
+        yield "fig9_broken_bonds.png", figures_of.broken_bonds(tables, strain, unit)
 
 
 def _envelopes(probed: list[ProbedState], scenario: ElementTestScenario):
@@ -99,6 +101,21 @@ def files(result: ElementTestResult):
     if probes:
         yield "probes.csv", lambda path: PROBE.write(path, (Probed(each, scenario) for each in probes))
         yield "envelopes.csv", partial(_write_envelopes, result)
+    if scenario.cement:
+        yield "breaks.csv", partial(_write_breaks, result)
+
+
+def _write_breaks(result: ElementTestResult, path: Path) -> None:
+    """One row for each bond that broke."""
+    names = ["sample", "axial_strain", "i", "j", "mode", heading("energy", "energy")]
+    names += [heading(axis, "length") for axis in "xyz"]
+    rows = (
+        (run.seed, float(strain[row]), int(i), int(j), "tension" if tension else "shear", float(energy), *map(float, x))
+        for run in result.runs
+        for strain in [columns(run, result.scenario)["axial_strain"]]
+        for row, i, j, tension, energy, x in zip(*run.breaks, strict=True)
+    )
+    write_table(path, names, rows)
 
 
 def _write_envelopes(result: ElementTestResult, path: Path) -> None:
@@ -120,8 +137,8 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
 
 
 def sentences(result: ElementTestResult) -> list[str]:
-    """Remarks for readers of the numbers: scatter, what the path did not reach, rate, and halved steps."""
-    parts = (_first_failure, _scatter, _missing, _fluid, _quasi_static, _finer)
+    """Remarks on the numbers: scatter, states not reached by the path, rate, and halved steps."""
+    parts = (_first_failure, _scatter, _missing, _cement, _fluid, _quasi_static, _finer)
     return [sentence for part in parts for sentence in part(result)]
 
 
@@ -138,7 +155,7 @@ def _first_failure(result: ElementTestResult) -> list[str]:
     if here is None:
         last = sign * run.probes[-1].load
         return [
-            f"No direction was seen in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
+            f"No direction was found in which sample {run.seed} could fail, up to a strain of {last:.3g}.",
             *unanswered,
         ]
     numbers = SAMPLE.of(LoadedSample(run, scenario))
@@ -146,8 +163,8 @@ def _first_failure(result: ElementTestResult) -> list[str]:
     where = describe_direction(here.failing, scenario.path, scenario.sample.dim, scenario.sign)
     peak = f"; the peak angle is at {top:.3g}" if np.isfinite(top := numbers["strain_at_peak"]) else ""
     return [
-        f"Sample {run.seed} wanted to fail in the direction {where} first at a strain of {sign * here.load:.3g}, where "
-        f"{why}{peak}.",
+        f"Sample {run.seed} first tended to fail at a strain of {sign * here.load:.3g}, in the direction {where}, "
+        f"where {why}{peak}.",
         *unanswered,
     ]
 
@@ -171,8 +188,8 @@ def _missing(result: ElementTestResult) -> list[str]:
     rigid = sum(bool(np.isfinite(run.elastic.shear)) for run in result.runs)
     if rigid < len(result.runs):
         out.append(
-            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives motions that "
-            f"nothing resists, or they have more than {MODULI_UP_TO} grains."
+            f"{rigid} of {len(result.runs)} samples have elastic moduli; in others a strain drives unresisted "
+            f"motions, or they have more than {MODULI_UP_TO} grains."
         )
     samples = [LoadedSample(run, result.scenario) for run in result.runs]
     last = sum(sample.sheared and sample.top == len(sample.first.load) - 1 for sample in samples)
@@ -189,6 +206,29 @@ def _missing(result: ElementTestResult) -> list[str]:
             f"over the last third of the path the volumetric strain changes by up to {volume:.2g} of the imposed one, "
             f"q/p by {ratio:.1%} and p by {p:.1%}, and each must be below {STEADY:.0%}; use a larger strain or more "
             f"grains."
+        )
+    return out
+
+
+def _cement(result: ElementTestResult) -> list[str]:
+    """Bonds that broke, in which mode, and samples that did not fail."""
+    cement = result.scenario.cement
+    if cement is None:
+        return []
+    samples = [LoadedSample(run, result.scenario) for run in result.runs]
+    out = []
+    for sample in samples:
+        tension, shear = (int((sample.breaks.tension == mode).sum()) for mode in (True, False))
+        before = int((sample.breaks.row == 0).sum())
+        out.append(
+            f"Of {pluralize(len(sample.run.end.bonds.i), 'bond')} of sample {sample.run.seed}, {tension} broke in "
+            f"tension and {shear} in shear{f', {before} of them before the test' * bool(before)}."
+        )
+    whole = [f"{sample.run.seed}" for sample in samples if not sample.failed]
+    if whole:
+        out.append(
+            f"The strength is a lower bound in sample {', '.join(whole)}, whose deviatoric stress did not fall to "
+            f"{cement.until:g} of its peak; use a larger strain."
         )
     return out
 
@@ -212,7 +252,7 @@ def _quasi_static(result: ElementTestResult) -> list[str]:
             f"mean unbalanced force was at most {numbers['largest_unbalanced'].mean:.2g} of the mean contact force."
         ]
     share = numbers["rearranged_share"].mean if "rearranged_share" in numbers else 0.0
-    return [f"Grains rearranged in {share:.0%} of the steps, whose equilibria were found by damped dynamics."]
+    return [f"Grains rearranged in {share:.0%} of the steps, in which equilibria were found by damped dynamics."]
 
 
 def _finer(result: ElementTestResult) -> list[str]:
@@ -221,11 +261,14 @@ def _finer(result: ElementTestResult) -> list[str]:
         return [f"It was not checked whether half the {what} gives the same: use check = true."]
     pair = (LoadedSample(run, result.scenario) for run in (result.runs[0], result.checked))
     both = SAMPLE.columns(pair)
-    name = next((name for name in COMPARED if np.isfinite(both[name]).all()), None)
+    name = next((name for name in COMPARED if name in both and np.isfinite(both[name]).all()), None)
     if name is None:
-        return [f"The path gives no number in which half the {what} could be compared."]
+        return [f"The path gives no number for a comparison with half the {what}."]
     (before, after), (words, digits, unit) = both[name], COMPARED[name]
     scatter = MEASURES.of(result)[name].scatter
+    if SAMPLE[name].unit == STRESS:
+        (before, unit), (after, _) = (for_engineers(value, unit_name(STRESS)) for value in (before, after))
+        scatter, unit = for_engineers(scatter, unit_name(STRESS))[0], f" {unit}"
     change = (
         f"With half the {what}, the {words} of the first sample is {after:.{digits}f} instead of "
         f"{before:.{digits}f}{unit}"
@@ -248,7 +291,7 @@ def numbers(result: ElementTestResult) -> dict:
                 "series": archive_fields(run.series), "packed": archive_fields(run.packed),
                 "elastic": archive_fields(run.elastic), "end": run.end, "ended": run.ended,
                 "probes": run.probes,
-            }
+            } | ({"breaks": archive_fields(run.breaks)} if run.breaks else {})
             for name, run in zip(names, runs, strict=True)
         },
         "failures": "\n".join(result.failures), "remarks": "\n".join(sentences(result)),
@@ -256,12 +299,13 @@ def numbers(result: ElementTestResult) -> dict:
 
 
 def show(result: ElementTestResult) -> None:
-    """Print the numbers of a test with their intervals, and what limits them."""
+    """Print the numbers of a test with their intervals and limitations."""
     scenario = result.scenario
-    title = f"{scenario.path.kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
+    kind = f"{'cemented ' * bool(scenario.cement)}{scenario.path.kind}"
+    title = f"{kind} test of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
     MEASURES.show(result, title=title, readable=for_engineers)
     if result.runs[0].probes:
-        # the strain at which each sign of failure is first seen
+        # the strain at which each sign of failure first appears
         run, sign = result.runs[0], result.scenario.strain_sign
         table = new_table("", "first at", "", title=f"Signs of failure of sample {run.seed}", left=("",))
         for name, each in first_seen(run.probes).items():
@@ -271,7 +315,7 @@ def show(result: ElementTestResult) -> None:
         console.print(f"  {sentence}", soft_wrap=True)
 
 
-PRESSURE, SEED = "sample.pressure", "seed"
+PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first swept key counts
 STATES = {  # ends of the names of stresses, and words
     "peak": "at the peak", "critical": "at the critical state", "end": "over the last third of the path, not steady",
 }  # fmt: skip
@@ -323,7 +367,7 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
     sigma1, sigma3 = np.asarray(sigma1, float), np.asarray(sigma3, float)
     count = len(sigma3)
     if count < 2 or not np.ptp(sigma3) > 1e-6 * np.abs(sigma3).max():
-        raise ValueError(f"{count} Mohr circles with σ₃ from one pressure were given: an envelope needs two pressures")
+        raise ValueError(f"an envelope needs Mohr circles at two pressures, but all {count} have σ₃ from one")
     weight = 1 / (sigma1 + sigma3)
     (n, b), spread = _least_squares(weight[:, None] * np.column_stack([sigma3, np.ones(count)]), weight * sigma1)
     by_phi = np.array([1 / ((n + 1) * np.sqrt(n)), 0.0])  # derivatives by n and b
@@ -386,9 +430,9 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
     """
     p, q, e = (np.asarray(values, float) for values in (p, q, void_ratio))
     if len(p) < 2 or not np.ptp(p) > 1e-6 * np.abs(p).max():
-        raise ValueError(f"{len(p)} critical states at one mean stress were given: a line needs two mean stresses")
+        raise ValueError(f"a critical-state line needs states at two mean stresses, but all {len(p)} have the same")
     if not (p > 0).all():
-        raise ValueError(f"a mean stress of {p.min():.3g} was given: those of a critical-state line are positive")
+        raise ValueError(f"mean stresses of a critical-state line must be positive, got {p.min():.3g}")
     (intercept, fall), spread = _least_squares(np.column_stack([np.ones(len(p)), np.log(p)]), e)
     ratio = estimate(np.abs(q) / p)
     errors = np.sqrt(np.diag(spread))
@@ -420,16 +464,19 @@ class Ends(NamedTuple):
 
 
 def compare(members: list[SweepMember]) -> Comparison:
-    """Mohr circles of a sweep over `sample.pressure`, their envelopes, and the critical-state line.
+    """Mohr circles of a sweep over a pressure, their envelopes, and the critical-state line or uniaxial strengths.
 
-    Circles are those at the peak and at the critical state. If fewer than two pressures lead to a critical state, the
-    circles over the last third of the paths are drawn instead, and no line. Members that differ in other swept keys
-    have envelopes and lines of their own, unless these vary with the pressure alone.
+    The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are those at the peak and, without
+    cement, at the critical state. If fewer than two pressures lead to a critical state, the circles over the last third
+    of the paths are drawn instead, and no line. Members that differ in other swept keys have separate envelopes and
+    lines, unless these keys vary with the pressure only. Tests in tension have circles beside the envelope.
     """
-    members = [member for member in members if PRESSURE in member.values and "sigma1_peak" in member.measures]
+    swept = [key for key in PRESSURES if any(key in member.values for member in members)]
+    members = [member for member in members if swept and "sigma1_peak" in member.measures]
     if not members:
         return Comparison()
-    keys = _other_keys(members)
+    pressure, cemented = swept[0], swept[0] == PRESSURES[0]
+    keys = _other_keys(members, pressure, *(("path.strain", "path.step") if cemented else ()))
     groups: dict[str, list[SweepMember]] = {}
     for member in members:
         name = ", ".join(f"{key} = {_short(member.values[key])}" for key in keys)
@@ -441,13 +488,16 @@ def compare(members: list[SweepMember]) -> Comparison:
         late = _circles(name, group, "critical") or _circles(name, group, "end")
         some = [each for each in (_circles(name, group, "peak"), late) if each]
         circles += some
-        ends.append(_ends(name, group, factor))
         remarks += [_describe_circles(each, factor, shown) for each in some]
-        remarks.append(_describe_ends(ends[-1], group, shown))
+        if cemented:
+            remarks += _describe_strengths(name, group, factor, shown)
+        else:
+            ends.append(_ends(name, group, factor))
+            remarks.append(_describe_ends(ends[-1], group, shown))
     if not circles:
-        return Comparison()
+        return Comparison(remarks=tuple(remarks) if cemented else ())
     drawn = [each for each in circles if each.group in list(groups)[:ROWS]]
-    files = {FIGURE: figures_of.mohr_circles(drawn, factor, shown), TABLE: _table(members, remarks)}
+    files = {FIGURE: figures_of.mohr_circles(drawn, factor, shown), TABLE: _table(members, remarks, pressure)}
     if any(len(each.p) for each in ends[:ROWS]):
         files[LINES] = figures_of.critical_state(ends[:ROWS], shown)
     return Comparison(files, tuple(remarks))
@@ -458,6 +508,20 @@ def _describe_circles(circles: Circles, factor: float, unit: str) -> str:
         f"Mohr circles {STATES[circles.state]}{f' ({circles.group})' * bool(circles.group)}: "
         f"{circles.envelope.describe(factor, unit)}, from {len(circles.sigma1)} of {circles.members} members."
     )
+
+
+def _describe_strengths(name: str, group: list[SweepMember], factor: float, unit: str) -> list[str]:
+    """Uniaxial strengths of a group of cemented samples, and their ratio."""
+    strengths = {
+        words: factor * estimate(values[np.isfinite(values)]).mean
+        for key, words in (("UCS", "uniaxial compressive strength"), ("tensile_strength", "direct tensile strength"))
+        for values in [_column(group, key)] if np.isfinite(values).any()
+    }  # fmt: skip
+    if not strengths:
+        return []
+    told = ", ".join(f"{words} {value:.3g} {unit}".rstrip() for words, value in strengths.items())
+    ratio = np.divide(*strengths.values()) if len(strengths) == 2 else 0.0
+    return [f"{told[0].upper()}{told[1:]}{f': a ratio of {ratio:.2g}' * bool(ratio)}{f' ({name})' * bool(name)}."]
 
 
 def _describe_ends(ends: Ends, group: list[SweepMember], unit: str) -> str:
@@ -478,11 +542,11 @@ def _short(value) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _other_keys(members: list[SweepMember]) -> list[str]:
+def _other_keys(members: list[SweepMember], pressure: str, *without: str) -> list[str]:
     """Swept keys that have several values at the same pressure."""
-    keys = [key for key in members[0].values if key not in (PRESSURE, SEED)]
-    pairs = {key: {(member.values[PRESSURE], str(member.values[key])) for member in members} for key in keys}
-    pressures = len({member.values[PRESSURE] for member in members})
+    keys = [key for key in members[0].values if key not in (pressure, SEED, *without)]
+    pairs = {key: {(member.values[pressure], str(member.values[key])) for member in members} for key in keys}
+    pressures = len({member.values[pressure] for member in members})
     return [key for key in keys if len(pairs[key]) > pressures]
 
 
@@ -495,8 +559,9 @@ def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
     """Circles of the members that have a state; None if they have less than two pressures."""
     pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
     sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
+    pressed = sigma1 > -sigma3  # excludes tension
     try:
-        return Circles(name, state, sigma1, sigma3, len(group), fit_envelope(sigma1, sigma3))
+        return Circles(name, state, sigma1, sigma3, len(group), fit_envelope(sigma1[pressed], sigma3[pressed]))
     except ValueError:
         return None
 
@@ -514,16 +579,17 @@ def _ends(name: str, group: list[SweepMember], factor: float) -> Ends:
     return Ends(name, p, q, e, critical, line)
 
 
-def _table(members: list[SweepMember], remarks: list[str]) -> str:
+def _table(members: list[SweepMember], remarks: list[str], pressure: str) -> str:
     """CSV with a row for each member: swept values, stresses, angles and void ratios, with errors if known."""
     names = [f"sigma{k}_{state}" for state in STATES for k in (3, 1)]
     names += ["phi_peak", "phi_residual", "critical_reached", "p_end", "end_ratio", "e_end"]
+    names += ["E", "nu", "UCS", "tensile_strength", "broken_tension", "broken_shear"]
     names = [part for name in names for part in (name, f"{name}_error")]
     units = {name: unit for member in members for name, (_, unit) in member.measures.items()}
     names = [name for name in names if name in units]  # members of earlier versions lack some
     keys = list(members[0].values)
     stress = units["sigma1_peak"]
-    headings = [heading_of(key, stress) if key == PRESSURE else key for key in keys]
+    headings = [heading_of(key, stress) if key == pressure else key for key in keys]
     headings += [heading_of(name, units[name]) for name in names]
     columns = [_column(members, name) for name in names]
     rows = ([*member.values.values(), *row] for member, row in zip(members, np.transpose(columns), strict=True))

@@ -1,9 +1,10 @@
-"""Samples of element tests, and their paths: which strains of the cell are imposed, and which stresses instead.
+"""Samples of element tests, and their paths: the imposed strains and stresses of the cell.
 
 The axial direction is the last one, y for disks and z for spheres. Strains and stresses are compression positive.
 """
 
 from collections.abc import Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from ....kit import (
 )
 from ....packings import compressed
 from ....results import Factorisation, PackingInfo
-from .scenario import ElementSample, Loading
+from .scenario import Cement, ElementSample, Loading
 
 AXES = "xyz"
 
@@ -54,7 +55,7 @@ def drive_of(loading: Loading, dim: int) -> Drive:
 
 
 def wanted_stress(loading: Loading, pressure: float, stress: np.ndarray, dim: int) -> np.ndarray:
-    """Normal stresses along the axes that a path asks for, (3,), while the stress is `stress`."""
+    """Normal stresses along the axes prescribed by a path, (3,), at the present `stress`."""
     wanted, axial = np.full(3, pressure), float(stress[dim - 1, dim - 1])
     if loading.kind == "constant-p":
         wanted[: dim - 1] = (dim * pressure - axial) / (dim - 1)
@@ -64,12 +65,12 @@ def wanted_stress(loading: Loading, pressure: float, stress: np.ndarray, dim: in
 
 
 def depends_on_stress(loading: Loading) -> bool:
-    """Return True if the stresses that are asked for follow the axial stress."""
+    """Return True if the prescribed stresses follow the axial stress."""
     return loading.kind in ("constant-p", "true-triaxial")
 
 
 def controlled(state: State, drive: Drive, wanted: np.ndarray, mass: float = 0.0) -> State:
-    """State whose cell follows the wanted stresses along the free axes of a path; `mass` as in `stress_controlled`."""
+    """State whose cell follows prescribed stresses along the free axes of a path; `mass` as in `stress_controlled`."""
     stress = {AXES[k] * 2: float(wanted[k]) for k in drive.free}
     return state._replace(control=stress_controlled(state.control, stress, mass=mass))
 
@@ -87,19 +88,28 @@ def strain_of(cell: np.ndarray, start: np.ndarray) -> np.ndarray:
 AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 
 
-def check_pressures(sample: ElementSample, law: Law, kept: Checkpoint | None, *, path: Iterable[float] = ()) -> None:
-    """Raise ScenarioError, before anything is saved, if the law cannot carry the pressures of a sample and a path."""
-    for key, pressure in (("sample.pressure", sample.pressure), *(("path.pressures", p) for p in path)):
+def check_pressures(
+    sample: ElementSample, law: Law, kept: Checkpoint | None, *, path: Iterable[float] = (),
+    cement: Cement | None = None,
+) -> None:  # fmt: skip
+    """Raise ScenarioError, before anything is saved, if the law cannot carry the pressures of a test or its cement."""
+    stresses = [("sample.pressure", sample.pressure), *(("path.pressures", p) for p in path)]
+    if cement:
+        weaker = min("tensile_strength", "shear_strength", key=partial(getattr, cement))
+        more = [(f"cement.{name}", getattr(cement, name)) for name in ("confining", weaker)]
+        stresses += [(key, stress) for key, stress in more if stress > sample.pressure]
+    for key, pressure in stresses:
         try:
-            check_pressure(law, pressure, radius=0.5 * sample.diameters, mass=sample.masses, dim=sample.dim)
+            radius, mass = 0.5 * sample.diameters, sample.masses
+            check_pressure(law, pressure, radius=radius, mass=mass, dim=sample.dim, name=key)
         except ValueError as problem:
             if kept:
                 abandon(kept)
-            raise ScenarioError(str(problem).replace("pressure =", f"{key} =", 1)) from None
+            raise ScenarioError(str(problem)) from None
 
 
 def make_sample(sample: ElementSample, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:
-    """Isotropic sample, compressed with the friction that controls its density, then settled under its own law."""
+    """Isotropic sample, compressed with the friction that controls its density, then settled under its law."""
     friction = sample.friction
     slippery = law if friction is None else with_values(law, mu=friction)
     state, _ = compressed(

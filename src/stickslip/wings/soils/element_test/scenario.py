@@ -44,7 +44,7 @@ class UniformSizes(ScenarioTable):
     def _check_order(self):
         if not self.smallest < self.largest:
             raise ValueError(
-                f"grading.smallest = {self.smallest:g} was given: it must be below grading.largest = {self.largest:g}"
+                f"grading.smallest must be below grading.largest = {self.largest:g}, got {self.smallest:g}"
             )
         return self
 
@@ -105,8 +105,8 @@ class SieveTable(ScenarioTable):
             raise ValueError("grading.sizes and grading.passing must increase from each entry to the next: sort them")
         if (self.passing[0], self.passing[-1]) != (0, 100):
             raise ValueError(
-                f"grading.passing from {self.passing[0]:g} to {self.passing[-1]:g} was given: it must begin with 0 and "
-                f"end with 100, at the smallest and the largest diameter"
+                "grading.passing must begin with 0 and end with 100, at the smallest and the largest diameter, got "
+                f"{self.passing[0]:g} and {self.passing[-1]:g}"
             )
         return self
 
@@ -143,8 +143,8 @@ class ElementSample(ScenarioTable):
         off = misfit(curve, self.diameters, self.dim)
         if off > MISFIT:
             raise ValueError(
-                f"sample.grains = {self.grains} was given: their grading would be off by {off:.0%} of the mass; use at "
-                f"least {grains_needed(curve, self.dim)} grains, or fewer sizes"
+                f"sample.grains = {self.grains} is too few, as the grading would be off by {off:.0%} of the mass: use "
+                f"at least {grains_needed(curve, self.dim)} grains, or fewer sizes"
             )
         return self
 
@@ -249,19 +249,52 @@ class Loading(ScenarioTable):
     def _check_kind(self):
         for name, kind in (("pressures", "isotropic"), ("b", "true-triaxial")):
             if (getattr(self, name) is not None) != (self.kind == kind):
-                advice = "is missing: give it" if self.kind == kind else f"was given: only {kind} paths have it"
+                advice = "is missing: give it" if self.kind == kind else f"applies to {kind} paths only: leave it out"
                 raise ValueError(f"path.{name} {advice}")
         if self.fluid_modulus is not None and self.kind != "undrained":
-            raise ValueError("path.fluid_modulus was given: only undrained paths have a pore fluid")
+            raise ValueError("path.fluid_modulus does not apply to this path: only undrained paths have a pore fluid")
         if self.inertial_number is not None and self.rate is not None:
-            raise ValueError("path.inertial_number and path.rate were both given: give only one of them")
+            raise ValueError("path.inertial_number and path.rate exclude each other: give only one")
         if self.integrator == "quasi-static" and (self.inertial_number or self.rate):
             name = "rate" if self.rate else "inertial_number"
-            raise ValueError(f'path.{name} was given with integrator = "quasi-static", which has none: leave it out')
+            raise ValueError(f'path.{name} does not apply to integrator = "quasi-static": leave it out')
         turns = (0.0, *self.turns) if self.kind != "isotropic" else self.turns
         if not self.turns or any(a == b for a, b in pairwise(turns)):
-            raise ValueError(f"path.strain = {self.strain} was given: each entry must differ from the one before")
+            raise ValueError(f"each entry of path.strain must differ from the previous one, got {self.strain}")
         return self
+
+
+class Cement(ScenarioTable):
+    """Cement between the grains: parallel bonds of Potyondy & Cundall, made under the pressure of the sample.
+
+    The cemented sample is then unloaded to the confining pressure of the test.
+    """
+
+    tensile_strength: Positive = Field(description="mean tensile strength of the bonds [force/length^(dim−1)]")
+    shear_strength: Positive = Field(description="mean shear strength of the bonds [force/length^(dim−1)]")
+    scatter: Annotated[float, Field(ge=0, le=0.3)] = Field(
+        0.0,
+        description="standard deviation of both strengths over their means; they are normally distributed, cut off at "
+        "three standard deviations",
+    )
+    modulus: Positive = Field(
+        1.0,
+        description="Young's modulus of the cement over that of the contacts: of the grains, or kn/D50^(dim−2) of "
+        "linear springs",
+    )
+    stiffness_ratio: Positive = Field(2.5, description="normal over shear stiffness of the bonds")
+    radius: Positive = Field(1.0, description="radius of a bond over that of the smaller grain")
+    gap: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.01, description="gap up to which grains are bonded, over the mean diameter"
+    )
+    confining: NotNegative = Field(
+        0.0,
+        description="confining pressure; 0: uniaxial compression, or direct tension with a negative strain "
+        "[force/length^(dim−1)]",
+    )
+    until: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.8, description="deviatoric stress over its peak at which the path ends after the peak"
+    )
 
 
 class Probing(ScenarioTable):
@@ -309,8 +342,9 @@ class ElementTestScenario(SampleScenario):
         False, description="whether the first sample is loaded again in steps, or at a rate, half as large"
     )
     probes: Probing | None = None
+    cement: Cement | None = None
     engine: Literal["stickslip", "lammps"] = Field(
-        "stickslip", description="what moves the grains of a dynamic test; samples are always made by stickslip"
+        "stickslip", description="engine of a dynamic test; samples are always made by stickslip"
     )
     ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
 
@@ -321,7 +355,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def strain_sign(self) -> int:
-        """Sign of the imposed strain in tables and figures; γ has always its own."""
+        """Sign of the imposed strain in tables and figures; γ always has its own sign."""
         return 1 if self.path.kind == "simple-shear" else self.sign
 
     @property
@@ -350,6 +384,30 @@ class ElementTestScenario(SampleScenario):
         return (law.young * size ** (3 - dim) / (1 - law.poisson**2) / sample.pressure) ** (2 / 3)
 
     @property
+    def contact_modulus(self) -> float | None:
+        """Young's modulus of the grains, kn/D50^(dim−2) of linear springs; None for other laws [force/length^(dim−1)].
+
+        Disks bear a force per length, E D50.
+        """
+        law, dim, size = self.law, self.sample.dim, float(self.sample.grading.curve().size_at(0.5))
+        if law.kind == "linear":
+            return law.kn and law.kn / size ** (dim - 2)
+        return law.young and law.young * size ** (3 - dim)
+
+    @property
+    def confining(self) -> float:
+        """Isotropic pressure at which the path begins [force/length^(dim−1)]."""
+        return self.sample.pressure if self.cement is None else self.cement.confining
+
+    @property
+    def stress_scale(self) -> float:
+        """Stress of the order of those along the path, in which tolerances are stated [force/length^(dim−1)]."""
+        cement, pressure = self.cement, self.sample.pressure
+        if cement is None:
+            return pressure
+        return max(pressure, cement.confining, min(cement.tensile_strength, cement.shear_strength))
+
+    @property
     def rate(self) -> float:
         """Strain rate of the dynamic integrator [1/time]."""
         return self.path.rate or (self.path.inertial_number or 1e-4) / self.time
@@ -358,7 +416,7 @@ class ElementTestScenario(SampleScenario):
     def _check_engine(self):
         require_lammps_for_ranks(self.engine, self.ranks)
         if self.engine == "lammps" and self.path.integrator != "dynamic":
-            raise ValueError('engine = "lammps" was given: it has no quasi-static steps, use integrator = "dynamic"')
+            raise ValueError('engine = "lammps" has no quasi-static steps: use integrator = "dynamic"')
         return self
 
     @property
@@ -374,21 +432,47 @@ class ElementTestScenario(SampleScenario):
         if self.probes is None:
             return self
         if self.path.kind == "isotropic":
-            raise ValueError('probes were given with path.kind = "isotropic": choose a path with a strain')
+            raise ValueError('probes do not apply to path.kind = "isotropic": choose a path with a strain')
         if self.probes.strains is not None and self.probes.states is not None:
-            raise ValueError("probes.strains and probes.states were both given: give only one of them")
+            raise ValueError("probes.strains and probes.states exclude each other: give only one")
         turn = self.path.turns[0]
         for strain in self.probes.strains or ():
             if not 0 <= strain / turn <= 1:
-                raise ValueError(
-                    f"probes.strains = {strain:g} was given: the path leads from 0 to {turn:g} before it turns"
-                )
+                raise ValueError(f"probes.strains must be from 0 to {turn:g}, where the path turns, got {strain:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_cement(self):
+        if self.cement is None:
+            return self
+        if self.path.kind != "triaxial":
+            raise ValueError(
+                f'cement requires path.kind = "triaxial", which includes uniaxial compression and tension '
+                f'(cement.confining = 0), got "{self.path.kind}"'
+            )
+        if len(self.path.turns) > 1:
+            raise ValueError(
+                f"cement was given with path.strain = {list(self.path.turns)}: give one strain, beyond failure"
+            )
+        if self.path.integrator == "dynamic":
+            raise ValueError(
+                'cement requires path.integrator = "quasi-static", in which bonds break one by one, got "dynamic"'
+            )
+        if self.probes is not None:
+            raise ValueError("cement and probes exclude each other: probes do not support bonds yet")
+        if self.contact_modulus is None:
+            raise ValueError(
+                "cement.modulus is relative to the modulus of the law, which this law lacks: use law.kind = "
+                '"hertz_mindlin_reff" with young, or "linear" with kn'
+            )
         return self
 
     @model_validator(mode="after")
     def _check_dimensions(self):
         if self.sample.dim == 2 and self.path.kind in ("true-triaxial", "plane-strain"):
-            raise ValueError(f'path.kind = "{self.path.kind}" was given for disks: use "triaxial", the biaxial test')
+            raise ValueError(
+                f'path.kind = "{self.path.kind}" is not available for disks: use "triaxial", the biaxial test'
+            )
         return self
 
     @model_validator(mode="after")
@@ -398,8 +482,8 @@ class ElementTestScenario(SampleScenario):
             name, most = ("rate", QUASI_STATIC / self.time) if self.path.rate else ("inertial_number", QUASI_STATIC)
             given = getattr(self.path, name)
             raise ValueError(
-                f"path.{name} = {given:g} was given: with an inertial number of {number:.2g} the test would not be "
-                f"quasi-static; use at most {most:.2g}"
+                f"path.{name} = {given:g} gives an inertial number of {number:.2g}, too large for a quasi-static "
+                f"test: use at most {most:.2g}"
             )
         return self
 
@@ -412,8 +496,8 @@ class ElementTestScenario(SampleScenario):
         longest = widest_shear(sample) if kind == "simple-shear" else log(sample.relative_width)
         if most > longest:
             raise ValueError(
-                f"path.strain = {most:g} was given: the cell of {sample.grains} grains would become narrower than "
-                f"{NARROWEST:g} of the largest ones; use at most {max(longest, 0):.2g}, or more grains"
+                f"at path.strain = {most:g}, the cell of {sample.grains} grains would become narrower than "
+                f"{NARROWEST:g} of the largest ones: use at most {max(longest, 0):.2g}, or more grains"
             )
         return self
 

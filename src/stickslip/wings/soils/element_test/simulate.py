@@ -1,7 +1,7 @@
 """Simulation of element tests: samples are compressed, then loaded along a path, quasi-statically or at a rate."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -51,6 +51,7 @@ from ....protocols import Envelope
 from ....results import Factorisation, Localisation, PackingInfo
 from ...lammps.run import lammps_engine
 from . import EXPERIMENT
+from .cement import Break, Breaks, Cemented, collect, describe_break, join, unloaded, with_cement
 from .probes import ProbedState, plane_of, probe, without_answer
 from .sample import (
     BALANCED,
@@ -65,7 +66,7 @@ from .sample import (
 )  # fmt: skip
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
-FOLLOWED = 1e-6  # largest deviation of a stress that follows another one, over the pressure
+FOLLOWED = 1e-6  # largest deviation of a stress that follows another stress, over the pressure
 FOLLOWS = 30  # largest number of corrections of such a stress in a step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
@@ -84,7 +85,7 @@ class ElementSeries(NamedTuple):
     void_ratio: np.ndarray  # (T,) volume of the voids over that of the grains [1]
     coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers [1]
     fabric_anisotropy: np.ndarray  # (T,) difference of the largest and smallest principal value of the fabric [1]
-    sliding_fraction: np.ndarray  # (T,) share of the contacts at the Coulomb limit [1]
+    sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     unbalanced: np.ndarray  # (T,) mean unbalanced force over mean contact force [1]
     rearranged: np.ndarray  # (T,) bool, whether dynamics was needed to find the equilibrium
 
@@ -107,7 +108,8 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
-    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario asks for them
+    probes: tuple[ProbedState, ...] = ()  # probes of the first sample, if the scenario requests them
+    breaks: Breaks | None = None  # broken bonds of a cemented sample
 
 
 class Piece(NamedTuple):
@@ -115,10 +117,13 @@ class Piece(NamedTuple):
 
     rows: dict[str, np.ndarray]
     state: State
+    breaks: Breaks
 
 
 Steps = Iterator[tuple[State, float, bool]]  # state, load, and whether dynamics was needed
-SAVED = (ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation)  # classes in saved results
+SAVED = (  # classes in saved results
+    ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation, Breaks, Cemented,
+)  # fmt: skip
 
 
 class Rig(NamedTuple):
@@ -126,12 +131,13 @@ class Rig(NamedTuple):
 
     scenario: ElementTestScenario
     law: Law
-    start: State  # the isotropic sample
+    start: State  # the isotropic sample, cemented if the scenario requires it
     drive: Drive
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
-    engine: Engine | None  # of a dynamic test, if it is not `run`
+    engine: Engine | None  # engine of a dynamic test, if it is not `run`
     probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
+    breaks: Breaks | None = None  # broken bonds of a cemented sample before its path
 
     @property
     def dim(self) -> int:
@@ -188,7 +194,7 @@ def simulate_element_test(
     np.float64(0.0)
     """
     law, kept = make_law(scenario.law), checkpoint_in(folder, scenario, *SAVED)
-    check_pressures(scenario.sample, law, kept, path=scenario.path.pressures or ())
+    check_pressures(scenario.sample, law, kept, path=scenario.path.pressures or (), cement=scenario.cement)
     seeds = [scenario.seed + k for k in range(scenario.realizations)]
     jobs = [(seed, False) for seed in seeds] + ([(scenario.seed, True)] if scenario.check else [])
     tasks = [
@@ -222,12 +228,23 @@ def load_sample(
         slower = {"step": 0.5 * path.step} if path.integrator == "quasi-static" else {
             "rate": 0.5 * scenario.rate, "inertial_number": None}  # fmt: skip
         scenario = scenario.model_copy(update={"path": path.model_copy(update=slower)})
-    tolerance = BALANCED * scenario.sample.pressure * scenario.sample.area
+    tolerance = BALANCED * scenario.stress_scale * scenario.sample.area
+    breaks = None
+    if scenario.cement:
+        state, breaks = load_or_compute(kept, "cemented", partial(_cement, scenario, state, law, seed, tolerance))
     drive = drive_of(scenario.path, state.cell.dim)
     probed = _rows_to_probe(scenario) if seed == scenario.seed and not half else frozenset()
-    rig = Rig(scenario, law, state, drive, tolerance, Factorisation(), engine, probed)
-    series, end, ended, probes = _follow(rig, kept, within(report, stage=f"sample {seed}"))
-    return ElementRun(seed, packed, _small_strain(state, law), series, end, ended, probes)
+    rig = Rig(scenario, law, state, drive, tolerance, Factorisation(), engine, probed, breaks)
+    series, end, ended, probes, breaks = _follow(rig, kept, within(report, stage=f"sample {seed}"))
+    return ElementRun(seed, packed, _small_strain(state, law), series, end, ended, probes, breaks)
+
+
+def _cement(scenario: ElementTestScenario, state: State, law: Law, seed: int, tolerance: float) -> Cemented:
+    """Cement a sample under its pressure and unload it to that of its test."""
+    state = with_cement(state, scenario.cement, scenario.contact_modulus, seed)
+    scales = compression_scales(state, law, scenario.stress_scale, tolerance)
+    mass = servo_mass(state, scenario.stress_scale, scales)
+    return unloaded(state, law, (scenario.sample.pressure, scenario.confining), mass, scales, tolerance)
 
 
 def find_engine(scenario: ElementTestScenario) -> Engine | None:
@@ -270,25 +287,32 @@ def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
 
 
 def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
-    """Series along the path, its last state, the reason for which it ended early, and the probed states."""
+    """Series along the path, its last state, reason of an early end, the probed states, and the broken bonds."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}", Piece))
     done = sum(len(piece.rows["load"]) for piece in pieces)
     state, rows, ended, saved = pieces[-1].state if pieces else rig.start, [], "", time.monotonic()
+    broken: list[Break] = []
 
     def keep() -> None:
         columns = {name: np.array([row[name] for row in rows]) for name in ElementSeries._fields}
-        pieces.append(Piece(Fields(columns, ElementSeries), state))
+        pieces.append(Piece(Fields(columns, ElementSeries), state, collect(broken)))
         if kept:
             kept.save(f"{len(pieces) - 1:06d}", pieces[-1])
         rows.clear()
+        broken.clear()
 
-    move = quasi_static if rig.scenario.path.integrator == "quasi-static" else dynamic
+    def note(before: State, after: State) -> None:
+        broken.append(describe_break(before, after, done))
+
+    move = partial(quasi_static, broke=note) if rig.scenario.path.integrator == "quasi-static" else dynamic
     probes: list[ProbedState] = [
         kept.load(_probe_name(k), ProbedState) for k in sorted(rig.probed) if kept and k < done
     ]
     steps = _with_probes(rig, move(rig, state, wanted, done), done, kept, probes)
+    if _has_failed(rig, pieces, rows):
+        steps = iter(())
     try:
         for state, load, rearranged in steps:
             rows.append(_measure(rig, state, load, rearranged))
@@ -296,6 +320,8 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
             if time.monotonic() - saved > SAVE_EVERY:
                 keep()
                 saved = time.monotonic()
+            if _has_failed(rig, pieces, rows):
+                break
     except NotInEquilibriumError as problem:
         if not (rows or pieces):
             raise
@@ -303,7 +329,19 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
     if rows:
         keep()
     columns = [np.concatenate([piece.rows[name] for piece in pieces]) for name in ElementSeries._fields]
-    return ElementSeries(*columns), state, ended, tuple(probes)
+    breaks = rig.breaks and join([rig.breaks, *(piece.breaks for piece in pieces)])
+    return ElementSeries(*columns), state, ended, tuple(probes), breaks
+
+
+def _has_failed(rig: Rig, pieces: list[Piece], rows: list[dict]) -> bool:
+    """Return True if the deviatoric stress of a cemented sample has fallen from its peak while the strain grew."""
+    if rig.scenario.cement is None:
+        return False
+    parts = [*(piece.rows for piece in pieces), {name: [row[name] for row in rows] for name in ("load", "stress")}]
+    loads = np.abs([load for part in parts for load in part["load"]])
+    stress = [stress for part in parts for stress in part["stress"]]
+    lead = np.abs([each[rig.dim - 1, rig.dim - 1] - rig.scenario.confining for each in stress])
+    return bool(len(loads) and loads[-1] == loads.max() and lead[-1] <= rig.scenario.cement.until * lead.max())
 
 
 def _probe_name(row: int) -> str:
@@ -311,7 +349,7 @@ def _probe_name(row: int) -> str:
 
 
 def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, probes: list[ProbedState]) -> Steps:
-    """Steps from number `done` on, the same ones; states to probe are probed and appended to a list."""
+    """Steps from number `done`, unchanged; states to be probed are probed and appended to a list."""
     for row, (state, load, rearranged) in enumerate(steps, start=done):
         if row in rig.probed:
             probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load, rearranged)))
@@ -357,11 +395,14 @@ def _load_further(rig: Rig, state: State, scales: Scales) -> State:
     return state
 
 
-def quasi_static(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
-    """Equilibria at the loads from number `done` on: state, load, and whether dynamics was needed."""
-    path, pressure = rig.scenario.path, rig.scenario.sample.pressure
-    scales, wanted = rig.scales(pressure), np.full(3, pressure)
-    if done:
+def quasi_static(
+    rig: Rig, state: State, loads: np.ndarray, done: int,
+    *, broke: Callable[[State, State], None] = lambda before, after: None,
+) -> Steps:  # fmt: skip
+    """Equilibria at the loads from number `done`: state, load, and whether dynamics was needed; see `settle`."""
+    path = rig.scenario.path
+    scales, wanted = rig.scales(rig.scenario.stress_scale), np.full(3, rig.scenario.confining)
+    if done and depends_on_stress(path):
         wanted = np.diag(stress(state, rig.law)).copy()
     for k in range(done, len(loads)):
         if path.kind == "isotropic":
@@ -369,7 +410,7 @@ def quasi_static(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
             scales = rig.scales(float(wanted[0]))
         elif k:
             state = _strained(state, rig.drive, loads[k] - loads[k - 1])
-        state, wanted, rearranged = _settle(rig, state, wanted, scales)
+        state, wanted, rearranged = _settle(rig, state, wanted, scales, broke)
         yield state, float(loads[k]), rearranged
 
 
@@ -379,13 +420,17 @@ def _strained(state: State, drive: Drive, step: float) -> State:
     return strained(state, gradient if gradient[0, 1] else np.diag(np.expm1(np.diag(gradient))))
 
 
-def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales) -> tuple[State, np.ndarray, bool]:
-    """Equilibrium under the stresses that the path asks for, those stresses, and whether dynamics was needed."""
-    path, p, dim = rig.scenario.path, rig.scenario.sample.pressure, rig.dim
+def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -> tuple[State, np.ndarray, bool]:
+    """Equilibrium under the prescribed stresses, these stresses, and whether dynamics was needed.
+
+    Cemented samples begin each step without a factor, so that a continued run has the same bits.
+    """
+    path, p, dim = rig.scenario.path, rig.scenario.stress_scale, rig.dim
+    keep = Factorisation() if rig.scenario.cement else rig.keep
     mass, rearranged, share, before = servo_mass(state, p, scales), False, 0.4, None
     for _ in range(FOLLOWS if depends_on_stress(path) else 1):
         state, outcome = settle(
-            controlled(state, rig.drive, wanted, mass), rig.law, scales, tolerance=rig.tolerance, keep=rig.keep
+            controlled(state, rig.drive, wanted, mass), rig.law, scales, tolerance=rig.tolerance, keep=keep, broke=broke
         )
         rearranged |= outcome.fallback
         if not depends_on_stress(path):
@@ -402,7 +447,7 @@ def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales) -> tuple
 
 
 def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
-    """States at the loads from number `done` on of a test at a rate."""
+    """States at the loads from number `done` of a test at a given rate."""
     scenario = rig.scenario
     path, rate, p = scenario.path, scenario.rate, scenario.sample.pressure
     isotropic = path.kind == "isotropic"

@@ -26,7 +26,7 @@ SMALLEST = {
 
 EXPERIMENT = Experiment(
     scenario=CatalogueScenario,
-    words="events of sheared packings, and what announces them",
+    words="events of sheared packings, and their precursors",
     simulate=_here("simulate.simulate_catalogue"),
     **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),

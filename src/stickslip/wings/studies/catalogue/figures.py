@@ -119,7 +119,7 @@ def _events(number: int) -> str:
 
 @styled
 def classes(counts: dict[str, dict[str, int]]):
-    """Shares of the classes of events, one bar for each law.
+    """Fractions of the classes of events, one bar for each law.
 
     Parameters
     ----------
@@ -132,15 +132,13 @@ def classes(counts: dict[str, dict[str, int]]):
             share = count.get(kind, 0) / total
             axes.barh(row, share, left=left, color=color, height=0.7)
             if share > 0.07:
-                axes.text(
-                    left + share / 2, row, str(count[kind]), ha="center", va="center", color="white", fontsize=6.5
-                )
+                axes.text(left + share / 2, row, str(count[kind]), ha="center", va="center", color="white", fontsize=7)
             left += share
     axes.set_yticks(range(len(counts)), counts)
     axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
     axes.set_xlim(0, 1)
-    label_axes(axes, x="share of events")
+    label_axes(axes, x="fraction of events")
     handles = [
         axes.barh(0, 0, color=color, label=label)
         for kind, (label, color) in CLASSES.items()
@@ -154,7 +152,7 @@ def classes(counts: dict[str, dict[str, int]]):
 def drops(tables: dict[str, _Drops]):
     """Distributions of the stress drop over the pressure and of the size of the jump, by law.
 
-    The shares are those of all events, also of those in which the stress rises, which are not drawn.
+    Fractions refer to all events, including those in which the stress rises, which are not drawn.
 
     Parameters
     ----------
@@ -168,7 +166,7 @@ def drops(tables: dict[str, _Drops]):
             share = np.arange(len(values), 0, -1) / max(1, len(events[column]))
             axes.step(values, share, where="post", color=color, label=law)
         axes.set(xscale="log", yscale="log")
-        label_axes(axes, x=quantity, y="share of events that are larger")
+        label_axes(axes, x=quantity, y="fraction of larger events")
     panels[0].legend(loc="lower left")
     return figure
 
@@ -194,7 +192,7 @@ def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tup
             axes.plot(roc.false_alarms, roc.hits, color=color, label=f"{label} {_area(skill)}", clip_on=False)
         axes.plot([0, 1], [0, 1], ":", color=BLACK, lw=0.7)
         axes.set(xlim=(0, 1), ylim=(0, 1))
-        label_axes(axes, x="share of false alarms", y="share of announced events")
+        label_axes(axes, x="fraction of false alarms", y="fraction of announced events")
         axes.fill_between([], [], color=BLACK, alpha=0.15, lw=0, label="95 % band")
         legend_above(axes, title=f"{title}: area under the curve (95 % interval)".removeprefix(": "), handlelength=1.2)
     for axes in grid.flat[len(panels) :]:

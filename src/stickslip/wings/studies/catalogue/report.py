@@ -30,7 +30,7 @@ def predictor_skills(result: CatalogueResult, **options) -> list[Skill]:
 
 
 def _share(kind: str) -> Quantity:
-    return Quantity(f"share_{kind}", "1", f"share of events of this class: {EventKind[kind.upper()].value}",
+    return Quantity(f"share_{kind}", "1", f"fraction of events of this class: {EventKind[kind.upper()].value}",
                     lambda c: class_counts(c.events)[kind] / c.number if c.number else np.nan)  # fmt: skip
 
 

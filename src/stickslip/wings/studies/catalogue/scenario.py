@@ -14,8 +14,8 @@ class EventShear(ScenarioTable):
     drag: Positive = Field(
         description=(
             "drag of the dynamics that lead from the last stable state to the end of an event, over the largest "
-            "frequency of the packing (2/dt of its largest stable time step); there is no default, because it decides "
-            "which oscillations matter"
+            "frequency of the packing (2/dt of its largest stable time step); there is no default, because it "
+            "determines the unstable oscillations"
         )
     )
     strain: Positive = Field(0.4, description="largest strain of each packing")
@@ -29,17 +29,14 @@ class EventShear(ScenarioTable):
     def _check_lengths(self):
         if self.resolution >= self.step:
             raise ValueError(
-                f"shear.resolution = {self.resolution:g} was given, but it must be smaller than shear.step = "
-                f"{self.step:g}"
+                f"shear.resolution must be smaller than shear.step = {self.step:g}, got {self.resolution:g}"
             )
         if self.step > self.strain:
-            raise ValueError(
-                f"shear.step = {self.step:g} was given, but the largest strain is {self.strain:g}: use smaller steps"
-            )
+            raise ValueError(f"shear.step must be smaller than the largest strain, {self.strain:g}, got {self.step:g}")
         if self.window < self.step * (1 - 1e-9):
             raise ValueError(
-                f"shear.window = {self.window:g} was given, but events between two steps are only seen with at least "
-                f"shear.step = {self.step:g}"
+                f"shear.window must be at least shear.step = {self.step:g}, or events between steps are missed, got "
+                f"{self.window:g}"
             )
         return self
 

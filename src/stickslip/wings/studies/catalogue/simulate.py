@@ -57,8 +57,8 @@ def simulate_catalogue(
 ) -> CatalogueResult:
     """Shear packings with the seeds seed, seed + 1, … until `events` events are found, at most `packings` packings.
 
-    Packings are sheared in batches, as many at a time as can run simultaneously. Those beyond the first that completes
-    the number of events are left out, so that the result does not depend on the number of workers.
+    Packings are sheared in batches, as many at a time as can run simultaneously. Packings beyond the first one that
+    completes the number of events are excluded, so that the result does not depend on the number of workers.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _count(results) -> int:
 
 
 def _batch_size(scenario: CatalogueScenario, done: int, events: int, slots: int) -> int:
-    """Return the number of packings to run next: the slots, or a multiple of them up to half of what is expected."""
+    """Return the number of packings to run next: the slots, or a multiple of them up to half of the expected number."""
     if slots == 1:
         return 1
     needed = ceil((scenario.events - events) * done / events) if events else done

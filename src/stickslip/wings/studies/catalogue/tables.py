@@ -25,12 +25,17 @@ _SPREAD = re.compile(r"(\w+)_(\d+)")
 
 
 def event_table(samples) -> Table:
-    """Return one row for each event of several samples: sample, kind, and the other fields of `Event`."""
+    """Return one row for each event of several samples: sample, kind, and the other fields of `Event` except `broken`.
+
+    The packings of a catalogue have no bonds.
+    """
     rows = [(sample.seed, event) for sample in samples for event in sample.found.events]
     events = [event for _, event in rows]
     places = [_places(event.distances, sample.found.step) for sample in samples for event in sample.found.events]
     out: Table = {"sample": np.array([seed for seed, _ in rows], int)}
     for name in Event._fields:
+        if name == "broken":
+            continue
         values = [getattr(event, name) for event in events]
         if name == "kind":
             out[name] = np.array([kind.name.lower() for kind in values], str)
@@ -88,7 +93,7 @@ def read_table(path: str | Path) -> Table:
 
     Parameters
     ----------
-    path : events.csv or steps.csv in the folder of a run
+    path : events.csv or steps.csv in a run folder
 
     Examples
     --------
@@ -96,7 +101,7 @@ def read_table(path: str | Path) -> Table:
     >>> read_table = ss.experiments.catalogue.read_table
     >>> events = read_table("results/catalogue/events.csv")  # doctest: +SKIP
     """
-    (_, labels), *rows = kit.read_table(path, remedy="give events.csv or steps.csv in the folder of a run")
+    (_, labels), *rows = kit.read_table(path, remedy="give events.csv or steps.csv in a run folder")
     out: dict[str, list] = {}
     for label, cells in zip(labels, np.array([fields for _, fields in rows]).reshape(-1, len(labels)).T, strict=True):
         name, unit = split_label(label)
@@ -107,7 +112,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def stack_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
-    """Stack tables with the same columns, with a first column that names the table each row comes from.
+    """Stack tables with the same columns, with a first column that names the table of each row.
 
     Tables without rows may lack the columns that have several values in each row.
     """
@@ -137,21 +142,21 @@ PREDICTORS = {
     "growth": (1, "growth rate of the fastest pair"),
     "tangent_modulus": (-1, "tangent shear modulus"),
     "switch": (-1, "switch test: smallest eigenvalue with one mobilised contact set to slide"),
-    "loss_ahead": (-1, "strain to the first loss of a contact that leaves an unstable state"),
+    "loss_ahead": (-1, "strain to the first loss of a contact that causes instability"),
 }
-LARGEST = 1e300  # in place of infinite values, so that they are equal to each other
+LARGEST = 1e300  # replaces infinite values, so that they are equal to each other
 RESAMPLES = 1000
-LEVEL = 0.95  # of intervals and bands
-GRID = np.linspace(0, 1, 101)  # shares of false alarms at which bands are computed
+LEVEL = 0.95  # level of intervals and bands
+GRID = np.linspace(0, 1, 101)  # fractions of false alarms at which bands are computed
 
 
 @readable(head=lambda r: f"area {r.area:.3f}")
 class Roc(NamedTuple):
-    """Receiver operating characteristic: what is announced as the threshold falls.
+    """Receiver operating characteristic: announced steps as the threshold falls.
 
-    Each point is the share of announced steps among those that an event follows (`hits`) and among all others
-    (`false_alarms`). The area is the probability that of two random steps, one of each kind, the first has the larger
-    score; ties count one half.
+    Each point is the fraction of announced steps among those followed by an event (`hits`) and among all others
+    (`false_alarms`). The area is the probability that a random step of the first kind has a larger score than one of
+    the second; ties count one half.
     """
 
     false_alarms: np.ndarray  # (T,) from 0 to 1
@@ -180,12 +185,14 @@ def roc(score: np.ndarray, followed: np.ndarray, weight: np.ndarray | None = Non
     """
     score = np.asarray(score, float)
     if not len(score) == len(followed) or not np.isfinite(score).all():
-        raise ValueError(f"score has {len(score)} entries and followed {len(followed)}: give finite numbers, one each")
+        raise ValueError(
+            f"score and followed must be finite and have equal lengths, got {len(score)} and {len(followed)}"
+        )
     return _curve(*_ranking(score), np.asarray(followed, bool), np.ones(len(score)) if weight is None else weight)
 
 
 def _ranking(score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order of falling scores, and the last place of each group of equal scores in that order."""
+    """Return the order of falling scores, and the last position of each group of equal scores in that order."""
     order = np.argsort(-score, kind="stable")
     return order, np.flatnonzero(np.diff(score[order], append=np.nan) != 0)
 
@@ -208,7 +215,7 @@ class Skill(NamedTuple):
     roc: Roc
     low: float  # interval of the area; NaN with fewer than two packings
     high: float
-    band: np.ndarray  # (2, 101) interval of the hits at the shares of false alarms 0, 0.01, …, 1
+    band: np.ndarray  # (2, 101) interval of the hits at fractions of false alarms 0, 0.01, …, 1
     steps: int  # steps with a value
     followed: int  # steps that an event follows within the window
     packings: int

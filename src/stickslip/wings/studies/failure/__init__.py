@@ -1,4 +1,4 @@
-"""Failure of a packing from a file: sheared or compressed from where it is, with forecasts of its next event."""
+"""Failure of a packing from a file: sheared or compressed from its present state, with forecasts of its next event."""
 
 from functools import partial
 
@@ -27,7 +27,7 @@ EXPERIMENT = Experiment(
     **lazy_functions(__name__, "report", "numbers", "show", "figures", "files"),
     measures=_here("report.MEASURES"),
     references=references,
-    writes=(r"(curve|pairs|events|contacts|forecasts)\.csv",),
+    writes=(r"(curve|pairs|events|contacts|breaks|forecasts)\.csv",),
     smallest=(SMALLEST,),
     parallel=False,
 )

@@ -9,6 +9,7 @@ from .... import __version__
 from ....figures import failure_path
 from ....kit import (
     CHANGES,
+    FAILURES,
     Fields,
     Measures,
     PageContent,
@@ -32,9 +33,9 @@ from .simulate import FailureResult
 STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
 SHOWN = 12  # events in a table for people
 RECORD = (
-    "An interval is meant to contain 80 % of the events that come. Many that are announced do not come, above all with "
-    "friction; the softest eigenvalue announces few at usual steps, and forecasts of pairs were no better than their "
-    "last spacing. stickslip docs failure has the record."
+    "An interval should contain 80 % of the events that occur. Many predicted events do not occur, above all "
+    "with friction; the softest eigenvalue predicts few at usual steps, and forecasts of pairs were no better than "
+    "their last spacing: see stickslip docs failure."
 )
 CURVE = Quantities([
     Quantity("strain", "1", "strain from the first state"),
@@ -47,11 +48,13 @@ CURVE = Quantities([
     Quantity("negative", "1", "directions of negative stiffness"),
     Quantity("touching", "1", "contacts"),
     Quantity("sliding", "1", "contacts at the Coulomb limit"),
-    Quantity("loss ahead", "1", "strain to the loss of a contact that leaves an unstable state", "loss_ahead"),
+    Quantity("loss ahead", "1", "strain to the loss of a contact that causes instability", "loss_ahead"),
     Quantity("verdict", "1", "on the motion without drag"),
+    Quantity("bonds", "1", "intact bonds"),
+    Quantity("bond share", "1", "largest share of its strength that a bond bears", "bond_share"),
 ])  # fmt: skip
 LIVES = Quantities([
-    Quantity("born below", "1", "strain at which the pair is not there yet", "born_below"),
+    Quantity("born below", "1", "strain at which the pair does not yet exist", "born_below"),
     Quantity("born", "1", "strain at which it is there"),
     Quantity("died", "1", "last strain at which it is there"),
     Quantity("died above", "1", "strain at which it is gone", "died_above"),
@@ -75,15 +78,22 @@ EVENTS = Quantities([
 CONTACTS = Quantities([
     Quantity("above", "1", "strain before the step", lambda row: row[0]),
     Quantity("strain", "1", "strain after it", lambda row: row[1]),
-    Quantity("what", "1", "what the contact does", lambda row: row[2]),
+    Quantity("what", "1", "change of the contact", lambda row: row[2]),
     Quantity("i", "1", "grain", lambda row: row[3]),
     Quantity("j", "1", "other grain", lambda row: row[4]),
     Quantity("event", "1", "1 in a step with an event", lambda row: row[5]),
 ])  # fmt: skip
+BREAKS = Quantities([
+    Quantity("below", "1", "last strain without the event in which the bond breaks", lambda row: row[0]),
+    Quantity("strain", "1", "strain with it", lambda row: row[1]),
+    Quantity("i", "1", "grain", lambda row: row[2]),
+    Quantity("j", "1", "other grain", lambda row: row[3]),
+    Quantity("by", "1", "load that broke it", lambda row: row[4]),
+])  # fmt: skip
 FORECASTS = Quantities([
     Quantity("made at", "1", "strain at which the forecast was made", "made"),
     Quantity("of", "1", "next event or next pair", "of"),
-    Quantity("from", "1", "what it rests on", "basis"),
+    Quantity("from", "1", "basis of the forecast", "basis"),
     Quantity("strain", "1", "forecast strain"),
     Quantity("low", "1", "lower end of the interval"),
     Quantity("high", "1", "upper end of the interval"),
@@ -100,6 +110,9 @@ MEASURES = Measures([
     Quantity("stress", STRESS, "stress at the end", lambda f: f.steps[-1].stress),
     Quantity("first_pair", "1", "strain of the first complex pair", lambda f: f.onset.load if f.onset else np.nan),
     Quantity("first_event", "1", "strain of the first event", lambda f: _first(e.strain for e in f.events)),
+    Quantity("first_break", "1", "strain at which the first bond breaks",
+             lambda f: _first(e.strain for e in f.events if len(e.broken))),
+    Quantity("broken", "1", "bonds that broke", lambda f: float(sum(len(e.broken) for e in f.events))),
     Quantity("events", "1", "number of events", lambda f: float(len(f.events))),
     Quantity("pairs", "1", "complex pairs at the end", lambda f: float(f.steps[-1].pairs)),
     Quantity("growth_rate", RATE, "growth rate at the end, without drag", lambda f: f.steps[-1].growth),
@@ -122,12 +135,20 @@ def files(result: FailureResult):
     yield "pairs.csv", lambda path: LIVES.write(path, found.pairs, digits=None)
     yield "events.csv", lambda path: EVENTS.write(path, found.events, digits=None)
     yield "contacts.csv", lambda path: CONTACTS.write(path, _contact_rows(found), digits=None)
+    if found.steps[0].state.bonds:
+        yield "breaks.csv", lambda path: BREAKS.write(path, _break_rows(found), digits=None)
     yield "forecasts.csv", lambda path: FORECASTS.write(path, found.forecasts, digits=None)
     yield "report.html", partial(_write_page, result)
 
 
+def _break_rows(found) -> list[tuple]:
+    """Rows of the table of bonds that broke: bracket of the event, grains, and load."""
+    rows = [(event, *row) for event in found.events for row in event.broken.tolist()]
+    return [(event.below, event.strain, i, j, FAILURES[how]) for event, i, j, how in rows]
+
+
 def _contact_rows(found) -> list[tuple]:
-    """Rows of the table of contacts: step, what happened, grains."""
+    """Rows of the table of contacts: step, change, grains."""
     return [
         (before.strain, step.strain, CHANGES[what], int(i), int(j), int(bool(step.events)))
         for before, step in zip(found.steps, found.steps[1:], strict=False)
@@ -136,7 +157,7 @@ def _contact_rows(found) -> list[tuple]:
 
 
 def decisive_points(found) -> dict[str, PathStep]:
-    """Steps whose states are stored: the ends of the path, and those on both sides of the first pair and of events."""
+    """Steps whose states are stored: the ends of the path, and both sides of the first pair and of events."""
     steps = found.steps
     chosen = {0, len(steps) - 1}
     born = next((k for k, step in enumerate(steps) if step.pairs), 0)
@@ -165,10 +186,10 @@ def numbers(result: FailureResult) -> dict:
 
 
 def sentences(result: FailureResult) -> list[str]:
-    """Return what became of the packing, the verdict, forecasts and notes, a sentence each."""
+    """Return sentences on the outcome, the verdict, forecasts and notes."""
     found = result.found
     out = [f"{found.end[0].upper()}{found.end[1:]}.", f"Verdict on the last state: {found.verdict}."]
-    out += [f"{one}." for one in found.forecasts] or ["No forecast: nothing approaches zero on the last steps."]
+    out += [f"{one}." for one in found.forecasts] or ["No forecast: no quantity approaches zero in the last steps."]
     return [*out, *result.notes]
 
 
@@ -180,6 +201,10 @@ def _event_rows(found) -> list[list[str]]:
     return rows
 
 
+def _broken_rows(found) -> list[list[str]]:
+    return [[f"{strain:.6g}", f"{i}–{j}", how] for _, strain, i, j, how in _break_rows(found)]
+
+
 def _decisive_rows(found) -> list[list[str]]:
     return [
         [f"{one.i}–{one.j}", one.what, f"{one.mobilised:.3g}" if np.isfinite(one.mobilised) else "–",
@@ -188,6 +213,7 @@ def _decisive_rows(found) -> list[list[str]]:
     ]  # fmt: skip
 
 
+BREAK_HEAD = ("strain", "bond of grains", "broke by")
 EVENT_HEAD = ("strain", "event", "contact", "stress drop over p", "jump in diameters")
 
 
@@ -196,12 +222,13 @@ def _decisive_head() -> tuple[str, ...]:
 
 
 def show(result: FailureResult) -> None:
-    """Print what became of the packing."""
+    """Print the outcome of the packing."""
     found = result.found
     for line in sentences(result):
         console.print(line)
     for title, head, rows in (
-        ("Events", EVENT_HEAD, _event_rows(found)), ("Decisive contacts", _decisive_head(), _decisive_rows(found))
+        ("Events", EVENT_HEAD, _event_rows(found)), ("Bonds", BREAK_HEAD, _broken_rows(found)[:SHOWN]),
+        ("Decisive contacts", _decisive_head(), _decisive_rows(found)),
     ):  # fmt: skip
         if rows:
             table = new_table(*head, title=title, left=head[:3])
@@ -227,6 +254,8 @@ def _write_page(result: FailureResult, path: Path) -> None:
         sections.append(("Forecasts", page.table(head, rows) + page.paragraph(RECORD, kind="soft")))
     if rows := _event_rows(found):
         sections.append(("Events", page.table(list(EVENT_HEAD), rows)))
+    if rows := _broken_rows(found):
+        sections.append(("Bonds that broke", page.table(list(BREAK_HEAD), rows)))
     if rows := _decisive_rows(found):
         sections.append(("Decisive contacts of the last state", page.table(list(_decisive_head()), rows)))
     if rows := [[f"{a:.5g} to {b:.5g}", what, f"{i}–{j}"] for a, b, what, i, j, _ in _contact_rows(found)[:60]]:

@@ -12,20 +12,24 @@ class Input(ScenarioTable):
 
     file: str = Field(description="packing in any format, or the folder of a LAMMPS run; relative to the scenario")
     frame: str | None = Field(None, description="state to read from an archive, GSD file or dump")
-    contacts: str | None = Field(None, description="`dump local` with the contact forces, or a table of measured ones")
+    contacts: str | None = Field(
+        None, description="`dump local` with the contact forces, or a table of measured forces"
+    )
     columns: str | None = Field(None, description="names of its columns")
     boundary: str | None = Field(None, description="boundaries as in LAMMPS, if the file does not give them")
     atom_style: str | None = Field(None, description="sphere, if a data file does not name its style")
     i0: Positive | None = Field(None, description="I0 in the moment of inertia I0 m R²")
     settle: bool = Field(False, description="whether it comes to rest under its law first")
-    digest: str | None = Field(None, description="of the packing; added by `stickslip shear`, another one is refused")
+    digest: str | None = Field(
+        None, description="of the packing; added by `stickslip shear`, a different one is rejected"
+    )
 
 
 class InputLaw(LawOrFile):
-    """Law of the packing where its file has none, or another one; keys that are not given are those of the file."""
+    """Law of the packing if its file has none, or to replace it; missing keys are those of the file."""
 
     kind: Literal[*BY_NAME] | None = Field(None, description="name of a built-in law")
-    coulomb: Literal["smooth", "sharp"] | None = Field(None, description="how F_t approaches the Coulomb limit")
+    coulomb: Literal["smooth", "sharp"] | None = Field(None, description="transition of F_t to the Coulomb limit")
     kn: Positive | None = Field(None, description="k_n, in a unit that depends on `kind`")
     kt: NotNegative | None = Field(None, description="k_t, as `kn`")
     mu: NotNegative | None = Field(None, description="friction coefficient")
@@ -41,10 +45,11 @@ class InputLaw(LawOrFile):
 
 
 class Until(ScenarioTable):
-    """How the packing is loaded, and until when."""
+    """Loading of the packing, and its end."""
 
-    until: Literal["first-pair", "first-event"] | Finite = Field(
-        "first-event", description="first-pair, first-event or a strain; a negative one shears back or unloads"
+    until: Literal["first-pair", "first-event", "first-break"] | Finite = Field(
+        "first-event",
+        description="first-pair, first-event, first-break of a bond, or a strain, negative to shear back or unload",
     )
     mode: Literal["simple", "pure", "isotropic", "uniaxial"] = Field(
         "simple", description="simple: shear γ along x; pure: γ = ln(Lx/Ly); isotropic: ε = −ln V; uniaxial: ε = −ln Ly"
@@ -57,7 +62,7 @@ class Until(ScenarioTable):
         None, description="strain at which the path ends without an instability; default: 500 steps"
     )
     drag: Positive | None = Field(
-        None, description="of the dynamics that decide over events; default: a tenth of the highest frequency [1/time]"
+        None, description="of the dynamics that determine events; default: a tenth of the highest frequency [1/time]"
     )
 
 

@@ -30,7 +30,7 @@ from .scenario import FailureScenario
 
 
 class Packed(NamedTuple):
-    """A packing with its law, as it was read."""
+    """A packing with its law, as read."""
 
     state: State
     law: Law
@@ -42,7 +42,7 @@ class FailureResult(NamedTuple):
     """Result of a failure scenario."""
 
     scenario: FailureScenario
-    notes: tuple[str, ...]  # on what was read
+    notes: tuple[str, ...]  # on the input
     found: Failure
 
     @property
@@ -52,7 +52,7 @@ class FailureResult(NamedTuple):
 
 
 def read_input(scenario: FailureScenario) -> Packed:
-    """Read the packing of a scenario, and let it come to rest if asked for; refuse one that cannot be sheared.
+    """Read the packing of a scenario, and let it come to rest if requested; reject one that cannot be sheared.
 
     Raises
     ------
@@ -69,8 +69,6 @@ def read_input(scenario: FailureScenario) -> Packed:
     notes = [*notes, *said]
     if acts := [note.reason for note in notes if isinstance(note, Obstacle)]:
         raise ScenarioError(f"{given.file} cannot be sheared: {'; '.join(acts)}")
-    if state.bonds:
-        raise ScenarioError(f"{given.file} cannot be sheared: its bonds would not break along the path")
     if given.settle:
         state, calm = let_settle(state, its_law)
         notes.append(f"settled: {calm.how}; {calm}")
@@ -84,11 +82,11 @@ def read_input(scenario: FailureScenario) -> Packed:
 
 
 def digest_of(packed: Packed) -> str:
-    """Digest of the grains, the cell, the contacts and the law of a packing."""
+    """Digest of the grains, the cell, the contacts, the bonds and the law of a packing."""
     out = hashlib.sha256(repr(packed.law).encode())
     state, count = packed.state, int(packed.state.contacts.count[0])
     parts = [state.grains.position, state.grains.radius, state.grains.mass, state.cell.vectors]
-    parts += [state.contacts.key[:count], state.contacts.slip[:count], packed.law.table]
+    parts += [state.contacts.key[:count], state.contacts.slip[:count], packed.law.table, *(state.bonds or ())]
     for part in parts:
         out.update(np.ascontiguousarray(part).tobytes())
     return out.hexdigest()[:16]
@@ -111,9 +109,9 @@ def simulate_failure(
 
     Parameters
     ----------
-    folder : run folder, in which the packing and each strain step are saved as soon as they are finished; a run that
-        was killed continues with the same bits
-    workers : not used, since each step begins where the one before ended
+    folder : run folder, in which the packing and each strain step are saved as soon as they are finished; a killed run
+    continues bitwise identically
+    workers : not used, since each step starts from the previous one
     report : called as report(stage, share done, text)
     """
     kept = _kept(folder, scenario)

@@ -28,6 +28,7 @@ from ....kit import (
     plot_fast,
     styled,
     subplots,
+    unit_name,
     with_unit,
     zoomed,
 )
@@ -80,18 +81,25 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
         axes.set_title(f"$t$ = {time}{words}", fontsize=7, pad=2)
     for axes in panels.flat[len(shown) :]:
         axes.axis("off")
+    length = _length_unit(result, shown[0])
     for axes in panels[-1]:
-        label_axes(axes, x=("$x$", "length"))
-    for axes in panels[:, 0]:
-        label_axes(axes, y=("$y$", "length"))
+        label_axes(axes, x=("$x$", length))
+    for axes in panels[:, 0] if columns > 1 else panels[[shares.argmax()], 0]:  # low panels have no room for words
+        label_axes(axes, y=("$y$", length))
     bar = figure.colorbar(drawn, ax=panels, location="bottom", shrink=0.6, aspect=40, pad=0.02, extend="max")
-    label_axes(bar.ax, x=("speed", "length/time"))
+    label_axes(bar.ax, x=("speed", "length/time" if length == "length" else f"{length} / time unit"))
     handles = [Line2D([], [], color=WALL, lw=1, label="walls")] if len(shown[0].walls.point) else []
     if len(loose) < len(shown[0].grains.radius):
         handles.append(Line2D([], [], ls="", marker="o", mfc="0.6", mec=BLACK, mew=0.3, label="grains of the plates"))
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
+
+
+def _length_unit(result, state) -> str:
+    """Unit of length: diameters, if that of the grains is 1 in the mean and the scenario names no units."""
+    mean = 2 * state.grains.radius[result.poured.loose].mean()
+    return "diameters" if unit_name("length") == "length" and abs(mean - 1) < 0.05 else "length"
 
 
 def _select_frames(result) -> list:
@@ -149,7 +157,7 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
     for stage in result.stages:
         panels[0].text(
             0.5 * (stage.start + stage.end), 1.02, stage.name, transform=panels[0].get_xaxis_transform(), ha="center",
-            fontsize=6.5,
+            fontsize=7,
         )  # fmt: skip
     label_axes(panels[-1], x=("time $t$", "time"))
     panels[-1].set_xlim(0, time[-1])
@@ -175,7 +183,7 @@ def _plot_extent(axes, series) -> None:
     for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
         axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
         axes.plot(series.time, series.high[:, k], color=color, ls="--", label=end)
-    label_axes(axes, y=("position", "length"))
+    label_axes(axes, y=("position\n", "length"))
     legend_above(axes)
 
 
@@ -201,7 +209,7 @@ def _plot_plates(top, bottom, series, names) -> None:
     legend_above(top)
     height = np.ptp(series.plate_position[:, :, 1], axis=1)
     bottom.plot(series.time, height, color=BLUE)
-    label_axes(bottom, y=("distance of\nthe plates", "length"))
+    label_axes(bottom, y=("plate distance\n", "length"))
 
 
 _Profile = Annotated[Any, Array((2,), finite=False)]  # NaN where there are no grains
@@ -217,7 +225,9 @@ def velocity_profile(edges: Series, velocity: _Profile, deviation: _Profile):
     velocity, deviation : (bins, 3) [length/time]
     """
     if not len(velocity) == len(deviation) == len(edges) - 1:
-        raise ValueError(f"{len(velocity)} velocities were given for {len(edges)} edges of bins: give one for each bin")
+        raise ValueError(
+            f"velocity must have one value for each bin, but there are {len(velocity)} values and {len(edges)} edges"
+        )
     figure, axes = column_axes(1, 2.6)
     height = 0.5 * (edges[:-1] + edges[1:])
     axes.errorbar(

@@ -38,7 +38,7 @@ class Poured(NamedTuple):
 
     @property
     def loose(self) -> np.ndarray:
-        """Indices of the grains that belong to no plate."""
+        """Indices of the grains outside plates."""
         return np.flatnonzero(self.state.control.group[: len(self.state.grains.radius)] < 0)
 
 
@@ -162,9 +162,9 @@ def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
         raise ScenarioError(f"the region of grains has room for {cells:.0e} grains: use a smaller region")
     if len(sites) < len(radius):
         raise ScenarioError(
-            f"grains.number = {len(radius)} was given, but the region from {list(chosen.low)} to {list(chosen.high)} "
-            f"has room for {len(sites)} grains of radius {largest:.4g} clear of walls and plates: use a larger "
-            f"region, fewer grains or a smaller gap"
+            f"grains.number = {len(radius)} is too large, as the region from {list(chosen.low)} to "
+            f"{list(chosen.high)} has room for {len(sites)} grains of radius {largest:.4g} clear of walls and plates: "
+            "use a larger region, fewer grains or a smaller gap"
         )
     out = sites[: len(radius)]
     out[:, :dim] += rng.uniform(-1, 1, (len(out), dim)) * JITTER * chosen.gap * largest
@@ -249,8 +249,8 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
     unit = float(np.sqrt(lightest / largest_stiffness(law, r_eff, depth)))
     if scenario.dt is not None and scenario.dt > LIMIT * unit:
         raise ScenarioError(
-            f"dt = {scenario.dt:g} was given, but with six contacts on the lightest grain, the largest stable value is "
-            f"{LIMIT * unit:.3g}: give a smaller value, or leave dt out to use {SAFETY * unit:.3g}"
+            f"dt = {scenario.dt:g} exceeds the largest stable value for six contacts on the lightest grain, "
+            f"{LIMIT * unit:.3g}: use a smaller one, or leave dt out to use {SAFETY * unit:.3g}"
         )
     dt = scenario.dt or SAFETY * unit
     texts = f"with dt = {dt:.3g}, the stages take", "use softer grains or shorter stages"

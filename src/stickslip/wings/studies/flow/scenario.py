@@ -49,8 +49,8 @@ def _check_course(value):
     table = isinstance(value, list | tuple) and len(value) > 1
     if not (number or table or isinstance(value, dict | Shaking)):
         raise ValueError(
-            f"a velocity of {str(value)[:100]!r} was given: use a number, a table [[time, velocity], …] of two or more "
-            f"rows, or {{amplitude, frequency, phase}}"
+            f"a velocity of {str(value)[:100]!r} is not allowed: use a number, a table [[time, velocity], …] of two "
+            f"or more rows, or {{amplitude, frequency, phase}}"
         )
     return tuple(value) if table else value
 
@@ -170,7 +170,7 @@ class Plate(ScenarioTable):
 
 
 class Stage(ScenarioTable):
-    """A part of the run, and the changes at its start; everything else stays as it was."""
+    """A part of the run, and the changes at its start; everything else is unchanged."""
 
     name: Name = Field(description="name in progress messages and files")
     duration: Positive = Field(description="duration, or maximum duration with `until` [time]")
@@ -260,7 +260,7 @@ class FlowScenario(ScenarioBase):
         if (periodic or self.plates) and size is None:
             raise ValueError("cell.size is missing: periodic axes and plates need it")
         if size is not None and min(size) <= 0:
-            raise ValueError(f"cell.size = {list(size)} was given: every length must be positive")
+            raise ValueError(f"all lengths of cell.size must be positive, got {list(size)}")
         for axis in periodic:
             k = AXES.index(axis)
             if k >= dim:

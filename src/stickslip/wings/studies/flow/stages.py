@@ -20,7 +20,7 @@ from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 
 
 def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Engine:
-    """Return LAMMPS as an engine; it reads what ran elsewhere if the folder was written by `export`.
+    """Return LAMMPS as an engine; in a folder written by `export`, it reads results of runs elsewhere.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def export(scenario: FlowScenario, folder: Path) -> list[Path]:
     """
     if scenario.law.file is not None:
         raise ScenarioError(
-            f"--export was given with law.file = {scenario.law.file}: LAMMPS has only built-in laws; set law.kind"
+            f"--export does not support law.file = {scenario.law.file}, as LAMMPS has only built-in laws: set law.kind"
         )
     legs = stage_legs(scenario, poured(scenario))
     for leg in legs:
@@ -84,7 +84,7 @@ class StageConditions(NamedTuple):
     """Conditions during a stage."""
 
     walls: tuple[str, ...]  # names of the remaining walls
-    motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
+    motion: dict[str, dict]  # motion of walls and plates, by axis: ("velocity", values, start time) or ("force", value)
     gravity: tuple[float, ...]
     drag: float
 
@@ -185,7 +185,7 @@ def stage_leg(
     begin: float,
     done: int = 0,
 ) -> Leg:
-    """Return what remains of a stage that began at a time, after a number of its samples."""
+    """Return the rest of a stage that began at a time, after a number of its samples."""
     stage = scenario.stages[number]
     before = round((state.time - begin) / start.dt)
     steps = round((begin + stage.duration - state.time) / start.dt)
@@ -197,7 +197,7 @@ def stage_leg(
 
 
 def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
-    """Return the courses that are sines, which LAMMPS evaluates as such, by their column in the control."""
+    """Return the sinusoidal velocities, for which LAMMPS has a formula, by their column in the control."""
     waves, n = {}, len(state.grains.radius)
     for name, axes in conditions.motion.items():
         if name not in (*conditions.walls, *start.plates):

@@ -39,9 +39,9 @@ KICKED = Quantities([
     Quantity("velocity", "length/time", "root mean square velocity of a kick"),
     Quantity("runs", "1", "number of runs"),
     Quantity("slid", "1", "runs that slid"),
-    Quantity("share", "1", "share that slid", lambda kicked: kicked.slid / kicked.runs),
-    Quantity("lasting", "1", "runs that slid and went on"),
-    Quantity("lasting share", "1", "share that slid and went on", lambda kicked: kicked.lasting / kicked.runs),
+    Quantity("share", "1", "fraction that slid", lambda kicked: kicked.slid / kicked.runs),
+    Quantity("lasting", "1", "runs that slid and continued"),
+    Quantity("lasting share", "1", "fraction that slid and continued", lambda kicked: kicked.lasting / kicked.runs),
     Quantity("median lifetime", "time", "median time until a run slid", "lifetime"),
 ])  # fmt: skip
 
@@ -89,7 +89,7 @@ def show(result: ThresholdResult) -> None:
         console.print(f"  {sentence}", soft_wrap=True)
     if left := [load for load in result.scenario.load.loads if load > result.path[-1].load]:
         console.print(
-            f"No kicks at {', '.join(f'{load:.4g}' for load in left)}: the sample slides by itself there.",
+            f"No kicks at {', '.join(f'{load:.4g}' for load in left)}, where the sample slides spontaneously.",
             style="yellow", soft_wrap=True,
         )  # fmt: skip
 
@@ -103,11 +103,11 @@ MEASURES = Measures([
     _by_kick("threshold", "load at which half of the runs slide, after kicks of a velocity", lambda f: f.threshold),
     _by_kick("threshold_low", "lower end of its interval", lambda f: f.interval[:, 0]),
     _by_kick("threshold_high", "upper end of its interval", lambda f: f.interval[:, 1]),
-    _by_kick("largest_share", "largest share of runs that slide", lambda f: f.probability.max(axis=0)),
-    _by_kick("lasting_threshold", "load at which half of the runs slide and go on", lambda f: f.lasting_threshold),
+    _by_kick("largest_share", "largest fraction of runs that slide", lambda f: f.probability.max(axis=0)),
+    _by_kick("lasting_threshold", "load at which half of the runs slide and continue", lambda f: f.lasting_threshold),
     _by_kick("lasting_threshold_low", "lower end of its interval", lambda f: f.lasting_interval[:, 0]),
     _by_kick("lasting_threshold_high", "upper end of its interval", lambda f: f.lasting_interval[:, 1]),
-    _by_kick("largest_lasting_share", "largest share of runs that slide and go on",
+    _by_kick("largest_lasting_share", "largest fraction of runs that slide and continue",
              lambda f: f.lasting_probability.max(axis=0)),
     Quantity("arrest_low", "1", "lowest end of the brackets of arrest on ramps down",
              lambda r: r.found.arrest_range[0]),

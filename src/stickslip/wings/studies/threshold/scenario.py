@@ -1,6 +1,6 @@
 """Scenario of the kinetic threshold of a sample: an array of disks, a periodic packing, or gouge between plates.
 
-The load is the macroscopic friction, shear force over normal force, whatever the sample.
+For every sample, the load is the macroscopic friction, shear force over normal force.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ LEGS_AT_LEAST = 40  # time steps of a run
 
 def _require_list(name: str, value, example: str):
     if not isinstance(value, list | tuple) or not value:
-        raise ValueError(f"{name} = {value!r} was given: give a list of one or more numbers, such as {example}")
+        raise ValueError(f"{name} must be a list of one or more numbers, such as {example}, got {value!r}")
     return value
 
 
@@ -78,7 +78,7 @@ class GougeSample(ScenarioTable):
 
     @property
     def recipe(self) -> GougeScenario:
-        """Scenario by which the gouge experiment prepares the sample; what it would do afterwards is not run."""
+        """Scenario of the gouge experiment that prepares the sample, without its further tests."""
         later = Preparation(velocity=self.grains.mean / self.dt * 1e-6, **self.preparation.model_dump())
         return GougeScenario(
             grains=self.grains, law=self.law, cell=self.cell, load=GougeLoad(normal_stress=self.normal_stress),
@@ -113,7 +113,7 @@ class Raise(ScenarioTable):
     @classmethod
     def _check_loads(cls, value):
         if list(value) != sorted(set(value)):
-            raise ValueError(f"load.loads = {list(value)} was given, but loads must rise: sort them")
+            raise ValueError(f"load.loads must increase, got {list(value)}: sort them")
         return value
 
 
@@ -126,7 +126,9 @@ class Kicks(ScenarioTable):
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         10, description="runs at each load and velocity, which differ in their random numbers"
     )
-    duration: Positive = Field(40_000.0, description="of a run; one that slides continues for as long again [time]")
+    duration: Positive = Field(
+        40_000.0, description="of a run; one that slides continues for the same duration again [time]"
+    )
     dt: Positive | None = Field(None, description="time step; default: a fifth of the largest stable one [time]")
     drag: NotNegative = Field(0.0, description="drag on translations and rotations per unit mass [1/time]")
     distance: Positive = Field(
@@ -151,15 +153,15 @@ class Kicks(ScenarioTable):
     @classmethod
     def _check_velocities(cls, value):
         if len(set(value)) < len(value):
-            raise ValueError(f"kicks.velocities = {list(value)} was given: give each velocity once")
+            raise ValueError(f"kicks.velocities must be distinct, got {list(value)}")
         return value
 
     @model_validator(mode="after")
     def _check_time_step(self):
         if self.dt is not None and not LEGS_AT_LEAST * self.dt <= self.duration:
             raise ValueError(
-                f"kicks.dt = {self.dt:g} was given for runs of {self.duration:g}: at least {LEGS_AT_LEAST} steps are "
-                f"needed"
+                f"kicks.dt = {self.dt:g} is too large for runs of {self.duration:g}, which need at least "
+                f"{LEGS_AT_LEAST} steps"
             )
         return self
 

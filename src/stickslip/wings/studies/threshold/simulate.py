@@ -93,22 +93,20 @@ def _time_step(how: Kicks, state: State, law: Law) -> float:
 
 
 def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:
-    """Raise ScenarioError, before anything is saved, if runs of a sample without shear load would blow up."""
+    """Raise ScenarioError, before anything is saved, if runs of a sample without shear load would be unstable."""
     how, dt = scenario.kicks, _time_step(scenario.kicks, state, law)
     longest, radius = stable_time_step(state, law), state.grains.radius.min()
     if dt > longest:
         raise ScenarioError(
-            f"kicks.dt = {dt:g} was given, but the largest stable time step of the sample is {longest:.3g}: use a "
-            f"fifth of it, or leave dt out"
+            f"kicks.dt = {dt:g} exceeds the largest stable time step of the sample, {longest:.3g}: use a fifth of "
+            "that, or leave dt out"
         )
     if how.duration / dt > 1e9:
-        raise ScenarioError(
-            f"kicks.duration = {how.duration:g} was given, more than 1e9 time steps of {dt:.3g}: use shorter runs"
-        )
+        raise ScenarioError(f"kicks.duration = {how.duration:g} exceeds 1e9 time steps of {dt:.3g}: use shorter runs")
     if max(how.velocities) * dt > radius:
         raise ScenarioError(
-            f"kicks.velocities has {max(how.velocities):g}, with which grains move by more than a radius in a time "
-            f"step of {dt:.3g}: use velocities below {radius / dt:.2g}"
+            f"kicks.velocities = {max(how.velocities):g} moves grains by more than a radius in a time step of "
+            f"{dt:.3g}: use velocities below {radius / dt:.2g}"
         )
 
 
@@ -157,7 +155,7 @@ def simulate_threshold(
     NotInEquilibriumError
         If the sample has no equilibrium without shear load.
     ScenarioError
-        If it slides by itself below the smallest load at which it is to be kicked, or if its runs would blow up.
+        If it slides spontaneously below the smallest load of the kicks, or if its runs would be unstable.
     RuntimeError
         If a run blows up.
 

@@ -1,0 +1,137 @@
+"""Tables of bonds beside a packing: a row for each, with its two grains, stiffnesses and strengths.
+
+Columns are described once, in `NAMES`. Those of YADE are attributes of `CohFrictPhys` and `JCFpmPhys`: stiffnesses of a
+bond and the loads at which it breaks, in tension or in shear, whichever comes first. Those of PFC are properties of
+`linearpbond`, per area of the cement, from which a parallel bond follows.
+
+Source: documentation of YADE, classes CohFrictPhys and JCFpmPhys; of PFC 7, linear parallel bond model.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...core.contacts.bonding import bonded
+from ...core.laws.bonds import BY_BEAM, UNBREAKABLE, beam_bond, coefficients, parallel_bond
+from ...core.readable import pluralize
+from ...core.state import State
+from ..sample import Assumption, PackingError
+from .columns import plain_name
+from .content import HEAD, head_text, read_content
+from .force_lists import ALIASES
+from .table_file import names_of, read_columns
+
+NAMES = {  # what is read from a column: its names here and in YADE, then in PFC
+    "i": (*ALIASES["i"], "end1", "ball1", "contactend1"),
+    "j": (*ALIASES["j"], "end2", "ball2", "contactend2"),
+    "kn": ("kn", "normalstiffness"), "ks": ("ks", "shearstiffness", "kt"),
+    "kb": ("kb", "kr", "krb", "bendingstiffness"), "kw": ("kw", "ktw", "twistingstiffness"),
+    "tension": ("tension", "normaladhesion", "fnmax", "strengthn"),
+    "shear": ("shear", "shearadhesion", "fsmax", "strengths"),
+    "bending": ("bending", "rollingadhesion", "strengthb"), "twisting": ("twisting", "twistingadhesion", "strengtht"),
+    "broken": ("broken", "cohesionbroken", "isbroken"),
+    "pb_kn": ("pbkn",), "pb_ks": ("pbks",), "pb_ten": ("pbten",), "pb_coh": ("pbcoh",), "pb_rmul": ("pbrmul",),
+    "pb_state": ("pbstate",), "pb_fa": ("pbfa",),
+}  # fmt: skip
+KNOWN = {other: name for name, others in NAMES.items() for other in others}
+NEEDED = "i, j and kn, ks (forces per length), or i, j and pb_kn, pb_ks (per area, as in PFC)"
+BONDED = 3  # `pb_state` of a parallel bond; 1 broke in tension, 2 in shear, 0 was never bonded
+
+
+def _name(word: str) -> str:
+    return KNOWN.get(plain_name(word), "")
+
+
+def is_table_of_bonds(path: Path) -> bool:
+    """Return True for a table whose headings name two grains and the stiffness of a bond between them."""
+    lines = [line for line in head_text(read_content(path, HEAD)).splitlines() if line.strip()]
+    found = [set(map(_name, names_of(line) or [])) for line in lines[:20]]
+    return any({"i", "j"} <= names and names & {"kn", "pb_kn"} for names in found)
+
+
+def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
+    """State whose grains are bonded as a table says, at rest as they are, and notes on what was assumed.
+
+    Raises
+    ------
+    PackingError
+        if columns are missing or repeated, if a stiffness or strength is not allowed, or a grain does not exist.
+    """
+    columns, notes = read_columns(path, {}, lambda names: {"i", "j"} <= set(map(_name, names)))
+    known = {}
+    for word, values in columns.items():
+        name = _name(word)
+        if name in known:
+            raise PackingError(f"{path} has two columns for {name}: keep one")
+        if name:
+            known[name] = np.asarray(values, float)
+    of_pfc = "pb_kn" in known
+    if not ({"i", "j"} <= set(known) and {"pb_ks" if of_pfc else "ks", "pb_kn" if of_pfc else "kn"} <= set(known)):
+        raise PackingError(f"{path} has the columns {' '.join(list(columns)[:20])}: {NEEDED} are needed")
+    _check_values(path, known)
+    pairs = _numbers(path, known, len(state.grains.radius))
+    there = known["pb_state"] > 0 if "pb_state" in known else np.ones(len(pairs), bool)
+    known, pairs = {name: values[there] for name, values in known.items()}, pairs[there]
+    try:
+        made = bonded(state, beam_bond(1.0, 1.0, 1.0, 1.0), pairs=pairs)
+    except ValueError as problem:
+        raise PackingError(f"{path}: {problem}") from None
+    old = 0 if state.bonds is None else len(state.bonds.i)
+    stiffness, strength, arm = (_parallel if of_pfc else _given)(made, known, old)
+    broken = known.get("broken", np.zeros(len(pairs))) > 0
+    failed = np.zeros(len(pairs), np.int8)
+    if "pb_state" in known:
+        broken = known["pb_state"] < BONDED
+        failed[broken] = known["pb_state"][broken].astype(np.int8)  # as in `FAILURES`
+    new = {
+        "stiffness": stiffness, "strength": np.minimum(strength, UNBREAKABLE), "arm": arm, "intact": ~broken,
+        "failed": failed, "form": np.full(len(pairs), BY_BEAM, np.int8),
+    }  # fmt: skip
+    parts = {name: np.concatenate([getattr(made.bonds, name)[:old], value]) for name, value in new.items()}
+    held = f"{pluralize(len(pairs), 'bond')} of {path.name}, {int(broken.sum())} of them broken"
+    notes += [Assumption(f"{held}: taken to be at rest at these positions")]
+    if known.get("pb_fa", np.zeros(1)).any():
+        notes.append(Assumption(f"the friction angle pb_fa of {path.name} was left out: shear strength is pb_coh"))
+    return made._replace(bonds=made.bonds._replace(**parts)), notes
+
+
+def _check_values(path: Path, known: dict[str, np.ndarray]) -> None:
+    for name, values in known.items():
+        positive = name in ("kn", "pb_kn", "pb_rmul", "tension", "shear", "bending", "twisting", "pb_ten", "pb_coh")
+        if not (np.isfinite(values).all() and (values > 0 if positive else values >= 0).all()) and name not in "ij":
+            bad = values[~(np.isfinite(values) & (values > 0 if positive else values >= 0))][0]
+            kind = "positive" if positive else "zero or positive"
+            raise PackingError(f"{path} has {name} = {bad:g}: it must be {kind} and finite")
+
+
+def _numbers(path: Path, known: dict[str, np.ndarray], n: int) -> np.ndarray:
+    """(K, 2) rows of the grains, from 0, which a table may count from 1."""
+    ends = np.stack([known["i"], known["j"]], axis=1)
+    if not len(ends) or not (ends == np.round(ends)).all():
+        raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, the rows of grains from 0")
+    start = int(ends.min() >= 1 and ends.max() == n)
+    if not (ends.min() >= start and ends.max() < n + start):
+        raise PackingError(
+            f"{path} has grains {ends.min():g} to {ends.max():g}, but the packing has {n}: number them from 0 or 1"
+        )
+    return ends.astype(np.int64) - start
+
+
+def _given(made: State, known: dict[str, np.ndarray], old: int):
+    """Stiffness and strength from a column for each, and the arm."""
+    k = len(known["i"])
+    stiffness = [known.get(name, np.zeros(k)) for name in ("kn", "ks", "kb", "kw")]
+    strength = [known.get(name, np.full(k, UNBREAKABLE)) for name in ("tension", "shear", "bending", "twisting")]
+    return np.stack(stiffness, axis=1), np.stack(strength, axis=1), made.bonds.arm[old:]
+
+
+def _parallel(made: State, known: dict[str, np.ndarray], old: int):
+    """Stiffness and strength of cement whose radius is pb_rmul times that of the smaller grain."""
+    bonds, radius, dim, k = made.bonds, made.grains.radius, made.cell.dim, len(known["i"])
+    ends = radius[bonds.i[old:]], radius[bonds.j[old:]]
+    stiffness, _, strength, arm = coefficients(parallel_bond(1.0, 1.0, 1.0, 1.0), dim, *ends, bonds.length[old:])
+    size = known.get("pb_rmul", np.ones(k))[:, None] ** [dim - 1, dim - 1, dim + 1, dim + 1]
+    limit = known.get("pb_rmul", np.ones(k))[:, None] ** [dim - 1, dim - 1, dim, dim]
+    tensile, sheared = (known.get(name, np.full(k, UNBREAKABLE)) for name in ("pb_ten", "pb_coh"))
+    moduli = np.stack([known["pb_kn"], known["pb_ks"], known["pb_kn"], known["pb_ks"]], axis=1)
+    return stiffness * size * moduli, strength * limit * np.stack([tensile, sheared, tensile, sheared], axis=1), arm

@@ -1,0 +1,81 @@
+"""Bonds, intact and broken, in pictures, in the view in three dimensions, and in files that show packings."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import to_rgba
+
+import stickslip as ss
+from stickslip.data.exchange.frame import with_bonds
+from stickslip.figures.style import BOND, BROKEN
+from stickslip.figures.view3d import _decode, view_data
+
+LAW = ss.laws.hertz_mindlin(mu=0.3)
+PLACE = [[1.0, 1.0, 0.0], [1.99, 1.0, 0.0], [3.1, 1.0, 0.0], [4.15, 1.0, 0.0], [1.0, 2.1, 0.0]]
+
+
+def chain(dim):
+    """Five grains: one contact with a bond, bonds across two gaps, and two that broke, one of them long ago."""
+    grains = (ss.disks if dim == 2 else ss.spheres)(np.array(PLACE)[:, :dim], 0.5)
+    cell = ss.box([6.0, 6.0, 6.0][:dim] if dim == 2 else [6.0] * 3, [True] * dim + [False] * (3 - dim), dim)
+    pairs = [[0, 1], [1, 2], [2, 3], [0, 4], [0, 3]]
+    state = ss.packings.bonded(ss.assembly(grains, cell=cell), ss.laws.spring_bond(1.0, 0.1), pairs=pairs)
+    intact, failed = np.array([1, 1, 0, 1, 0], bool), np.array([0, 0, 1, 0, 1], np.int8)
+    length = state.bonds.length.copy()
+    length[4] /= 2
+    state = state._replace(bonds=state.bonds._replace(intact=intact, failed=failed, length=length))
+    return ss.accept(state, ss.forces(state, LAW)[1])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_drawing_has_a_band_for_each_bond_and_its_legend(dim):
+    figure = ss.figures.packing(chain(dim), LAW)
+    (axes,) = figure.axes
+    drawn = Counter()
+    for lines in axes.collections:
+        if isinstance(lines, EllipseCollection) and not lines.get_facecolor().size:
+            drawn.update(map(tuple, lines.get_edgecolor().tolist()))
+    pieces = {to_rgba(BOND): 3, to_rgba(BROKEN): 1}
+    count = {color: drawn[color] for color in pieces}
+    share = count[to_rgba(BROKEN)]  # in space a line has several pieces
+    assert share >= 1 and count == {color: share * number for color, number in pieces.items()}
+    words = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert {"contact sticks (1)", "bond (3)", "broken (2)"} <= set(words)
+
+
+def test_the_view_has_lines_for_bonds():
+    data = view_data([ss.io.frame_of(chain(3), LAW)], [])
+    kinds = Counter(_decode(data["frames"][0]["mode"], np.uint8).tolist())
+    assert data["lines"] == ["stick", "slide", "bond", "broken"] and kinds == {0: 1, 2: 3, 3: 1}
+    bare = view_data([ss.io.frame_of(ss.packings.without_bonds(chain(3)), LAW)], [])
+    assert bare["lines"] == ["stick", "slide"]
+
+
+def test_files_that_show_packings_have_bonds(tmp_path):
+    networkx, hoomd = pytest.importorskip("networkx"), pytest.importorskip("gsd.hoomd")
+    pytest.importorskip("pyevtk")
+    state = chain(3)
+    for name in ("p.graphml", "p.gsd", "p.vtu"):
+        notes = ss.io.write_packing(tmp_path / name, state, LAW)
+        assert any("shows bonds, but not their laws" in note for note in notes) == (name != "p.gsd")
+    edges = networkx.read_graphml(tmp_path / "p.graphml").edges(data=True)
+    assert Counter(about["bond"] for *_, about in edges) == {0: 1, 1: 3, 2: 2}
+    assert sum(about["force_n"] != 0 for *_, about in edges) == 1  # the contact; no bond is stretched
+    with hoomd.open(tmp_path / "p.gsd") as file:
+        shown = file[0].bonds
+    assert Counter(shown.types[k] for k in shown.typeid) == {"sticking": 1, "bond": 3, "broken bond": 2}
+    assert (tmp_path / "p-contacts.vtu").exists()
+    assert ss.io.read_packing(tmp_path / "p.gsd")[0].bonds.failed.tolist() == [0, 0, 1, 0, 1]
+
+
+def test_a_bond_that_is_stretched_across_a_gap_has_its_force():
+    state = chain(3)
+    place = state.grains.position.copy()
+    place[4, 1] += 0.05
+    moved = state._replace(grains=state.grains._replace(position=place))
+    rows = ss.io.frame_of(ss.accept(moved, ss.forces(moved, LAW)[1]), LAW)
+    columns = with_bonds(rows)
+    pulled = np.flatnonzero(np.abs(columns["force_n"]) > 1e-2)
+    assert [(columns["i"][k], columns["j"][k], columns["bond"][k]) for k in pulled] == [(0, 4, 1)]
