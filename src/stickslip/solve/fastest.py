@@ -1,8 +1,8 @@
 """Fastest growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
 Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
-modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. What lies
-higher is searched by tangent dynamics, see `solve.probes`. Where factors do not fit into memory, the probes search the
+modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
+modes are searched by tangent dynamics, see `solve.probes`. Where factors do not fit into memory, the probes search the
 whole spectrum.
 """
 
@@ -183,7 +183,7 @@ class KrylovSubspace:
             image = self.apply(self.next)
             H[: k + BLOCK, own] = known.T @ image
             q, r = np.linalg.qr(image - known @ H[: k + BLOCK, own])
-            # also if the subspace is exhausted, and q is what round-off makes of it
+            # also if the subspace is exhausted and q consists of round-off
             again = known.T @ q
             H[: k + BLOCK, own] += again @ r
             self.next, r_again = np.linalg.qr(q - known @ again)
@@ -199,7 +199,7 @@ class Bottom(NamedTuple):
     limit: float
     found: int  # eigenvalues found below it
     expected: int  # eigenvalues of the symmetric part S below it, by Sylvester's law of inertia
-    zero: bool  # whether both numbers leave out zero modes, of which only some are found if there are many
+    zero: bool  # whether both numbers exclude zero modes, of which only some are found if there are many
     above: float  # ‖K‖/(2√limit) ≥ growth rate of any pair above it, with the skew part K [1/time]; ‖K‖/2 if it is 0
 
     @property
@@ -250,7 +250,7 @@ class FastestPair(NamedTuple):
                 f"symmetric part has {low.expected} there, so that some may be missing; above, "
             )
         above = (
-            f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes saw none "
+            f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes found none "
             f"faster than {max(self.looked, self.growth_rate):.3g}, which is not a proof; none can exceed {most}"
         )
         if self.unverified:
@@ -281,11 +281,11 @@ def fastest_pair(
 ) -> FastestPair:
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system.
 
-    The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs lie low. All modes at the bottom of the spectrum are
-    computed by shift and invert, and their number is compared with that of the symmetric part of the matrix. For what
-    lies higher, random probes run until the time `amplification`/`rate`, or until a mode that was found has grown by
-    exp(`amplification`), by which time any faster mode would stand out. Where power grows, filters extract eigenvalues
-    from the running probes, which distinguishes pairs from nearly degenerate real modes.
+    The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs have low frequencies. All modes at the bottom of the
+    spectrum are computed by shift and invert, and their number is compared with that of the symmetric part of the
+    matrix. For higher modes, random probes run until the time `amplification`/`rate`, or until a mode that was found
+    has grown by exp(`amplification`), when any faster mode would stand out. Where power grows, filters extract
+    eigenvalues from the running probes, which distinguishes pairs from nearly degenerate real modes.
 
     Parameters
     ----------
@@ -302,8 +302,8 @@ def fastest_pair(
 
     Notes
     -----
-    `FastestPair.guarantee` says what is known about other pairs. That the symmetric part has as many eigenvalues below
-    a limit as were found is a check of completeness as long as the skew part is weak; it is not a proof. In single
+    `FastestPair.guarantee` describes the knowledge about other pairs. If the symmetric part has as many eigenvalues
+    below a limit as were found, this indicates completeness for a weak skew part, but does not prove it. In single
     precision, `rate` must be above about 1e-6 of the largest frequency. Extracted pairs are eigenvalues of A in double
     precision to the residual given, at most a hundredth of Im λ.
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.ndimage is imported on first use: that takes a tenth of a second
+import scipy  # scipy.ndimage is imported on first use, as this takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import eig
 
@@ -40,7 +40,7 @@ SAVED_EVERY = 60.0  # seconds between two savings of a search
 
 
 class Effort(NamedTuple):
-    """How thoroughly the fastest pair is sought; see `fastest_pair`."""
+    """Settings of the search for the fastest pair; see `fastest_pair`."""
 
     amplification: float = 3.0  # exponent up to which modes are sought
     rate: float = 1e-4  # slowest growth rate sought [1/time]
@@ -91,7 +91,7 @@ class ProbeRun:
         size = max(sizes)
         if not self.log_scale + np.log(size) < 300:  # its square is at the limit of double precision
             raise FloatingPointError(
-                "the probes overflow because of a growing mode that no window found: use `spectrum` instead"
+                "the probes overflow because of a growing mode outside all windows: use `spectrum` instead"
             )
         self.lanes = powers[0]
         self.spectra.append(sum(power.sum(axis=1) for power in powers) * np.exp(2 * self.log_scale))
@@ -324,7 +324,7 @@ def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest
         if len(run.spectra) > 1 and modes.growth * run.time < amplification:
             peaks = modes.hopeful(run)
             if peaks and peaks[0][1] * run.time >= amplification:
-                modes.extract(run, follow)  # it tells whether the run may end early
+                modes.extract(run, follow)  # it decides whether the run may end early
     if modes.growth * run.time < amplification and SPANS * run.span < longest:  # a longer run follows
         return 0
     for _ in range(ROUNDS):

@@ -407,7 +407,10 @@ def check_damped_method(method: str, size: int) -> None:
     if method == "certify":
         raise ValueError("method 'certify' does not support dashpots: use 'all', or omit them")
     if size > FACTORS_UP_TO:
-        raise ValueError(f"dashpots are supported up to {FACTORS_UP_TO} coordinates, got {size}: omit the dashpots")
+        raise ValueError(
+            f"the method 'fastest' with dashpots supports at most {FACTORS_UP_TO} coordinates, got {size}: omit the "
+            "dashpots"
+        )
     if method == "dense" and size > DAMPED_AT_MOST:
         raise ValueError(
             f"the method 'dense' with dashpots supports at most {DAMPED_AT_MOST} coordinates, got {size}: use 'pairs' "
