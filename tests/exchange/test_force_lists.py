@@ -236,7 +236,7 @@ def test_doubtful_columns_are_noted(known, tmp_path):
         assert text in " ".join(found.notes), found.notes
         if "i,j" in head[1]:
             assert_same(found, known, rtol=1e-9)
-    assert not any("one sign" in note or "exceed" in note for note in written(tmp_path, grains, contacts).notes)
+    assert not any("same sign" in note or "exceed" in note for note in written(tmp_path, grains, contacts).notes)
 
 
 def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tmp_path):
