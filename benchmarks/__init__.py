@@ -47,6 +47,9 @@ BENCHMARKS = {
         "time steps of dilute and dense grains, and of up to a million", 2400, STEPS, "engine:size_rows", ratios=True
     ),
     "equilibrium": Benchmark("reliability of verdicts off equilibrium", 600, STATICS),
+    "fastest_pair": Benchmark(
+        "the fastest pair of up to 100,000 spheres, beside exact spectra and runs", 1200, STATICS
+    ),
     "fault": Benchmark("time steppers for earthquake cycles, beside SciPy", 300, FRICTION),
     "first_result": Benchmark("seconds to the first result of each command", 200, (*STATICS, "cli", "experiments")),
     "forecast": Benchmark("forecasts of events and pairs, beside naive ones", 300, STATICS),

@@ -170,24 +170,6 @@ def sheared_packing(n: int):
     return state
 
 
-def fastest_at_size(sizes):
-    """Processor seconds on one thread until the fastest pair is known, with a budget for each size."""
-    from stickslip.solve.fastest import fastest_pair
-
-    for n, budget in sizes:
-        state = sheared_packing(n)
-        with one_thread():
-            start = time.process_time()
-            found = fastest_pair(state, LAW)
-            seconds = time.process_time() - start
-        known = "all" if found.bottom.confirmed else "number not confirmed"
-        name = (
-            f"budget (growth rate {found.growth_rate:.3g}; {found.bottom.found} modes below {found.bottom.limit:.3g}, "
-            f"{known}; {len(found.candidates) - 1} windows above, {found.unverified} peaks not verified)"
-        )
-        yield row("fastest pair", n, seconds, budget, name) | {"threads": 1}
-
-
 def pairs_by_size(sizes):
     """All complex pairs compared with LAPACK, without and with eigenvectors, in processor seconds on one thread."""
     from stickslip.solve.pairs import complex_pairs
@@ -207,8 +189,7 @@ def pairs_by_size(sizes):
 
 
 def spectra(*, smallest: bool = False):
-    """Spectra at size: the fastest pair and all pairs."""
-    yield from fastest_at_size([(100, 8.0)] if smallest else [(1000, 8.0), (4000, 60.0), (10_000, 300.0)])
+    """Spectra at size: all pairs; the fastest pair has a benchmark of its own."""
     yield from pairs_by_size([100] if smallest else [300, 600, 1000])
 
 

@@ -5,12 +5,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+import stickslip as ss
 from stickslip.core.contacts.forces import FREE, HELD, forces
 from stickslip.core.contacts.jacobian import contact_blocks
 from stickslip.core.contacts.neighbors import with_neighbor_list
+from stickslip.core.laws.builtin import linear
 from stickslip.core.measure import overlaps
 from stickslip.core.state import SLIDE, STICK
-from stickslip.solve.freedom import assembled, displaced, freedom, residual_vector
+from stickslip.solve.freedom import assembled, displaced, freedom, jacobian, residual_vector
 from tests.conftest import make_law, make_packing, stirred
 
 CASES = [
@@ -104,6 +106,15 @@ def test_jacobian_of_a_free_wall(dim):
     exact = assembled(state, contact_blocks(state, law)[0], free).toarray()
     numeric = differences(state, law, free, HELD, h=1e-6)
     np.testing.assert_allclose(exact, numeric, atol=1e-8 * np.abs(exact).max(), rtol=0)
+
+
+def test_matrices_of_many_grains_are_assembled():
+    """Beyond 46,340 bodies, the number of a pair exceeds 32 bits."""
+    n, law = 46_400, linear(1.0, mu=0.0)
+    state = ss.packings.from_arrays(np.arange(n)[:, None] * [0.99, 0, 0], np.full(n, 0.5), law)
+    matrix = jacobian(state, law)[::6, ::6]  # along the chain
+    assert matrix.diagonal().tolist() == pytest.approx([-1.0, *[-2.0] * (n - 2), -1.0])
+    assert matrix.diagonal(1).tolist() == pytest.approx([1.0] * (n - 1))
 
 
 def test_jacobian_is_symmetric_without_friction():

@@ -171,7 +171,7 @@ def test_bad_input_is_one_sentence(packing):
         ss.modes.frequency_response(packing, LAW, drive[0, 0], 1.0)
     with pytest.raises(ValueError, match="moves nothing"):
         ss.modes.frequency_response(packing, LAW, 0 * drive, 1.0)
-    with pytest.raises(ValueError, match="nothing damps"):
+    with pytest.raises(ValueError, match="an undamped mode is heated by noise without limit"):
         ss.modes.stationary_fluctuations(packing, LAW)
     with pytest.raises(ValueError, match="either a frequency"):
         ss.modes.trigger_amplitude(packing, LAW, drive)

@@ -114,7 +114,7 @@ def refused_conditions():
         (free_wall, "not by forces"),
         (state._replace(control=held), "hold or drive single grains"),
         (state._replace(control=pushed), "forces on single grains"),
-        (heavy, "I0 = 0.8"),
+        (heavy, "LAMMPS has I0 = 2/5 .* but not 0.8"),
         (shaken._replace(control=many), "91 knots"),
     ]
 
@@ -124,7 +124,7 @@ def test_conditions_that_lammps_cannot_keep_are_refused():
         with pytest.raises(ScenarioError, match=words) as found:
             check_leg(Leg(state, LINEAR, 0.02, 500, 1))
         assert "\n" not in str(found.value)
-    with pytest.raises(ScenarioError, match="60 samples in 50 steps"):
+    with pytest.raises(ScenarioError, match="60 samples do not fit into 50 steps"):
         check_leg(Leg(stirred(), LINEAR, DT, STEPS, 60))
 
 

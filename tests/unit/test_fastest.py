@@ -49,7 +49,7 @@ def test_finds_the_fastest_pair_of_the_dense_spectrum(dim, side, stir, loose):
 
 def test_the_run_ends_early_and_says_how_far_it_looked():
     fastest = fastest_pair(lattice(3, 4, 0.01), LAW, rate=1e-5, dense_below=0)
-    assert 1e-3 < fastest.looked < fastest.growth_rate  # and not 1e-5, which takes 100 times as long
+    assert 1e-3 < fastest.looked < 2 * fastest.growth_rate  # and not 1e-5, which takes 100 times as long
     assert fastest.duration == pytest.approx(fastest.exponent / fastest.looked)
     assert "fastest pair found" in str(fastest) and "not a proof" in str(fastest)
 
@@ -84,6 +84,51 @@ def test_same_seed_same_answer_and_other_seeds_agree():
         w.shift for w in again.candidates
     ]
     assert other.eigenvalue == pytest.approx(first.eigenvalue, rel=1e-9)
+
+
+@pytest.mark.parametrize(("dim", "side", "stir"), [(2, 8, 0.01), (3, 4, 0.01)])
+def test_probes_alone_find_the_fastest_pair_without_factors(dim, side, stir):
+    state = lattice(dim, side, stir)
+    truth = spectrum(state, LAW)
+    fastest = fastest_pair(state, LAW, rate=5e-4, dense_below=0, factors_up_to=0)
+    exact, norm = truth.pairs[0], np.abs(truth.eigenvalues).max()
+    assert abs(fastest.eigenvalue - exact) < 0.02 * exact.imag  # a hundredth of it is the largest residual
+    defect = dynamical_matrix(state, LAW) @ (v := fastest.mode * np.sqrt(fastest.free.mass)) - fastest.eigenvalue * v
+    assert np.linalg.norm(defect) == pytest.approx(fastest.residual * norm, rel=0.01)
+    assert fastest.residual * norm < 0.011 * exact.imag
+    assert "below λ" not in fastest.guarantee and "/ω" in fastest.guarantee
+    rate = np.where(truth.eigenvalues.imag > 0, truth.growth_rate, 0.0)
+    assert (rate * truth.frequency).max() <= fastest.bottom.above
+
+
+def test_a_search_continues_where_it_was_saved(tmp_path, monkeypatch):
+    """The same answer, bit for bit; a file of another search is not used."""
+    state, path = lattice(2, 8, 0.01), tmp_path / "search.npz"
+    monkeypatch.setattr("stickslip.solve.probes.SAVED_EVERY", 0.0)
+    options = {"dense_below": 0, "factors_up_to": 0, "saved": path}
+    whole = fastest_pair(state, LAW, rate=2e-4, **options)
+    assert not path.exists()
+    told = []
+
+    def stop(stage, share, text):
+        told.append(text)
+        if len(told) == 6:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fastest_pair(state, LAW, rate=2e-4, report=stop, **options)
+    assert path.exists()  # it was written before the fifth span
+    first, last = told[0], told[-1]
+    told.clear()
+    again = fastest_pair(state, LAW, rate=2e-4, report=lambda stage, share, text: told.append(text), **options)
+    assert told[0] == last and not path.exists()
+    assert (again.eigenvalue, again.duration, again.looked) == (whole.eigenvalue, whole.duration, whole.looked)
+    with pytest.raises(KeyboardInterrupt):
+        told.clear()
+        fastest_pair(state, LAW, rate=2e-4, report=stop, **options)
+    told.clear()
+    fastest_pair(state, LAW, rate=2e-4, seed=1, report=lambda stage, share, text: told.append(text), **options)
+    assert told[0] == first  # another search starts anew
 
 
 def test_nothing_that_touches_is_an_error():

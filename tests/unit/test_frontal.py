@@ -6,9 +6,10 @@ from scipy import sparse
 from scipy.linalg import LinAlgError
 
 from stickslip.core.laws.builtin import hertz_mindlin
-from stickslip.solve.fastest import LANES, KrylovSubspace, ProbeRun
+from stickslip.solve.fastest import KrylovSubspace
 from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.linear import FrontalFactor, count_below, dissect
+from stickslip.solve.probes import LANES, Filters, ProbeRun
 from tests.conftest import make_law, make_packing, stirred
 from tests.unit.test_fastest import lattice
 
@@ -67,7 +68,7 @@ def test_a_singular_matrix_is_an_error(system):
 
 def test_a_krylov_subspace_grows_without_starting_again(system):
     matrix, _ = system
-    subspace = KrylovSubspace(lambda x: matrix @ x, matrix.shape[0], np.random.default_rng(0))
+    subspace = KrylovSubspace(lambda x: matrix @ x, np.random.default_rng(0).standard_normal((matrix.shape[0], 8)))
     first, _, _ = subspace.extended(16)
     basis, projection, last = subspace.extended(40)
     assert np.array_equal(basis[:, :16], first)
@@ -78,15 +79,21 @@ def test_a_krylov_subspace_grows_without_starting_again(system):
 
 
 def test_the_leapfrog_is_its_equation(system):
-    """Five steps in single precision; the number of rows need not be a multiple of the block size."""
+    """Five steps, and filtered sums, in single precision; rows need not be a multiple of the block size."""
     matrix, _ = system
     matrix = sparse.csr_array(matrix[1:][:, 1:])
     n = matrix.shape[0]
     run = ProbeRun(matrix, 4.0, 5, LANES, np.random.default_rng(0))
     q, v = run.q[0][:n].astype(float), run.v[0][:n].astype(float)
-    run.advance()
-    for _ in range(5):
+    run.lanes = np.arange(48.0).reshape(3, LANES)
+    filters, sums = Filters(run, [0.3 + 0.1j, 2.0], 1), np.zeros((n, LANES))
+    lane, weights, _ = Filters(run, [0.3 + 0.1j, 2.0], 1).next(5)
+    run.advance(filters)
+    for step in range(5):
         v = v - run.dt**2 * (matrix @ q)
         q = q + v
+        sums += weights[step] * q[:, lane]
     assert run.probes == LANES
     np.testing.assert_allclose(run.q[0][:n], q, atol=1e-4 * np.abs(q).max())
+    np.testing.assert_allclose(filters.sums[:n], sums, atol=1e-4 * np.abs(sums).max())
+    assert lane[:8].tolist() == [15, 15, 15, 15, 14, 14, 14, 14]  # the strongest probes, for both peaks

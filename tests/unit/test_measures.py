@@ -218,7 +218,7 @@ def announced():
     strain = 4 * 56 * 4e-4
     return Made(samples=packings, number=20, scenario=Made(shear=shear)), {
         "events": 20, "packings": 4, "events_per_strain": 20 / strain, "saddle_node_exponent": 0.5,
-        "share_pair": 3 / 20, "auc_switch": 1.0,
+        "share_pair": 2 / 20, "share_breaking": 4 / 20, "auc_switch": 1.0,
     }  # fmt: skip
 
 

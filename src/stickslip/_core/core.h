@@ -545,10 +545,15 @@ API double largest_squared_frequency(const Law *law, int64_t dim, const Bodies *
 API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
                     double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
                     int64_t steps);
-// see `solve.fastest`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16)
+// see `solve.probes`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16). Unless null, `filtered`
+// (3 n, 16) gains `weights` (steps, 16) times q of the vectors `lane` (16,)
 API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
                   const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
-                  float *record);
+                  float *record, const int64_t *lane, const float *weights, float *filtered);
+
+// see `solve.linear`: front[places, places] += part (m, m), both column by column, of numbers of `width` parts (real or
+// complex); the front has `rows` rows
+API void extend_add(int64_t m, int64_t width, const int64_t *places, const double *part, int64_t rows, double *front);
 
 // Loads of intact bonds are added to `force` and `torque` (B, 3) and, unless it is null, to `virial` (3, 3). Loads over
 // strengths (K,) are written unless that is null. `commits`: the memory is updated to the present rotations

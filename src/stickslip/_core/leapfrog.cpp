@@ -1,5 +1,5 @@
 // build: -ffp-contract=fast
-// Leapfrog of many vectors at once, see `solve.fastest`.
+// Leapfrog of many vectors at once, see `solve.probes`; and sums of fronts, see `solve.linear`.
 #include <string.h>
 
 #include "core.h"
@@ -43,8 +43,18 @@ static void move(int64_t rows, const int64_t *bucket, const float *signs, float 
   }
 }
 
+// filtered += weights · q of the vector that each sum takes.
+static void filter(int64_t rows, const int64_t *lane, const float *weights, const float *q, float *filtered) {
+  for (int64_t i = 0; i < rows; i++) {
+    const float *from = q + i * VECTORS_AT_ONCE;
+    float *sum = filtered + i * VECTORS_AT_ONCE;
+    for (int64_t k = 0; k < VECTORS_AT_ONCE; k++) sum[k] += weights[k] * from[lane[k]];
+  }
+}
+
 void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks, const int64_t *bucket,
-              const float *signs, float *q, float *v, int64_t steps, int64_t buckets, float *record) {
+              const float *signs, float *q, float *v, int64_t steps, int64_t buckets, float *record,
+              const int64_t *lane, const float *weights, float *filtered) {
   for (int64_t t = 0; t < steps; t++) {
     for (int64_t i = 0; i < n; i++) {
       for (int64_t k = 0; k < VECTORS_AT_ONCE; k += WIDE) {
@@ -52,5 +62,16 @@ void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const f
       }
     }
     move(BLOCK * n, bucket, signs, q, v, record + t * buckets * VECTORS_AT_ONCE);
+    if (filtered) filter(BLOCK * n, lane, weights + t * VECTORS_AT_ONCE, q, filtered);
+  }
+}
+
+void extend_add(int64_t m, int64_t width, const int64_t *places, const double *part, int64_t rows, double *front) {
+  for (int64_t k = 0; k < m; k++) {
+    double *column = front + places[k] * rows * width;
+    const double *from = part + k * m * width;
+    for (int64_t i = 0; i < m; i++) {
+      for (int64_t c = 0; c < width; c++) column[places[i] * width + c] += from[i * width + c];
+    }
   }
 }

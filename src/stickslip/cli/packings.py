@@ -200,14 +200,17 @@ def stability(
 
     For cemented grains, also decisive bonds, and the first ones to break under growing strains, by linear response.
 
-    Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. Exit codes: 0 stable
-    or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.
+    Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
+    than 15,000 spheres takes minutes. It is saved in this folder, to the name of FILE with -search.npz, and the same
+    command continues it. Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict:
+    not in equilibrium, or undecided.
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings
     from ..loading.reading import read_packing
     from ..reports import packing as stability_report
     from ..reports import terminal
+    from ..solve.fastest import FACTORS_UP_TO
     from ..solve.freedom import equations_of_motion
     from ..solve.stability import DENSE_UP_TO
     from ..solve.stability import stability as analyse
@@ -237,7 +240,12 @@ def stability(
                 motion = equations_of_motion(state, its_law)
                 c = motion.damping if dashpots else type(motion.damping)(motion.damping.shape)
                 written = write_matrices(matrices, motion._replace(damping=c))
-            result = analyse(state, its_law, method=method, dashpots=dashpots, report=tell)
+        large = 6 * len(state.grains.radius) > FACTORS_UP_TO
+        with terminal.progress(transient=not large) as tell:
+            saved = Path(f"{named.stem}-search.npz") if large else None
+            if saved and saved.exists():
+                terminal.console.print(f"{saved}: the search that is saved there continues if it is of this packing")
+            result = analyse(state, its_law, method=method, dashpots=dashpots, saved=saved, report=tell)
             more = None
             if beyond or (file.is_dir() and result.grows and result.balanced and len(result.free) <= DENSE_UP_TO):
                 from ..reports.details import compute_details

@@ -1,199 +1,131 @@
-"""Fastest growing complex pair of a large system: windows from the bottom of the spectrum, then random probes above.
+"""Fastest growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
 Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
-modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
-modes are searched by tangent dynamics: random probes in a linear leapfrog, and growing peaks of their power spectra.
-
-The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
-√λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
-θ.
+modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. What lies
+higher is searched by tangent dynamics, see `solve.probes`. Where factors do not fit into memory, the probes search the
+whole spectrum.
 """
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import scipy  # scipy.ndimage is imported on first use, as this takes a tenth of a second
 from scipy import sparse
 from scipy.linalg import LinAlgError, eig
 from scipy.sparse.linalg import eigsh
 
 from ..core.arguments import POSITIVE, Positive, Seed, checked
 from ..core.laws.builtin import Law
-from ..core.library import core
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
-from .freedom import Freedom, dynamical_matrix, freedom
+from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom
 from .linear import Dissection, FrontalFactor, count_below, dissect, suitable_threads
+from .probes import Effort, search_by_probes
 from .spectrum import REAL_BELOW
 
-ROWS = 3  # rows of a block: three displacements, three rotations, or both kinds in two dimensions
-LANES = 16  # vectors advanced together: one AVX-512 register, two AVX2 or four NEON registers
-SPANS = 8  # power spectra per run; growth is measured relative to the first
-BUCKETS = 16  # random sums of coordinates recorded for each probe
-BLOCK = 8  # vectors solved for together, which resolves multiplicities up to this number
-# subspace dimensions: at the bottom of the spectrum, in other windows, and in windows found too narrow
-BOTTOM, SUBSPACES = 560, (240, 560)
+BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
+BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
+POLISHING = (48, 96, 240, 560)  # and of those that refine a pair, which start from it
+NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
-# steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
-SHORTEST, LONGER = 256, 16
-WINDOWS = 8  # largest number of windows at the end of a run; their factorisations dominate the time
-FEW, PATIENCE = 2, 2  # with more peaks than FEW at its end, a run continues up to PATIENCE times its duration
 GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree
-ZERO_MODES = 1e-6  # fraction of the largest λ below which a mode counts as a zero mode
-FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
-DENSE_BELOW = 1500  # number of coordinates for which LAPACK takes two seconds
-
-
-def time_step(norm: float) -> float:
-    """Time step [time]. The limit is 2/√λmax; the Lanczos estimate of λmax is low by less than the margin."""
-    return 1.9 / np.sqrt(norm)
-
-
-class ProbeRun:
-    """Probes advanced by the leapfrog, and power spectra of random sums of their coordinates."""
-
-    def __init__(self, matrix, norm: float, span: int, probes: int, rng):
-        size = -(-matrix.shape[0] // ROWS) * ROWS  # padding rows of zeros do not move
-        self.dt, self.span, self.spectra, self.log_scale = time_step(norm), span, [], 0.0
-        # single precision halves the memory traffic of each product and perturbs λ by 1e-7 of the largest
-        pull = sparse.csr_array((-(self.dt**2)) * matrix)
-        pull.resize(size, size)
-        pull = pull.tobsr((ROWS, ROWS))
-        blocks = pull.data.reshape(-1, ROWS**2).astype(np.float32)
-        self.product = pull.indptr.astype(np.int64), pull.indices.astype(np.uint32), blocks
-        self.q = [rng.standard_normal((size, LANES), np.float32) for _ in range(-(-probes // LANES))]
-        # velocities half a step before the start, where the probes are at rest
-        self.v = [np.ascontiguousarray(-0.5 * (pull @ q), np.float32) for q in self.q]
-        self.probes = LANES * len(self.q)
-        self.sums = rng.integers(BUCKETS, size=size), rng.choice(np.array([-1, 1], np.float32), size)
-
-    @property
-    def time(self) -> float:
-        """Time run so far [time]."""
-        return len(self.spectra) * self.span * self.dt
-
-    def advance(self):
-        """Run one span and store its power spectrum, summed over probes and buckets."""
-        with ThreadPoolExecutor() as pool:
-            powers, sizes = zip(*pool.map(self._advance_probes, self.q, self.v), strict=True)
-        size = max(sizes)
-        if not self.log_scale + np.log(size) < 300:  # its square is at the limit of double precision
-            raise FloatingPointError(
-                "the probes overflow because of a growing mode outside all windows: use `spectrum` instead"
-            )
-        self.spectra.append(sum(powers) * np.exp(2 * self.log_scale))
-        if size > 1e3:
-            for array in self.q + self.v:
-                array /= size
-            self.log_scale += np.log(size)
-
-    def _advance_probes(self, q, v) -> tuple[np.ndarray, float]:
-        """Advance a few probes in place; return their power spectrum and largest component."""
-        record = np.zeros((self.span, BUCKETS, LANES), np.float32)
-        rows = len(self.product[0]) - 1  # in blocks
-        core.leapfrog(rows, *self.product, *self.sums, q, v, self.span, BUCKETS, record)
-        taper = np.hanning(self.span + 1)[:-1].astype(np.float32)
-        with np.errstate(over="ignore", invalid="ignore"):  # `advance` checks the size
-            power = np.zeros(self.span // 2 + 1)
-            for k in range(BUCKETS):  # one at a time, as spectra of all together would need several times the memory
-                power += (np.abs(np.fft.rfft(record[:, k] * taper[:, None], axis=0)).astype(float) ** 2).sum(axis=1)
-            return power, float(np.abs(q).max())
-
-    def peaks(self) -> list[tuple[complex, float]]:
-        """(λ, growth rate) of peaks that have grown since the first span, assuming mean excitation; fastest first."""
-        first, now = self.spectra[0], self.spectra[-1]
-        excess = now - first
-        ratio = now / np.maximum(first, 1e-12 * first.max())
-        noise = 1.5 * np.median(np.abs(ratio - np.median(ratio)))  # real modes beat within the sketch
-        unit = self.probes * (self.span / 4) ** 2  # power of one mode of unit amplitude under Hann's taper
-        top = (excess == scipy.ndimage.maximum_filter1d(excess, 5)) & (excess > 2 * unit) & (excess > 5 * noise * first)
-        index = np.flatnonzero(top)
-        gamma = np.log(excess[index] / unit) / (2 * self.span * (len(self.spectra) - 0.5))
-        # offsets from the bin centres, by parabolic interpolation of the logarithms; 0 at the ends
-        inside = np.clip(index, 1, len(excess) - 2)
-        left, mid, right = (np.log(np.maximum(excess[inside + k], 1e-3 * excess[index])) for k in (-1, 0, 1))
-        curve = np.minimum(left + right - 2 * mid, -1e-3)
-        offset = np.where(inside == index, np.clip((left - right) / (2 * curve), -0.5, 0.5), 0.0)
-        theta = 2 * np.pi / self.span * (index + offset)
-        value = 4 / self.dt**2 * np.sin((theta + 1j * gamma) / 2) ** 2
-        growth = np.sqrt(value).imag
-        return [(complex(value[k]), float(growth[k])) for k in np.argsort(-growth)]
-
-    def resolution(self, value: complex) -> float:
-        """Largest distance in λ of a mode from its peak: half a frequency bin."""
-        return float(np.sqrt(4 / self.dt**2 * abs(value)) + np.pi / self.span / self.dt**2) * np.pi / self.span
+ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
+# Im λ over the residual of a pair that filters extract: of one that is refined, and of one that is not
+CLEAR, ALONE = 10.0, 100.0
+DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
+EFFORT = Effort()
+REFINED_UP_TO = 30_000  # coordinates: beyond, a pair keeps the precision of the filters, which saves a factorisation
+FACTORS_UP_TO = 90_000  # coordinates: 60,000 take 3 GiB, twice as many seven
 
 
 class ShiftWindow(NamedTuple):
     """Eigenvalues of A nearest to a shift."""
 
-    shift: complex  # real, unless a pair far from the real axis is expected [1/time²]
-    radius: float  # all eigenvalues within this radius were computed, unless the iteration missed some [1/time²]
-    expected: float  # growth rate suggested by the leapfrog; 0 for the window at the bottom [1/time]
+    shift: float  # [1/time²]
+    radius: float  # all eigenvalues within it were computed, provided that the iteration missed none [1/time²]
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
 
 
+class SoftModes(NamedTuple):
+    """Negative and zero eigenvalues among those computed at the bottom of the spectrum."""
+
+    negative: np.ndarray  # (K,) λ < 0, lowest first [1/time²]
+    vectors: np.ndarray  # (n, K) their modes, generalised displacements of unit mass-weighted norm
+    zero: int  # number of zero eigenvalues
+
+
 class ShiftWindows:
-    """Shift-invert windows computed so far, and the fastest growing eigenvalue in them."""
+    """Eigenvalues near shifts, by shift and invert, and the fastest growing one of them."""
 
     def __init__(self, matrix, norm: float, order: Dissection, rng):
         self.matrix, self.norm, self.order, self.rng = matrix, norm, order, rng
         self.done: list[ShiftWindow] = []
-        # values, with uncertainties, for which a window proved too narrow
-        self.narrow: list[tuple[complex, float]] = []
         self.growth, self.residual, self.value, self.vector = 0.0, 0.0, None, None
+        self.soft = SoftModes(np.zeros(0), np.zeros((matrix.shape[0], 0)), 0)
 
-    def covers(self, value: complex) -> bool:
-        """Return True if a window contains this value, or was made for it in vain."""
-        discs = [(w.shift, 0.9 * w.radius) for w in self.done] + self.narrow
-        return any(abs(value - centre) < radius for centre, radius in discs)
-
-    def search(self, shift: complex, expected: float, reach: float, subspaces=SUBSPACES) -> np.ndarray:
-        """Compute and return the eigenvalues nearest to a shift, within `reach` if the subspaces suffice."""
+    def search(self, shift: float, size: int) -> np.ndarray:
+        """Compute and return the eigenvalues nearest to a shift that a subspace of this size resolves."""
         n = self.matrix.shape[0]
-        if 2 * subspaces[0] >= n:
-            return self._keep(shift, expected, *self._all_eigenvalues())
-        identity = sparse.eye_array(n, format="csr")
-        try:
-            solve = FrontalFactor(self.matrix - shift * identity, self.order).solve
-        except LinAlgError:  # the shift is an eigenvalue
-            shift += 1e-7 * self.norm
-            solve = FrontalFactor(self.matrix - shift * identity, self.order).solve
-        subspace = KrylovSubspace(solve, n, self.rng, type(shift))
-        for size in subspaces:
-            values, vectors, radius = self._nearest(subspace, shift, size)
-            if radius > reach:
-                break
-        return self._keep(shift, expected, values, vectors, radius)
+        if 2 * size >= n:  # a subspace of most of the space: all eigenvalues at once
+            return self._keep(shift, *self._all_eigenvalues())
+        shift, solve = self._factorised(shift)
+        values, error, vectors = KrylovSubspace(solve, self._start(0)).eigenvalues(shift, size)
+        distance = np.abs(values - shift)
+        radius = float(distance[error > CONVERGED * self.norm].min(initial=np.inf))
+        inside = distance < radius
+        return self._keep(shift, values[inside], (vectors[0], vectors[1][:, inside]), radius)
 
-    def _keep(self, shift, expected: float, values: np.ndarray, vectors, radius: float) -> np.ndarray:
+    def polish(self, value: complex, vector: np.ndarray) -> None:
+        """Refine an approximate growing eigenvalue and its vector to round-off, and keep it if it is the fastest."""
+        if self.matrix.shape[0] < DENSE_BELOW:
+            self._keep(value.real, *self._all_eigenvalues())
+            return
+        shift, solve = self._factorised(value.real)
+        start = self._start(2)
+        start[:, -2:] = np.stack([vector.real, vector.imag], axis=1)
+        subspace = KrylovSubspace(solve, start)
+        for size in POLISHING:
+            values, error, (basis, y) = subspace.eigenvalues(shift, size)
+            k = int(np.argmin(np.abs(values - value)))
+            if error[k] <= CONVERGED * self.norm:
+                break
+        if abs(values[k] - value) < abs(value) * NEAR:
+            self._refine(basis @ y[:, k])
+
+    def _start(self, given: int) -> np.ndarray:
+        """(n, BLOCK) vectors: random ones, and zeros where some are given."""
+        start = np.zeros((self.matrix.shape[0], BLOCK))
+        start[:, : BLOCK - given] = self.rng.standard_normal((len(start), BLOCK - given))
+        return start
+
+    def _factorised(self, shift: float) -> tuple[float, Callable[[np.ndarray], np.ndarray]]:
+        """Shift, moved if it is an eigenvalue, and what solves with A − shift."""
+        identity = sparse.eye_array(self.matrix.shape[0], format="csr")
+        try:
+            return shift, FrontalFactor(self.matrix - shift * identity, self.order).solve
+        except LinAlgError:
+            shift += 1e-7 * self.norm
+            return shift, FrontalFactor(self.matrix - shift * identity, self.order).solve
+
+    def _keep(self, shift: float, values: np.ndarray, vectors, radius: float) -> np.ndarray:
         """Store a window, and its fastest growing eigenvalue if it is faster than those of all others."""
         real = np.abs(values.imag) <= REAL_BELOW * self.norm
         values = np.where(real, values.real, values)
+        if not self.done:
+            zero = np.abs(values) < ZERO_BELOW * np.abs(self.matrix.data).max()
+            negative = np.flatnonzero(real & ~zero & (values.real < 0))
+            negative = negative[np.argsort(values.real[negative])]
+            self.soft = SoftModes(values.real[negative], (vectors[0] @ vectors[1][:, negative]).real, int(zero.sum()))
         growing = np.flatnonzero(np.where(real, values.real < -REAL_BELOW * self.norm, values.imag > 0))
-        self.done.append(ShiftWindow(shift, radius, expected, values[growing]))
+        self.done.append(ShiftWindow(shift, radius, values[growing]))
         for k in growing[np.argsort(-np.abs(np.sqrt(values[growing].astype(complex)).imag))]:
             if abs(np.sqrt(complex(values[k])).imag) <= self.growth:
                 break
             if self._refine(vectors[0] @ vectors[1][:, k]):
                 break
         return values
-
-    def _nearest(self, subspace: "KrylovSubspace", shift: complex, size: int):
-        """Converged eigenvalues, the factors of their eigenvectors, and the radius within which all have converged."""
-        n = self.matrix.shape[0]
-        if 2 * size >= n:  # a subspace of most of the space: all eigenvalues at once
-            return self._all_eigenvalues()
-        basis, H, last = subspace.extended(size)
-        mu, y = eig(H)
-        error = np.linalg.norm(last @ y[-BLOCK:], axis=0) / np.abs(mu) ** 2
-        values = shift + 1 / mu
-        distance = np.abs(values - shift)
-        radius = float(distance[error > CONVERGED * self.norm].min(initial=np.inf))
-        inside = distance < radius
-        return values[inside], (basis, y[:, inside]), radius
 
     def _all_eigenvalues(self):
         """All eigenvalues, the factors of their eigenvectors, and an infinite radius."""
@@ -221,21 +153,26 @@ class ShiftWindows:
 
 
 class KrylovSubspace:
-    """Block Krylov subspace of a linear map B, from random vectors: BV = VH + QREᵀ with an orthonormal basis V.
+    """Block Krylov subspace of a linear map B, from BLOCK vectors: BV = VH + QREᵀ with an orthonormal basis V.
 
     Every block is orthogonalised twice against all others.
     """
 
-    def __init__(self, apply, n: int, rng, kind=float):
-        self.apply = apply
-        self.next = np.linalg.qr(rng.standard_normal((n, BLOCK)))[0].astype(kind)
-        self.basis, self.projection = np.empty((n, 0), kind, order="F"), np.zeros((0, 0), kind)
-        self.last = np.zeros((BLOCK, BLOCK), kind)
+    def __init__(self, apply, start: np.ndarray):
+        self.apply, self.next = apply, np.linalg.qr(start)[0]
+        self.basis, self.projection = np.empty((len(start), 0), order="F"), np.zeros((0, 0))
+        self.last = np.zeros((BLOCK, BLOCK))
+
+    def eigenvalues(self, shift: float, size: int):
+        """Eigenvalues of A from B = (A − shift)⁻¹, their residuals, and the factors V and y of their vectors Vy."""
+        basis, H, last = self.extended(size)
+        mu, y = eig(H)
+        return shift + 1 / mu, np.linalg.norm(last @ y[-BLOCK:], axis=0) / np.abs(mu) ** 2, (basis, y)
 
     def extended(self, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """V (n, size), H = VᴴBV and R, with a size rounded up to whole blocks."""
+        """V (n, size), H = VᵀBV and R, with a size rounded up to whole blocks."""
         old, size = self.basis.shape[1], -(-size // BLOCK) * BLOCK
-        V, H = np.empty((len(self.next), size), self.next.dtype, order="F"), np.zeros((size, size), self.next.dtype)
+        V, H = np.empty((len(self.next), size), order="F"), np.zeros((size, size))
         V[:, :old], H[:old, :old] = self.basis, self.projection
         for k in range(old, size, BLOCK):
             own = slice(k, k + BLOCK)
@@ -243,11 +180,11 @@ class KrylovSubspace:
             if k:
                 H[own, k - BLOCK : k] = self.last
             known = V[:, : k + BLOCK]
-            adjoint, image = known.conj().T, self.apply(self.next)
-            H[: k + BLOCK, own] = adjoint @ image
+            image = self.apply(self.next)
+            H[: k + BLOCK, own] = known.T @ image
             q, r = np.linalg.qr(image - known @ H[: k + BLOCK, own])
-            # also if the subspace is exhausted and q consists of round-off
-            again = adjoint @ q
+            # also if the subspace is exhausted, and q is what round-off makes of it
+            again = known.T @ q
             H[: k + BLOCK, own] += again @ r
             self.next, r_again = np.linalg.qr(q - known @ again)
             self.last = r_again @ r
@@ -258,29 +195,17 @@ class KrylovSubspace:
 class Bottom(NamedTuple):
     """Modes at the bottom of the spectrum, all of which were computed."""
 
-    limit: float  # all λ with Re λ below it are known if the count is confirmed; inf if all were computed [1/time²]
+    # all λ with Re λ below it are known if the count is confirmed; inf if all were computed, 0 if none [1/time²]
+    limit: float
     found: int  # eigenvalues found below it
     expected: int  # eigenvalues of the symmetric part S below it, by Sylvester's law of inertia
-    zero: bool  # whether both numbers exclude zero modes, of which only some are found if there are many
-    above: float  # ‖K‖/(2√limit) ≥ growth rate of any pair above it, with the skew part K [1/time]
+    zero: bool  # whether both numbers leave out zero modes, of which only some are found if there are many
+    above: float  # ‖K‖/(2√limit) ≥ growth rate of any pair above it, with the skew part K [1/time]; ‖K‖/2 if it is 0
 
     @property
     def confirmed(self) -> bool:
         """True if as many eigenvalues were found as the symmetric part has."""
         return self.found == self.expected
-
-
-class Effort(NamedTuple):
-    """Settings of the search for the fastest pair; see `fastest_pair`."""
-
-    amplification: float = 3.0  # exponent up to which modes are sought
-    rate: float = 1e-4  # slowest growth rate sought above the bottom [1/time]
-    probes: int = 16  # random initial vectors
-    seed: int = 0
-    dense_below: int = DENSE_BELOW
-
-
-EFFORT = Effort()
 
 
 @readable
@@ -293,16 +218,17 @@ class FastestPair(NamedTuple):
     frequency: float  # ω = |Re √λ| [1/time]
     residual: float  # ‖Av − λv‖/‖A‖ of the unit vector v = √M mode
     bottom: Bottom
-    exponent: float  # amplification exponent up to which modes above the bottom were sought
+    exponent: float  # amplification exponent at which a pair above the bottom would have been seen
     duration: float  # duration of the tangent dynamics; inf if all eigenvalues were computed [time]
     probes: int  # random initial vectors of the tangent dynamics
-    candidates: list[ShiftWindow]
-    unverified: int  # peaks of the spectra that were not, or only partly, verified by windows
+    candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
+    unverified: int  # growing peaks of the spectra from which no eigenvalue was extracted
     free: Freedom
+    soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
 
     @property
     def looked(self) -> float:
-        """Growth rate that reaches `exponent` within `duration`; slower pairs may be missed [1/time]."""
+        """Growth rate above which the probes would have seen a pair; slower ones may be missed [1/time]."""
         return self.exponent / self.duration
 
     @property
@@ -312,22 +238,24 @@ class FastestPair(NamedTuple):
         faster = "grows" if self.eigenvalue is None else "grows faster"
         if np.isinf(low.limit):
             return f"{none} {faster}: all {low.found} eigenvalues were computed"
-        zero = " apart from zero modes" if low.zero else ""
-        if low.confirmed:
-            below = f"below λ = {low.limit:.4g} {none} {faster}: all {low.found} eigenvalues{zero} there were computed"
+        zero, most = " apart from zero modes" if low.zero else "", f"{low.above:.2g}"
+        if low.limit == 0:
+            below, most = "", f"{low.above:.2g}/ω at an angular frequency ω"
+        elif low.confirmed:
+            computed = f"all {low.found} eigenvalues{zero} there were computed"
+            below = f"below λ = {low.limit:.4g} {none} {faster}: {computed}; above, "
         else:
             below = (
                 f"below λ = {low.limit:.4g} {none} {faster} among the {low.found} eigenvalues{zero} found, but the "
-                f"symmetric part has {low.expected} there, so that some may be missing"
+                f"symmetric part has {low.expected} there, so that some may be missing; above, "
             )
-        seen = max(self.looked, self.growth_rate)
         above = (
-            f"above, tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes found "
-            f"none faster than {seen:.3g}, which is not a proof; none can exceed {low.above:.2g}"
+            f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes saw none "
+            f"faster than {max(self.looked, self.growth_rate):.3g}, which is not a proof; none can exceed {most}"
         )
         if self.unverified:
             above += f"; {self.unverified} peaks of its spectra were not verified"
-        return f"{below}; {above}"
+        return below + above
 
     def __str__(self):
         if self.eigenvalue is None:
@@ -347,15 +275,17 @@ def fastest_pair(
     probes: Annotated[int, POSITIVE] = 16,
     seed: Seed = 0,
     report: Report = silent,
+    saved: Path | None = None,
     dense_below: int = DENSE_BELOW,
+    factors_up_to: int = FACTORS_UP_TO,
 ) -> FastestPair:
     """Find the fastest growing eigenvalue of −M⁻¹J in a large system.
 
-    The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs have low frequencies. All modes at the bottom of the
-    spectrum are computed by shift and invert, and their number is compared with that of the symmetric part of the
-    matrix. For higher modes, random probes run until the time `amplification`/`rate`, or until a verified mode has
-    grown by exp(`amplification`), when any faster mode would stand out. Peaks of growing power are verified by
-    shift-invert windows, which distinguish pairs from nearly degenerate real modes.
+    The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs lie low. All modes at the bottom of the spectrum are
+    computed by shift and invert, and their number is compared with that of the symmetric part of the matrix. For what
+    lies higher, random probes run until the time `amplification`/`rate`, or until a mode that was found has grown by
+    exp(`amplification`), by which time any faster mode would stand out. Where power grows, filters extract eigenvalues
+    from the running probes, which distinguishes pairs from nearly degenerate real modes.
 
     Parameters
     ----------
@@ -365,23 +295,37 @@ def fastest_pair(
     probes : int, number of random initial vectors, rounded up to a multiple of 16; a mode is missed if all of them
         excite it weakly
     report : called as report(stage, share done, text)
+    saved : file in which the search is saved every minute, and from which it continues; it is removed at the end
     dense_below : number of coordinates below which LAPACK computes all eigenvalues
+    factors_up_to : number of coordinates up to which factors are computed, for the modes at the bottom and, up to
+        30,000 coordinates, to refine the pair to round-off. Beyond, the probes alone search the whole spectrum
 
     Notes
     -----
-    `FastestPair.guarantee` describes the knowledge about other pairs. If the symmetric part has as many eigenvalues
-    below a limit as were found, this indicates completeness for a weak skew part, but does not prove it. In single
-    precision, `rate` must be above about 1e-6 of the largest frequency. The windows are in double precision.
+    `FastestPair.guarantee` says what is known about other pairs. That the symmetric part has as many eigenvalues below
+    a limit as were found is a check of completeness as long as the skew part is weak; it is not a proof. In single
+    precision, `rate` must be above about 1e-6 of the largest frequency. Extracted pairs are eigenvalues of A in double
+    precision to the residual given, at most a hundredth of Im λ.
 
     Source
     ------
     doi:10.1103/PhysRevE.101.052902, for the complex pairs.
     """
-    free, effort = freedom(state), Effort(amplification, rate, probes, seed, dense_below)
-    return find_fastest(state, free, dynamical_matrix(state, law, free), report, effort)
+    free, effort = freedom(state), Effort(amplification, rate, probes, seed)
+    matrix = dynamical_matrix(state, law, free)
+    return find_fastest(state, free, matrix, report, effort, saved, dense_below, factors_up_to)
 
 
-def find_fastest(state: State, free: Freedom, matrix, report: Report, effort: Effort = EFFORT) -> FastestPair:
+def find_fastest(
+    state: State,
+    free: Freedom,
+    matrix,
+    report: Report,
+    effort: Effort = EFFORT,
+    saved: Path | None = None,
+    dense_below: int = DENSE_BELOW,
+    factors_up_to: int = FACTORS_UP_TO,
+) -> FastestPair:
     """Fastest growing eigenvalue of a given A in the coordinates `free`; see `fastest_pair`."""
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros
     if not len(touched):
@@ -389,35 +333,58 @@ def find_fastest(state: State, free: Freedom, matrix, report: Report, effort: Ef
             "no contact resists the free coordinates: growth rates need a packing with contacts and free coordinates"
         )
     matrix = sparse.csr_array(matrix[touched][:, touched])
-    rng = np.random.default_rng(effort.seed)
-    start = rng.standard_normal(len(touched))
-    symmetric = sparse.csr_array((matrix + matrix.T) / 2)
-    norm = float(eigsh(symmetric, k=1, which="LA", tol=1e-3, v0=start, return_eigenvectors=False)[0])
-    report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
     order = dissect(state, free, touched, matrix)
+    place = np.concatenate(order.pivots)  # neighbours close in memory
+    touched, matrix = touched[place], sparse.csr_array(matrix[place][:, place])
+    order = order._replace(pivots=np.split(np.arange(len(place)), np.cumsum([len(part) for part in order.pivots])[:-1]))
+    rng = np.random.default_rng(effort.seed)
+    symmetric = sparse.csr_array((matrix + matrix.T) / 2)
+    start = rng.standard_normal(len(touched))
+    norm = float(eigsh(symmetric, k=1, which="LA", tol=1e-3, v0=start, return_eigenvectors=False)[0])
+    skew = float(abs(matrix - matrix.T).sum(axis=1).max()) / 2  # row sums bound the norm
     windows = ShiftWindows(matrix, norm, order, rng)
-    if len(touched) < effort.dense_below:
-        values = windows.search(0.0, 0.0, np.inf, (len(touched),))
-        bottom, time, used, unverified = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 0, 0
+    if len(touched) < dense_below:
+        values = windows.search(0.0, len(touched))
+        bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, 0
     else:
-        bottom = _search_bottom(windows, symmetric, order)
-        time, used, unverified = _search_above(windows, effort, rng, report)
+        bottom, factors = Bottom(0.0, 0, 0, False, skew / 2), len(touched) <= factors_up_to
+        refines = factors and len(touched) <= REFINED_UP_TO
+        if factors:
+            report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
+            bottom = _search_bottom(windows, symmetric, skew)
+        del symmetric
+        disc = (windows.done[0].shift, windows.done[0].radius) if windows.done else (0.0, 0.0)
+        found, run, left = search_by_probes(
+            matrix, norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
+        )
+        time, used, exponent = run.time, run.probes, found.excluded(run) * run.time
+        if found.value is not None and refines:
+            report("fastest pair to round-off", 0.0, f"growth rate {found.growth:.4g}")
+            windows.polish(found.value, found.vector)
+        if windows.growth < (1 - NEAR) * found.growth:
+            windows.growth, windows.value, windows.vector = found.growth, found.value, found.vector
+            windows.residual = found.residual
     mode = None
     if windows.value is not None:
         mode = np.zeros(len(free), complex)
         mode[touched] = windows.vector
         mode /= np.sqrt(free.mass)
     frequency = 0.0 if windows.value is None else float(abs(np.sqrt(windows.value).real))
+    soft = None
+    if windows.done:
+        vectors = np.zeros((len(free), len(windows.soft.negative)))
+        vectors[touched] = windows.soft.vectors
+        soft = windows.soft._replace(vectors=vectors / np.sqrt(free.mass)[:, None])
     pair = (windows.value, mode, windows.growth, frequency, windows.residual)
-    return FastestPair(*pair, bottom, effort.amplification, time, used, windows.done, unverified, free)
+    return FastestPair(*pair, bottom, exponent, time, used, windows.done, left, free, soft)
 
 
-def _search_bottom(windows: ShiftWindows, symmetric, order) -> Bottom:
+def _search_bottom(windows: ShiftWindows, symmetric, skew: float) -> Bottom:
     """Compute the modes at the bottom of the spectrum, and check their number in up to GAPS of its gaps."""
-    size = min(BOTTOM, symmetric.shape[0] // 4)
-    values = windows.search(-1e-6 * windows.norm, 0.0, np.inf, (size,)).real
+    size, order = BOTTOM[symmetric.shape[0] > REFINED_UP_TO], windows.order
+    size = min(size, symmetric.shape[0] // 4)
+    values = windows.search(-1e-6 * windows.norm, size).real
     top = windows.done[0].shift + windows.done[0].radius
-    skew = float(abs(windows.matrix - windows.matrix.T).sum(axis=1).max()) / 2  # row sums bound the norm
     floor = ZERO_MODES * windows.norm
     zero = int((np.abs(values) < floor).sum()) >= BLOCK  # then some may be missing, so count without zero modes
     beside = count_below(symmetric, floor, order) - count_below(symmetric, -floor, order) if zero else 0
@@ -439,75 +406,3 @@ def _widest_gaps(values: np.ndarray, top: float) -> np.ndarray:
     if len(ends) == 1:
         ends = np.array([0.75 * top, top])
     return (ends[:-1] + np.diff(ends) / 2)[np.argsort(-np.diff(ends), kind="stable")]
-
-
-def _search_above(windows: ShiftWindows, effort: Effort, rng, report):
-    """Run probes until slower modes than `rate`, or than the fastest verified one, would stand out.
-
-    Returns
-    -------
-    duration [time], number of probes, and number of peaks that were not verified
-    """
-    steps = needed = _steps_needed(windows, effort)
-    while steps >= LONGER * SHORTEST:  # short runs first: they are cheap and may suffice
-        steps /= LONGER
-    while True:
-        run = ProbeRun(windows.matrix, windows.norm, int(np.ceil(steps / SPANS)), effort.probes, rng)
-        unverified = _run_stage(run, windows, effort.amplification, needed, report)
-        if steps >= needed or windows.growth * run.time >= effort.amplification:
-            break
-        needed = _steps_needed(windows, effort)  # fewer, if a faster mode was verified
-        steps = min(LONGER * steps, needed)
-    return run.time, run.probes, unverified
-
-
-def _steps_needed(windows: ShiftWindows, effort: Effort) -> float:
-    return max(effort.amplification / max(effort.rate, windows.growth) / time_step(windows.norm), SHORTEST)
-
-
-def _run_stage(run: ProbeRun, windows: ShiftWindows, amplification: float, longest: float, report) -> int:
-    """Run the probes once; return the number of promising peaks at the end that no window has verified."""
-    ends = np.inf
-    # a much longer run resolves more
-    windows.narrow = [(value, width) for value, width in windows.narrow if width < 4 * run.resolution(value)]
-    while True:
-        run.advance()
-        text = f"{run.time:.0f} time units, fastest so far {windows.growth:.2e}"
-        report("random probes in a leapfrog", min(1.0, len(run.spectra) * run.span / longest), text)
-        if len(run.spectra) == 1:
-            continue
-        peaks = _hopeful_peaks(run, windows)
-        if windows.growth * run.time < amplification and peaks and peaks[0][1] * run.time >= amplification:
-            _verify_peak(run, windows, *peaks[0])  # it decides whether the run may end early
-            peaks = _hopeful_peaks(run, windows)
-        if windows.growth * run.time < amplification:
-            if len(run.spectra) < SPANS:
-                continue
-            if SPANS * run.span < longest:  # a longer run follows
-                return 0
-        ends = min(ends, run.time)
-        if len(peaks) > FEW and run.time < PATIENCE * ends:  # a longer run is cheaper than many windows
-            continue
-        for _ in range(WINDOWS):
-            if not peaks:
-                break
-            _verify_peak(run, windows, *peaks[0])
-            peaks = _hopeful_peaks(run, windows)
-        return len(peaks) + len(windows.narrow)
-
-
-def _hopeful_peaks(run: ProbeRun, windows: ShiftWindows) -> list[tuple[complex, float]]:
-    """Peaks outside all windows that may grow faster than the fastest verified mode, fastest first."""
-    # estimates assume mean excitation; a weakly excited mode grows faster than estimated
-    least = max(1.0, windows.growth * run.time - np.log(FAINT) / 2)
-    return [(value, g) for value, g in run.peaks() if g * run.time > least and not windows.covers(value)]
-
-
-def _verify_peak(run: ProbeRun, windows: ShiftWindows, value: complex, growth: float) -> None:
-    """Compute the eigenvalues around a peak."""
-    width = run.resolution(value)
-    near = abs(value.imag) < 4 * width
-    reach = abs(value.imag) + width if near else abs(value.imag) / 2 + width
-    windows.search(value.real if near else value, growth, reach)
-    if windows.done[-1].radius < reach:  # the subspace was too small: do not try again
-        windows.narrow.append((value, width))

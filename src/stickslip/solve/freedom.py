@@ -254,7 +254,8 @@ def _block_matrix(state: State, blocks: np.ndarray):
     else:
         values = triplets(state._replace(contacts=state.contacts._replace(i=i, j=j)), block)[2]
     values = values.reshape(-1, 6, 6)
-    place = np.concatenate([i, i, j, j]) * state.n_bodies + np.concatenate([i, j, i, j])
+    # 64 bits: places of more than 46,340 bodies exceed 32
+    place = np.concatenate([i, i, j, j]).astype(np.int64) * state.n_bodies + np.concatenate([i, j, i, j])
     order = np.argsort(place, kind="stable")
     place = place[order]
     first = np.flatnonzero(np.diff(place, prepend=-1))

@@ -1,5 +1,6 @@
 """Stability of an accepted state, with the decisive modes; with dashpots, from M q̈ = J q + C q̇."""
 
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -27,11 +28,11 @@ from .balance import (
     no_equilibrium_message,
     with_mode,
 )
-from .fastest import find_fastest
+from .fastest import FACTORS_UP_TO, SoftModes, find_fastest
 from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, assembled, freedom, mass_weighted, stiffness_of, translations
 from .linear import suitable_threads
 from .pairs import certificate_seconds, find_pairs, format_seconds
-from .spectrum import SOFTEST, soft_modes
+from .spectrum import soft_modes
 
 MIXED = (
     "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
@@ -45,7 +46,7 @@ METHODS = {  # description of the computation
     "dense": "all eigenvalues by LAPACK",
     "pairs": "all complex pairs from the modes of the symmetric part",
     "certify": "all complex pairs, and a certificate of the real eigenvalues",
-    "fastest": "the lowest modes by shift and invert, and tangent dynamics for the rest of the spectrum",
+    "fastest": "the lowest modes by shift and invert where factors fit into memory, and tangent dynamics",
 }
 DAMPED_UP_TO = 1_250  # coordinates with dashpots, solved within seconds; the first-order form has twice as many
 DAMPED_AT_MOST = 4_000  # likewise, solved within minutes
@@ -182,6 +183,7 @@ def stability(
     *,
     method: Literal["auto", "fastest", "all", "certify", "dense", "pairs"] = "auto",
     dashpots: bool = True,
+    saved: Path | None = None,
     report: Report = silent,
 ) -> Stability:
     """Analyse the stability of an accepted state: complex pairs, negative λ, floppy modes, rattlers.
@@ -206,6 +208,8 @@ def stability(
         coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
         all exponents are computed of up to 1250 coordinates (with "dense", 4000); in larger packings, those near the
         exponents of the undamped motion, which are found with this method. There is no certificate then
+    saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
+        removed at the end
     report : called as report(stage, share done, text)
 
     Raises
@@ -228,13 +232,17 @@ def stability(
     """
     here, has_dashpots = linearised(state, law), bool(damping_model(law)) or has_damped_bonds(state)
     here = here.with_modes(modes_under(state, law, here.line))
-    slid = _analyse(here, method, has_dashpots and dashpots, report)
+    slid = _analyse(here, method, has_dashpots and dashpots, report, saved)
     if has_dashpots and not dashpots:
         slid = slid._replace(scope=join_scopes(slid.scope, LEFT_OUT))
     rows = here.at_limit
     if not len(rows) or slid.method == "none":
         return slid
-    stuck = _analyse(here.with_modes(with_mode(here.state, rows, STICK)), method, has_dashpots and dashpots, report)
+    sticking, saved = (
+        here.with_modes(with_mode(here.state, rows, STICK)),
+        saved and saved.with_stem(f"{saved.stem}-stuck"),
+    )
+    stuck = _analyse(sticking, method, has_dashpots and dashpots, report, saved)
     both = (slid, stuck), (slid.undamped, stuck.undamped)
     slid, undamped = (
         one and one._replace(at_limit=len(rows), if_stuck=other, scope=join_scopes(one.scope, MIXED))
@@ -248,7 +256,7 @@ def join_scopes(*scope: str) -> str:
     return "; ".join(filter(None, scope))
 
 
-def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stability:
+def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: Path | None) -> Stability:
     """Stability with every contact held in its mode."""
     (state, law, line, rows, loose), free = here, here.backbone
     size = len(free)
@@ -272,10 +280,14 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report) -> Stab
         pairs, negative, zero_modes, vectors = _analyse_dense(matrix)
         modes, scope = vectors / np.sqrt(free.mass)[:, None], ""
     else:
-        pairs, modes, scope = _analyse_large(here, free, matrix, method, report)
-        negative, zero_modes, soft = soft_modes(matrix)
-        modes = np.hstack([modes, soft / np.sqrt(free.mass)[:, None]])
-        scope += f"; negative and zero λ were sought among the {SOFTEST} smallest"
+        pairs, modes, scope, soft = _analyse_large(here, free, matrix, method, report, saved)
+        if soft is None:
+            negative, zero_modes = np.zeros(0), translations(matrix, free).shape[1]
+            scope += "; floppy modes were not sought, nor buckling slower than that"
+        else:
+            negative, zero_modes, vectors = soft.negative, soft.zero, soft.vectors
+            modes = np.hstack([modes, vectors])
+            scope += "; negative and zero λ were sought among the smallest"
     unloaded = UNLOADED if rescales(law) else ""
     scope = join_scopes(scope, unloaded)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
@@ -328,27 +340,34 @@ def _analyse_dense(matrix):
     return values[pair], values.real[negative], int(zero.sum()), vectors[:, [*pair, *negative]]
 
 
-def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, report):
-    """Pairs, their modes in the coordinates `free` of a matrix A, and the scope of the search."""
-    whole = freedom(here.state)
+def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, report, saved: Path | None):
+    """Pairs, their modes in the coordinates `free` of a matrix A, the scope of the search, and negative and zero λ."""
+    if method == "fastest":
+        fastest = find_fastest(here.state, free, matrix, report, saved=saved)
+        there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
+        values = np.array([fastest.eigenvalue] if there else [], complex)
+        modes = fastest.mode[:, None] if there else np.zeros((len(free), 0), complex)
+        soft = fastest.soft
+        if soft is None and fastest.eigenvalue is not None and not there:
+            soft = SoftModes(np.array([fastest.eigenvalue.real]), fastest.mode[:, None].real, 0)
+        return values, modes, str(fastest), soft
+    whole, certify = freedom(here.state), method == "certify"
 
     def matrix_of(whole: Freedom):
         return matrix if len(whole) == len(free) else here.dynamical_matrix(whole)  # with rattlers
 
-    if method in ("pairs", "certify"):
-        certify = method == "certify"
-        search = find_pairs(whole, matrix_of, certify, report)
-        values, modes, scope = search.eigenvalues, search.modes, "all complex pairs that floating point can resolve"
-        if certify:
-            scope = f"{scope}; certificate: {search.certified}"
-    else:
-        fastest = find_fastest(here.state, whole, matrix_of(whole), report)
-        there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
-        values = np.array([fastest.eigenvalue] if there else [], complex)
-        modes = fastest.mode[:, None] if there else np.zeros((len(fastest.free), 0), complex)
-        scope = str(fastest)
+    search = find_pairs(whole, matrix_of, certify, report)
+    scope = "all complex pairs that floating point can resolve"
+    if certify:
+        scope = f"{scope}; certificate: {search.certified}"
+    negative, zero, vectors = soft_modes(matrix)
     place = np.searchsorted(whole.component, free.component)
-    return values, modes[place], scope
+    return (
+        search.eigenvalues,
+        search.modes[place],
+        scope,
+        SoftModes(negative, vectors / np.sqrt(free.mass)[:, None], zero),
+    )
 
 
 def _summary(result: Stability) -> str:
@@ -387,6 +406,8 @@ def check_damped_method(method: str, size: int) -> None:
     """Raise ValueError if a method of `stability` does not support `size` coordinates with dashpots."""
     if method == "certify":
         raise ValueError("method 'certify' does not support dashpots: use 'all', or omit them")
+    if size > FACTORS_UP_TO:
+        raise ValueError(f"dashpots are supported up to {FACTORS_UP_TO} coordinates, got {size}: omit the dashpots")
     if method == "dense" and size > DAMPED_AT_MOST:
         raise ValueError(
             f"the method 'dense' with dashpots supports at most {DAMPED_AT_MOST} coordinates, got {size}: use 'pairs' "

@@ -1,0 +1,376 @@
+"""Tangent dynamics of random probes: a linear leapfrog, its power spectra, and filters that extract what grows.
+
+The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
+√λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
+θ. Sums of q_n with the weights of a frequency filter span what grows there; its eigenvalues follow from A in that span.
+"""
+
+import hashlib
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # scipy.ndimage is imported on first use: that takes a tenth of a second
+from scipy import sparse
+from scipy.linalg import eig
+
+from ..core.library import core
+from ..core.progress import Report
+from .pairs import format_seconds
+
+ROWS = 3  # rows of a block: three displacements, three rotations, or both kinds in two dimensions
+LANES = 16  # vectors that are advanced together: one register of AVX-512, two of AVX2, four of NEON
+SPANS = 8  # power spectra per run; growth is measured relative to the first
+BUCKETS = 16  # random sums of coordinates recorded for each probe
+FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
+EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that strong excitation of its mode explains
+# steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the one before
+SHORTEST, LONGER = 256, 16
+NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
+GAIN, PASSES = 2.0, 6  # exponent by which a pair grows while filters run once, and how often they run for it
+FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
+STAGE, SHORT = "random probes in a leapfrog", 60.0  # of progress; seconds beyond which its time is said beforehand
+ROUNDS = 8  # peaks at the end of a run for which filters run
+SAVED_EVERY = 60.0  # seconds between two savings of a search
+
+
+class Effort(NamedTuple):
+    """How thoroughly the fastest pair is sought; see `fastest_pair`."""
+
+    amplification: float = 3.0  # exponent up to which modes are sought
+    rate: float = 1e-4  # slowest growth rate sought [1/time]
+    probes: int = 16  # random initial vectors
+    seed: int = 0
+
+
+def time_step(norm: float) -> float:
+    """Time step [time]. The limit is 2/√λmax; the Lanczos estimate of λmax is low by less than the margin."""
+    return 1.9 / np.sqrt(norm)
+
+
+class ProbeRun:
+    """Probes advanced by the leapfrog, and power spectra of random sums of their coordinates."""
+
+    def __init__(self, matrix, norm: float, span: int, probes: int, rng):
+        size = -(-matrix.shape[0] // ROWS) * ROWS  # rows of zeros are added, where nothing moves
+        self.dt, self.span, self.spectra, self.log_scale, self.seen = time_step(norm), span, [], 0.0, np.inf
+        # single precision halves the memory traffic of each product and perturbs λ by 1e-7 of the largest
+        pull = sparse.csr_array((-(self.dt**2)) * matrix)
+        pull.resize(size, size)
+        pull = pull.tobsr((ROWS, ROWS))
+        blocks = pull.data.reshape(-1, ROWS**2).astype(np.float32)
+        self.product = pull.indptr.astype(np.int64), pull.indices.astype(np.uint32), blocks
+        self.q = [rng.standard_normal((size, LANES), np.float32) for _ in range(-(-probes // LANES))]
+        # velocities half a step before the start, where the probes are at rest
+        self.v = [np.ascontiguousarray(-0.5 * (pull @ q), np.float32) for q in self.q]
+        self.probes = LANES * len(self.q)
+        self.sums = rng.integers(BUCKETS, size=size), rng.choice(np.array([-1, 1], np.float32), size)
+
+    @property
+    def time(self) -> float:
+        """Time run so far [time]."""
+        return len(self.spectra) * self.span * self.dt
+
+    def seconds(self, steps: float) -> float:
+        """Estimate the time that a number of steps takes, from two steps of zeros [s]."""
+        rows, zeros, begin = len(self.product[0]) - 1, np.zeros_like(self.q[0]), time.perf_counter()
+        record = np.zeros((2, BUCKETS, LANES), np.float32)
+        core.leapfrog(rows, *self.product, *self.sums, zeros, zeros.copy(), 2, BUCKETS, record, None, None, None)
+        return (time.perf_counter() - begin) / 2 * steps
+
+    def advance(self, filters: "Filters | None" = None):
+        """Run one span and store its power spectrum, summed over probes and buckets."""
+        with ThreadPoolExecutor() as pool:
+            results = pool.map(self._advance_probes, range(len(self.q)), [filters] + [None] * (len(self.q) - 1))
+            powers, sizes = zip(*results, strict=True)
+        size = max(sizes)
+        if not self.log_scale + np.log(size) < 300:  # its square is at the limit of double precision
+            raise FloatingPointError(
+                "the probes overflow because of a growing mode that no window found: use `spectrum` instead"
+            )
+        self.lanes = powers[0]
+        self.spectra.append(sum(power.sum(axis=1) for power in powers) * np.exp(2 * self.log_scale))
+        if len(self.spectra) > 1:
+            self._note_what_is_seen()
+        if size > 1e3:
+            for array in self.q + self.v + ([filters.sums] if filters else []):
+                array /= size
+            self.log_scale += np.log(size)
+
+    def _advance_probes(self, k: int, filters) -> tuple[np.ndarray, float]:
+        """Advance some probes in place; return their power spectra (frequencies, LANES) and largest component."""
+        q, record = self.q[k], np.zeros((self.span, BUCKETS, LANES), np.float32)
+        rows = len(self.product[0]) - 1  # in blocks
+        extra = filters.next(self.span) if filters else (None, None, None)
+        core.leapfrog(rows, *self.product, *self.sums, q, self.v[k], self.span, BUCKETS, record, *extra)
+        taper = np.hanning(self.span + 1)[:-1].astype(np.float32)
+        with np.errstate(over="ignore", invalid="ignore"):  # `advance` checks the size
+            power = np.zeros((self.span // 2 + 1, LANES))
+            for bucket in range(BUCKETS):  # one at a time: all together would need several times the memory
+                power += np.abs(np.fft.rfft(record[:, bucket] * taper[:, None], axis=0)).astype(float) ** 2
+            return power, float(np.abs(q).max())
+
+    def _excess(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Power gained since the first span, the least that stands out, and the power of a mode of unit amplitude."""
+        first, now = self.spectra[0], self.spectra[-1]
+        ratio = now / np.maximum(first, 1e-12 * first.max())
+        noise = 1.5 * np.median(np.abs(ratio - np.median(ratio)))  # real modes beat within the sketch
+        unit = self.probes * (self.span / 4) ** 2  # under Hann's taper
+        return now - first, np.maximum(2 * unit, 5 * noise * first), unit
+
+    def _note_what_is_seen(self) -> None:
+        """Store the growth rate at which a mode excited with 1/FAINT of the mean power has stood out [1/time].
+
+        It is the least one until now: later, modes that have grown may drown the spectrum.
+        """
+        _, least, unit = self._excess()
+        seen = float(np.log(FAINT * least.max() / unit)) / (2 * self.dt * self.span * (len(self.spectra) - 0.5))
+        self.seen = min(self.seen, seen)
+
+    def peaks(self) -> list[tuple[complex, float]]:
+        """(λ, growth rate) of peaks that have grown since the first span, assuming mean excitation; fastest first."""
+        excess, least, unit = self._excess()
+        top = (excess == scipy.ndimage.maximum_filter1d(excess, 5)) & (excess > least)
+        index = np.flatnonzero(top)
+        gamma = np.log(excess[index] / unit) / (2 * self.span * (len(self.spectra) - 0.5))
+        # offsets from the bin centres, by parabolic interpolation of the logarithms; 0 at the ends
+        inside = np.clip(index, 1, len(excess) - 2)
+        left, mid, right = (np.log(np.maximum(excess[inside + k], 1e-3 * excess[index])) for k in (-1, 0, 1))
+        curve = np.minimum(left + right - 2 * mid, -1e-3)
+        offset = np.where(inside == index, np.clip((left - right) / (2 * curve), -0.5, 0.5), 0.0)
+        theta = 2 * np.pi / self.span * (index + offset)
+        value = 4 / self.dt**2 * np.sin((theta + 1j * gamma) / 2) ** 2
+        growth = np.sqrt(value).imag
+        return [(complex(value[k]), float(growth[k])) for k in np.argsort(-growth)]
+
+    def strongest_lanes(self, value: complex) -> np.ndarray:
+        """Numbers of the first LANES probes by their power at a peak in the last span, strongest first."""
+        k = round(self.span * self.angle(value) / (2 * np.pi))
+        return np.argsort(-self.lanes[min(k, self.span // 2)], kind="stable")
+
+    def angle(self, value: complex) -> float:
+        """Phase per step of a mode [rad]."""
+        return float(2 * np.arcsin(np.sqrt(complex(value)) * self.dt / 2).real)
+
+
+class Filters:
+    """Sums of the first LANES probes over some spans, weighted by Hann's taper and the phase of each peak.
+
+    Each of LANES/2 filters is complex and takes one probe: each peak has the probes that it excites most.
+    """
+
+    def __init__(self, run: ProbeRun, peaks: list[complex], spans: int):
+        peaks, count = peaks[: LANES // 2], LANES // 2
+        chosen = [(peaks[k % len(peaks)], k // len(peaks)) for k in range(count)]
+        self.lane = np.repeat([run.strongest_lanes(value)[rank] for value, rank in chosen], 2).astype(np.int64)
+        self.theta = np.array([run.angle(value) for value, _ in chosen])
+        self.sums, self.steps, self.done = np.zeros_like(run.q[0]), spans * run.span, 0
+
+    def next(self, span: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Probe of each sum, weights of the next steps (span, LANES), and the sums."""
+        step = self.done + np.arange(span)
+        self.done += span
+        phase = self.theta * step[:, None]
+        taper = np.sin(np.pi * (step + 0.5) / self.steps)[:, None] ** 2
+        weights = np.stack([taper * np.cos(phase), taper * np.sin(phase)], axis=2).reshape(span, LANES)
+        return self.lane, weights.astype(np.float32), self.sums
+
+    def eigenvalues(self, matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Eigenvalues λ of A in the span of the sums, vectors (n, LANES), and residuals ‖Av − λv‖ of unit vectors."""
+        sums = self.sums[: matrix.shape[0]].astype(float)
+        basis = np.linalg.qr(sums / np.maximum(np.linalg.norm(sums, axis=0), 1e-300))[0]
+        image = matrix @ basis
+        H = basis.T @ image
+        values, y = eig(H)
+        return values, basis @ y, np.linalg.norm((image - basis @ H) @ y, axis=0)
+
+
+class GrowingModes:
+    """Growing eigenvalues extracted by filters while probes run on, and the fastest one that is not yet known.
+
+    Parameters
+    ----------
+    disc : centre and radius of a disc in which all eigenvalues are known [1/time²]
+    growth : fastest growth rate known [1/time]
+    clear : Im λ, or −λ of buckling, over the residual of a mode that counts as extracted
+    """
+
+    def __init__(self, matrix, norm: float, disc: tuple[float, float], growth: float, clear: float):
+        self.matrix, self.norm, self.disc, self.growth, self.clear = matrix, norm, disc, growth, clear
+        self.residual, self.value, self.vector = 0.0, None, None
+        # frequency of each peak that was explained, or in vain, what it covers on either side, and growth rate [1/time]
+        self.explained: list[tuple[float, float, float]] = []
+
+    def hopeful(self, run: ProbeRun) -> list[tuple[complex, float]]:
+        """Peaks not yet explained of modes that may grow faster than the fastest one known, fastest first."""
+        # estimates assume mean excitation; a weakly excited mode grows faster than estimated
+        least = max(1.0, self.growth * run.time - np.log(FAINT) / 2)
+        return [(value, g) for value, g in run.peaks() if g * run.time > least and not self._covers(value, g, run.time)]
+
+    def _covers(self, value: complex, growth: float, time: float) -> bool:
+        """Return True if a peak is explained; later it may reveal a faster mode nearby, by more than its excitation."""
+        frequency = np.sqrt(complex(value)).real
+        return abs(value - self.disc[0]) < 0.9 * self.disc[1] or any(
+            abs(frequency - centre) < width and (growth - known) * time < EXCITED
+            for centre, width, known in self.explained
+        )
+
+    def excluded(self, run: ProbeRun) -> float:
+        """Growth rate above which no mode was seen: of faint ones, and of those beside a mode that was found."""
+        return max(run.seen, self.growth + EXCITED / run.time if self.value is not None else 0.0)
+
+    def extract(self, run: ProbeRun, follow: Callable[[], None]) -> None:
+        """Let the probes run on until filters at the hopeful peaks yield what grows at the first one, or in vain."""
+        value, growth = self.hopeful(run)[0]
+        centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
+        self.explained.append((centre, bin_width, growth))
+        spans = max(1, round(GAIN / growth / (run.span * run.dt)))
+        for _ in range(PASSES):
+            if run.log_scale > FAR:
+                return
+            filters = Filters(run, [value, *(peak for peak, _ in self.hopeful(run))], spans)
+            for _ in range(spans):
+                run.advance(filters)
+                follow()
+            found = self._keep(filters)
+            self.explained += [(frequency, bin_width, rate) for frequency, rate in found]
+            if any(abs(frequency - centre) < bin_width for frequency, _ in found):
+                return
+
+    def _keep(self, filters: Filters) -> list[tuple[float, float]]:
+        """Store the fastest growing eigenvalue in the span of the filtered probes; return frequencies and rates of all.
+
+        Only those count that stand clear of their residuals.
+        """
+        values, vectors, errors = filters.eigenvalues(self.matrix)
+        apart = np.where(values.imag == 0, -values.real, values.imag)  # from the real axis, or from zero
+        clear = np.flatnonzero(apart > np.maximum(self.clear * errors, NOISE * self.norm))
+        roots = np.sqrt(values.astype(complex))
+        for k in clear:
+            value, growth = complex(values[k]), float(abs(roots[k].imag))
+            if growth > self.growth:
+                self.growth, self.value, self.vector = growth, value, vectors[:, k]
+                self.residual = float(errors[k]) / self.norm
+        return [(float(roots[k].real), float(abs(roots[k].imag))) for k in clear]
+
+
+def search_by_probes(
+    matrix, norm: float, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
+) -> tuple[GrowingModes, ProbeRun, int]:
+    """Run probes until slower modes than `rate`, or than the fastest one known, would stand out.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse A, neighbours close in memory
+    norm : its largest eigenvalue [1/time²]
+    disc, growth, clear : of `GrowingModes`
+    path : file in which the search is saved, and from which it continues
+
+    Returns
+    -------
+    what was extracted, the last run, and the number of its peaks that were not explained
+    """
+
+    def start(span: int) -> ProbeRun:
+        rng = np.random.default_rng([effort.seed, span])
+        return ProbeRun(matrix, norm, span, effort.probes, rng)
+
+    def needed() -> float:
+        return max(effort.amplification / max(effort.rate, modes.growth) / time_step(norm), SHORTEST)
+
+    modes = GrowingModes(matrix, norm, disc, growth, clear)
+    stage = STAGE
+    saved = path and SavedSearch(path, matrix, (disc, growth, effort, clear))
+    run = saved and saved.restore(modes, start)
+    steps = run.span * SPANS if run else needed()
+    while not run and steps >= LONGER * SHORTEST:  # short runs first: they are cheap and may suffice
+        steps /= LONGER
+    while True:
+        run, longest = run or start(int(np.ceil(steps / SPANS))), needed()
+        if stage == STAGE and (seconds := run.seconds(longest)) > SHORT:
+            stage = f"{STAGE}, about {format_seconds(seconds)} until growth faster than {effort.rate:g} is seen"
+        left = _run_stage(run, modes, effort.amplification, longest, partial(report, stage), saved)
+        if steps >= longest or modes.growth * run.time >= effort.amplification:
+            if path:
+                path.unlink(missing_ok=True)
+            return modes, run, left
+        run, steps = None, min(LONGER * steps, needed())  # fewer, if a faster mode was found
+
+
+def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest: float, tell, saved) -> int:
+    """Run the probes once; return the number of hopeful peaks at the end that filters have not explained."""
+
+    def follow() -> None:
+        text = f"{run.time:.0f} time units, fastest so far {modes.growth:.2e}"
+        if len(run.spectra) > 1:
+            text = f"{text}, growth faster than {run.seen:.2e} would be seen"
+        tell(min(1.0, len(run.spectra) * run.span / longest), text)
+        if saved:
+            saved.save(run, modes)
+
+    def is_known() -> bool:
+        """Return True if a mode faster than the fastest one known would have been seen."""
+        gain = modes.growth * run.time
+        return gain >= amplification and (run.seen <= modes.growth or gain >= 3 * amplification)
+
+    while len(run.spectra) < SPANS and not is_known():
+        run.advance()
+        follow()
+        if len(run.spectra) > 1 and modes.growth * run.time < amplification:
+            peaks = modes.hopeful(run)
+            if peaks and peaks[0][1] * run.time >= amplification:
+                modes.extract(run, follow)  # it tells whether the run may end early
+    if modes.growth * run.time < amplification and SPANS * run.span < longest:  # a longer run follows
+        return 0
+    for _ in range(ROUNDS):
+        if not modes.hopeful(run):
+            break
+        modes.extract(run, follow)
+    return len(modes.hopeful(run))
+
+
+class SavedSearch:
+    """File in which a search for one matrix is saved, and from which it continues."""
+
+    def __init__(self, path: Path, matrix, given: tuple):
+        self.path, self.last = path, time.monotonic()
+        content = hashlib.blake2b(matrix.data)
+        content.update(matrix.indices)
+        content.update(repr(given).encode())
+        self.digest = content.hexdigest()
+
+    def save(self, run: ProbeRun, modes: GrowingModes) -> None:
+        """Replace the file, all or nothing, unless it was written less than SAVED_EVERY seconds ago."""
+        if time.monotonic() - self.last < SAVED_EVERY:
+            return
+        part = self.path.with_name(f".{self.path.stem}.{os.getpid()}.npz")
+        np.savez(
+            part, digest=self.digest, span=run.span, log_scale=run.log_scale, seen=run.seen,
+            spectra=run.spectra, lanes=run.lanes, q=run.q, v=run.v,
+            explained=np.array(modes.explained).reshape(-1, 3), growth=modes.growth,
+            residual=modes.residual, value=[] if modes.value is None else [modes.value],
+            vector=[] if modes.vector is None else modes.vector,
+        )  # fmt: skip
+        os.replace(part, self.path)
+        self.last = time.monotonic()
+
+    def restore(self, modes: GrowingModes, start: Callable[[int], ProbeRun]) -> ProbeRun | None:
+        """Return the saved run, and give `modes` what it had found; None if this search was not saved."""
+        if not self.path.is_file():
+            return None
+        with np.load(self.path) as saved:
+            if str(saved["digest"]) != self.digest:
+                return None
+            run = start(int(saved["span"]))
+            run.q, run.v, run.spectra = list(saved["q"]), list(saved["v"]), list(saved["spectra"])
+            run.log_scale, run.seen, run.lanes = float(saved["log_scale"]), float(saved["seen"]), saved["lanes"]
+            modes.explained = [tuple(map(float, one)) for one in saved["explained"]]
+            modes.growth, modes.residual = float(saved["growth"]), float(saved["residual"])
+            if len(saved["value"]):
+                modes.value, modes.vector = complex(saved["value"][0]), saved["vector"]
+        return run
