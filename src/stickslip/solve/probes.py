@@ -2,7 +2,8 @@
 
 The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
 √λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
-θ. Sums of q_n with the weights of a frequency filter span the growing modes there; its eigenvalues follow from A in that span.
+θ. Sums of q_n with the weights of a frequency filter span the growing modes there; their eigenvalues follow from A
+in that span.
 """
 
 import hashlib
