@@ -24,6 +24,7 @@ from ..known import HARMLESS, UNKNOWN, USED, find_row
 
 HUGE = 1e30  # larger numbers make products overflow
 NO_LAW = "the contact law is missing"
+FORMER_NO_LAW = "no contact law was given"  # in files of version 0.3
 UNDECIDED = "undecided: "  # beginning of sentences on actions on the grains that were not taken over
 LAW, PAIRS, WALLS, FIXES, GROUP, COLUMNS = "law", "pair style", "walls", "fixes", "group", "columns"  # of notes
 BONDS = "bonds"
@@ -131,7 +132,7 @@ def account_of(notes) -> dict[str, list[str]]:
 def repeated_note(text: str) -> Assumption:
     """Note that a file repeats from its source: files store the sentence, whose beginning identifies its class."""
     text = printable(text)
-    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text, LAW if text.startswith(NO_LAW) else "")
+    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text, LAW if text.startswith((NO_LAW, FORMER_NO_LAW)) else "")
 
 
 class MemoryNote(Note):

@@ -101,7 +101,7 @@ class ShiftWindows:
         return start
 
     def _factorised(self, shift: float) -> tuple[float, Callable[[np.ndarray], np.ndarray]]:
-        """Shift, moved if it is an eigenvalue, and what solves with A − shift."""
+        """Shift, moved if it is an eigenvalue, and a function that solves with A − shift."""
         identity = sparse.eye_array(self.matrix.shape[0], format="csr")
         try:
             return shift, FrontalFactor(self.matrix - shift * identity, self.order).solve

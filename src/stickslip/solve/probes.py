@@ -1,8 +1,9 @@
-"""Tangent dynamics of random probes: a linear leapfrog, its power spectra, and filters that extract what grows.
+"""Tangent dynamics of random probes: a linear leapfrog, its power spectra, and filters that extract growing modes.
 
 The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
 √λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
-θ. Sums of q_n with the weights of a frequency filter span what grows there; its eigenvalues follow from A in that span.
+θ. Sums of q_n with the weights of a frequency filter span the growing modes there; their eigenvalues follow from A
+in that span.
 """
 
 import hashlib
@@ -29,18 +30,21 @@ SPANS = 8  # power spectra per run; growth is measured relative to the first
 BUCKETS = 16  # random sums of coordinates recorded for each probe
 FAINT = 10.0  # a mode is assumed to be excited with at least 1/FAINT of the mean power
 EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that strong excitation of its mode explains
-# steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the one before
+# steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
 GAIN, PASSES = 2.0, 6  # exponent by which a pair grows while filters run once, and how often they run for it
 FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
-STAGE, SHORT = "random probes in a leapfrog", 60.0  # of progress; seconds beyond which its time is said beforehand
+STAGE, SHORT = (
+    "random probes in a leapfrog",
+    60.0,
+)  # name in progress reports; time above which an estimate is shown [s]
 ROUNDS = 8  # peaks at the end of a run for which filters run
 SAVED_EVERY = 60.0  # seconds between two savings of a search
 
 
 class Effort(NamedTuple):
-    """Settings of the search for the fastest pair; see `fastest_pair`."""
+    """Extent of the search for the fastest pair; see `fastest_pair`."""
 
     amplification: float = 3.0  # exponent up to which modes are sought
     rate: float = 1e-4  # slowest growth rate sought [1/time]
@@ -203,7 +207,7 @@ class GrowingModes:
     def __init__(self, matrix, norm: float, disc: tuple[float, float], growth: float, clear: float):
         self.matrix, self.norm, self.disc, self.growth, self.clear = matrix, norm, disc, growth, clear
         self.residual, self.value, self.vector = 0.0, None, None
-        # frequency of each peak that was explained, or in vain, what it covers on either side, and growth rate [1/time]
+        # each peak that was explained, or not: frequency, half-width, and growth rate [1/time]
         self.explained: list[tuple[float, float, float]] = []
 
     def hopeful(self, run: ProbeRun) -> list[tuple[complex, float]]:
@@ -221,11 +225,11 @@ class GrowingModes:
         )
 
     def excluded(self, run: ProbeRun) -> float:
-        """Growth rate above which no mode was seen: of faint ones, and of those beside a mode that was found."""
+        """Growth rate above which there is no mode: neither a faint one nor one next to an extracted mode."""
         return max(run.seen, self.growth + EXCITED / run.time if self.value is not None else 0.0)
 
     def extract(self, run: ProbeRun, follow: Callable[[], None]) -> None:
-        """Let the probes run on until filters at the hopeful peaks yield what grows at the first one, or in vain."""
+        """Let the probes run on until filters at the hopeful peaks yield the growing mode of the first one, or fail."""
         value, growth = self.hopeful(run)[0]
         centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
         self.explained.append((centre, bin_width, growth))
@@ -273,7 +277,7 @@ def search_by_probes(
 
     Returns
     -------
-    what was extracted, the last run, and the number of its peaks that were not explained
+    extracted modes, the last run, and the number of its peaks that were not explained
     """
 
     def start(span: int) -> ProbeRun:
@@ -324,7 +328,7 @@ def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest
         if len(run.spectra) > 1 and modes.growth * run.time < amplification:
             peaks = modes.hopeful(run)
             if peaks and peaks[0][1] * run.time >= amplification:
-                modes.extract(run, follow)  # it decides whether the run may end early
+                modes.extract(run, follow)  # determines whether the run may end early
     if modes.growth * run.time < amplification and SPANS * run.span < longest:  # a longer run follows
         return 0
     for _ in range(ROUNDS):
@@ -360,7 +364,7 @@ class SavedSearch:
         self.last = time.monotonic()
 
     def restore(self, modes: GrowingModes, start: Callable[[int], ProbeRun]) -> ProbeRun | None:
-        """Return the saved run, and give `modes` what it had found; None if this search was not saved."""
+        """Return the saved run, and restore the `modes` that it had found; None if this search was not saved."""
         if not self.path.is_file():
             return None
         with np.load(self.path) as saved:

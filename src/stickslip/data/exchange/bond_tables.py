@@ -21,7 +21,7 @@ from .content import HEAD, head_text, read_content
 from .force_lists import ALIASES
 from .table_file import names_of, read_columns
 
-NAMES = {  # what is read from a column: its names here and in YADE, then in PFC
+NAMES = {  # quantity: column names of this package and YADE, then of PFC
     "i": (*ALIASES["i"], "end1", "ball1", "contactend1"),
     "j": (*ALIASES["j"], "end2", "ball2", "contactend2"),
     "kn": ("kn", "normalstiffness"), "ks": ("ks", "shearstiffness", "kt"),
@@ -50,7 +50,7 @@ def is_table_of_bonds(path: Path) -> bool:
 
 
 def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
-    """State whose grains are bonded as a table says, at rest as they are, and notes on what was assumed.
+    """State with the bonds listed in a table, at rest as given, and notes on the assumptions.
 
     Raises
     ------

@@ -336,7 +336,7 @@ def contact_status(
         )  # fmt: skip
     if matrix.rigid is not None:
         raise ValueError(
-            "a packing with rigid bonds and contacts without force was given, whose opening is not decided: use "
+            "rigid bonds and contacts without force exclude each other, as their opening is not decided: use "
             "linear_system(..., bonds='elastic')"
         )
     mask = np.isin(np.arange(matrix.count), numbers)

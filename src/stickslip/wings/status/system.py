@@ -160,7 +160,7 @@ def follow_bonds(matrix: LinearSystem, fixed: np.ndarray) -> tuple[np.ndarray, s
     """
     size = len(matrix.free)
     if size > AT_MOST:
-        raise ValueError(f"{size} coordinates were given: rigid bonds are treated in packings of at most {AT_MOST}")
+        raise ValueError(f"rigid bonds require at most {AT_MOST} coordinates, got {size}")
     open_, forbidden = np.setdiff1d(np.arange(size), fixed), matrix.rigid.toarray()
     _, r, pivots = qr(forbidden[:, open_], pivoting=True, mode="economic")
     diagonal = np.abs(np.diag(r))
@@ -181,7 +181,7 @@ def pinned_coordinates(matrix: LinearSystem) -> np.ndarray:
 def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
     """(n,) translations of the whole packing that move no contact."""
     moves = [(matrix.free.axis == axis).astype(float) for axis in range(matrix.free.dim)]
-    slack = 1e-12 * np.abs(matrix.machine.data).max(initial=0.0)  # bonds resist no translation but for round-off
+    slack = 1e-12 * np.abs(matrix.machine.data).max(initial=0.0)  # bonds resist no translation, except for round-off
     moves = [move for move in moves if move.any() and np.abs(matrix.machine @ move).max() <= slack]
     return [move for move in moves if np.abs(matrix.c.T @ move).max(initial=0.0) < 1e-12]
 
