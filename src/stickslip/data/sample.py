@@ -132,7 +132,9 @@ def account_of(notes) -> dict[str, list[str]]:
 def repeated_note(text: str) -> Assumption:
     """Note that a file repeats from its source: files store the sentence, whose beginning identifies its class."""
     text = printable(text)
-    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(text, LAW if text.startswith((NO_LAW, FORMER_NO_LAW)) else "")
+    return (Obstacle if text.startswith(UNDECIDED) else Assumption)(
+        text, LAW if text.startswith((NO_LAW, FORMER_NO_LAW)) else ""
+    )
 
 
 class MemoryNote(Note):
