@@ -55,9 +55,10 @@ def test_columns_of_pfc_are_those_of_a_parallel_bond(read, radius):
     ("text", "words"),
     [
         ("i,j,kn\n0,1,1\n", "i, j and kn, ks"), ("i,j,kn,ks\n0,7,1,1\n", "grains 0 to 7, but the packing has 3"),
-        ("i,j,kn,ks\n0,1,-1,1\n", "kn = -1: it must be positive"), ("i,j,kn,ks\n0,0,1,1\n", "grain 0 with itself"),
+        ("i,j,kn,ks\n0,1,-1,1\n", "kn = -1: it must be positive"),
+        ("i,j,kn,ks\n0,0,1,1\n", "grain 0 cannot be bonded to itself"),
         ("i,j,kn,ks,normalAdhesion\n0,1,1,1,0\n", "tension = 0: it must be positive"),
-        ("i,j,kn,ks,kt\n0,1,1,1,1\n", "two columns for ks"), ("i,j,kn,ks\n0,1,1,1\n1,0,1,1\n", "bonded already"),
+        ("i,j,kn,ks,kt\n0,1,1,1,1\n", "two columns for ks"), ("i,j,kn,ks\n0,1,1,1\n1,0,1,1\n", "already bonded"),
         ("i,j,kn,ks\n0.5,1,1,1\n", "whole numbers"),
     ],
 )  # fmt: skip

@@ -134,4 +134,5 @@ def _parallel(made: State, known: dict[str, np.ndarray], old: int):
     limit = known.get("pb_rmul", np.ones(k))[:, None] ** [dim - 1, dim - 1, dim, dim]
     tensile, sheared = (known.get(name, np.full(k, UNBREAKABLE)) for name in ("pb_ten", "pb_coh"))
     moduli = np.stack([known["pb_kn"], known["pb_ks"], known["pb_kn"], known["pb_ks"]], axis=1)
-    return stiffness * size * moduli, strength * limit * np.stack([tensile, sheared, tensile, sheared], axis=1), arm
+    scaled = strength * limit * np.stack([tensile, sheared, tensile, sheared], axis=1)
+    return stiffness * size * moduli, np.where(strength < UNBREAKABLE, scaled, UNBREAKABLE), arm
