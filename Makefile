@@ -54,6 +54,7 @@ lint: $(STAMP)  ## check style, import layers and types
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+	$(BIN)/python -m tests.structure.prose
 
 bench: $(STAMP)  ## measure speed relative to other codes and reference kernels; `python -m benchmarks` lists all benchmarks
 	$(BIN)/python -m benchmarks all

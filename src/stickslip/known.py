@@ -103,7 +103,7 @@ TABLE = (
 
 @lru_cache(4096)
 def find_row(kind: str, name: str) -> Row:
-    """Row of the table for a name; one of what is not understood if it is in none."""
+    """Row of the table for a name; a row for unknown names if there is none."""
     rows = (row for row in TABLE if row.kind == kind)
     return next(
         (row for row in rows if any(fnmatchcase(name, pattern) for pattern in row.names.split())),
@@ -112,12 +112,12 @@ def find_row(kind: str, name: str) -> Row:
 
 
 def group_of(kind: str, name: str) -> str:
-    """Group of a name: used, without influence on forces, or not understood."""
+    """Group of a name: used, without influence on forces, or unknown."""
     return find_row(kind, name).group
 
 
 def plain_style(style: str) -> str:
-    """Name of a style of LAMMPS without the end that tells where it is computed: gran/hooke/history/omp is plain."""
+    """Name of a LAMMPS style without the suffix of its accelerator: gran/hooke/history/omp is plain."""
     end = next((f"/{end}" for end in sorted(ACCELERATED, key=len, reverse=True) if style.endswith(f"/{end}")), "")
     return style.removesuffix(end)
 

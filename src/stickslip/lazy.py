@@ -49,8 +49,8 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
 def lazy_function(package: str, path: str) -> Callable:
     """Return a function that imports `path` ("module.function") from a package when first called.
 
-    Its attribute `resolve` returns the function itself. Of another value, such as a table, it is the function that
-    returns it.
+    Its attribute `resolve` returns the function itself. For another value, such as a table, `resolve` is the function
+    that returns it.
     """
     module, _, name = path.partition(".")
 
@@ -78,7 +78,7 @@ def missing_attribute(package: str, name: str) -> str:
     root = package.partition(".")[0]
     if hasattr(import_module(package), "__path__") and find_spec(
         f"{package}.{name}"
-    ):  # `from package import module` asks first, then imports the module
+    ):  # `from package import module` first looks for an attribute, then imports the module
         return f"{package}.{name} is a module that was not imported: import {package}.{name}"
     from .words import absent, suggestions
 

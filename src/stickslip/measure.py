@@ -1,15 +1,15 @@
 """Quantities of a state.
 
 Contacts are those at the positions of the state. A state that has moved since its contacts were committed, for example
-by `packings.strained`, is refused: evaluate and commit it first, `accept(state, forces(state, law)[1])`.
+by `packings.strained`, is rejected: evaluate and commit it first, `accept(state, forces(state, law)[1])`.
 
 Contacts
     contact_forces      elastic force on body i of every pair
     contact_numbers     contacts of each grain
     coordination        mean number of contacts without rattlers
-    rattlers            grains that nothing holds
+    rattlers            grains without support
     touching            rows of the contact list whose bodies touch, or act on each other across a gap
-    bond_shares         share of its strength that each bond bears
+    bond_shares         load of each bond over its strength
     overlaps            overlaps of all pairs, negative for gaps
     branch_vectors      vectors from body j to body i of all pairs
 
@@ -20,7 +20,7 @@ Continuum
     inertial_number     dimensionless shear rate
     shear_strain        strain of a sheared cell
     elastic_energy      energy stored in the contacts
-    dissipation         energy that each contact dissipates in a step, by sliding and by dashpots
+    dissipation         energy dissipated by each contact in a step, by sliding and dashpots
     coarse_grained      density, velocity and stress as fields on a grid
 
 Network of forces, of a state or measured

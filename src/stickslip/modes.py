@@ -6,11 +6,11 @@ Complex pairs
     track_pairs         pairs along a load path, with births and deaths
     match_pairs         pairs matched from one spectrum to the next
     contact_sensitivity  effect of each contact on a pair
-    eigenvalue_gradient  derivatives of the deciding eigenvalue to forces, radii, parameters, positions
+    eigenvalue_gradient  derivatives of the decisive eigenvalue with respect to forces, radii, parameters, positions
     modulus_gradient    the same of a modulus
     residual_gradient   the same of the norm of the unbalanced forces
-    verdict_probability  how sure the verdict is if positions have errors
-    birth_form          what follows the instability: bursts, runaway, or a contact that is lost
+    verdict_probability  probability of the verdict given errors of positions
+    birth_form          course of the instability: bursts, runaway, or a lost contact
 
 Bonds
     decisive_bonds      bonds on which the growing or softest mode depends most
@@ -31,7 +31,7 @@ Response to forces, motions and noise
     contact_slip, stress_change  observables
     inflate             displacements around an inflated grain: elasticity or screening
     stationary_fluctuations  covariances under noise, and distance from instability
-    trigger_amplitude   how strong shaking or a pulse must be until a contact slides
+    trigger_amplitude   amplitude of shaking or of a pulse at which a contact slides
 
 Waves
     dispersion          frequency and damping of P, S and rotational waves

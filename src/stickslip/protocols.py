@@ -1,6 +1,6 @@
 """Load paths, free runs and release from unstable states.
 
-Protocol        how loads are applied and equilibria are found
+Protocol        application of loads and search for equilibria
 load_path       values of the load between turning points
 ramp            equilibria along a path of loads
 aqs             protocol of athermal quasi-static shear
@@ -9,7 +9,7 @@ plate_shear     protocol of shear by a plate under a force
 stable_window   range of loads without complex pairs nearest to a given load
 free_run        Newtonian dynamics from a state, with M(t) and events
 fit_growth      growth rate and frequency fitted to M(t)
-kinetic_threshold   load from which on kicked samples slide, and at which sliding ones stop
+kinetic_threshold   load above which kicked samples slide, and at which sliding ones stop
 response_envelope   response to small strains or stresses in all directions, and its second-order work
 Envelope        its result
 localisation    plane across which a shear band forms most easily

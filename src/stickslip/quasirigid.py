@@ -6,7 +6,7 @@ contact_status      status of all contacts under a load rate
 complementarity, status_map, consistent_statuses, statuses_at_apex  the underlying problem, and slower ways to solve it
 certificate         uniqueness of the status
 probe_statuses      contact status and strain under small stresses of a periodic cell
-mechanisms          motions that nothing resists
+mechanisms          unresisted motions
 rigid_clusters      clusters that move as rigid bodies in all motions that contacts do not resist
 load_path, with_load    piecewise-linear path from event to event, and through collapses
 with_machine, with_travel    load by a spring whose load point moves

@@ -1,7 +1,7 @@
-"""Wings: packages of experiments and commands that stand on the laboratory.
+"""Wings: packages of experiments and commands built on the laboratory.
 
-Each has a head, a `Wing`, that an entry point of the group `stickslip.wings` names. Heads are small: they list what
-there is, and nothing else of a wing is imported before it is used. This module needs the standard library alone.
+Each has a head, a `Wing`, registered as an entry point of the group `stickslip.wings`. Heads are small: they list the
+content of a wing, which is imported on first use. This module needs only the standard library.
 """
 
 import warnings
@@ -26,24 +26,24 @@ class Selfcheck(NamedTuple):
 
 
 class FileFormat(NamedTuple):
-    """A format of packings; its functions are imported when such a file is met. "" stands for what it lacks."""
+    """A format of packings; its functions are imported on demand. "" stands for a missing function."""
 
     name: str
-    start: bytes = b""  # regular expression: how files that are read begin
+    start: bytes = b""  # regular expression for the beginning of readable files
     read: str = ""  # "module.function": path -> {name of a frame: arguments of `packings.from_arrays`}
-    suffix: str = ""  # of files that are written, as in ".pdb"
-    write: str = ""  # "module.function": (path, frames) -> notes on what is not stored
+    suffix: str = ""  # extension of written files, as in ".pdb"
+    write: str = ""  # "module.function": (path, frames) -> notes on data that are not stored
 
 
 class Wing(NamedTuple):
-    """Head of a wing: names of what it adds. Modules are named relative to its package."""
+    """Head of a wing: names of its additions. Modules are named relative to its package."""
 
     package: str  # `__package__` of the module of the head
     words: str  # one line
     experiments: Mapping[str, str] = {}  # value of `experiment` in a scenario -> package with its `EXPERIMENT`
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
-    fault: str = ""  # "module.function": () -> why an external program that the wing needs does not work, or ""
+    fault: str = ""  # "module.function": () -> reason why a required external program does not work, or ""
     needs: tuple[str, ...] = ()  # names of the wings that it imports, itself or through others
     formats: tuple[FileFormat, ...] = ()
     pages: tuple[str, ...] = ()  # of documentation: NAME.md in its folder, or a page of the laboratory's documentation
@@ -59,18 +59,18 @@ class Wing(NamedTuple):
 
 
 class MissingWingError(ImportError, ValueError):
-    """Raised if a wing that is needed is not installed; the message is one sentence (exit code 2)."""
+    """Raised if a required wing is not installed; the message is one sentence (exit code 2)."""
 
 
 def wings() -> dict[str, Wing]:
-    """Heads of the wings that are installed together with those that they need, by name."""
+    """Heads of the installed wings whose required wings are also installed, by name."""
     found = installed()
     return {name: wing for name, wing in found.items() if set(wing.needs) <= set(found)}
 
 
 @cache
 def installed() -> dict[str, Wing]:
-    """Heads of all wings that are installed, by name; a broken one is left out with a warning."""
+    """Heads of all installed wings, by name; broken ones are skipped with a warning."""
     own = {"papers": 0, "studies": 1, "soils": 2, "faults": 3}  # the order of experiments in lists
     found = sorted(entry_points(group=GROUP), key=lambda entry: (own.get(entry.name, len(own)), entry.name))
     return {entry.name: wing for entry in found if (wing := _load(entry)) is not None}
@@ -99,12 +99,12 @@ def add_commands() -> None:
         if wing.commands:
             try:
                 wing.module(wing.commands)
-            except Exception as problem:  # code of other people
+            except Exception as problem:  # third-party code
                 _warn(name, problem)
 
 
 def missing_wing(user: str, name: str) -> MissingWingError:
-    """Error for something that needs a wing that is not installed."""
+    """Error for a feature that needs a missing wing."""
     remedy = "install stickslip again, or the package that has this wing"
     return MissingWingError(f"{user} needs the wing {name}, which is not installed: {remedy}")
 
@@ -120,7 +120,7 @@ def _load(entry: EntryPoint) -> Wing | None:
         wing = entry.load()
         if not isinstance(wing, Wing):
             raise TypeError(f"{entry.value} is a {type(wing).__name__}, not a Wing")
-    except Exception as problem:  # code of other people
+    except Exception as problem:  # third-party code
         _warn(entry.name, problem)
         return None
     return wing

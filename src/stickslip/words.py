@@ -135,7 +135,8 @@ MEANT = {
     "experiments.element_test": "element_tests soils soil triaxial_test triaxial oedometer oedometric friction_angle "
     "dilatancy dilation critical_state mohr_circle mohr mohr_coulomb undrained drained cohesion_intercept peak "
     "geotechnical simple_shear_test plane_strain k0 skempton compression_index swelling_index swelling consolidation "
-    "fit_envelope mohr_envelope csl",
+    "fit_envelope mohr_envelope csl ucs uniaxial_compression unconfined_compression direct_tension "
+    "tensile_strength rock",
     "experiments.cyclic_shear": "cyclic cyclic_triaxial liquefaction damping_ratio g_gmax shear_modulus_reduction "
     "hysteresis return_point cyclic_loading fatigue compaction",
     "experiments.flow": "hopper silo drum rotating_drum column_collapse angle_of_repose mu_i rheology granular_flow "

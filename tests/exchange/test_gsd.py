@@ -102,7 +102,7 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
     assert back.cell.dim == 2
     assert not back.contacts.slip.any()
     _, _, notes = ss.io.read_packing(tmp_path / "f.gsd")
-    assert any("no contact law" in word for word in notes)
+    assert any("the contact law is missing" in word for word in notes)
 
 
 def test_spins_of_turned_grains_are_read(tmp_path):
@@ -246,7 +246,7 @@ def test_a_small_file_does_not_fill_the_memory(of, tmp_path):
         index["rows"][1:many], index["at"][1:many] = index["rows"][1], index["at"][1]
         content.tofile(path)
     what = {"frames": "particles", "chunks": "frame 0"}.get(of, of)
-    with pytest.raises(ss.packings.PackingError, match=f"its {what} would take more than"):
+    with pytest.raises(ss.packings.PackingError, match=f"its {what} would need more than"):
         ss.io.read_packings(path, law=SHARP)
 
 

@@ -126,7 +126,7 @@ def test_memory_is_bounded_by_the_size_of_the_file(packed, tmp_path):
         head.encode() + np.array(sizes, "<u4").tobytes() + block + b"</AppendedData></VTKFile>"
     )
     tracemalloc.start()
-    with pytest.raises(ss.packings.PackingError, match="100 times the size of the file"):
+    with pytest.raises(ss.packings.PackingError, match="100 times the file size"):
         ss.io.read_packing(tmp_path / "p.vtp")
     assert tracemalloc.get_traced_memory()[1] < 3 * 2**26  # 64 MiB are always allowed
     tracemalloc.stop()

@@ -257,5 +257,5 @@ def test_many_grains_in_blocks_move_as_by_rows_on_any_number_of_threads(monkeypa
 
 def test_collisions_of_a_user_defined_law_are_refused():
     law = example("rolling")
-    with pytest.raises(ValueError, match="supports k δ and k δ"):
+    with pytest.raises(ValueError, match="supports the normal forces k δ and k δ"):
         ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1)

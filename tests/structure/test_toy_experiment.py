@@ -149,7 +149,7 @@ def test_its_folder_and_the_head_of_its_wing_are_all_that_it_needs(tmp_path, mon
 def test_a_file_that_it_does_not_name_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "EXPERIMENT", EXPERIMENT._replace(writes=()))
     _written_by.cache_clear()
-    with pytest.raises(RuntimeError, match=r"tosses\.csv are not run files: name them in `writes`"):
+    with pytest.raises(RuntimeError, match=r"tosses\.csv are not run files: list them in `writes`"):
         write_result(tmp_path / "out", EXPERIMENT, ss.simulate(ss.scenario(experiment="coins")))
     _written_by.cache_clear()
 

@@ -83,7 +83,7 @@ def test_fronts_have_distance_over_delay_and_their_speed_if_they_have_one():
     assert "breaching" in top.get_xlabel() and top.get_ylabel() == "distance\nfrom disk 1 [diameters]"
     assert "sliding by 0.1" in bottom.get_xlabel() and bottom.get_ylabel() == "distance\nfrom last disk [diameters]"
     words, others = (axes.get_legend().get_texts()[-1].get_text() for axes in (top, bottom))
-    assert r"(4 ± 0.04)\times 10^{-3}" in words and words.endswith(r"$\chi^2$ = 6 for 3")
+    assert r"(4 ± 0.04)\times 10^{-3}" in words and words.endswith(r"$\chi^2$ = 6, 3 degrees of freedom")
     assert others.startswith("$V_2$: no single speed")
 
 

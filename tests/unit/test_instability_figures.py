@@ -69,7 +69,7 @@ def test_thresholds_are_drawn_where_they_are():
     above, below = ss.figures.static_and_kinetic(threshold, label="push", strength=0.4).axes
     lines = {line.get_label(): line for line in above.get_lines()}
     circles = [line.get_ydata().tolist() for line in above.get_lines() if len(line.get_xdata()) == 3]
-    assert circles[2:] == [[0, 0.5, 1], [0, 0.4, 0.9]] and {"slid by 0.1", "then slid on for as long"} <= set(lines)
+    assert circles[2:] == [[0, 0.5, 1], [0, 0.4, 0.9]] and {"slid by 0.1", "slid for as long again"} <= set(lines)
     assert lines[r"kicked by $3\times 10^{-3}$"].get_ydata().tolist() == [0, 0.4, 0.9] and below.get_xlabel() == "push"
     verticals = {word: lines[word].get_xdata()[0] for word in ("first limit", "slides by itself")}
     assert verticals == {"first limit": 0.25, "slides by itself": 0.4} and "first pair" not in lines

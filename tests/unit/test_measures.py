@@ -82,9 +82,10 @@ MEANT = {
         NUMBER: both("e0 coordination nu0 strain_at_peak e_critical K0 compression_index rowe_correlation skempton "
         "largest_unbalanced rearranged_share strain_at_cone stiffness_number critical_reached critical_from "
         "critical_ratio compression_misfit swelling_index swelling_misfit reloading_index reloading_misfit skempton_B "
-        "end_ratio e_end"),
+        "end_ratio e_end nu nu_half bonds broken_before broken_tension_peak broken_shear_peak broken_tension "
+        "broken_shear"),
         STRESS: both("G0 E0 E50 p_critical u_at_peak sigma1_peak sigma3_peak sigma1_critical sigma3_critical p_end "
-                     "sigma1_end sigma3_end"),
+                     "sigma1_end sigma3_end E E_half UCS tensile_strength strength crack_initiation"),
         "angle": both("phi_peak psi phi_residual phi_rowe cone_direction"),
     },
     "cyclic-shear": {

@@ -180,7 +180,7 @@ def test_a_sweep_says_what_varies_and_what_was_refused():
     shown = cells(grid)
     assert shown[0] == ["experiment", "rate-state"]
     assert ["members", "6"] in shown
-    assert ["refused points", grid.refusals] in shown
+    assert ["rejected points", grid.refusals] in shown
     assert grid.digest not in repr(grid) + grid._repr_html_()
     assert repr(grid).startswith("Sweep: 6 members of rate-state, surface.a = ")
 

@@ -279,7 +279,7 @@ def test_a_page_names_the_units_of_its_run(flows):
 
 
 def test_labels_of_figures_name_units(flows):
-    words = {"$x$ [units of length]", "speed [units of length/time]", "energy [units of energy]"}
+    words = {"$x$ [diameters]", "speed [diameters / time unit]", "energy [units of energy]"}
     assert {*words, "time $t$ [units of time]"} <= flows["labels"]["bare"]
     assert {"$x$ [mm]", "speed [mm/s]", "energy [g mm²/s²]", "time $t$ [s]"} <= flows["labels"]["named"]
 

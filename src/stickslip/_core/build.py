@@ -3,7 +3,7 @@
     python src/stickslip/_core/build.py [--all | --level base] [--force] [--verbose]
     python src/stickslip/_core/build.py --sanitize address,undefined --out DIR
 
-The library for this machine is built unless others are asked for, by the C++ compiler of the machine or else by that of
+The library for this machine is built unless others are requested, by the C++ compiler of the machine or else by that of
 the package `ziglang`. A small library, the probe, finds the level of a processor. Each library holds a stamp with the
 digest of its sources, and is built again only if the digest differs. This file needs the standard library alone,
 because it also runs before the package is installed.
@@ -79,7 +79,7 @@ class Compiler(NamedTuple):
 
     @property
     def is_zig(self) -> bool:
-        """Whether this is the compiler of the package `ziglang`."""
+        """Return True for the compiler of the package `ziglang`."""
         return Path(self.command[0]).stem == "zig"
 
     def compile(self, level: str) -> list[str]:
@@ -118,7 +118,7 @@ def _ziglang() -> list[list[str]]:
 def find_compiler() -> Compiler | None:
     """Find the first C++ compiler that works: that of CXX, of the path, or of the package `ziglang`.
 
-    CXX=ziglang asks for the last. On Windows, those of the path are not tried.
+    CXX=ziglang selects the last one. On Windows, those of the path are not tried.
     """
     text = os.environ.get("CXX", "")
     try:
@@ -245,7 +245,7 @@ def build(
     force: bool = False,
     verbose: bool = False,
 ) -> str:
-    """Build the probe and libraries, if they are not those of the sources, and return what was done in one line.
+    """Build the probe and libraries, if they do not match the sources, and return a one-line summary.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def build(
     levels : to build; if none is given, the highest one that this processor runs
     sanitize : sanitizers of the compiler, separated by commas
     force : build even if the libraries are up to date
-    verbose : print commands, and all that the compiler says of an error
+    verbose : print commands, and the complete messages of the compiler
 
     Raises
     ------
@@ -382,7 +382,7 @@ def _make(target: Path, command: list, scratch: Path, verbose: bool) -> None:
 
 
 def _first_error(text: str) -> str:
-    """One sentence from what a compiler or linker says."""
+    """One sentence from the messages of a compiler or linker."""
     if match := re.search(r"^(.+?):(\d+):(?:\d+:)? (?:fatal )?error: (.*)$", text, flags=re.MULTILINE):
         return f"the core was not built: {match[1]}, line {match[2]}: {match[3]}"
     lines = [line for line in text.splitlines() if re.search("error|undefined", line)] or text.splitlines() or [""]

@@ -90,7 +90,7 @@ def docs(
 
 @command(epilog=CITE, short_help="Print BibTeX entries to cite for a run.")
 def cite(
-    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or the folder of a run's results.")],
+    scenario: Annotated[Path, typer.Argument(help="A scenario in TOML, or a run folder.")],
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No effect: only BibTeX is printed.")] = False,
     as_json: AsJson = False,
 ) -> None:

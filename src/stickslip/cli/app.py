@@ -310,7 +310,7 @@ class FailedError(RuntimeError):
 
 
 class StoppedError(Exception):
-    """Raised for a run that was stopped by ctrl-C; the message says how to continue."""
+    """Raised for a run stopped by ctrl-C; the message names the command that continues it."""
 
 
 @contextmanager

@@ -198,7 +198,7 @@ def stability(
 ) -> None:
     """Is this packing stable? Complex pairs, buckling, floppy modes and rattlers of any packing.
 
-    Of cemented grains, also the bonds that decide, and the first ones to break as strains grow, by linear response.
+    For cemented grains, also decisive bonds, and the first ones to break under growing strains, by linear response.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. Exit codes: 0 stable
     or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in equilibrium, or undecided.

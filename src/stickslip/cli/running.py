@@ -128,7 +128,7 @@ def reproduce(
 
 @contextmanager
 def _working_in(folder: Path, output: Output):
-    """Lock the folder of a run and direct its output; after ctrl-C, print the command that continues it."""
+    """Lock a run folder and direct the output; after ctrl-C, print the command that continues the run."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.manifest import lock_folder
     from ..data.run_files import resume_command
@@ -363,7 +363,7 @@ def _run_in(command: str, chosen, folder: Path, spread, output: Output, look, dr
 @command(epilog=RESUME, short_help="Continue a run that was stopped or killed.")
 def resume(
     *,
-    folder: Annotated[Path, typer.Argument(help="The folder of a run that was stopped or killed.")],
+    folder: Annotated[Path, typer.Argument(help="The run folder of a stopped or killed run.")],
     processes: ProcessOptions,
     trust: Trust = False,
     output: Output,

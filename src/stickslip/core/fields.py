@@ -62,9 +62,9 @@ _SHAPE = re.compile(r"\(((?:\w+, ?)+(?:\w+)?)\)")
 
 
 BODY_BITS, IMAGE_BITS = 21, 7  # of a body and of one component of an image in the key of a contact
-LARGEST = 1e150  # of any number in a state: squares are finite
+LARGEST = 1e150  # largest magnitude of any number in a state: squares are finite
 LONG = 10_000  # array size from which BLAS uses several threads
-COURSE_DTYPE = np.int16  # of column numbers; small, because there are nine per body
+COURSE_DTYPE = np.int16  # type of column numbers; small, because there are nine per body
 
 
 class Field(NamedTuple):

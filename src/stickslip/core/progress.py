@@ -1,7 +1,7 @@
-"""Sizes of runs, refused beyond a limit before anything is allocated; progress of a run; outcome of a solve.
+"""Sizes of runs, checked against limits before anything is allocated; progress of a run; outcome of a solver.
 
-Progress is told to one kind of callable. Short work deep below, such as the compilation of a law, has no such callable:
-`announced` shows it on the terminal.
+Progress is reported through a callable. Short tasks at a low level, such as the compilation of a law, have none:
+`announced` shows them on the terminal.
 """
 
 import inspect
@@ -32,10 +32,10 @@ STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 
 class Size(NamedTuple):
     """Number of things of one kind that a run has or a function makes."""
 
-    what: str  # what determines it, as the start of a sentence: "line.width and line.cell make"
+    what: str  # its origin, as the start of a sentence: "line.width and line.cell make"
     number: float
     kind: str  # a key of LIMITS
-    remedy: str  # what to do if there are too many
+    remedy: str  # advice if there are too many
 
 
 def require_sizes(sizes: Iterable[Size], error: type[ValueError] = ValueError) -> None:
@@ -66,7 +66,7 @@ def _require_signature(name: str, value: Callable) -> None:
         inspect.signature(value).bind("stage", 0.0, "text")
     except TypeError:
         raise ValueError(f"{name} has the wrong arguments: it is called as {name}(stage, share done, text)") from None
-    except ValueError:  # a compiled function does not say what it takes
+    except ValueError:  # a compiled function has no signature
         return
 
 
@@ -81,12 +81,12 @@ def silent(stage: str, share: float, text: str) -> None:
 def within(
     report: Report, begin: float = 0.0, end: float = 1.0, *, stage: str | None = None, prefix: str = ""
 ) -> Report:
-    """Return what reports a part of a longer work.
+    """Return a function that reports a part of a longer task.
 
     Parameters
     ----------
-    begin, end : shares of the whole at which the part begins and ends
-    stage, prefix : name of the stage, instead of that of the part; and what is put before it
+    begin, end : fractions of the whole at which the part begins and ends
+    stage, prefix : name of the stage, instead of that of the part, and a prefix of the text
 
     Examples
     --------
@@ -98,7 +98,7 @@ def within(
 
 @contextmanager
 def _line_on_terminal(text: str) -> Iterator[None]:
-    """Show a line on standard error while the work lasts, if that is a terminal and this is no worker process."""
+    """Show a line on standard error during a task, if it is a terminal and this is not a worker process."""
     stream = sys.stderr
     if stream is None or not stream.isatty() or os.environ.get("TERM") == "dumb" or parent_process():
         yield
@@ -116,7 +116,7 @@ _displays: list[Callable[[str], AbstractContextManager]] = [_line_on_terminal]  
 
 
 def announced(text: str) -> AbstractContextManager:
-    """Context manager that shows what is being done while it lasts."""
+    """Context manager that shows the present task."""
     return _displays[-1](text)
 
 
@@ -141,8 +141,8 @@ class Status(Enum):
     CONVERGED = "equilibrium was reached"
     DONE = "the run reached its last step"
     STEPS_SPENT = (
-        "equilibrium was not reached in the allowed number of steps: perhaps nothing balances this load; "
-        "otherwise allow more steps, or use stronger drag or a tolerance above round-off"
+        "equilibrium was not reached in the allowed number of steps: perhaps there is no equilibrium under "
+        "this load; otherwise allow more steps, or use stronger drag or a tolerance above round-off"
     )
     NOT_A_NUMBER = "a grain's position became infinite or NaN: use a smaller time step or smaller load steps"
     BLOWN_UP = "a grain moved by more than its radius in one time step: use a smaller time step"
@@ -160,7 +160,7 @@ class Outcome(NamedTuple):
     status: Status
     residual: float  # largest unbalanced force or torque/radius [force]
     iterations: int
-    where: int = -1  # body with the largest residual, or the one that blew up
+    where: int = -1  # body with the largest residual, or the one that became unstable
     how: str = ""  # description of the solve
     fallback: bool = False  # True if Newton's method failed and damped dynamics was used
     warning: str = ""  # message to the user about a solve that succeeded
@@ -174,7 +174,7 @@ class Outcome(NamedTuple):
 
     @property
     def broken(self) -> bool:
-        """True if the run blew up, so that its last state is meaningless."""
+        """True if the run became unstable, so that its last state is meaningless."""
         return self.status in (Status.NOT_A_NUMBER, Status.BLOWN_UP)
 
     def __str__(self) -> str:

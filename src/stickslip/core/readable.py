@@ -95,7 +95,7 @@ def words(name: str) -> str:
 
 
 def unit_in_signs(unit: str) -> str:
-    """A unit in brackets, as it is printed; empty for a plain number.
+    """A unit in brackets, as printed; empty for a plain number.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def _format_list(items: list) -> str:
 
 
 def _format_array(value: np.ndarray) -> str:
-    """The numbers of a small array, else their range and how many there are."""
+    """The numbers of a small array, or else their range and count."""
     if not value.size:
         return "none"
     if value.dtype.kind == "b":

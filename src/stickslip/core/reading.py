@@ -1,8 +1,8 @@
-"""Bounded reading of foreign files: what they claim is compared with their size before any memory is taken.
+"""Bounded reading of foreign files: declared sizes are compared with the size of the file before memory is allocated.
 
-`read_bytes` opens a file, a `Budget` counts what its content takes in memory once it is decompressed, and a `Reader`
-takes bytes one after another, so that a length in a file can only move forwards, and within the file. MATLAB files up
-to version 7 are checked before SciPy reads them: it trusts their lengths, and wrong ones may crash it.
+`read_bytes` opens a file, a `Budget` counts the memory of its decompressed content, and a `Reader` returns bytes one
+after another, so that a length in a file can only move forwards, and within the file. MATLAB files up to version 7 are
+checked before SciPy reads them, because wrong lengths may crash SciPy.
 
 Source: MathWorks, MAT-File Format, level 5: a header of 128 bytes, then elements, each with a type, a length and data.
 """
@@ -20,7 +20,7 @@ from zipfile import ZipFile
 import numpy as np
 
 LARGEST_FILE = 2**33  # [bytes]
-LARGE, EXPANDS = 2**26, 100  # content that any file may have [bytes], and largest multiple of the size of the file
+LARGE, EXPANDS = 2**26, 100  # content allowed for any file [bytes], and largest multiple of the file size
 NPY = b"\x93NUMPY"
 _PIECE = 2**20  # read at a time [bytes]
 
@@ -39,7 +39,7 @@ def read_bytes(path: str | Path, *, remedy: str, size: int = -1) -> bytes:
     with open(path, "rb") as file:
         stored = os.fstat(file.fileno()).st_size
         if size < 0 and stored > LARGEST_FILE:
-            raise ValueError(f"{path} holds {stored / 1e9:.3g} GB: at most {LARGEST_FILE / 1e9:.3g} are read; {remedy}")
+            raise ValueError(f"{path} has {stored / 1e9:.3g} GB: at most {LARGEST_FILE / 1e9:.3g} are read; {remedy}")
         return file.read(size)
 
 
@@ -72,7 +72,7 @@ def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = 
 
 
 def _array_of(content: bytes) -> np.ndarray:
-    """Array of an .npy; ValueError before memory is taken if it claims more numbers than there are."""
+    """Array of an .npy; ValueError before memory is allocated if it declares more numbers than it has."""
     file = BytesIO(content)
     first, _ = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if first == 1 else np.lib.format.read_array_header_2_0
@@ -84,7 +84,7 @@ def _array_of(content: bytes) -> np.ndarray:
 
 
 class Budget:
-    """Bytes that the content of a file may still take in memory: 64 MiB, or a hundred times the size of the file."""
+    """Remaining memory allowed for the content of a file [bytes]: 64 MiB, or a hundred times the file size."""
 
     def __init__(self, path: str | Path, stored: int, *, remedy: str, error: Callable[[str], Exception] = ValueError):
         self.path, self.stored, self.remedy, self.error = path, stored, remedy, error
@@ -94,13 +94,13 @@ class Budget:
         """Count bytes that are about to be allocated; raises `error` with a one-sentence message if too many."""
         if not 0 <= size <= self.left:
             raise self.error(
-                f"{self.path} holds {self.stored / 1e6:.3g} MB, and the content with its {what} would take more than "
-                f"{self.most / 1e6:.3g} MB, 100 times the size of the file or 64 MiB: it is damaged; {self.remedy}"
+                f"{self.path} has {self.stored / 1e6:.3g} MB, but its content with its {what} would need more than "
+                f"{self.most / 1e6:.3g} MB, 100 times the file size or 64 MiB: it is damaged; {self.remedy}"
             )
         self.left -= size
 
     def expand(self, file: BinaryIO, what: str = "content") -> bytes:
-        """Read an open file that decompresses what it reads."""
+        """Read an open file with decompression."""
         pieces = []
         while piece := file.read(_PIECE):
             self.take(len(piece), what)
@@ -109,7 +109,7 @@ class Budget:
 
 
 class Reader:
-    """Position in bytes, which only moves forwards; ValueError with a few words if more are wanted than follow."""
+    """Position in bytes, which only moves forwards; ValueError with a few words beyond the end."""
 
     def __init__(self, content: bytes, at: int = 0):
         self.content, self.at = content, 0
@@ -244,7 +244,7 @@ def _check_parts(reader: Reader, order: str, budget: Budget, depth: int, kind: i
     for _ in range(count * fields):
         inner, part = _element(reader, order)
         if inner != MATRIX:
-            raise ValueError(f"an element of type {inner} where an array is needed")
+            raise ValueError(f"an element of type {inner} instead of an array")
         _check_array(part, order, budget, depth + 1)
 
 
@@ -252,5 +252,5 @@ def _numbers(reader: Reader, order: str, *kinds: int) -> bytes:
     """Data of the next element, which must be of one of some types."""
     got, data = _element(reader, order)
     if got not in kinds or len(data) % WIDTHS[got]:
-        raise ValueError(f"an element of type {got} with {len(data)} bytes where type {kinds[0]} is needed")
+        raise ValueError(f"an element of type {got} with {len(data)} bytes instead of type {kinds[0]}")
     return data

@@ -1,4 +1,4 @@
-"""Units of length, force and time that a packing and its law have of themselves, in which defaults are stated.
+"""Natural units of length, force and time of a packing and its law, in which defaults are stated.
 
 With k_n = 1, grains of mass 1 and a smallest diameter of 1, all of them are 1.
 """
@@ -12,7 +12,7 @@ from .laws.compiled import evaluate
 from .laws.kinds import Kind
 from .state import State
 
-ROUND_OFF = 1e-8  # of the terms of a sum that cancel: what is left below this share of them is no result
+ROUND_OFF = 1e-8  # fraction of cancelling terms below which their sum is meaningless
 VALIDATED = 0.1  # overlap, over the diameter, up to which user-defined laws are validated
 
 
@@ -25,7 +25,7 @@ class Scales(NamedTuple):
 
 
 def natural_scales(state: State, law: Law, length: float | None = None) -> Scales:
-    """Natural units of a packing; under a change of units they change as quantities of their kind do.
+    """Natural units of a packing, which transform with units like quantities of their kind.
 
     Another length may be given. The force is that of the stiffest pair of materials. A user-defined law is extrapolated
     linearly from a tenth of it.
@@ -40,7 +40,7 @@ def natural_scales(state: State, law: Law, length: float | None = None) -> Scale
 
 
 def clear_round_off(values, scale):
-    """Values, with zeros in place of those that are only round-off of terms of a size `scale`.
+    """Values, with zeros in place of round-off of terms of size `scale`.
 
     Examples
     --------

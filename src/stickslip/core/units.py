@@ -1,7 +1,7 @@
 """Units of the fields of NamedTuples, read from the comments beside their definitions.
 
-A comment such as `(T, 3) [length/time]` states a unit once: readers of the code, archives, datasets and tables all take
-it from there.
+A comment such as `(T, 3) [length/time]` states a unit once: readers of the code, archives, datasets and tables all use
+it.
 """
 
 import re
@@ -28,7 +28,7 @@ _PRESSURE = "force/length^(dim-1)"
 def units_of(kind: type) -> dict[str, str]:
     """Units of those fields of a NamedTuple that have exactly one: dimensions, or SI units if the class is in SI.
 
-    A unit in the first line of the class's docstring is that of all fields.
+    A unit in the first line of the class docstring applies to all fields.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def units_from(given, dim: int = 3) -> Units:
     Raises
     ------
     ValueError
-        with one sentence, if they cannot be used.
+        with a one-sentence message, if they cannot be used.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def in_units(unit: str, units: Units | None) -> str:
     if units is None or not _is_unit(unit):
         return unit
     unit = unit.replace(_PRESSURE, "stress").replace("^dim", f"^{units.dim}")
-    if units.dim == 2 or str(units) != "SI":  # a stress has a name of its own in SI and three dimensions only
+    if units.dim == 2 or str(units) != "SI":  # only in SI and three dimensions does the unit of stress have a name
         power = units.dim - 1
         unit = re.sub(r"stress(/length)?", lambda match: _per_length(power + (match[1] is not None)), unit)
     if str(units) == "SI":
@@ -178,8 +178,8 @@ def units_in_use(units: Units | str | dict[str, str] | None) -> Iterator[None]:
 
     Parameters
     ----------
-    units : "SI", names of length, mass and time as in "mm, g, s", a dictionary of these, or what `packing_units`
-        returns; None to print only dimensions
+    units : "SI", names of length, mass and time as in "mm, g, s", a dictionary of these, or the result of
+    `packing_units`; None to print only dimensions
 
     Examples
     --------
@@ -195,7 +195,7 @@ def units_in_use(units: Units | str | dict[str, str] | None) -> Iterator[None]:
 
 
 def current_units() -> Units | None:
-    """Units that are printed now; None if they are unknown."""
+    """Units printed at present; None if unknown."""
     return _IN_USE.get()
 
 
@@ -233,8 +233,7 @@ def in_readable_units(values, unit: str) -> tuple:
 class Fields(dict):
     """Values by name, with units for an archive.
 
-    Units are those of the fields of the same names in NamedTuples, of which the first one that has it counts, or given
-    by name.
+    Units are given by name, or those of the fields of the same names in the first NamedTuple that has them.
     """
 
     def __init__(self, values, *kinds: type, **units: str):

@@ -167,7 +167,7 @@ class Checkpoint(NamedTuple):
         return self if self._has_note else None
 
     def check(self) -> None:
-        """Raise ArchiveError if a piece of this part, or of its own parts, cannot be used."""
+        """Raise ArchiveError if a piece of this part, or of its parts, cannot be used."""
         for folder in (self.folder, *sorted(path for path in self.folder.rglob("*") if path.is_dir())):
             inside = folder.relative_to(self.folder)
             if UNFINISHED not in inside.parts:

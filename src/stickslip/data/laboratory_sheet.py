@@ -16,7 +16,7 @@ from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
 REMEDY = "give a text table, or an HDF5, MATLAB or binary XLOOK file"
-TITLE = struct.Struct(">20s4i")  # of XLOOK: name, samples, columns, two unused
+TITLE = struct.Struct(">20s4i")  # header of XLOOK: name, samples, columns, two unused
 CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
 CHANNELS = (32, 16)  # number of channels in the header of present and of old files
 USUAL = 1e-20, 1e20  # magnitudes by which the byte order is found

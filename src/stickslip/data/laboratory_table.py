@@ -123,7 +123,7 @@ class Wanted(NamedTuple):
     """Columns that a reader looks for."""
 
     columns: tuple[str, ...]  # names in `COLUMNS`
-    example: str  # of headings, for messages
+    example: str  # example of headings, for messages
     rows: str  # kind of the rows in `known.TABLE` for other columns
     numbered: str = ""  # example of column numbers in the syntax of the option, if there is one
     besides: tuple[str, ...] = ()  # columns that are found by heading even if the user names others

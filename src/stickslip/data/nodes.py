@@ -223,5 +223,5 @@ def restore_contacts(fields: dict) -> Contacts:
 
 
 def restore_bonds(fields: dict) -> Bonds:
-    """Bonds from their fields in a file. Files of early versions do not say which load broke each one."""
+    """Bonds from their fields in a file. Files of early versions do not contain the breaking loads."""
     return Bonds(**{"failed": np.zeros(len(fields["i"]), np.int8)} | fields)

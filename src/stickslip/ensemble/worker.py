@@ -107,7 +107,7 @@ class WorkerProcess:
         return signal.strsignal(-code).lower() if code < 0 and signal.strsignal(-code) else f"exit code {code}"
 
     def kill(self) -> None:
-        """Kill the process, whatever it is doing."""
+        """Kill the process at once."""
         self.process.kill()
 
     def end(self) -> None:
@@ -196,7 +196,7 @@ def _serve() -> None:
 
 
 def _listen(stream, asked) -> None:
-    """Queue incoming tasks; end this process, whatever it is doing, when the stream ends."""
+    """Queue incoming tasks; end this process at once when the stream ends."""
     try:
         while True:
             asked.put(pickle.load(stream))

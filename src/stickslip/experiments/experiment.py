@@ -29,7 +29,7 @@ class Reproduction(NamedTuple):
 class Paper(NamedTuple):
     """Reproduction of a published experiment; `reproduce` returns a `Reproduction`, or more with its attributes."""
 
-    title: str  # of the claims table
+    title: str  # title of the claims table
     cuts: str  # parts that a quick run omits
     scenario: Callable  # (quick, seed) -> scenario of the main run
     reproduce: Callable  # (quick, seed, folder, workers, report) -> reproduction
@@ -51,7 +51,7 @@ class SweepMember(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """Figures, texts and remarks on all members of a sweep, or on a run beside a test of a laboratory."""
+    """Figures, texts and remarks on all members of a sweep, or on a run and a laboratory test."""
 
     files: Mapping[str, Any] = MappingProxyType({})  # Figure, or text of a table, by file name
     remarks: tuple[str, ...] = ()  # sentences

@@ -66,12 +66,12 @@ class Quantity(NamedTuple):
     stands for values at several places, with names such as `damping@0.001`; None means that a subject does not have it.
     """
 
-    name: str  # of columns, measures and datasets
+    name: str  # name of columns, measures and datasets
     unit: str  # dimensions such as "force/length^(dim-1)", or a unit; "1" for numbers and texts
     meaning: str  # in a few words
     # function of the subject, or attribute, `name` if not given; "packed.pressure" is NaN if `packed` is None
     of: Callable[[Any], Any] | str = ""
-    label: str = ""  # of axes, if it is not the name in words
+    label: str = ""  # label of axes, if it is not the name in words
     partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one has not
 
     def at(self, subject) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The loop over realizations, shared by all experiments: run in parallel, save, skip saved ones, report failures.
 
-On a device, legs of several realizations, each in a thread of its own, run side by side in one batch (`Together`).
+On a device, legs of several realizations, each in a separate thread, run side by side in one batch (`Together`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +26,7 @@ class Task(NamedTuple):
 
     label: str  # in messages, such as "sample 3"
     arguments: tuple
-    name: str  # of its saved result
+    name: str  # name of its saved result
     checkpoint: Checkpoint | None  # where the result is saved
 
 
@@ -34,8 +34,8 @@ class Realizations(NamedTuple):
     """Results in the order of the tasks."""
 
     results: list[Any]  # None where a realization failed
-    labels: list[str]  # of the tasks
-    reasons: list[str | None]  # of each failure, None elsewhere
+    labels: list[str]  # labels of the tasks
+    reasons: list[str | None]  # reason of each failure, None elsewhere
 
     @property
     def sentences(self) -> list[str | None]:
@@ -105,7 +105,7 @@ def run_realizations(
 
     Parameters
     ----------
-    function : called as function(*arguments, report), to which it tells its own progress; importable by name
+    function : called as function(*arguments, report), by which it reports its progress; importable by name
     device : runs the legs of up to `MOST` tasks side by side; the function is called with an Engine as `engine`
     stage, workers, report, options : as for `run_members`
 
@@ -167,14 +167,14 @@ class _Waiting:
 
 
 class Together:
-    """Engine for several callers, each in a thread of its own: waits until all have a leg, and runs these side by side.
+    """Engine for several callers, each in a separate thread: waits until all have a leg, and runs these side by side.
 
     Parameters
     ----------
     members : number of callers; each holds `turn` while it works, and calls `leave` when it has no more legs
     """
 
-    SAMPLES = 500  # of a leg, so that packing takes a small share of the time
+    SAMPLES = 500  # number of samples of a leg, so that packing takes a small share of the time
 
     def __init__(self, device: Device, members: int):
         self.device, self.members = device, members

@@ -167,7 +167,7 @@ def scenario(*, trust: bool = False, **tables) -> ScenarioBase:
 
 @checked
 def read_scenario(path: str | Path, *, trust: bool = False) -> ScenarioBase:
-    """Read a scenario from a TOML file, or from the canonical text in the folder of a run; `trust` as in `scenario`."""
+    """Read a scenario from a TOML file, or from the canonical text in a run folder; `trust` as in `scenario`."""
     tables = read_tables(path)
     if "sweep" in tables:
         raise ScenarioError(f"{path} has a table [sweep] for many scenarios: use read_sweep, or remove the table")

@@ -141,7 +141,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
                 axes.axvspan(*np.clip(interval, loads[0], top), color=color, alpha=0.12, lw=0)
     axes.fill_between([], [], color=BLUE, alpha=0.25, lw=0, label="load at which half slide, 95 %")
     axes.plot([], [], "o--", color=BLACK, ms=5, mfc="none", label=f"slid by {found.distance:g}")
-    axes.plot([], [], "o-", color=BLACK, ms=3, label="and on for as long again")
+    axes.plot([], [], "o-", color=BLACK, ms=3, label="slid for as long again")
     if len(found.arrest):
         axes.axvspan(
             *np.clip(found.arrest_range, loads[0], top), color=BLACK, alpha=0.2, lw=0, label="stops at a lower load"
@@ -243,7 +243,7 @@ def response_envelopes(
     right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
     right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")
     if labels:
-        right.legend(loc="best", fontsize="small")
+        right.legend(loc="best", fontsize=7)
     return figure
 
 

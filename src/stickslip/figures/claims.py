@@ -22,7 +22,7 @@ REACH = 4.0  # range of the axis in tolerances; values beyond it are arrows at t
 PITCH = 0.165  # height of a row [inch]
 MARGIN = 1.15  # height of title, axis and legend [inch]
 LEFT, WIDE = 2.0, 1.15  # left edge and width of the axes [inch]
-SIZE = 7  # of texts [points]
+SIZE = 7  # font size of texts [points]
 SHORT = 32  # longest label [characters]
 
 

@@ -125,7 +125,7 @@ def wall_edges(frame: Frame) -> np.ndarray:
 def view_basis(frame: Frame) -> np.ndarray:
     """(3, 3) unit vectors to the right, up and toward the viewer.
 
-    Three-dimensional packings are seen obliquely from above.
+    Three-dimensional packings are viewed obliquely from above.
     """
     up = np.array(up_direction(frame))
     if frame.state.cell.dim == 2:

@@ -21,7 +21,7 @@ class Look(NamedTuple):
 
     formats: tuple[str, ...] = ("png",)
     width: Literal[86, 178] = 86  # in mm
-    letters: bool = True  # of panels, if there are several
+    letters: bool = True  # letters of panels, if there are several
     slides: bool = False  # 16:9 with large type, instead of a width
 
 

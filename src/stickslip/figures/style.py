@@ -63,7 +63,7 @@ STYLE = {
     "axes.formatter.use_mathtext": True,
     "axes.prop_cycle": matplotlib.cycler(color=COLORS),
     "figure.constrained_layout.use": False,  # figures choose: matplotlib would otherwise add one when saving
-    "pdf.fonttype": 42,  # TrueType: journals refuse Type 3
+    "pdf.fonttype": 42,  # TrueType: journals do not accept Type 3
     "ps.fonttype": 42,
     "svg.fonttype": "none",  # text remains text
     "svg.hashsalt": "stickslip",  # the same figure has the same bytes

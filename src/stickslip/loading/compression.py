@@ -28,7 +28,7 @@ SHARE = 0.15  # time step over the stable one of such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over that of such a contact
 CRITICAL = 4.0  # drag of grains and cell times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
-STEPS = 20_000_000  # largest number of a compression
+STEPS = 20_000_000  # largest number of time steps of a compression
 NARROWEST = 2  # smallest width of the loose cell over the largest diameter
 LEFT, BOTTOM, RIGHT, TOP = range(4)  # walls; the first two are fixed
 BOX_STEPS, BLOCKS = 20_000, 150  # boxes: steps in a block of damped dynamics, and largest number of blocks
@@ -120,15 +120,17 @@ def compressed(
     return end, packing_info(end, law)
 
 
-def check_pressure(law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int) -> None:
-    """Raise ValueError with one sentence if grains under a law cannot carry a pressure."""
+def check_pressure(
+    law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int, name: str = "pressure"
+) -> None:  # fmt: skip
+    """Raise ValueError with one sentence if grains under a law cannot carry a pressure; `name` is its key."""
     position = np.zeros((len(radius), dim))
     position[:, 0] = np.cumsum(2 * radius)
     start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))
-    compression_scales(start, law, pressure, BALANCED * natural_scales(start, law).force)
+    compression_scales(start, law, pressure, BALANCED * natural_scales(start, law).force, name)
 
 
-def compression_scales(start: State, law: Law, pressure: float, tolerance: float) -> Scales:
+def compression_scales(start: State, law: Law, pressure: float, tolerance: float, name: str = "pressure") -> Scales:
     """Scales of a compression; ValueError if the pressure is out of reach."""
     grains, dim = start.grains, start.cell.dim
     diameter, depth = 2 * float(grains.radius.mean()), DEEPEST * float(grains.radius.min())
@@ -136,12 +138,12 @@ def compression_scales(start: State, law: Law, pressure: float, tolerance: float
     force, most = pressure * area, _force_between(start, law, depth)
     if not force <= most:
         raise ValueError(
-            f"pressure must be at most {most / area:.2g}, or grains under this law would overlap by more than "
+            f"{name} must be at most {most / area:.2g}, or grains under this law would overlap by more than "
             f"{DEEPEST:g} of their radius, got {pressure:g}; use a stiffer law"
         )
     if force < RESOLVED * tolerance:
         raise ValueError(
-            f"pressure = {pressure:g} gives contact forces of {force:.2g}, too small for a tolerance of "
+            f"{name} = {pressure:g} gives contact forces of {force:.2g}, too small for a tolerance of "
             f"{tolerance:g}: use a pressure of at least {RESOLVED * tolerance / area:.2g}, or a smaller tolerance"
         )
     overlap = scipy.optimize.brentq(lambda x: _force_between(start, law, x) - force, 0.0, depth, rtol=1e-6, xtol=1e-300)
@@ -309,7 +311,7 @@ class _Scales(NamedTuple):
     """Units of a packing of disks, all 1 by default."""
 
     length: float  # sum of the smallest and the largest radius [length]
-    mass: float  # of a disk of that diameter [mass]
+    mass: float  # mass of a disk of that diameter [mass]
     time: float  # √(mass/kn) [time]
 
 

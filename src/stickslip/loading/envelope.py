@@ -20,9 +20,9 @@ from ..solve.moduli import VOIGT, elastic_moduli, isotropic_tensor, voigt
 from ..solve.newton import Factorisation
 from .compression import stopped
 
-SIZE = 1e-4  # of a probe, in mean overlaps per diameter
+SIZE = 1e-4  # size of a probe, in mean overlaps per diameter
 BALANCED = 1e-7  # residual over the change of forces in a probe
-ROUND_OFF = 1e-15  # of a position, over the width of the cell
+ROUND_OFF = 1e-15  # round-off of a position, over the width of the cell
 NORMALS = 90  # normals of bands over half a circle, before the least is refined
 
 

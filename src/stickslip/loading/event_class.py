@@ -64,7 +64,7 @@ class Event(NamedTuple):
     growth_rate: float  # initial growth rate of the instability under the drag [1/time]
     stress_drop: float  # change of σ_xy over the pressure before the event; positive if −σ_xy falls
     jump: float  # root mean square non-affine displacement, in mean diameters
-    participation: float  # of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
+    participation: float  # participation of the jump, (Σ u²)²/(N Σ u⁴), from 1/N to 1
     opened: int  # contacts that opened
     closed: int  # contacts that closed
     # root mean square distance, in mean diameters, between the state at the end of the strain step and that of Newton's
@@ -95,7 +95,7 @@ class Events(NamedTuple):
     events: tuple[Event, ...]
     steps: StrainStep
     state: State  # at the end of the path
-    drag: float  # of the dynamics that determine the end of an event [1/time]
+    drag: float  # drag of the dynamics that determine the end of an event [1/time]
     step: float  # largest strain step
     resolution: float  # largest width of a bracket
     end: str  # reason why the search ended

@@ -39,8 +39,8 @@ ITERATIONS, PATIENCE = 30, 3  # largest number of Newton steps, and of those tha
 RESTING = (1e-6, 1e-8, 1e-10)  # residuals at which Newton's method follows dynamics, over the mean normal force
 KICK = 1e-3  # largest displacement along a growing mode from which dynamics starts, in mean overlaps
 LEFT = 10.0  # distance from an unstable equilibrium at which it counts as left, over that of the start
-TIME_STEP = 0.2  # of dynamics, in units of the longest stable one
-MOST_STEPS = 500_000  # of dynamics
+TIME_STEP = 0.2  # time step of dynamics, in units of the longest stable one
+MOST_STEPS = 500_000  # largest number of steps of dynamics
 # dynamics from an unstable equilibrium: times of growth, then of decay, and steps at most
 E_FOLDS, DECAYS, MOST_KICKED = 40.0, 1000.0, 200_000
 AROUND = 0.3  # distance from an equilibrium about which a packing oscillates endlessly, in mean overlaps
@@ -314,7 +314,7 @@ COUPLED = 0.5  # overlap of the modes of two real eigenvalues from which these a
 SAME = 0.05  # relative change of their mean from step to step
 WINDOWS = (3, 4, 5, 6)  # number of steps from which the strain of an event is extrapolated
 FAR = 6.0  # number of strain steps beyond which no forecast is made
-LEVEL = 0.8  # of the intervals
+LEVEL = 0.8  # level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
 # Quantiles of ln(strain left / strain left by the extrapolation) where the event came, that with the scatter of the
 # windows contain LEVEL of them: of packings that `python -m benchmarks forecast` does not use, and of the saddle nodes

@@ -238,7 +238,7 @@ def shear_to_failure(
 
 
 def follow(how: Loading, state: State, kept: Checkpoint | None = None) -> Iterator[PathStep]:
-    """Steps of a path up to its largest strain, each loaded, or computed and saved."""
+    """Steps of a path up to its largest strain, each loaded from a file, or computed and saved."""
     before = None
     for k in range(int(np.ceil(round(how.limit / how.step, 9))) + 1):
         goal = min(how.limit, k * how.step)
@@ -253,7 +253,7 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
     """Check a packing and the options of a path, and complete these from the packing."""
     bare = with_values(law, damping_n=0.0, damping_t=0.0) if damping_model(law) else law
     if until == "first-break" and not (state.bonds and state.bonds.intact.any()):
-        raise ValueError("first-break was given for a packing without intact bonds: packings.bonded makes them")
+        raise ValueError("first-break requires intact bonds: packings.bonded makes them")
     check_packing(state, bare)
     if len(touching(state)) and not len(backbone(state, law)):
         raise ValueError("all grains of the packing are rattlers, so that it bears no load: compress it first")
@@ -268,7 +268,7 @@ def complete_path(state, law, until, mode, reverse, step, limit, drag, prune=PRU
         )
     if not isinstance(until, str):
         if not (np.isfinite(until) and until):
-            raise ValueError(f"until must be a nonzero strain, first-pair or first-event, got {until:g}")
+            raise ValueError(f"until must be a nonzero strain, first-pair, first-event or first-break, got {until:g}")
         if limit is not None or reverse:
             raise ValueError("limit and reverse do not apply if until is a strain, whose size and sign state both")
         limit, reverse = abs(until), until < 0

@@ -31,7 +31,7 @@ FAR, NEAR = 5.0, 8.0  # errors beyond which a measurement is impossible, and wit
 OPENS, APART = 1e-6, 1e-9  # force of an open contact over the mean force, and its gap over the mean radius
 WEAK = 1e-2  # force over the mean force below which dδ/dF_n is that of this force, so that steps do not cycle
 AT_LIMIT = 1e-5  # relative distance to the Coulomb limit at which a contact slides
-FACETS = 8  # of the Coulomb cone between spheres
+FACETS = 8  # number of facets of the Coulomb cone between spheres
 BLUNT = 1e-3  # tangential force over its error below which the curvature of the cone is that of this force
 
 
@@ -43,7 +43,7 @@ class Adjustment(NamedTuple):
     degrees: int  # degrees of freedom: equations and active limits
     position_error: float  # mean error of a coordinate, given or estimated [length]
     force_error: float  # mean error of a normal force, given or estimated [force]
-    largest_move: float  # of a coordinate
+    largest_move: float  # largest displacement of a coordinate
     rms_move: float  # of all coordinates
     largest_force: float  # change of a normal or tangential force
     rms_force: float  # of all forces

@@ -300,7 +300,7 @@ class Growth(NamedTuple):
     frequency: float  # ω_r [1/time]
     start: float  # window of the fit [time]
     stop: float  # [time]
-    decades: float  # of M inside the window
+    decades: float  # decades of M inside the window
 
 
 @checked
@@ -504,7 +504,7 @@ def release(
     rate, frequency = float(modes.growth_rate[fastest]), float(modes.frequency[fastest])
     held = np.flatnonzero(~rattlers(state))
     every = max(1, round(2 * np.pi / frequency / 10 / dt))
-    # samples per chunk: chunks for the growth, and as many afterwards if the run must be longer
+    # number of chunks of the growth; a longer run appends the same number. Entries: samples per chunk
     count = max(20, snapshots)
     chunks = [max(1, int(min(e_folds / rate, duration) / dt / every / count))] * count
     rest = int(min(least, duration) / dt / every) - sum(chunks)

@@ -37,7 +37,7 @@ OFFSET = 1e-3  # largest deviation of a controlled stress due to the drag on the
 BLOCK, LONGEST = 500, 400_000  # steps of dynamics between two checks of the forces, and largest number in a load step
 POSTED = 20  # steps of dynamics between two entries in a ledger
 SLOW = 3.0  # duration of a strain step made by dynamics, over the time scale
-STEPS = 500  # of the load in slow dynamics
+STEPS = 500  # number of steps of the load in slow dynamics
 SHARE = 0.1  # time step of slow dynamics over the stable one
 
 

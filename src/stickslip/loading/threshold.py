@@ -56,7 +56,7 @@ class KineticThreshold(NamedTuple):
     arrest: np.ndarray  # (R, 2) for each ramp down, load at which the sample stopped (−inf: none) and the one above
     first_pair: float  # smallest load on the path with a complex pair; NaN without
     first_limit: float  # smallest load on the path at which a contact is at the Coulomb limit; NaN without
-    duration: float  # of a run [time]
+    duration: float  # duration of a run [time]
     distance: float  # distance that counts as sliding, as in `travel`
     lasting: np.ndarray  # (L, K) number of runs that lasted: they slid and continued for another `duration`
     lasting_threshold: np.ndarray  # (K,) as `threshold`, for runs that last: the kinetic threshold proper

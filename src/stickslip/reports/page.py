@@ -61,7 +61,7 @@ class PageContent(NamedTuple):
     warning: str = ""  # prominent warning: no equilibrium, or a settled packing
     unjudged: str = ""  # reason why modes of the frame `at` are not instabilities: its forces do not balance
     verdict: str = ""  # sentence on the stability of a packing, if computed and in equilibrium
-    stages: tuple[str, ...] = ()  # of a run with stages, for each frame
+    stages: tuple[str, ...] = ()  # stage of each frame, for a run with stages
     source: str = "file"  # whose units are those of the frames
     decided: bool = True  # whether the verdict includes all actions on the grains
 

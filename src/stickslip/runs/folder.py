@@ -1,4 +1,4 @@
-"""Run folder: checks before a run, all files of a run as a unit, and unfinished runs for `stickslip resume`."""
+"""Run folder: checks before a run, all run files as a unit, and unfinished runs for `stickslip resume`."""
 
 import inspect
 import json
@@ -189,7 +189,7 @@ def save(staging: Path, scenario, numbers: dict) -> None:
 
 
 def write_result(folder: Path, experiment: Experiment, result, look: Look = PLAIN) -> list[Path]:
-    """Write all files of a run as a unit and return the paths."""
+    """Write all run files as a unit and return the paths."""
     with (
         units_in_use(result.scenario.named_units),
         staged_results(folder, failures=experiment.failures(result)) as staging,

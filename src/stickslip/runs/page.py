@@ -47,7 +47,7 @@ def load_content(
 ) -> PageContent:  # fmt: skip
     """Load the content for a folder or packing file; `options` are those of `read_packing`, or `frame` for a folder.
 
-    With `trust`, the law file of a run may be executed; `zoom` is that of figures of a packing.
+    With `trust`, the law file may be executed; `zoom` is that of figures of a packing.
     """
     if not is_run(place) and (place.is_dir() or place.is_file() or place.suffix):
         return packing_content(

@@ -1,4 +1,4 @@
-"""The bonds that decide: those on which the softest or growing mode depends, and the first to break under a load."""
+"""Decisive bonds: those on which the softest or growing mode depends, and the first to break under a load."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from .linear import suitable_threads
 from .moduli import VOIGT, ElasticModuli, elastic_moduli
 from .sensitivity import assess
 
-HALVINGS = 80  # of the bracket of an amount
+HALVINGS = 80  # relative width of the bracket of an amount
 
 
 @readable(head=lambda found: _describe(found))
@@ -29,7 +29,7 @@ class FirstBreak(NamedTuple):
     The displacement gradient is `amount` times `strain`, and the stress changes by `amount` times `stress`.
     """
 
-    amount: np.ndarray  # (K,) infinite for bonds that never do, and for broken ones
+    amount: np.ndarray  # (K,) infinite for bonds that never break, and for broken ones
     failure: np.ndarray  # (K,) index in `FAILURES` of the load that breaks each one
     i: np.ndarray  # (K,) grains
     j: np.ndarray  # (K,)
@@ -38,7 +38,7 @@ class FirstBreak(NamedTuple):
 
     @property
     def bond(self) -> int:
-        """Number of the first bond to break; −1 if none ever does."""
+        """Index of the first bond to break; −1 if none ever does."""
         return int(self.amount.argmin()) if np.isfinite(self.amount).any() else -1
 
     @property
@@ -68,9 +68,9 @@ def _describe(found: FirstBreak) -> str:
 def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress: Numbers | None = None) -> FirstBreak:
     """First bond to break under a strain or a stress that grows in proportion, in the linear response of the packing.
 
-    The loads of bonds change linearly with the amount, as the Jacobian says, each contact held in its mode. The share
-    of the strength is a convex function of the amount, so that a bond reaches its strength once at most. The amount
-    is right if it is so small that few contacts open, close or slide before: it was that of steps of `equilibrate` to
+    The loads of bonds change linearly with the amount, by the Jacobian, each contact held in its mode. Load over
+    strength is a convex function of the amount, so that a bond reaches its strength at most once. The amount is
+    accurate if it is so small that few contacts open, close or slide before: it agreed with steps of `equilibrate` to
     0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`).
 
     Parameters
@@ -83,8 +83,8 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     Raises
     ------
     ValueError
-        without intact bonds, if the forces do not balance, if not just one of the two is given, or where
-        `elastic_moduli` raises it.
+        without intact bonds, if the forces do not balance, if none or both of the two are given, or as in
+        `elastic_moduli`.
 
     Examples
     --------
@@ -93,12 +93,13 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     >>> cement = ss.laws.parallel_bond(3.0, 1.0, 0.002, 0.004)
     >>> cemented = ss.packings.bonded(state, cement, within=0.05)
     >>> law = ss.laws.hertz_mindlin(mu=0.5)
-    >>> ss.modes.first_break(cemented, law, strain=[[0, 1, 0], [0, 0, 0], [0, 0, 0]]).mode
-    'bending'
+    >>> shear = [[0, 1, 0], [0, 0, 0], [0, 0, 0]]
+    >>> ss.modes.first_break(cemented, law, strain=shear).mode
+    'tension'
     """
     here, dim = _cemented(state, law), state.cell.dim
     if (strain is None) == (stress is None):
-        raise ValueError("first_break needs one of strain and stress: give the one that grows")
+        raise ValueError("first_break needs either strain or stress: give the one that grows")
     moduli = elastic_moduli(here.state, law)
     wanted = np.asarray(strain if stress is None else stress, float)
     require_shape((dim, dim), **{"strain" if stress is None else "stress": wanted})
@@ -107,17 +108,19 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
 
 def _cemented(state: State, law: Law) -> LinearisedState:
     if not state.bonds or not state.bonds.intact.any():
-        raise ValueError("a packing without intact bonds was given: packings.bonded makes them")
+        raise ValueError("the packing has no intact bonds: create them with packings.bonded")
     return balanced(state, law)
 
 
 def strain_for(moduli: ElasticModuli, stress: np.ndarray) -> np.ndarray:
-    """(dim, dim) symmetric strain, extension positive, that changes the stress, compression positive, as wanted."""
+    """(dim, dim) symmetric strain, extension positive, for a given change of the stress, compression positive."""
     if not np.allclose(stress, stress.T):
-        raise ValueError("a stress that is not symmetric was given: torques balance only if it is")
+        raise ValueError("the stress must be symmetric, or torques do not balance")
     pairs, stiffness = VOIGT[moduli.dim], moduli.voigt
     if not np.linalg.cond(stiffness) < 1e12:
-        raise ValueError("some strain changes no stress: give the strain instead of the stress")
+        raise ValueError(
+            "the stress does not determine the strain, as some strain changes no stress: give the strain instead"
+        )
     solved = np.linalg.solve(stiffness, -np.array([stress[pair] for pair in pairs]))
     out = np.zeros((moduli.dim,) * 2)
     for (a, b), value in zip(pairs, solved, strict=True):
@@ -137,15 +140,15 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
         - moved[bonds.j, :3]
     )
     known = limits(state, np.hstack([apart, turned[bonds.i], turned[bonds.j]]))
-    loose = unsupported_grains(state, here.law)  # nothing loads their bonds
+    loose = unsupported_grains(state, here.law)  # without load on their bonds
     amount, failure = _crossings(bonds, known.load, known.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
     return FirstBreak(amount, failure, bonds.i, bonds.j, strain, -np.einsum("abcd,cd->ab", moduli.tensor, strain))
 
 
 def _crossings(bonds: Bonds, load: np.ndarray, slope: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Amounts a (K,) at which bonds break under load + a slope, and how.
+    """Amounts a (K,) at which bonds break under load + a slope, and the breaking loads.
 
-    The share g is convex, and g(a slope) − g(−load) ≤ g(load + a slope) bounds the amount.
+    Load over strength, g, is convex, and g(a slope) − g(−load) ≤ g(load + a slope) bounds the amount.
     """
     begin, growth, against = (judge_loads(bonds, loads)[0] for loads in (load, slope, -load))
     breaks = held & (growth > 0)
@@ -162,7 +165,7 @@ def _crossings(bonds: Bonds, load: np.ndarray, slope: np.ndarray, held: np.ndarr
 
 @readable(head=lambda found: f"λ = {found.eigenvalue:.4g}, {found.verdict}")
 class DecisiveBonds(NamedTuple):
-    """Bonds on which the deciding mode depends most, in descending order."""
+    """Bonds on which the decisive mode depends most, in descending order."""
 
     eigenvalue: complex  # λ that grows fastest or, if none grows, the softest [1/time²]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
@@ -170,7 +173,7 @@ class DecisiveBonds(NamedTuple):
     i: np.ndarray  # (K,) grains
     j: np.ndarray  # (K,)
     derivative: np.ndarray  # (K,) ∂λ/∂ln s for a factor s on the stiffness of the bond, complex [1/time²]
-    share: np.ndarray  # (K,) share of its strength that it bears
+    share: np.ndarray  # (K,) its load over its strength
     verdict_after: np.ndarray  # (K,) if it breaks, before forces find a new balance; empty if not computed
     growth_after: np.ndarray  # (K,) growth rate of the fastest mode then [1/time]; NaN if not computed
 
@@ -178,10 +181,10 @@ class DecisiveBonds(NamedTuple):
 @checked
 @knows_bonds
 def decisive_bonds(state: State, law: Law, *, most: NotNegative = 3) -> DecisiveBonds:
-    """Bonds on which the deciding mode depends: the one that grows fastest, else the softest.
+    """Bonds on which the decisive mode depends: the one that grows fastest, or else the softest.
 
     For a factor s on the stiffness of bond b, dλ = −wᴴ dJ_b v/(wᴴ M v). The spectrum after a break is computed for the
-    first `most` of them, as `contact_sensitivity` does for contacts. Dashpots are left out.
+    first `most` of them, as `contact_sensitivity` does for contacts. Dashpots are ignored.
 
     Raises
     ------
@@ -200,7 +203,7 @@ def decisive_bonds(state: State, law: Law, *, most: NotNegative = 3) -> Decisive
     here = _cemented(state, law)
     state, bonds, free = here.state, here.state.bonds, here.backbone
     if len(free) > AT_MOST:
-        raise ValueError(f"{len(free)} coordinates were given: the modes of at most {AT_MOST} are computed")
+        raise ValueError(f"modes are computed for at most {AT_MOST} coordinates, got {len(free)}")
     if not len(free):
         raise ValueError("the packing has only rattlers: decisive bonds need grains that support each other")
     value, left, right = deciding_vectors(here)

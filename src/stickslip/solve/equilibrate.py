@@ -74,7 +74,7 @@ def equilibrate(
     """Bring a packing back to equilibrium after a step in load or strain.
 
     Newton's method with the exact Jacobian is tried first. If it stalls, strongly damped dynamics continues from there
-    until the residual is 30 % of what it was, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
+    until the residual is 30 % of its value, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
     If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
     3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting at the end of the previous one; finally, this is
     repeated with weaker and weaker drag. Bonds at their strength then break one by one, in the order of load over

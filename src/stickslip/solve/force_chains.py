@@ -63,7 +63,7 @@ class StrongNetwork(NamedTuple):
     strong: np.ndarray  # (C,) bool, of the touching contacts
     cluster: np.ndarray  # (C,) bool, of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
-    clusters: int  # of two grains or more
+    clusters: int  # number of clusters of two grains or more
     share_of_pressure: float  # fraction of the stress borne by strong contacts
 
 
@@ -76,7 +76,7 @@ class Anisotropy(NamedTuple):
     tangential: float  # a_t
     contact_axis: np.ndarray  # (3,) direction in which most contacts point
     normal_axis: np.ndarray  # (3,) direction of the largest normal forces
-    deviator: float  # of the stress that they bear, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in space
+    deviator: float  # deviator of their stress, (σ₁ − σ₂)/(σ₁ + σ₂) in a plane, q/p in space
     dim: int
 
     @property

@@ -48,11 +48,11 @@ class Gradient(NamedTuple):
 
     value: complex  # λ [1/time²]; s [1/time] with dashpots; or the modulus, which is real [force/length^(dim−1)]
     condition: float  # ‖u‖‖v‖/|uᴴv| of λ or s; derivatives diverge with it at the birth of a pair; else NaN
-    by_force: np.ndarray  # (N + W, 6) complex, to external forces and torques/R; grains and slips follow
-    by_radius: np.ndarray  # (N,) complex, to radii at constant M; grains and slips follow
-    by_parameter: dict[str, complex]  # to parameters between all materials, where not zero; grains follow
-    by_position: np.ndarray  # (N + W, 3) complex, to positions in which slips are given: errors of measurement
-    by_contact: np.ndarray  # (C, 3) complex, the same to the vector r_i − r_j of each pair in the list
+    by_force: np.ndarray  # (N + W, 6) complex, by external forces and torques/R, with relaxed grains and slips
+    by_radius: np.ndarray  # (N,) complex, by radii at constant M, with relaxed grains and slips
+    by_parameter: dict[str, complex]  # by nonzero parameters common to all materials, with relaxed grains
+    by_position: np.ndarray  # (N + W, 3) complex, by positions at given slips: effect of measurement errors
+    by_contact: np.ndarray  # (C, 3) complex, likewise by the vector r_i − r_j of each pair in the list
     damped: bool = False  # whether the value is s of motions exp(st)
 
     @property

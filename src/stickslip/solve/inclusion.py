@@ -23,11 +23,11 @@ from .moduli import elastic_moduli, solve_resisted
 FEWEST, GRAINS = 5, 10  # least numbers of rings in a fit, and of grains in a ring
 MANY = 10  # number of centers from which errors are estimated from the scatter between them
 STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 20
-CONFIDENCE = 0.95  # of intervals
+CONFIDENCE = 0.95  # confidence of intervals
 ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
 ROUND_OFF = 1e-12  # smallest scatter over the radial displacement
 MODELS = ("elastic", "dipole", "odd")  # with 0, 1 and 2 components of κ²
-ANGLES = 8  # of κ² from which fits start
+ANGLES = 8  # number of angles of κ² from which fits start
 SMALL = 0.02  # step of differences over the smallest overlap or gap of a grain that grows
 LEAST = 1e-9  # growth of a grain, above the round-off of positions and pressures
 RANGE = 0.25  # largest displacement over the skin of the list of contacts, up to which it is valid
@@ -261,7 +261,7 @@ class Inflation(NamedTuple):
     counted: np.ndarray  # (M, N) counted grains: free, no rattlers, not inflated
     diameter: float  # mean [length]
     outer: float  # distance up to which circles or spheres around all centers are whole [length]
-    volume: float  # of the periodic cell; NaN if grains are held, or there are walls or open sides
+    volume: float  # volume of the periodic cell; NaN if grains are held, or there are walls or open sides
     lame: np.ndarray  # (M,) A of u_r = A/r^(dim−1) + B r from moduli and change of pressure; NaN as above [length^dim]
     states: list[State]  # at the end of quasi-static steps; none in linear response
     changes: np.ndarray  # (M, K, 4) contacts that opened, closed, began and stopped sliding in each step

@@ -13,7 +13,7 @@ from ..core.measure import branch_vectors
 from ..core.state import STICK, assembly, box, disks
 
 INVERSIONS, BISECTIONS = 30, 60
-ROUND_OFF = 1e-15  # of a force, and of the sum of two radii
+ROUND_OFF = 1e-15  # round-off of a force, and of the sum of two radii
 ITERATIONS, GAP, RESIDUAL = 60, 1e-11, 1e-9  # of a nearest point: steps, complementarity, residuals
 BACK = 0.995  # share of the way to the nearest bound
 SOFT = 1e-12  # compliance of equations, so that redundant ones have multipliers

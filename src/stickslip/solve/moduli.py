@@ -88,7 +88,7 @@ class ElasticModuli(NamedTuple):
         """K^o of the isotropic part of C in two dimensions, zero in three (Scheibner, doi:10.1038/s41567-020-0795-y).
 
         With s₂ = G_xx − G_yy, s₃ = G_xy + G_yx and tension τ, τ_xx − τ_yy = 2G s₂ + 2K^o s₃, τ_xy + τ_yx = 2G s₃ −
-        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), yields the work 2K^o × its area per volume.
+        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), does work of 2K^o times its area, per volume.
         """
         return float(self._planar[2, 3] - self._planar[3, 2]) / 2 if self.dim == 2 else 0.0
 

@@ -23,7 +23,7 @@ from .freedom import Freedom, dynamical_matrix, freedom
 from .linear import factorised, one_thread, suitable_threads
 from .spectrum import REAL_BELOW
 
-STAGE = "complex pairs"  # of progress
+STAGE = "complex pairs"  # name of the stage in progress reports
 # modes treated together, and neighbours on either side; all others enter to second order
 WINDOW, HALO = 40, 40
 # assumed errors of windows: NEAR_PAIR of the largest |λ|, and MIXED mixing² of the half width; the largest errors seen
@@ -179,7 +179,7 @@ class Certificate(NamedTuple):
 
     size: int  # eigenvalues examined
     real: int  # alone in a disc with a real centre; real since the spectrum of A is symmetric about the real axis
-    zero: int  # exactly zero, from coordinates that nothing resists; not counted in `size`
+    zero: int  # exactly zero, from unresisted coordinates; not counted in `size`
     pairs: int  # pairs whose disc is isolated and does not touch the real axis
     undecided: np.ndarray  # (k,) centres of overlapping discs [1/time²]
     members: np.ndarray  # (k,) eigenvalues in each

@@ -45,7 +45,7 @@ class ContactSensitivity(NamedTuple):
     condition: float  # ‖w‖‖v‖/|wᴴv| of λ, with left mode w, right mode v; diverges at a pair's birth; NaN without
     contacts: np.ndarray  # (C,) rows of the contact list that touch and support the packing
     derivative: np.ndarray  # (C,) complex ∂λ/∂ln s for a factor s on each contact's stiffness; empty without a pair
-    growth_rate: float  # of the fastest growing mode, 0 if none grows [1/time]
+    growth_rate: float  # growth rate of the fastest growing mode, 0 if none grows [1/time]
     verdict: str  # stable, oscillates, buckles, or oscillates and buckles
     contact: np.ndarray  # (K,) row of the contact list for each change
     i: np.ndarray  # (K,) the bodies in contact
@@ -100,10 +100,10 @@ def contact_sensitivity(
     A = −M^(−1/2) J M^(−1/2) is a sum over contacts. For a small change of one contact, dλ = wᴴ dA v/(wᴴv). At the birth
     of a pair, wᴴv → 0 and the derivative diverges, because λ depends there on the square root of the change. For large
     changes the block of a contact is replaced: by zero if the contact opens; if it slides, by the block of a contact at
-    the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). A bond stays where
-    its contact opens or slides, and its own block vanishes if it breaks. Everything else is
-    unchanged: the spectrum is that at the moment of the change, before the forces find a new balance. Grains that
-    become rattlers through the change are excluded together with their contacts.
+    the Coulomb limit in the direction of its slip (without slip, the tangential stiffness vanishes). A bond persists if
+    its contact opens or slides; its block vanishes if it breaks. Everything else is unchanged: the spectrum is that at
+    the moment of the change, before the forces find a new balance. Grains that become rattlers through the change are
+    excluded together with their contacts.
 
     Derivatives are those of differences to 1e-4, and `after` that of the changed packing to 1e-7. First-order shifts,
     `predicted`, have a correlation of 0.70 with `after` in 30 spheres (`tests/modes/test_sensitivity.py`).

@@ -31,7 +31,7 @@ from .spectrum import REAL_BELOW
 SOLVED = 1e-9  # largest relative residual of the non-affine motion
 FLOATS = 1e-12  # singular value, over the largest one, below which a motion is not resisted
 SHIFT = 1e-9  # added to the diagonal of large systems, over their largest entry
-SMALL_STRAIN = 1e-8  # of finite differences
+SMALL_STRAIN = 1e-8  # step of finite differences
 XY = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 PRUNE = 2e-3  # fraction of the mean overlap below which a contact does not support grains
 

@@ -492,9 +492,9 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"a": -0.01}, "a must .*, got -0.01"),
+        ({"a": -0.01}, "a must be positive and finite, got -0.01"),
         ({"dc": float("nan")}, "dc contains nan"),
-        ({"normal": 0.0}, "normal must .*, got 0"),
+        ({"normal": 0.0}, "normal must be positive and finite, got 0"),
         ({"b": [(3000, 0.01), (1000, 0.02)]}, "not in order at 1000"),
         ({"b": [(-5, 0.01)]}, "depth of -5"),
         ({"a": [1, 2, 3]}, "pairs of depth and value"),
@@ -507,15 +507,15 @@ def test_profiles_within_a_step_are_those_of_a_cubic():
         ({"shear": "in-plane", "slip": "left"}, "slip must be 'thrust' or 'normal', got 'left'"),
         ({"dc": 1e-3}, "a third of it, 71.2 m"),
         ({"b2": 0.02, "dc2": 1e-3}, "b2/D_c2) σ] = 106.8 m"),
-        ({"b2": -0.01}, "b2 must .*, got -0.01"),
-        ({"b2": 0.001, "dc2": 0.0}, "dc2 must .*, got 0"),
+        ({"b2": -0.01}, "b2 must be finite and not negative, got -0.01"),
+        ({"b2": 0.001, "dc2": 0.0}, "dc2 must be positive and finite, got 0"),
         ({"b2": 0.001}, "b2 requires dc2"),
         ({"b2": [(0, "x")]}, "b2 must be a number, or pairs"),
         ({"v2": "1"}, "v2 must be a number, got a value of type str"),
         ({"v3": 1.0}, "'v3' is not a field of a fault; the other fields are mu0"),
         ({"poisson": None}, "poisson must be a number, got None"),
-        ({"plate_rate": -1.0}, "plate_rate must .*, got -1.0"),
-        ({"poisson": 0.5}, "poisson must .*, got 0.5"),
+        ({"plate_rate": -1.0}, "plate_rate must be finite and not negative, got -1.0"),
+        ({"poisson": 0.5}, "poisson must be between −1 and 0.5, got 0.5"),
     ],
 )
 def test_bad_faults_are_refused_with_one_sentence(change, message):
@@ -530,13 +530,13 @@ def test_bad_lengths_and_recordings():
         friction.line_fault(1e3, 1e-100, **SHORT)
     with pytest.raises(ValueError, match=r"years must be at most .*, got 1e[+]09"):
         friction.simulate_fault(small(), 1e9)
-    with pytest.raises(ValueError, match="station at 6000 m"):
+    with pytest.raises(ValueError, match="depths from 0 to 5000 m, got 6000 m"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(stations=(6e3,)))
     with pytest.raises(ValueError, match="use a larger one"):
         friction.simulate_fault(small(), 1.0, recording=friction.Recording(threshold=1e-9))
     with pytest.raises(ValueError, match="the state has 50 cells, but the fault 100"):
         friction.simulate_fault(small(50.0), 1.0, start=initial_state(small()))
-    with pytest.raises(ValueError, match="stress = -1 Pa"):
+    with pytest.raises(ValueError, match="stress must be positive and finite, got -1 Pa"):
         initial_state(small(), stress=-1.0)
     with pytest.raises(ValueError, match="one for each of the 50 cells"):
         initial_state(small(), stress=[1e6, 2e6])

@@ -68,7 +68,7 @@ def test_parts_and_states_of_the_earlier_kernel_are_refused(tmp_path, monkeypatc
         history = room.simulate_cycles(short, folder=tmp_path).history
     with pytest.raises(ArchiveError, match="slip that is uniform in each cell, and faults now have band-limited slip"):
         room.simulate_cycles(short, folder=tmp_path)
-    with pytest.raises(ValueError, match="uniform in each cell, and faults now have band-limited slip"):
+    with pytest.raises(ValueError, match="uniform slip in each cell, but faults now have band-limited slip"):
         true(history.fault, 2.0, start=history.state)
 
 
@@ -255,7 +255,7 @@ def test_measures_are_averages_over_settled_events(result):
         ({"injection": {"flux": 1e-5, "stop": 8.64e6}}, "the effective normal stress falls to -"),
         ({"injection": {"flux": 1e-9, "start": 5.0, "stop": 3.0}}, "a later end and a finite position, got 5 to 3 s"),
         ({"normal_stress": {"amplitude": 51e6}}, "use smaller changes, or a larger normal stress"),
-        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "values has shape (1, 1) where (K, D) is needed"),
+        ({"normal_stress": {"times": (0, 1), "changes": ((0,),)}}, "values must have shape (K, D), got (1, 1)"),
         ({"normal_stress": {"times": (1, 0), "changes": ((0,), (1,))}}, "the times of a table of normal stress do not"),
         ({"normal_stress": {"times": (0, 1), "changes": ((0,), (1, 2))}}, "differ in length"),
         ({"normal_stress": {"times": (0, 1e6), "changes": ((0,), (90e6,))}}, "cohesive length G D_c/(b σ) ="),

@@ -293,7 +293,7 @@ def test_initial_stress_varies_with_depth():
 
 def test_bad_files_are_refused_with_one_sentence(tmp_path):
     wrong = "s.csv is not a table of numbers: give depths in m in the first row"
-    shape = r"s.csv: values has shape \(1, 1\) where \(K, D\) is needed, as depth has D = 2"
+    shape = r"s.csv: values must have shape \(K, D\), got \(1, 1\), as depth has D = 2"
     for text, message in (("", wrong), ("t,0\n", wrong), ("t,0\n1,x\n", wrong), ("t,0,1\n1,2\n", shape)):
         (tmp_path / "s.csv").write_text(text)
         with pytest.raises(ValueError, match=message):

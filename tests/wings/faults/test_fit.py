@@ -393,7 +393,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD, {"fixed": {"stiffness": 1.0}, "free": ("stiffness",)}, "stiffness cannot be both fixed and free"),
         (GOOD, {"fixed": {"stiffness": -1.0}}, "stiffness = -1.0 was fixed"),
         (GOOD, {"free": ("stiffness", "alpha")}, "the normal stress never changes"),
-        (GOOD, {"free": ("stiffness",), "own": ("mu",)}, "'mu' is not a parameter that own may contain"),
+        (GOOD, {"free": ("stiffness",), "own": ("mu",)}, "own contains the unknown parameter 'mu'"),
         (GOOD, {"free": ("stiffness",), "windows": ((1, 1.1),)}, "at least 8"),
         (GOOD, {"free": ("stiffness",), "windows": ((2, 1),)}, "its start before its end"),
         (GOOD._replace(friction=np.full(50, 0.4)), {"free": ("stiffness",)}, "friction never changes"),

@@ -113,7 +113,7 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
             "two columns for friction",
         ),
         (HEAD, ROWS[:5], "has 5 rows"),
-        (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields but the header has 3"),
+        (HEAD, [*ROWS, "12, 120"], "line 14, has 2 fields, but the header has 3"),
         (HEAD, [*ROWS, "12, 120, n/a"], "line 14: friction is 'n/a', not a number"),
         (HEAD, [*ROWS, "12, 1_20, 0.6"], "line 14: load_point is '1_20', not a number"),
         (HEAD, [*ROWS, "12, ١٢٠, 0.6"], "line 14: load_point is '١٢٠', not a number"),
@@ -323,7 +323,10 @@ def test_columns_are_chosen_by_number_or_heading_below_a_header(tmp_path):
     ("make", "sentence"),
     [
         (lambda f: f.update(time_s=np.arange(20.0), vdcdt_um=np.arange(19.0), mu=np.ones(20)), "different lengths"),
-        (lambda f: [f.create_group(g).update(time_s=np.arange(20.0)) for g in "ab"], "in 2 groups (a, b): keep one"),
+        (
+            lambda f: [f.create_group(g).update(time_s=np.arange(20.0)) for g in "ab"],
+            "in 2 groups (a, b): keep only one",
+        ),
         (lambda f: f.update(signal=np.arange(20.0)), "has no column for time"),
         (lambda f: f.update(label=np.array([b"x"] * 20)), "has no column for time"),
     ],
@@ -379,7 +382,7 @@ def test_two_records_in_one_file_are_not_mixed(tmp_path, kind):
             for name, record in (("first", columns), ("second", longer)):
                 rows = list(zip(*record.values(), strict=True))
                 file[name] = np.array(rows, [(field, float) for field in record])
-    with pytest.raises(ValueError, match=r"in 2 groups \(first, second\): keep one"):
+    with pytest.raises(ValueError, match=r"in 2 groups \(first, second\): keep only one"):
         read_record(tmp_path / "a")
 
 
@@ -480,7 +483,7 @@ def test_pore_pressure_of_named_columns(tmp_path):
 )
 def test_names_of_columns_that_are_not_known_are_refused(tmp_path, name, hint):
     path = written(tmp_path / "a.csv")
-    with pytest.raises(ValueError, match=f"a column '{name}' is unknown: {hint}"):
+    with pytest.raises(ValueError, match=f"the column name '{name}' is unknown: {hint}"):
         read_record(path, columns={"time": 0, name: 1})
 
 

@@ -227,7 +227,7 @@ def test_published_parameters_strengthen_with_velocity():
         ),
         (lambda: spring_slider(PAPER, Spring(-1.0), (LoadStep(1, 1),)), "stiffness must be positive"),
         (lambda: spring_slider(PAPER, Spring(1.0, -1.0), (LoadStep(1, 1),)), "damping must be 0"),
-        (lambda: spring_slider(PAPER, Spring(1.0), ()), "no legs"),
+        (lambda: spring_slider(PAPER, Spring(1.0), ()), "a load history needs at least one"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 1), LoadStep(0, 1))), "leg 2 lasts 0"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, np.nan),)), "leg 1 has the velocity nan"),
         (lambda: spring_slider(PAPER, Spring(1.0), (LoadStep(1, 0.0),)), "give `before`"),

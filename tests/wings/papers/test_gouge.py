@@ -173,7 +173,7 @@ def test_the_estimate_counts_every_leg():
 
 
 def test_a_time_step_that_is_too_long_is_refused_with_the_number():
-    with pytest.raises(ss.experiments.ScenarioError, match=r"use at most about 9.9e-07: use about 2e-07"):
+    with pytest.raises(ss.experiments.ScenarioError, match=r"limit is about 9\.9e-07: use about 2e-07"):
         small(dt=3e-6)
     ran = settled()
     assert 0.5 < small().longest_step / ss.measure.stable_time_step(ran.state, ran.law) < 2

@@ -29,7 +29,7 @@ def scenario(sample=DISKS, *, cement=None, **path):
 @pytest.fixture(scope="module")
 def pulled():
     """A direct tension test of disks that fails."""
-    return ss.simulate(scenario(strain=-0.02, step=5e-4), workers=1)
+    return ss.simulate(scenario(strain=-0.02, step=5e-4, cement={"until": 0.3}), workers=1)
 
 
 def test_bonds_have_the_stiffness_and_the_scatter_of_potyondy_and_cundall():
@@ -47,9 +47,8 @@ def test_bonds_have_the_stiffness_and_the_scatter_of_potyondy_and_cundall():
         assert np.mean(share) == pytest.approx(1, abs=5 * 0.2 / len(share) ** 0.5)
         assert np.std(share) == pytest.approx(0.2, abs=5 * 0.2 / (2 * len(share)) ** 0.5)
     tension, shear = (bonds.strength[:, k] / bonds.strength[:, k].mean() for k in (0, 1))
-    np.testing.assert_allclose(
-        bonds.strength[:, 2:] / bonds.strength[:, 2:].mean(axis=0), np.stack([tension, shear], 1)
-    )
+    moments = bonds.strength[:, 2:] / bonds.strength[:, 2:].mean(axis=0)
+    np.testing.assert_allclose(moments, np.stack([tension, shear], 1))
     assert abs(np.corrcoef(tension, shear)[0, 1]) < 5 / len(shear) ** 0.5
 
 
@@ -61,10 +60,8 @@ def test_a_break_has_the_mode_and_the_energy_of_its_loads(way, turn, tension):
     pair = ss.assembly(ss.spheres([[0, 0, 0], [1.0, 0, 0]], 0.5), cell=ss.box([4, 4, 4], (True,) * 3))
     made = with_cement(pair, Cement(tensile_strength=1e-3, shear_strength=1e-3), 1.0, seed=0)
     signs = [1, 1] if any(way) else [1, -1]
-    grains = made.grains._replace(
-        position=made.grains.position + np.array([[0, 0, 0], way]),
-        angle=np.array([[0, 0, turn * s] for s in signs], float),
-    )
+    angle = np.array([[0, 0, turn * sign] for sign in signs], float)
+    grains = made.grains._replace(position=made.grains.position + np.array([[0, 0, 0], way]), angle=angle)
     moved = made._replace(grains=grains)
     k = made.bonds.stiffness[0]
     expected = np.array([k[0] * way[0], k[1] * turn * (1 + way[0]), 0, 0] if any(way) else [0, 0, k[2] * 2 * turn, 0])
@@ -102,7 +99,7 @@ def test_every_lost_bond_is_in_the_catalogue(pulled, tmp_path):
     stress = -series.stress[:, 1, 1]
     peak = int(stress.argmax())
     assert 0 < peak < len(stress) - 1 < len(element.loads_of(pulled.scenario)) - 1  # it ends as it has failed
-    assert stress[-1] <= 0.7 * stress[peak] < stress[-2]
+    assert stress[-1] <= 0.3 * stress[peak] < stress[-2]
     assert np.abs(series.stress[:, 0, 0]).max() < 1e-6 * stress[peak]
     found, table = SAMPLE.of(LoadedSample(run, pulled.scenario)), columns(run, pulled.scenario)
     assert found["tensile_strength"] == found["strength"] == pytest.approx(stress[peak])
@@ -180,10 +177,11 @@ def test_a_sweep_has_the_strengths_their_ratio_and_an_envelope_of_the_tests_in_c
         ({"cement": {"tensile_strength": 5e3}}, r"cement\.shear_strength"),
         ({"cement": CEMENT | {"scatter": 0.5}}, r"cement\.scatter"),
         ({"cement": CEMENT | {"confining": -1.0}}, r"cement\.confining"),
-        ({"cement": CEMENT, "path": {"kind": "undrained"}}, r'path\.kind = "undrained": .* loaded with "triaxial"'),
-        ({"cement": CEMENT, "path": {"integrator": "dynamic"}}, r'path\.integrator = "dynamic": use "quasi-static"'),
-        ({"cement": CEMENT, "probes": {}}, "with probes"),
-        ({"cement": CEMENT, "law": {"kind": "hertz_mindlin", "kn": 1e9, "kt": 1e9}}, "a law without modulus"),
+        ({"cement": CEMENT, "path": {"kind": "undrained"}}, r'path\.kind = "triaxial", .* got "undrained"'),
+        ({"cement": CEMENT, "path": {"integrator": "dynamic"}}, r'path\.integrator = "quasi-static", .* got "dynamic"'),
+        ({"cement": CEMENT, "path": {"strain": [0.01, 0.0, 0.02]}}, r"path\.strain = \[0\.01, .* give one strain"),
+        ({"cement": CEMENT, "probes": {}}, "probes exclude"),
+        ({"cement": CEMENT, "law": {"kind": "hertz_mindlin", "kn": 1e9, "kt": 1e9}}, "which this law lacks"),
     ],
 )
 def test_cement_that_cannot_be_is_refused_in_one_sentence(tables, words):
@@ -194,6 +192,6 @@ def test_cement_that_cannot_be_is_refused_in_one_sentence(tables, words):
 
 def test_cement_stronger_than_grains_bear_is_refused_before_anything_is_saved(tmp_path):
     strong = scenario(cement={"tensile_strength": 1e12, "shear_strength": 1e12}, strain=1e-3)
-    with pytest.raises(ss.experiments.ScenarioError, match=r"cement\.tensile_strength = 1e\+12 .* give at most"):
+    with pytest.raises(ss.experiments.ScenarioError, match=r"cement\.tensile_strength must be at most .* got 1e\+12"):
         ss.simulate(strong, folder=tmp_path)
     assert not list(tmp_path.iterdir())

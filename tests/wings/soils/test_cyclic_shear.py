@@ -329,7 +329,7 @@ def test_the_command_line_writes_a_table_of_cycles(tmp_path, monkeypatch, capsys
 @pytest.mark.parametrize(
     ("cycles", "words"),
     [
-        ({"amplitudes": [3.0]}, r"cycles\.amplitudes = 3 .* use at most 0?\.?\d"),
+        ({"amplitudes": [3.0]}, r"cycles\.amplitudes = 3, .* use at most \d\.\d"),
         ({"amplitudes": [1e-12]}, r"cycles\.amplitudes must be at least 1e-08, .* below round-off, got 1e-12"),
         ({"amplitudes": [1e-3, 1e-4]}, "must increase"),
     ],

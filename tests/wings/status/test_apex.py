@@ -114,7 +114,7 @@ def test_without_stability_statuses_are_consistent_together_or_not_at_all():
 
 def test_too_many_choices_are_refused():
     many = Apex(np.eye(14), np.zeros((7, 2)), np.tile(SPRINGS, (7, 1, 1)), np.ones(7), np.zeros(7), np.zeros(7, bool))
-    with pytest.raises(ValueError, match=r"7 contacts with 1.64e\+04 combinations .* at most 4096"):
+    with pytest.raises(ValueError, match=r"7 contacts have 1.64e\+04 combinations .* at most 4096"):
         consistent_statuses(many)
 
 

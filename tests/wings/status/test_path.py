@@ -374,7 +374,7 @@ def test_simple_shear_of_a_periodic_packing(seed):
 def test_an_unstable_start_and_other_laws_are_refused(boxed):
     state, _ = boxed
     hertz = ss.laws.hertz_mindlin(1.0, 0.5, 0.5, coulomb="sharp")
-    with pytest.raises(ValueError, match="piecewise linear only for `linear`"):
+    with pytest.raises(ValueError, match="paths are piecewise linear only for the law `linear`"):
         load_path(state, hertz, state.control)
     column = ss.disks([[0, 0.4995], [0.0, 1.499]], 0.5)
     walls = ss.flat_walls([[0, 0], [0, 1.9985]], [[0, 1], [0, -1]])
@@ -409,7 +409,7 @@ def test_a_net_force_that_nothing_holds_is_refused():
     force = state.control.force.copy()
     held = int(np.flatnonzero(~ss.measure.rattlers(state, 2))[0])
     force[held, 0] = 1e-6
-    with pytest.raises(ValueError, match="net force along x that nothing balances"):
+    with pytest.raises(ValueError, match="unbalanced net force along x"):
         load_path(state, law, state.control._replace(force=force))
     m = ss.quasirigid.linear_system(state, law)
     assert ss.quasirigid.contact_status(m, (np.arange(len(m.free)) == 0).astype(float)).verdict is Verdict.MECHANISM
@@ -428,7 +428,7 @@ def test_critical_contacts_are_numbers_or_a_mask(boxed):
         with pytest.raises(ValueError, match="distinct contact numbers"):
             ss.quasirigid.contact_status(m, load, critical=wrong)
     for wrong in ([-1, 9999], [m.count]):
-        with pytest.raises(ValueError, match=r"critical contacts -?\d+ to \d+ .* numbers 0 to"):
+        with pytest.raises(ValueError, match=r"contacts are numbered from 0 to \d+, but critical has -?\d+ to \d+"):
             ss.quasirigid.contact_status(m, load, critical=wrong)
     with pytest.raises(ValueError, match=r"start must be .* got shape"):
         ss.quasirigid.contact_status(m, load, critical=[1], start=[True])

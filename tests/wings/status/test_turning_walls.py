@@ -155,5 +155,5 @@ def test_walls_that_cannot_turn_are_refused():
         linear_system(state._replace(control=state.control._replace(group=group)), law, wall_arm=ARM)
     packing, _ = ss.packings.jammed(30, packing_fraction=0.88, dim=2, seed=1)
     law = ss.laws.linear(1.0, 0.5, 0.5, coulomb="sharp")
-    with pytest.raises(ValueError, match="without walls"):
+    with pytest.raises(ValueError, match="the packing has no walls"):
         linear_system(ss.accept(packing, ss.forces(packing, law)[1]), law, wall_arm=ARM)

@@ -29,7 +29,7 @@ class Plan(NamedTuple):
     """Coefficients of a run, constant during it."""
 
     external: np.ndarray  # (2, B, 3) forces and torques
-    drags: tuple[float, float]  # of translations and of rotations [1/time]
+    drags: tuple[float, float]  # drags of translations and of rotations [1/time]
     dt: float
     tolerance: float = 0.0  # largest unbalanced force at rest [force]
 

@@ -31,7 +31,7 @@ class Cuda:
         self.stream = self.cupy.cuda.Stream(non_blocking=True)
 
     def allocate(self, arrays, law, sizes) -> None:
-        """Make arrays of zeros, and take the law."""
+        """Allocate arrays of zeros, and set the law."""
         with self.stream:
             self.arrays = {}  # frees the memory of the previous one
             self.arrays = {name: self.cupy.zeros(shape, kind) for name, (shape, kind) in arrays.items()}

@@ -51,7 +51,7 @@ class Ledger(NamedTuple):
     # by bonds, whose loads have an energy only to first order in the rotations
     nonpotential: np.ndarray
     bonded: np.ndarray | float = 0.0  # (T,) stored in bonds
-    broken: np.ndarray | float = 0.0  # (T,) lost as bonds broke: what they stored less the work that they still did
+    broken: np.ndarray | float = 0.0  # (T,) lost when bonds broke: their stored energy less their remaining work
 
     @property
     def defect(self) -> np.ndarray:
@@ -70,7 +70,7 @@ class Books(NamedTuple):
     vectors: np.ndarray  # (3, 3) of the cell
     pull: np.ndarray  # (B, 3) forces of springs
     stride: int  # steps between two entries
-    step: int  # of the last entry
+    step: int  # step of the last entry
     row: np.ndarray  # (len(COLUMNS),)
     rows: np.ndarray  # (T, len(COLUMNS))
     law: object  # struct `Law` of the compiled core

@@ -97,7 +97,7 @@ class Engine(NamedTuple):
     samples: int = 100  # largest record, in legs into which a long one may be divided
 
 
-MOST_STEPS = 10**15  # of a run
+MOST_STEPS = 10**15  # largest number of steps of a run
 
 
 @checked
@@ -289,7 +289,7 @@ def _check_arguments(
         raise ValueError(f"threads must be at least 1, got {threads}")
 
 
-ROUNDS = 300  # of the power iteration
+ROUNDS = 300  # number of power iterations
 
 
 def _network(state: State, law: Law, here: BodyArrays) -> tuple:

@@ -22,7 +22,7 @@ class UserLaw(NamedTuple):
     """Description of a user-defined law."""
 
     name: str
-    names: tuple[str, ...]  # of all parameters, in the order of the law's table
+    names: tuple[str, ...]  # names of all parameters, in the order of the law's table
     source: str  # text, if available
     file: str  # path, if the source is the text of a whole file; else empty
     functions: dict[str, Callable]  # by role, as written except for the replacements of `math`, `max` …

@@ -107,7 +107,7 @@ def with_rolling(
     """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
 
     Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is free. With P
-    the Coulomb limit over μ (max(F_n, 0) unless the law says otherwise; zero if μ is zero):
+    the Coulomb limit over μ (by default max(F_n, 0); zero if μ is zero):
 
         constant  M = −min(γ R_eff² |ω|, μ_r R_eff P) ω/|ω|
         viscous   M = −γ P R_eff² ω

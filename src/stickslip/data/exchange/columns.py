@@ -44,7 +44,7 @@ def plain_name(name: str) -> str:
 def names_by_content(rows: np.ndarray) -> list[str] | None:
     """Names of the columns of grains without names, by their content; None if they fit no known layout.
 
-    A column that counts the rows, from 0 or 1, is taken as ids, unless the grains may lie in a line. Eight columns, or
+    A column that counts the rows, from 0 or 1, is read as ids, unless the grains may lie in a line. Eight columns, or
     six in a plane, are read as MFIX's particle_input.dat, version 1; any other six as lists of PeGS2 and RigidLibrary.
     """
     count, width = rows.shape

@@ -23,7 +23,7 @@ from ..sample import Absent, PackingError, accepted, from_arrays
 HEAD = 2**14  # bytes at the beginning of a file by which its format is detected
 FEW_DIGITS, SAMPLED = 9, 3000  # digits of positions that are few, and words that are examined
 ALL_DIGITS = "`dump_modify ID format float %20.15g` makes LAMMPS write all digits"
-MOST_DIGITS = 12  # of the number of grains
+MOST_DIGITS = 12  # largest number of digits in a number of grains
 LONGEST_LINE = 60  # length of lines quoted in messages [characters]
 COMPRESSED = {b"\x1f\x8b": gzip.open, b"\xfd7zXZ\x00": lzma.open, b"BZh": bz2.open, b"\x28\xb5\x2f\xfd": None}
 
@@ -45,7 +45,7 @@ class ListedBonds(NamedTuple):
 class Packing(NamedTuple):
     """A packing as a file describes it: arrays for `from_arrays`, or the state itself."""
 
-    name: str  # of the state in its file: a time step, the number of a frame, a path in an archive
+    name: str  # name of the state in its file: a time step, the number of a frame, a path in an archive
     arrays: dict  # for `from_arrays`
     notes: list[str]  # on assumptions and omissions
     step: int = -1  # time step; −1: unknown
@@ -176,7 +176,7 @@ def split_frames(
     ----------
     widths : allowed numbers of words in the first line of a frame
     above : number of lines before those of the grains
-    what, needed : words for a frame and for its first line, for messages
+    what, needed : words for a frame and for its first line, in messages
     """
     lines, starts, at = read_lines(path).rstrip("\n").split("\n"), [], 0
     while at < len(lines):

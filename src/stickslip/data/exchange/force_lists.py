@@ -26,7 +26,7 @@ NAMELESS_GRAINS = {
     6: ["frame", "id", "x", "y", "radius", "edge"],
 }  # fmt: skip
 NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn"]}
-BONDS = ["i", "j", "slides", "ft", "fn"]  # of RigidLibrary, whose third column has flags
+BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third column has flags
 MATRICES = ("Norm", "Tan")  # in file names of its matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "body1", "a"),
@@ -341,7 +341,7 @@ def _parts(contacts: Path, forces: dict, ends: np.ndarray, place: np.ndarray, id
         along = np.einsum("ck,ck->c", vector["f"], normal)
         sign = -1.0 if along.sum() < 0 else 1.0
         if sign < 0:
-            notes.append(f"forces in {contacts.name} are taken as those on the second grain, as contacts must press")
+            notes.append(f"forces in {contacts.name} are assumed to act on the second grain, as contacts must press")
         along, vector["ft"] = sign * along, sign * (vector["f"] - along[:, None] * normal)
     else:
         raise PackingError(

@@ -22,7 +22,7 @@ from ..sample import PackingError, account_for, repeated_note
 from .content import Packing, chosen_frames
 from .frame import Frame, bounding_box, law_from_dict, law_to_dict, without_walls, wrapped_into
 
-SCHEMA = 2  # of the chunks under stickslip/; earlier ones are read
+SCHEMA = 2  # schema of the chunks under stickslip/; earlier ones are read
 PREFIX = "stickslip/"
 CONTACTS = ("sticking", "sliding")  # types of the bonds that show contacts
 CEMENT = ("bond", "broken bond")  # and of those that show bonds

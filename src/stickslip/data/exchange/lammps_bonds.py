@@ -60,7 +60,7 @@ class Commands(NamedTuple):
     """Bonds at the end of a run, according to its commands."""
 
     style: list[str]  # and its options; empty without one
-    place: str  # of the style
+    place: str  # position of the style
     coefficients: list[list[str]]  # words of bond_coeff since the style
     weights: list[str]  # factors of special_bonds for contacts of grains one, two and three bonds apart
     made: list[str]  # the commands create_bonds, with their places

@@ -36,7 +36,7 @@ class Command(NamedTuple):
     """A command, or a line of a log that may be one."""
 
     source: str  # name of the file
-    number: int  # of its line
+    number: int  # line number
     line: str  # without comments
     step: int | None = None  # time step; None if unknown
 
@@ -193,7 +193,7 @@ class Region(NamedTuple):
     """A region, and the unit of its lengths if they are in lattice units."""
 
     words: list[str]  # style and arguments
-    spacing: list[str] | None = None  # of the lattice at that time, empty if unknown; None without a lattice
+    spacing: list[str] | None = None  # spacing of the lattice at that time, empty if unknown; None without a lattice
 
 
 class Dump(NamedTuple):
@@ -249,7 +249,7 @@ class Run(NamedTuple):
     labels: dict[str, int]  # types of atoms by their labels
     dumps: dict[str, Dump]  # by their names
     bonds: list[list[str]]  # words of commands that concern bonds, after their positions
-    year: int = 0  # of the version of LAMMPS; 0: unknown
+    year: int = 0  # year of the version of LAMMPS; 0: unknown
     sources: tuple[str, ...] = ()  # names of the files, in their order
     blocks: tuple[Block, ...] = ()  # runs in time; none if the log or script does not state their steps
     atoms: int | None = None  # number of grains when they were written; None if unknown

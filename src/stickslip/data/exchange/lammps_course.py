@@ -44,9 +44,9 @@ class Plane(NamedTuple):
 
     height: float  # along the normal [length]
     normal: np.ndarray  # (3,) towards the grains
-    number: int  # of the fix, among those of walls
+    number: int  # index of the fix among the wall fixes
     scale: float = 0.0  # mean contact radius if LAMMPS multiplies k_t by it [length]
-    face: int = 0  # of its region, from 0
+    face: int = 0  # face of its region, from 0
 
     def overlap(self, position: np.ndarray, radius: np.ndarray) -> np.ndarray:
         """(N,) overlaps of grains with the wall [length]."""

@@ -173,7 +173,9 @@ def _rename_columns(table: Table, path: Path, columns: str | None, packing: Pack
                     f"{path}: unknown column {name!r}; use {' '.join(ORDER)}, or {SKIPPED} for a column to skip"
                 )
         if len(given) != len(names):
-            raise PackingError(f"{path} has {len(names)} columns, but {len(given)} names were given: {' '.join(names)}")
+            raise PackingError(
+                f"{path} has {len(names)} columns, but --columns has {len(given)} names: {' '.join(names)}"
+            )
         names = given
     elif all(re.fullmatch(r"[cfv]_\w+(\[\d+\])?", name) for name in names):
         names = (

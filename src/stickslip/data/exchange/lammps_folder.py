@@ -286,7 +286,7 @@ def _read_if_possible(path: Path, files: Files, run: Run) -> Packing | None:
 
 
 def _last_frame(path: Path) -> tuple[bool, int]:
-    """Whether the last frame of a dump has radii, and its time step; −1 if it cannot be found."""
+    """Presence of radii in the last frame of a dump, and its time step; −1 if it cannot be found."""
     if is_compressed(path):
         content = read_content(path)
     else:
@@ -372,8 +372,10 @@ def _mismatch(path: Path, packing: Packing, run: Run) -> str:
     count, dump = run.atoms, _dump_of(path, run)
     if dump and dump.selection and count != n:
         of = f", of {count} in the run of {run.source}" if count else ""
-        return f"{path.name} contains {n} grains{of}: `{dump.selection}` leaves out others, which may touch them; "
-        "give a dump of all grains"
+        return (
+            f"{path.name} contains {n} grains{of}: `{dump.selection}` leaves out others, which may touch them; "
+            "give a dump of all grains"
+        )
     return "" if count in (None, n) else f"{n} grains were read, but the run of {run.source} had {count} at that time"
 
 

@@ -40,7 +40,7 @@ class DumpFrame(NamedTuple):
     path: Path
     start: int  # first byte
     stop: int  # byte after the last one
-    digest: str  # of its bytes
+    digest: str  # digest of its bytes
     problem: str = ""  # reason why it cannot be used; empty for a complete frame
 
 
@@ -223,7 +223,7 @@ def read_content(frame: DumpFrame) -> Table:
 
 INTERVAL = 1.0  # time between two searches of the folder [s]
 FRESH = 3.0  # time after which an unchanged file is considered complete [s]
-NEEDS = "`stickslip docs lammps` shows what LAMMPS must write"
+NEEDS = "`stickslip docs lammps` describes the required output of LAMMPS"
 
 
 class Source(NamedTuple):

@@ -28,7 +28,7 @@ from .lammps_bonds import list_bonds
 HEADER = re.compile(
     r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$"
 )  # heading of a section in a data file
-ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # of columns of contacts
+ORDER = ["i", "j", "dist", "dx", "dy", "dz", "fx", "fy", "fz", "tx", "ty", "tz"]  # order of columns of contacts
 VOLUME = 4 / 3 * np.pi
 AXES = ("x", "y", "z")
 FORCE = ("fx", "fy", "fz")

@@ -10,7 +10,7 @@ from scipy.io import mmwrite
 from ...core.arguments import checked
 from ..run_files import replace_atomically
 
-PARTS = ("data", "indices", "indptr", "shape")  # of a sparse matrix in compressed rows
+PARTS = ("data", "indices", "indptr", "shape")  # parts of a sparse matrix in compressed rows
 COORDINATES = ("mass", "body", "axis")  # of the `free` coordinates of a result, to which rows of matrices refer
 
 

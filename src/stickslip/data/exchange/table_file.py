@@ -272,7 +272,7 @@ PAIR = re.compile(r'(\w+)=("(?:[^"\\]|\\.)*"|\S+)')
 def write_xyz(path: str | Path, frames: list[Frame]) -> list[str]:
     """Write frames one after the other, with numbers exact to the last bit.
 
-    Return notes on what the format does not store.
+    Return notes on data that the format does not store.
     """
     with replace_atomically(Path(path)) as part, part.open("w", encoding="utf-8") as file:
         for frame in frames:

@@ -141,7 +141,7 @@ def vtk_paths(path: Path, count: int) -> list[tuple[Path, Path]]:
 
 
 def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
-    """Write two .vtu files per frame, all or none; return notes on what they do not store."""
+    """Write two .vtu files per frame, all or none; return notes on data that they do not store."""
     hl, path = require("pyevtk.hl", "exchange"), Path(path)
     if not path.parent.is_dir():
         raise PackingError(f"the folder {path.parent} does not exist: create it first")

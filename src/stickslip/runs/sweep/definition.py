@@ -103,7 +103,7 @@ def _rows(chosen: Sweep):
     for axis in chosen.axes:
         yield axis.key, axis.values, *reversed(split_unit(field_at(kind, axis.key).description))
     yield "members", chosen.count, "", " × ".join(map(str, chosen.shape)) if len(chosen.shape) > 1 else ""
-    yield "refused points", chosen.refusals or None
+    yield "rejected points", chosen.refusals or None
 
 
 def _experiment(chosen: Sweep) -> str:

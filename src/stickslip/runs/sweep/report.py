@@ -42,7 +42,7 @@ def run_with_progress(
     chosen: Sweep, out: Path, *, workers: Workers, overwrite: bool, figures: bool, look: Look,
     confirm: Callable[[], bool], part: tuple[int, int] | None = None, gather: list[Path] = (),
 ) -> SweepResult | None:  # fmt: skip
-    """Print the number of members, ask for confirmation if there are many, validate them and run the unfinished ones.
+    """Print the number of members, confirm it if there are many, validate them and run the unfinished ones.
 
     Parameters
     ----------

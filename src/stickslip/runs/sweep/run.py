@@ -31,7 +31,7 @@ from .dataset import write_sweep
 from .definition import Sweep, member, sweep
 
 MEASURES = "measures.json"
-MANY = 1000  # number of members above which the user is asked to confirm
+MANY = 1000  # number of members above which the user must confirm
 FIRST = "first"  # folder of a timed first member
 SOME = 50  # number of members whose run times are used for the estimate
 PROBE = 20.0  # longest trial run of the first member [s]
@@ -252,7 +252,7 @@ def _run_in_folder(scenario: ScenarioBase, folder: Path, look: Look | None, repo
     simulate = partial(experiment.simulate, scenario, folder=folder, workers=1, report=report)
     try:
         result = simulate()
-    except ArchiveError:  # damaged checkpoint, or one of another version, and no user to ask
+    except ArchiveError:  # damaged checkpoint, or one of another version, without a user to decide
         drop_pieces(folder)
         result = simulate()
     if look:

@@ -50,7 +50,7 @@ def is_held(state: State, members: np.ndarray) -> bool:
 
 
 def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the knots of a course from the start of a leg, with both ends, and its values there."""
+    """Times of the knots of a varying velocity from the start of a leg, with both ends, and its values there."""
     control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
     times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
     return times, np.interp(times, control.knots, control.course[:, column])

@@ -133,7 +133,7 @@ def last_error(*texts: str) -> str:
 
 
 WAIT = 0.02  # between looks at the log [s]
-LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # of thermodynamic output
+LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of thermodynamic output
 
 
 @checked
@@ -360,7 +360,7 @@ def walls_at(leg: Leg, elapsed: float):
 
 
 def _course(leg: Leg, column: int, elapsed: float) -> tuple[float, float]:
-    """Integral of a course from the start of the leg, and its value."""
+    """Integral of a varying velocity from the start of the leg, and its value."""
     begin = leg.state.time
     if column < 0:
         return elapsed, 1.0

@@ -31,7 +31,7 @@ def lacks_radius(law: Law) -> bool:
 
 
 def check_law(law: Law, state: State) -> None:
-    """Raise ScenarioError if LAMMPS has no pair style that is exactly this law."""
+    """Raise ScenarioError if LAMMPS has no pair style equivalent to this law."""
     if isinstance(law.kind, Kind) or name_with_radius(law) not in lammps_laws.MODELS:
         raise ScenarioError(f"LAMMPS does not have this law in stickslip's form: {STAY[3:]}")
     if law.coulomb != builtin.SHARP:
@@ -226,7 +226,7 @@ def _check_walls(leg: Leg) -> None:
 
 
 def _check_course(leg: Leg, column: int) -> None:
-    """Raise ScenarioError if the course of a velocity has too many knots for a formula."""
+    """Raise ScenarioError if a varying velocity has too many knots for a formula."""
     if column < 0 or column in leg.waves:
         return
     inside = len(leg_course(leg, column, leg.steps * leg.dt)[0]) - 2

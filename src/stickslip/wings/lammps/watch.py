@@ -35,7 +35,7 @@ class Row(NamedTuple):
     """Measures of a frame, in the units of the simulation; None where there is none."""
 
     step: int
-    digest: str = ""  # of the frame; a frame with another one is computed again
+    digest: str = ""  # digest of the frame; a frame with another one is computed again
     grains: int | None = None
     contacts: int | None = None  # that touch
     rattlers: int | None = None
@@ -56,7 +56,7 @@ class Row(NamedTuple):
     softest: float | None = None  # smallest real part of an eigenvalue λ, without zero modes [1/time²]
     zero_modes: int | None = None
     pairs: int | None = None  # that grow
-    growth_rate: float | None = None  # of the fastest pair [1/time]
+    growth_rate: float | None = None  # growth rate of the fastest pair [1/time]
     omega: float | None = None  # its frequency [1/time]
     buckling: int | None = None  # motions that grow without oscillation
     stable: bool | None = None  # None without a verdict

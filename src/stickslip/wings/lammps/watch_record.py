@@ -120,7 +120,7 @@ def watched_balance(step: Column, residual: Column, limit: float):
 
 
 RELOAD = 10  # time after which the page is loaded again [s]
-ROWS = 60  # of the table of frames
+ROWS = 60  # largest number of rows of the table of frames
 HEADINGS = (
     "step", "contacts", "per grain", "sliding", "pressure", "shear/pressure", "unbalanced", "softest λ", "pairs",
     "growth rate", "verdict",

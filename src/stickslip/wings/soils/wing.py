@@ -7,5 +7,5 @@ WING = Wing(
     words="element tests and cyclic shear of soils",
     needs=("status", "lammps"),
     experiments={"element-test": "element_test", "cyclic-shear": "cyclic_shear"},
-    pages=("element_tests", "directions_of_failure", "tutorials/triaxial_test"),
+    pages=("element_tests", "directions_of_failure", "tutorials/triaxial_test", "tutorials/cemented_sand"),
 )

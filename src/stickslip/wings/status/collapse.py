@@ -32,13 +32,13 @@ from .events import APEX, gaps
 from .matrices import linear_system, stiffness_matrix
 from .system import pinned_coordinates, roll_springs
 
-TIME_STEP = 0.1  # of dynamics, in units of the longest stable one, as in `slow_dynamics`
+TIME_STEP = 0.1  # time step of dynamics, in units of the longest stable one, as in `slow_dynamics`
 RAMP, GENTLY = 25, 200  # stages in which the load is raised, and steps of each
 BLOCK, SAMPLE = 5000, 25  # steps between two looks at the packing, and between samples of its energy
 DURATION, TRAVEL = 1e5, 5.0  # defaults of the longest time, in natural units, and of the farthest, in mean diameters
 RESTING = (1e-6, 1e-8)  # residuals at which Newton's method is tried, over the mean normal force
 BALANCED = 5e-11  # its tolerance, likewise
-ROUND_OFF = 1e-15  # of the force of a stiff spring, over that of an elongation of the size of the packing
+ROUND_OFF = 1e-15  # round-off of the force of a stiff spring, over that of an elongation of the size of the packing
 FAR = 1e3  # distance to which it may move grains, over the overlap that changes a force by the residual
 NULL = 1e-9  # fraction of the largest stiffness up to which an eigenvalue belongs to an unresisted motion
 RANK = 1e-8  # singular value up to which modes are parallel
@@ -62,19 +62,19 @@ class Collapse(NamedTuple):
     )
     rests: bool  # whether an equilibrium was found; otherwise the numbers are those of the state where dynamics ended
     duration: float  # [time]
-    steps: int  # of dynamics
+    steps: int  # number of steps of dynamics
     largest: float  # displacement of a grain, relative to the deformation of the cell [length]
     total: float  # root of the sum of squares of these displacements [length]
     motion: float  # along the load, over all coordinates: of the wall that is loaded, or ℓ times the strain [length]
     strain: np.ndarray  # (3, 3) change of the displacement gradient of the cell
-    work: float  # of the loads and springs during the motion [energy]
+    work: float  # work of the loads and springs during the motion [energy]
     released: float  # work less the change in stored energy, which is dissipated [energy]
     kinetic_energy: float  # largest [energy]
     direction: np.ndarray  # (n,) displacement, of unit length, zero for rattlers
-    participation: float  # of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
+    participation: float  # participation of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
     eigenvalue: float  # smallest real part of the eigenvalues of k where the path ended [force/length]
     modes: int  # number of unresisted modes there, or 1 for the softest
-    overlap: float  # of the direction with them: length of its projection on their span
+    overlap: float  # overlap of the direction with them: length of its projection on their span
     lost: int  # lost contacts between grains that were not rattlers
     gained: int  # gained contacts of this kind
     sliding: tuple[int, int]  # number of contacts at the Coulomb limit before and after
@@ -88,7 +88,7 @@ class Motion(NamedTuple):
     steps: int
     time: float  # [time]
     kinetic_energy: float  # largest [energy]
-    work: float  # of loads, springs and the stress on a free cell [energy]
+    work: float  # work of loads, springs and the stress on a free cell [energy]
 
 
 class _Dynamics:

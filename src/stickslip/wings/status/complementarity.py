@@ -253,7 +253,7 @@ class Solution(NamedTuple):
     slip: np.ndarray  # (Mc,) λ
     rate: np.ndarray  # (Mc,) Ṽ
     error: np.ndarray  # (Mc,) error bound of Ṽ
-    sign: int  # of det A_SS = det k(S)/det k₀; 0 if singular to round-off
+    sign: int  # sign of det A_SS = det k(S)/det k₀; 0 if singular to round-off
 
 
 class Ray(NamedTuple):

@@ -224,7 +224,7 @@ class Increment:
             self.unique = True
             return True
         known = choice.uniqueness
-        if known is None:  # `contact_status` does not test uniqueness with so many contacts
+        if known is None:  # `contact_status` does not test uniqueness with too many contacts
             try:
                 problem = complementarity(matrix, self.load, geometric=self.geometric)
             except LinAlgError:

@@ -153,7 +153,7 @@ def linear_system(
     count = len(line.normal)
     c = sparse.csr_array(incidence(state, count, free) @ _directions(rows, frame, count))
     slip = np.einsum("ck,ck->c", line.slip[rows], frame[:, 1])
-    # a contact at the limit exerts exactly μ F_n, whatever the round-off of its slip; without friction none sticks
+    # a contact at the limit exerts exactly μ F_n, despite round-off of its slip; without friction none sticks
     slippery = ~parted & (line.mu[rows] == 0)
     sliding = (state.contacts.mode[rows] == SLIDE) & ~slippery
     k_n, k_t = line.slope_n[rows], np.where(slippery, 0.0, line.stiffness_t[rows])

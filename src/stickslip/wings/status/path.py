@@ -43,7 +43,7 @@ SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increme
 PROGRESS = 1e-5  # fraction of a leg; the load stalls if it rises by less in CROWD events and parts of increments
 RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
-OFFSET = 1e-4  # of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
+OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
 JUMP = 10.0  # motion over the previous one for the same change of the load, above which it is a collapse
 PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
 AGAIN = 5  # number of times that a disk is wedged on a path above which the path counts as dependent on the increment
@@ -145,8 +145,8 @@ def load_path(
     Raises
     ------
     ValueError
-        if the packing is out of balance or unstable, the law is not linear, the load acts on a body that nothing
-        supports, or the controls have different free components.
+        if the packing is out of balance or unstable, the law is not linear, the load acts on an unsupported body, or
+        the controls have different free components.
 
     Examples
     --------
@@ -191,7 +191,7 @@ class _Leg(NamedTuple):
     begin: Control
     end: Control
     number: int
-    count: int  # of legs
+    count: int  # number of legs
     increment: float
     geometric: bool
 
@@ -403,7 +403,7 @@ def check_start(state: State, law: Law, legs, increment: float) -> None:
             load = (
                 f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
             )
-            raise ValueError(f"a leg has a {load} that nothing balances: give loads without it")
+            raise ValueError(f"a leg has an unbalanced {load}: give loads without it")
         pull = np.abs(external_force(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)
         if len(bad):

@@ -1,4 +1,4 @@
-"""Motions that nothing resists: null modes of the stiffness matrix, and rigid clusters of a frictional packing.
+"""Unresisted motions: null modes of the stiffness matrix, and rigid clusters of a frictional packing.
 
 Clusters follow from linear algebra or from the (3,3) pebble game, generic rigidity of bodies in a plane that are joined
 by bars. In the game a body has three pebbles, its degrees of freedom. An independent bar takes one pebble of one of its
@@ -28,9 +28,9 @@ from .matrices import LinearSystem, linear_system, stiffness_matrix
 from .system import elimination_order, load_of
 
 SHIFT, MORE = 1e-12, 100.0  # added to squared singular values, so that none is zero; a larger one by this factor
-REPEATS = 4  # of a solve; each one reduces what is not null by SHIFT over its squared singular value
+REPEATS = 4  # number of solves; each one reduces other components by SHIFT over their squared singular value
 SAMPLES = 4  # random vectors of the null space
-STILL = 1e-7  # of the largest motion or self-stress, below which one is zero
+STILL = 1e-7  # fraction of the largest motion or self-stress, below which one is zero
 PLANE = (0, 1, 5)  # x, y and rotation
 
 
@@ -56,10 +56,10 @@ def rigid_clusters(
     """Decompose a packing into clusters that every motion without resistance moves as rigid bodies.
 
     A contact below its Coulomb limit resists any relative velocity of the two surfaces, a sliding one only that along
-    its normal. Walls, rigid groups and fixed bodies are bodies like grains, and what is held in place is one more; the
-    cell is fixed. Springs are no constraints. Grains touch where the line of centres is shared in proportion to the
-    radii, so that a rigid rotation of disks or spheres that overlap does not count as slip: their arms are
-    R |r|/(R_i + R_j), and R − δ at a wall.
+    its normal. Walls, rigid groups and fixed bodies are bodies like grains, and everything held in place is one more
+    body; the cell is fixed. Springs are no constraints. Grains touch where the line of centres is shared in proportion
+    to the radii, so that a rigid rotation of disks or spheres that overlap does not count as slip: their arms are R
+    |r|/(R_i + R_j), and R − δ at a wall.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def rigid_clusters(
     The null space of the constraint matrix A is sampled by random vectors, on which (AᵀA + εI)⁻¹ acts four times, with
     ε = 1e-12 and a sparse factor; how det(AᵀA + εI) grows with ε gives the rank. Two bodies move as one in all motions
     if they do in such samples. A contact is overconstrained if a random vector of the left null space, a self-stress,
-    has a component there. Motions that distort contacts by less than about 1e-4 of their amplitude cannot be told from
-    floppy ones.
+    has a component there. Motions that distort contacts by less than about 1e-4 of their amplitude cannot be
+    distinguished from floppy ones.
 
     Sources: Henkes, Quint, Fily & Schwarz (2016), doi:10.1103/PhysRevLett.116.028001, for the game with friction; Liu,
     Kollmer, Daniels, Schwarz & Henkes (2021), doi:10.1103/PhysRevLett.126.088002, for its comparison with motions.
@@ -120,7 +120,7 @@ def _sliding(matrix: LinearSystem) -> np.ndarray:
 
 
 def _by_pebbles(state: State, matrix: LinearSystem) -> RigidClusters:
-    """Clusters by the pebble game; what is held is a body to which a bar holds each component that is not free."""
+    """Clusters by the pebble game; fixed components are joined by bars to a fixed body."""
     unit, sliding, ground = supports(state)[0], _sliding(matrix), state.n_bodies
     places = matrix.free.place[:-9].reshape(-1, 6)[:, PLANE]
     leads = np.unique(unit)
@@ -354,7 +354,7 @@ class PebbleGame:
         tasks: list = [self.bars[bar] for bar in self.redundant]
         while tasks:
             task = tasks.pop()
-            if isinstance(task, int):  # what this contraction joined is connected by stressed bars from now on
+            if isinstance(task, int):  # blocks joined by this contraction are now connected by stressed bars
                 for bar in self.events[task]:
                     joined.unite(*self.bars[bar])
             elif joined.root(task[0]) != joined.root(task[1]):
@@ -405,7 +405,7 @@ RIGID, RATTLER, IDLE, DRIVEN = (
 
 @readable
 class Mechanism(NamedTuple):
-    """Null mode of k, a motion that nothing resists."""
+    """Null mode of k, an unresisted motion."""
 
     kind: str  # RIGID, RATTLER, IDLE or DRIVEN
     vector: np.ndarray  # (n,) of unit length, in the coordinates of `linear_system(state, law, rattlers=True)`
@@ -462,7 +462,7 @@ def mechanisms(
     load = np.zeros(size) if load is None else load_of(matrix, load)
     k = stiffness_matrix(matrix, sliding, geometric=False).toarray()
     rigid = _rigid_motions(matrix)
-    turn = np.zeros((size, 0))  # the rotation of the whole packing, unless anything but the overlaps resists it
+    turn = np.zeros((size, 0))  # the rotation of the whole packing, if only the overlaps resist it
     if wall_arm is not None:
         move = rigid_rotation(state, matrix.free, wall_arm)
         if not resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):

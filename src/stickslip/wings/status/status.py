@@ -77,7 +77,7 @@ class Verdict(Enum):
     )
     NO_PROGRESS = "200 events occurred without the load advancing: the path ends here; follow it using dynamics"
     MECHANISM = (
-        "the load drives a motion that nothing resists, and no status balances it: the packing collapses; balance the "
+        "the load drives an unresisted motion, and no status balances it: the packing collapses; balance the "
         "load, or follow it using dynamics"
     )
     FLOWS = (

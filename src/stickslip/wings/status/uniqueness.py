@@ -6,7 +6,7 @@ counts as zero, and A is then reported as singular rather than as being or not b
 
 If y ≥ 0, Aᵀ y ≤ 0 and qᵀ y < 0, then no λ ≥ 0 has w = A λ + q ≥ 0, since 0 ≤ yᵀ w = (Aᵀ y)ᵀ λ + qᵀ y < 0. A linear
 programme proposes such a Farkas certificate y. The inequalities are then verified, allowing for the errors in A and q.
-A motion that nothing resists proves the same.
+An unresisted motion proves the same.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """

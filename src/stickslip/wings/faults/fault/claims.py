@@ -55,7 +55,7 @@ TOLERANCE = {
     "initial": 1e-6,  # closed forms
     "recurrence": 0.005,  # the codes differ by 0.7 %
     "time": 0.005,
-    "rough": 0.25,  # the description says "∼" and prints one digit
+    "rough": 0.25,  # the description prints "∼" and one digit
     "depth": 0.1,  # "∼12–13 km" and "∼18 km"
 }
 PERIODIC = 1e-3  # relative spread of settled recurrence times below which the sequence is periodic

@@ -13,10 +13,10 @@ from .claims import Reproduction
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
 
-STATION = 7500.0  # of the series, down dip [m]
+STATION = 7500.0  # position of the series, down dip [m]
 SURFACE = (-32e3, -16e3, -8e3, -0.01, 0.01, 8e3, 16e3, 32e3)  # [m]
 FINE, QUICK = (25.0, 50.0), (50.0, 62.5)  # cell lengths, and coarser ones for errors [m]
-YEARS = (250.0, 490.0)  # of the compared slip [m], shear and normal stress [MPa]
+YEARS = (250.0, 490.0)  # years of the compared slip [m], shear and normal stress [MPa]
 PUBLISHED = {
     (60.0, "thrust"): {
         "events": (177.100, 277.342, 334.302, 421.255),  # years

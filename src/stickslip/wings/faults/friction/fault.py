@@ -50,18 +50,18 @@ class Fault(NamedTuple):
     form: str = "regularized"  # or "logarithmic"
     shear: str = "antiplane"  # or "in-plane"
     shear_modulus: float = 32.04e9  # [Pa]
-    wave_speed: float = 3464.0  # of shear waves; infinite: no radiation damping [m/s]
+    wave_speed: float = 3464.0  # speed of shear waves; infinite: no radiation damping [m/s]
     poisson: float = 0.25  # Poisson's ratio, for in-plane shear
     plate_rate: float = 1e-9  # slip velocity of the rest of the plane, or of the plates [m/s]
     boundary: str = "surface"  # or "infinite" or "periodic"
-    thickness: float = np.inf  # of each plate, for a periodic fault [m]
+    thickness: float = np.inf  # thickness of each plate, for a periodic fault [m]
     v1: float = np.inf  # cut-off velocity of the direct effect, for the logarithmic form [m/s]
     v2: float = np.inf  # cut-off velocity of the evolution effect, for the logarithmic form [m/s]
     b2: np.ndarray | float = 0.0  # (N,) or a number, evolution effect of a second state
     dc2: np.ndarray | float = 1.0  # (N,) or a number, its characteristic slip; has no effect if b2 = 0 [m]
     alpha: float = 0.0  # effect of changes of the normal stress on the states
     changes: tuple[Injection | Oscillation | StressTable, ...] = ()  # of the normal stress in time
-    dip: float = 90.0  # of a fault that reaches the surface, for in-plane shear [degrees]
+    dip: float = 90.0  # dip of a fault that reaches the surface, for in-plane shear [degrees]
     slip: str = "thrust"  # or "normal": direction of in-plane slip at the surface
 
     def check_entries(self) -> None:
@@ -118,7 +118,7 @@ class Fault(NamedTuple):
 
     @property
     def dips(self) -> bool:
-        """Whether slip is in-plane and reaches a free surface, so that it changes the normal stress."""
+        """True if slip is in-plane and reaches a free surface, so that it changes the normal stress."""
         return self.shear == "in-plane" and self.boundary == "surface"
 
     @property

@@ -29,7 +29,7 @@ class FaultEvents(NamedTuple):
     max_velocity: np.ndarray  # [m/s]
     surface_velocity: np.ndarray  # largest of the first cell [m/s]
     max_slip: np.ndarray  # [m]
-    surface_slip: np.ndarray  # of the first cell [m]
+    surface_slip: np.ndarray  # slip of the first cell [m]
     moment: np.ndarray  # G × slip, integrated over depth: moment per length along strike [N]
     radiated: np.ndarray  # radiated energy, the work of radiation damping, per length along strike [J/m]
     rupture_length: np.ndarray  # length of the cells in which slip reached the threshold velocity [m]
@@ -134,7 +134,7 @@ def _rupture_speed(fault: Fault, arrival: np.ndarray) -> float:
     return float(distance[far] / took) if took > 0 else np.nan
 
 
-CHANGE = 0.05  # of log10 of the maximum slip velocity between two samples
+CHANGE = 0.05  # largest change of log10 of the maximum slip velocity between two samples
 ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
 
 
@@ -149,7 +149,7 @@ class Recording(NamedTuple):
     seismic_sampling: float = 0.1  # within events [s]
     quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
     seismic_profiles: float = 1.0
-    spacing: float = 500.0  # of the points of a profile [m]
+    spacing: float = 500.0  # spacing of the points of a profile [m]
 
 
 class Points(NamedTuple):
@@ -219,7 +219,7 @@ class Moment(NamedTuple):
 
     time: float
     excess_slip: np.ndarray
-    rate: np.ndarray  # of the excess slip
+    rate: np.ndarray  # rate of the excess slip
     log_states: np.ndarray  # (S, N) of its one or two states, plus their shift
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity

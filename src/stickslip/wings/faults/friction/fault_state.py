@@ -16,7 +16,7 @@ from .stress_transfer import KERNEL
 
 NUMBER = DOP853.n_stages
 STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of the earlier stages in each later one, and in the step
-TIMES = np.append(DOP853.C, 1.0)  # of the stages, over the length of the step
+TIMES = np.append(DOP853.C, 1.0)  # times of the stages, over the length of the step
 EXPONENT = 1 / 8  # of the error in the choice of the step
 
 
@@ -105,7 +105,7 @@ class FaultState(NamedTuple):
     power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
     energy: np.ndarray  # (3,) their integrals since the start [J/m]
     step: float  # proposed for the next step [s]
-    error: float  # of the last step, over the tolerance
+    error: float  # error of the last step, over the tolerance
     sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
     log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
     events: int = 0  # number of events since an artificial start: 0 in a state that was not simulated

@@ -77,7 +77,7 @@ class Fit(NamedTuple):
     """Fitted parameters of one law. Parameters that the data do not determine are NaN; `sentence` contains a remedy."""
 
     law: str
-    names: tuple[str, ...]  # of the m free parameters; "mu0[2]" belongs to the second data set
+    names: tuple[str, ...]  # names of the m free parameters; "mu0[2]" belongs to the second data set
     values: dict  # name → value
     errors: dict  # name → standard error
     intervals: dict  # name → (low, high), 95 %

@@ -55,7 +55,7 @@ class LabRecord(NamedTuple):
 
 @checked
 def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None, motion: bool = True) -> LabRecord:
-    """Read a record from a table as text, an HDF5, MATLAB or binary XLOOK file, whichever its content is.
+    """Read a record from a text table, or an HDF5, MATLAB or binary XLOOK file, detected from the content.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
     columns are slip, theta and pore_pressure, from which the effective normal stress is computed unless it is named

@@ -15,7 +15,7 @@ class LoadStep(NamedTuple):
     """One leg of a load history, with constant velocity of the load point."""
 
     duration: float  # [time]
-    velocity: float  # of the load point; 0 in a hold [length/time]
+    velocity: float  # velocity of the load point; 0 in a hold [length/time]
     normal: float = 1.0  # normal stress over its reference value
 
 
@@ -147,7 +147,7 @@ def check_times(time) -> None:
 
 CANDIDATES, SEARCHED = 400, 4000  # most trial times of a change of velocity, and most samples
 MOST, ROUNDS = 60, 40  # changes, and iterations of their times
-CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC asks for 2, for white noise
+CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC requires 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and fraction of the largest velocity, below which a velocity counts as zero
 OFF, CLEARLY = 0.03, 6.0  # departure of a displacement from a stated leg: over its length, and over the noise
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")

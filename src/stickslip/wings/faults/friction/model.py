@@ -308,7 +308,7 @@ def _middle(case: Prepared) -> np.ndarray:
 
 
 def _load_changes(case: Prepared) -> np.ndarray:
-    """Whether the load changes abruptly at each sample or just before it, where a peak may be that narrow."""
+    """Mask of samples at, or just after, an abrupt change of the load, where a peak may be as narrow."""
     out = np.zeros(len(case.time), bool)
     if case.legs is None:
         first = np.flatnonzero(_abrupt(case.velocity)) + 1

@@ -168,7 +168,7 @@ class StiffnessDoubt(NamedTuple):
             said += (
                 f", or friction, {self.friction:.2g}, is {factor} times too {'large' if small else 'small'} (stresses)"
             )
-        return f"{said}, and then the stiffness is right"
+        return f"{said}, with the correct stiffness"
 
 
 def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:

@@ -245,7 +245,7 @@ class Task(NamedTuple):
     names: tuple[str, ...]  # one for each entry of x
     slots: list[dict]  # for each record: name → index in x
     fixed: dict
-    scatter: float  # of friction in the records
+    scatter: float  # scatter of friction in the records
     form: str = "logarithmic"
     report: Report = silent  # called as report(stage, share done, text with the misfit and the parameters)
 

@@ -80,7 +80,7 @@ class SlipHistory(NamedTuple):
     time: np.ndarray  # [time]
     load_point: np.ndarray  # displacement since the start [length]
     slip: np.ndarray  # [length]
-    velocity: np.ndarray  # of slip [length/time]
+    velocity: np.ndarray  # slip velocity [length/time]
     theta: np.ndarray  # [time]
     friction: np.ndarray  # μ(V, θ); the spring force over n is this + η V/n [1]
     normal: np.ndarray  # normal stress over its reference; at a jump, the value before it

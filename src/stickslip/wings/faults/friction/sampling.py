@@ -130,7 +130,7 @@ def posterior(
 
 
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
-    """Return functions for the logarithm of the density, the proposal of new points, and drawing points.
+    """Return three functions: logarithm of the density, proposal of the sampler with its log-ratio, and random points.
 
     Everything is relative to the best fit for the final noise.
     """

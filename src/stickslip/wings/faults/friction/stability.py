@@ -182,12 +182,12 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Whether earthquakes can nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
+    """Possibility that earthquakes nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
     cohesive_length: float
-    half_length: float  # of a nucleation zone
+    half_length: float  # half length of a nucleation zone
     sentence: str
 
 

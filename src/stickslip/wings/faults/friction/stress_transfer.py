@@ -136,7 +136,7 @@ class StressTransfer(NamedTuple):
         return spread @ sheared, self.sense * (spread @ clamped)
 
     def struct(self):
-        """Struct for the compiled core, with working memory of its own."""
+        """Struct for the compiled core, with separate working memory."""
         sides = dict(zip(("rows", "columns"), self.turns.shape[1:], strict=True))
         return core.fill("Transfer", self._asdict() | sides | {"work": np.empty(4 * len(self.symbol))})
 

@@ -31,7 +31,7 @@ SYMBOLS = {
 }  # fmt: skip
 BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # two-dimensional histograms: cells, width of the filter, contours
 UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
-PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)  # of the members of a sweep
+PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)  # percentiles of the members of a sweep
 BOTTOM = 1e-12  # smallest velocity that is drawn, over the largest
 
 _History = Annotated[Any, Result("SlipHistory", ("time", "load_point", "friction", "velocity", "theta"))]

@@ -455,7 +455,7 @@ class Reproduction(NamedTuple):
 
     main: DiskArrayResult
     quarter: DiskArrayResult
-    arrests: list[Arrest]  # of the main scenario
+    arrests: list[Arrest]  # arrests of the main scenario
     threshold: KineticThreshold  # likewise
     claims: list[Claim]
 

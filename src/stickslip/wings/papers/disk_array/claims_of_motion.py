@@ -47,7 +47,7 @@ TOLERANCE = {
     "birth": 0.01,  # 0.082 is printed with two digits: half a unit of the last is 0.6 %
     "im-lambda": 0.1,  # printed with one or two digits: half a unit of the last is 5 % of 0.001
     "growth": 0.02,  # linear theory is exact; the fit window ends where contacts begin to open
-    "saturation": 1.0,  # the paper says "about" and prints a power of ten: a factor of two either way
+    "saturation": 1.0,  # the paper prints "about" and a power of ten: a factor of two either way
     "threshold": 0.1,  # the paper's loads of arrest and of sliding differ by a factor of two
     "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realizations, 9 %
     "ratio": 1.5 / 4.3,  # the scatter that the paper prints: 4.3 ± 1.5
@@ -96,7 +96,7 @@ def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Fron
         claim(f"{name}{suffix}", source, paper, front.speed, unit, tolerance,
               f"fitted through the start of the front, as in Eq 9; {other}; {note}", error=front.speed_error),
         claim(f"{name}-free{suffix}", source, paper, front.free_intercept, unit, tolerance,
-              f"fitted with a free intercept; {other}; the paper does not say which one it used; {note}",
+              f"fitted with a free intercept; {other}; the paper does not state its choice; {note}",
               error=front.free_error),
     ]  # fmt: skip
 

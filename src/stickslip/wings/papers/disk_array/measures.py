@@ -189,11 +189,11 @@ def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, 
     return Proportion(np.array(there), np.array([im_lambda[load] for load in there]), speed, error)
 
 
-LATE_STATES = 8  # of a run, relaxed
+LATE_STATES = 8  # number of late states of a run, relaxed
 ARREST_LOADS = (0.030, 0.040)  # loads at which the paper's array comes to rest after growth
-KICK = 1e-4  # standard deviation of the initial velocities: far above what a pair grows from [length/time]
+KICK = 1e-4  # standard deviation of the initial velocities: far above the noise from which a pair grows [length/time]
 KICKED_LOADS = (0.030, 0.040, 0.0425, 0.045, 0.0475, 0.050, 0.055, 0.083)
-FEWER_LOADS = (0.040, 0.045, 0.050, 0.083)  # of a quick run
+FEWER_LOADS = (0.040, 0.045, 0.050, 0.083)  # loads of a quick run
 REALIZATIONS = {False: 20, True: 8}  # at each load, in a full and in a quick run
 
 

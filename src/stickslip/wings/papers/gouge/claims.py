@@ -55,7 +55,7 @@ def reslides_after_longest(result: GougeResult, before: float):
 def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
     """Return the hold times followed by slides at one common velocity, and that velocity.
 
-    The velocity is the one before the hold if there are such slides, otherwise the slowest.
+    The velocity is that before the hold if there are such slides, otherwise the slowest.
     """
     holds = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in holds) else min(w for _, w in holds)
@@ -126,7 +126,7 @@ def collapse_defect(x: np.ndarray, peaks: list[Number]) -> Number:
 
 
 def below_or_not(number: Number, limit: float) -> bool | None:
-    """Whether a number is below a limit; None if the limit lies in its 95 % interval, or if the interval is unknown."""
+    """Verdict on a number below a limit; None if the limit lies in its 95 % interval, or if the interval is unknown."""
     return bool(number.value < limit) if abs(number.value - limit) > number.half else None
 
 

@@ -129,7 +129,7 @@ def step_curve(
 def _change(
     result: GougeResult, tests: list[tuple[Realization, Test]], level: Callable | None, column: str, label: str
 ) -> Curve | None:
-    """Change in a column in tests against the slip of the load point [D], relative to level(sample) or to their twins.
+    """Change of a column during tests against load-point slip [D], relative to level(sample) or to the twin tests.
 
     The grid of slips is fine enough for a mean over slips up to `EARLY`. None without tests or without a twin.
     """

@@ -90,9 +90,9 @@ class Sample(NamedTuple):
     """A stored sample."""
 
     path: Path
-    scenario: GougeScenario  # of this sample alone
+    scenario: GougeScenario  # scenario of this sample alone
     realization: Realization
-    version: str  # of the package that computed it
+    version: str  # version of the package that computed it
 
 
 def sample_path(folder: Path, scenario: GougeScenario) -> Path:

@@ -115,7 +115,7 @@ RADIUS, OVERLAP = 0.5, 1e-4  # of the disk [length]; mass, kn and twice the radi
 KT, STEEP, FRICTION = 0.5, 20.0, 0.8  # kt; elevation of the normals of a groove in which det k(S) < 0 [degrees]; μ
 PUSH = 1e-6  # change of the load, relative to the force of a contact
 DT, EVERY = 0.02, 10
-DECADES = 3.0  # of velocity over which a rate is fitted
+DECADES = 3.0  # decades of velocity over which a rate is fitted
 
 
 class Growth(NamedTuple):
@@ -240,7 +240,7 @@ def sliding_shares(m: LinearSystem, velocity: np.ndarray, sliding: np.ndarray) -
 
 
 def least_eigenvalue(m: LinearSystem) -> bool | None:
-    """Whether the status in which all critical contacts slide has the smallest eigenvalue of the symmetric part of k.
+    """True if the status with all critical contacts sliding has the smallest eigenvalue of the symmetric part of k.
 
     None beyond `SOLVED` contacts.
     """
@@ -260,7 +260,7 @@ def least_eigenvalue(m: LinearSystem) -> bool | None:
 
 
 def least_determinant(m: LinearSystem, load: np.ndarray) -> bool | None:
-    """Whether the status in which all critical contacts slide has the smallest det k(S); None beyond `MAPPED`."""
+    """True if the status with all critical contacts sliding has the smallest det k(S); None beyond `MAPPED`."""
     if m.limit.sum() > MAPPED:
         return None
     a = complementarity(m, load).matrix

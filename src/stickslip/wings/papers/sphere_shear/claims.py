@@ -44,7 +44,7 @@ TOLERANCE = {
     "pairs": 0.0,  # counts
     "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit window are not
     "frequency": 1e-4,  # the phase is known to a fraction of a turn over some thousand turns
-    "decades": 0.2,  # the paper says "about 10": two more or less
+    "decades": 0.2,  # the paper prints "about 10": two more or less
     "constant": 1.0,  # nothing is printed; M grows by a factor of two between two evaluations of the spectrum
     "drop": 1.0,  # one run of one packing: a factor of two either way
     "contacts": 1.0,  # nothing is printed
@@ -104,7 +104,7 @@ class Oscillation(NamedTuple):
     """Change δσ of the shear stress in the window of the fit of M."""
 
     offset: float  # mean of δσ e^{−ω_i t} over its root mean square: 0 for an oscillation around zero
-    exponent: float  # of the amplitude of δσ against M: 1/2 if the stress is linear in the displacements
+    exponent: float  # exponent of the amplitude of δσ against M: 1/2 if the stress is linear in the displacements
 
 
 def stress_oscillation(run: Released) -> Oscillation | None:
@@ -227,7 +227,7 @@ def share_interval(count: int, total: int) -> tuple[float, float]:
 
 
 def _mostly(count: int, total: int) -> bool | None:
-    """Whether more than half of all cases are so; None if the 95 % interval of the fraction contains a half."""
+    """True if most cases have a property; None if the 95 % interval of the fraction contains 1/2."""
     low, high = share_interval(count, total)
     return None if low <= 0.5 <= high else bool(low > 0.5)
 
@@ -528,7 +528,7 @@ def _decade_claims(main: ShearResult) -> list[Claim]:
         claim(
             "decades-of-growth", said, DECADES, known_median(decades), "decades of M", TOLERANCE["decades"],
             f"{note}; the number depends on the initial perturbation, velocities of "
-            f"{main.scenario.release.seed_velocity:g} here; the paper does not print the size of its own",
+            f"{main.scenario.release.seed_velocity:g} here; the paper does not print its value",
         ),
     ]  # fmt: skip
 

@@ -115,7 +115,8 @@ def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequ
     above = figure.add_subplot(2, 1, 1, **({"projection": "3d"} if dim == 3 else {"aspect": "equal"}))
     for color, k in zip((style.BLUE, style.GREEN, style.ORANGE, style.RED), most, strict=False):
         above.plot(*joined[:, k, :dim].T, color=color, lw=0.5, label=f"grain {k}")
-    figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.0)
+    names = above.get_legend_handles_labels()
+    figure.legend(*names, title="displacements in diameters", loc="outside upper center", ncols=4, columnspacing=1.0)
     funnel = figure.add_subplot(2, 1, 2, projection="3d")
     track = path[:, :, most[0]]
     axes = np.linalg.svd(track.reshape(-1, 3), full_matrices=False)[2][:2]
@@ -123,9 +124,8 @@ def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequ
     step = np.arange(track.shape[1] + 1) * 2 * np.pi / run.frequency / 10 / FINE
     time = (run.turn_time[:, None] + step - run.turn_time[0]) * run.growth_rate
     funnel.plot(*turned.reshape(-1, 2).T, time.ravel(), color=style.BLUE, lw=0.5)
-    unit = "diameters"
-    _label_space(above, [(rf"$\Delta {c}$", unit) for c in "xyz"[:dim]], dim)
-    _label_space(funnel, [("major axis", unit), ("minor axis", unit), r"$\omega_i t$"], 3)
+    _label_space(above, [rf"$\Delta {c}$" for c in "xyz"[:dim]], dim)
+    _label_space(funnel, ["major axis", "minor axis", r"$\omega_i t$"], 3)
     funnel.set_title(f"grain {most[0]} against time", y=0.95)
     return figure
 

@@ -67,7 +67,7 @@ class Release(ScenarioTable):
     """Newtonian runs from unstable states: a state with a single complex pair, and the last state of the path."""
 
     e_folds: Positive = Field(45.0, description="duration of a run in units of 1/(growth rate)")
-    least: Duration = Field(5e4, description="minimum duration, so that it includes what follows fast growth [time]")
+    least: Duration = Field(5e4, description="minimum duration, to include the time after fast growth [time]")
     duration: Duration = Field(6e5, description="maximum duration [time]")
     dt: Positive = Field(0.1, description="time step [time]")
     seed_velocity: Positive = Field(

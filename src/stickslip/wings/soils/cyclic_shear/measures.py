@@ -151,7 +151,7 @@ class Loop:
 
     @property
     def clear(self) -> bool:
-        """Whether the work can be split."""
+        """True if the work can be split."""
         return abs(self.damping) >= CLEAR
 
 

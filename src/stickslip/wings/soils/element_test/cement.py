@@ -1,4 +1,4 @@
-"""Cement between the grains of a sample: bonds, the unloading of the sample, and a catalogue of the bonds that break.
+"""Cement between the grains of a sample: bonds, the unloading of the sample, and a catalogue of broken bonds.
 
 Source
 ------
@@ -20,25 +20,25 @@ from ....results import Factorisation
 from .sample import Drive, controlled
 from .scenario import Cement
 
-STEPS = 5  # of the pressure between that of the sample and that of the test
+STEPS = 5  # number of pressure steps from the sample to the test
 CUT = 3.0  # standard deviations at which the distribution of strengths is cut off
-ALONE = 1e300  # strength of what is left out of a share
+ALONE = 1e300  # strength that no load reaches, for components that are ignored
 
 
 @readable
 class Breaks(NamedTuple):
-    """Bonds that broke, in their order."""
+    """Broken bonds in the order of breaking."""
 
-    row: np.ndarray  # (K,) int, of the series, in whose step it broke; 0: before the test
+    row: np.ndarray  # (K,) int, row of the series in whose step the bond broke; 0: before the test
     i: np.ndarray  # (K,) int, number of a grain
     j: np.ndarray  # (K,) int
-    tension: np.ndarray  # (K,) bool: tensile stress was at its strength, otherwise shear stress
-    energy: np.ndarray  # (K,) elastic energy that the bond held [energy]
-    position: np.ndarray  # (K, 3) middle of the bond in the first periodic cell [length]
+    tension: np.ndarray  # (K,) bool: the tensile strength was reached, otherwise the shear strength
+    energy: np.ndarray  # (K,) elastic energy of the bond at the break [energy]
+    position: np.ndarray  # (K, 3) midpoint of the bond in the first periodic cell [length]
 
 
 class Break(NamedTuple):
-    """One bond that broke; fields as in `Breaks`."""
+    """Broken bond; fields as in `Breaks`."""
 
     row: int
     i: int
@@ -52,11 +52,11 @@ class Cemented(NamedTuple):
     """Cemented sample under the pressure of its test."""
 
     state: State
-    breaks: Breaks  # on the way to that pressure
+    breaks: Breaks  # bonds that broke on the way to that pressure
 
 
 def collect(breaks: list[Break]) -> Breaks:
-    """Catalogue of some breaks."""
+    """Return a catalogue of breaks."""
     kinds = int, int, int, bool, float, float
     columns = zip(*breaks, strict=True) if breaks else ([] for _ in kinds)
     row, i, j, tension, energy, position = (np.array(c, kind) for c, kind in zip(columns, kinds, strict=True))
@@ -64,7 +64,7 @@ def collect(breaks: list[Break]) -> Breaks:
 
 
 def join(parts: list[Breaks]) -> Breaks:
-    """Catalogue of several ones."""
+    """Join several catalogues."""
     return Breaks(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -84,7 +84,7 @@ def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int)
     bonds = state.bonds
     modulus = cement.modulus * contact_modulus / (radius[bonds.i] + radius[bonds.j])
     share = np.random.default_rng(seed).uniform(ndtr(-CUT), ndtr(CUT), (len(bonds.i), 2))
-    factor = 1 + cement.scatter * ndtri(share)[:, [0, 1, 0, 1]]  # of tension and bending, of shear and twisting
+    factor = 1 + cement.scatter * ndtri(share)[:, [0, 1, 0, 1]]  # for tension and bending, and for shear and twisting
     return state._replace(
         bonds=bonds._replace(
             stiffness=modulus[:, None] * bonds.stiffness, strength=np.minimum(factor * bonds.strength, ALONE)
@@ -115,7 +115,7 @@ def bond_loads(state: State) -> np.ndarray:
     """Tension (negative in compression), shear force, bending and twisting moment of parallel bonds, (K, 4)."""
     bonds, position = state.bonds, state.grains.position
     out = np.zeros(bonds.strength.shape)
-    for part in range(4):  # the share of a strength of 1 is the load
+    for part in range(4):  # at unit strength, the fraction of the strength is the load
         strength = np.full_like(bonds.strength, ALONE)
         strength[:, part] = 1.0
         out[:, part] = bond_shares(state._replace(bonds=bonds._replace(strength=strength)))
@@ -126,7 +126,7 @@ def bond_loads(state: State) -> np.ndarray:
 
 
 def describe_break(before: State, after: State, row: int = 0) -> Break:
-    """Break of the one bond that is intact before, an equilibrium, and not after."""
+    """Return the one bond that is intact in the equilibrium `before` and broken in `after`."""
     bonds, vectors = before.bonds, before.cell.vectors
     (k,) = np.flatnonzero(bonds.intact & ~after.bonds.intact)
     i, j, load, stiffness = bonds.i[k], bonds.j[k], bond_loads(before)[k], bonds.stiffness[k]

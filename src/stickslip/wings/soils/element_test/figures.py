@@ -57,7 +57,7 @@ def stress_strain(
 ):  # fmt: skip
     """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
 
-    Compressions have the mean or the axial stress, and the void ratio.
+    For compression tests, void ratio against mean or axial stress.
 
     Parameters
     ----------
@@ -295,5 +295,5 @@ def failure_directions(
     label_axes(above, y=r"$\phi$ [°]")
     label_axes(below, x=SERIES[strain].axis, y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
     below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))
-    legend_above(above, ncol=1, fontsize="x-small")
+    legend_above(above, ncol=1, fontsize=7)
     return figure

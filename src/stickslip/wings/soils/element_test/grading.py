@@ -9,7 +9,7 @@ from ....kit import checked, require_positive
 MISFIT = 0.05  # largest deviation from a curve, as a fraction of the mass, in a representative sample
 LARGEST_SAMPLE = 10**7  # grains up to which the number that a curve needs is searched for
 WIDEST = 100.0  # largest ratio of the sizes of a grading
-POINTS = 4001  # of the distribution by number
+POINTS = 4001  # number of points of the distribution by number
 
 
 def require_span(smallest: float, largest: float) -> None:

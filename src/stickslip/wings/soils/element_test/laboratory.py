@@ -186,10 +186,10 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
         if ways[0] * ways[1] < 0:
             ours, theirs = ("in extension" if way < 0 else "in compression" for way in ways)
             raise ValueError(f"{path} is a test {theirs}, and path.strain {ours}: give path.strain the other sign")
-    if "p" in test and abs(test["p"][0] / scenario.sample.pressure - 1) > CLOSE:
+    confining = scenario.confining
+    if "p" in test and abs(test["p"][0] - confining) > CLOSE * (confining or test["p"].max()):
         warnings.warn(
-            f"{path}: the test begins at p' = {_kpa(test['p'][0])}, the samples at {_kpa(scenario.sample.pressure)}",
-            stacklevel=2,
+            f"{path}: the test begins at p' = {_kpa(test['p'][0])}, the samples at {_kpa(confining)}", stacklevel=2
         )
     return partial(_compared, scenario, Path(path).stem, test, pairs)
 

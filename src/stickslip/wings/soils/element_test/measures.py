@@ -18,11 +18,11 @@ from .simulate import ElementRun, ElementSeries
 
 STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
 PEAK = 0.1  # largest fraction of the leg, on each side of the peak, for fitting the dilatancy there
-BINS = 20  # of strain, in which stress ratio and dilatancy are averaged for Rowe's relation
-PARTS = 10  # of the logarithm of the pressure, from whose means the slope of the void ratio is fitted
+BINS = 20  # number of strain bins in which stress ratio and dilatancy are averaged for Rowe's relation
+PARTS = 10  # number of parts of the logarithm of pressure, from whose means the slope of the void ratio is fitted
 FEW = 5  # rows that a slope needs
-HALF = 0.4, 0.6  # of the strength, in which the tangent at half of it is fitted
-MODES = {"tension": True, "shear": False}  # of breaks
+HALF = 0.4, 0.6  # range, over the strength, of the fit of the tangent at half of the strength
+MODES = {"tension": True, "shear": False}  # modes of breaking
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
 
@@ -70,8 +70,9 @@ def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:
     """
     principal = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim])
     least, most = principal[:, 0], principal[:, -1]
-    whole = np.where(most + least > 0, most + least, NAN)  # without an angle in tension
-    return np.degrees(np.arcsin(np.clip((most - least) / whole, -1, 1)))
+    whole = most + least
+    sine = np.divide(most - least, whole, out=np.zeros_like(whole), where=whole != 0)
+    return np.degrees(np.arcsin(np.clip(sine, -1, 1)))
 
 
 def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
@@ -176,9 +177,9 @@ class LoadedSample:
         self.first, self.last = self.legs[0], self.legs[-1]
         self.cement, self.breaks = scenario.cement, run.breaks
         rise = np.abs(self.first.q - self.first.q[0])
-        self.top = int((rise if self.cement else self.first.angle).argmax())  # row of the peak
+        self.top = int((rise if self.cement else self.first.angle).argmax())  # index of the peak
         self.compressed = self.kind in ("isotropic", "oedometric")
-        self.sheared = not self.compressed and not self.cement  # of friction alone, up to a critical state
+        self.sheared = not self.compressed and not self.cement  # sheared without cement, up to a critical state
 
     def signed(self, values: np.ndarray) -> np.ndarray:
         """Values with the sign of the scenario, without negative zeros."""
@@ -334,7 +335,7 @@ class LoadedSample:
         Rowe, doi:10.1098/rspa.1962.0193.
         """
         leg = self.first
-        if self.kind != "triaxial" or leg.load[-1] < leg.load[0]:
+        if self.kind != "triaxial" or self.cement or leg.load[-1] < leg.load[0]:
             return NAN, NAN
         edges = np.linspace(leg.load[0], leg.load[-1], BINS + 1)
         ratio, dilatancy = [], []
@@ -357,9 +358,8 @@ class LoadedSample:
         if rows.sum() < 2 or not np.ptp(leg.load[rows]) > 0:
             return NAN, NAN
         slope = np.polyfit(leg.load[rows], np.column_stack([leg.q, leg.strain])[rows], 1)[0]
-        return tuple(
-            float(each) + 0.0 for each in (slope[0] / slope[1 + axis], -slope[1:][:axis].mean() / slope[1 + axis])
-        )
+        stiffness, axial, lateral = slope[0], slope[1 + axis], slope[1 : 1 + axis].mean()
+        return float(stiffness / axial), float(-lateral / axial)
 
     @property
     def small(self) -> tuple[float, float]:
@@ -368,14 +368,21 @@ class LoadedSample:
 
     @property
     def half(self) -> tuple[float, float]:
-        """E and ν at half of the strength: a line through the rows before the peak within `HALF` of the strength."""
-        rise = np.abs(self.first.q - self.first.q[0])
-        share = rise / (rise[self.top] or 1.0)
-        return self.elastic((np.arange(len(share)) <= self.top) & (share >= HALF[0]) & (share <= HALF[1]))
+        """E and ν at half of the strength: a line through the two rows around it, and those within `HALF` of it.
+
+        Only rows up to the peak count.
+        """
+        rise = np.abs(self.first.q - self.first.q[0])[: self.top + 1]
+        share = rise / (rise[-1] or 1.0)
+        first = int((share >= 0.5).argmax())
+        around = np.arange(len(self.first.q))
+        near = (around >= first - 1) & (around <= first)
+        near[: len(share)] |= (share >= HALF[0]) & (share <= HALF[1])
+        return self.elastic(near)
 
     @property
     def failed(self) -> bool:
-        """Whether the deviatoric stress of a cemented sample has fallen so far that its path ended."""
+        """Return True if the path of a cemented sample ended because its deviatoric stress had fallen."""
         rise = np.abs(self.last.q - self.first.q[0])
         return bool(self.cement and rise[-1] <= self.cement.until * self.strength)
 
@@ -391,13 +398,13 @@ class LoadedSample:
         return self.strength
 
     def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:
-        """Number of bonds that broke in tension or in shear, before the test and up to some rows."""
+        """Number of bonds that broke in tension or in shear up to given rows, including those before the test."""
         rows = np.sort(self.breaks.row[self.breaks.tension == tension])
         return np.searchsorted(rows, row, side="right")
 
     @property
     def crack_initiation(self) -> float:
-        """Change of the deviatoric stress at which 1 % of the bonds that break until the peak have broken.
+        """Change of the deviatoric stress at which one in a hundred of the bonds that break up to the peak has broken.
 
         Source
         ------
@@ -455,22 +462,22 @@ SAMPLE = Quantities([
     Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
     Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
     *(Quantity(f"{name}{end}", unit, f"{words} {where}",
-               lambda t, of=of, k=k: getattr(t, of)[k] if t.cement else None)
+               lambda t, of=of, k=k: getattr(t, of)[k] if t.cement else NAN)
       for of, end, where in (("small", "", "along the axis, tangent of the first step"),
                              ("half", "_half", "along the axis, tangent at half of the strength"))
       for k, (name, unit, words) in enumerate((("E", STRESS, "Young's modulus"), ("nu", "1", "Poisson's ratio")))),
-    Quantity("UCS", STRESS, "uniaxial compressive strength", lambda t: t.uniaxial(1) if t.cement else None),
-    Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else None),
+    Quantity("UCS", STRESS, "uniaxial compressive strength", lambda t: t.uniaxial(1) if t.cement else NAN),
+    Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else NAN),
     Quantity("strength", STRESS, "largest change of q of a cemented sample",
-             lambda t: t.strength if t.cement else None),
-    Quantity("crack_initiation", STRESS, "change of q with 1 % of the bonds broken that break until the peak",
-             lambda t: t.crack_initiation if t.cement else None),
+             lambda t: t.strength if t.cement else NAN),
+    Quantity("crack_initiation", STRESS, "change of q when 1 % of the bonds that break up to the peak have broken",
+             lambda t: t.crack_initiation if t.cement else NAN),
     Quantity("bonds", "1", "bonds of the cemented sample",
-             lambda t: len(t.run.end.bonds.i) if t.cement else None),
+             lambda t: len(t.run.end.bonds.i) if t.cement else NAN),
     Quantity("broken_before", "1", "bonds that broke before the test",
-             lambda t: int((t.breaks.row == 0).sum()) if t.cement else None),
+             lambda t: int((t.breaks.row == 0).sum()) if t.cement else NAN),
     *(Quantity(f"broken_{mode}{end}", "1", f"bonds that broke in {mode}, {where}",
-               lambda t, tension=tension, row=row: int(t.broken(row(t), tension)) if t.cement else None)
+               lambda t, tension=tension, row=row: int(t.broken(row(t), tension)) if t.cement else NAN)
       for end, where, row in (("_peak", "up to the peak", lambda t: t.top),
                               ("", "up to the end", lambda t: len(t.series.load)))
       for mode, tension in MODES.items()),

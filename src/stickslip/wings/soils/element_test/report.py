@@ -110,18 +110,10 @@ def _write_breaks(result: ElementTestResult, path: Path) -> None:
     names = ["sample", "axial_strain", "i", "j", "mode", heading("energy", "energy")]
     names += [heading(axis, "length") for axis in "xyz"]
     rows = (
-        (
-            run.seed,
-            float(strain[row]),
-            int(i),
-            int(j),
-            "tension" if tension else "shear",
-            float(energy),
-            *map(float, at),
-        )
+        (run.seed, float(strain[row]), int(i), int(j), "tension" if tension else "shear", float(energy), *map(float, x))
         for run in result.runs
         for strain in [columns(run, result.scenario)["axial_strain"]]
-        for row, i, j, tension, energy, at in zip(*run.breaks, strict=True)
+        for row, i, j, tension, energy, x in zip(*run.breaks, strict=True)
     )
     write_table(path, names, rows)
 
@@ -269,7 +261,7 @@ def _finer(result: ElementTestResult) -> list[str]:
         return [f"It was not checked whether half the {what} gives the same: use check = true."]
     pair = (LoadedSample(run, result.scenario) for run in (result.runs[0], result.checked))
     both = SAMPLE.columns(pair)
-    name = next((name for name in COMPARED if np.isfinite(both[name]).all()), None)
+    name = next((name for name in COMPARED if name in both and np.isfinite(both[name]).all()), None)
     if name is None:
         return [f"The path gives no number for a comparison with half the {what}."]
     (before, after), (words, digits, unit) = both[name], COMPARED[name]
@@ -323,7 +315,7 @@ def show(result: ElementTestResult) -> None:
         console.print(f"  {sentence}", soft_wrap=True)
 
 
-PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first that is swept counts
+PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first swept key counts
 STATES = {  # ends of the names of stresses, and words
     "peak": "at the peak", "critical": "at the critical state", "end": "over the last third of the path, not steady",
 }  # fmt: skip
@@ -472,12 +464,12 @@ class Ends(NamedTuple):
 
 
 def compare(members: list[SweepMember]) -> Comparison:
-    """Mohr circles of a sweep over `sample.pressure` or `cement.confining`, envelopes, and the critical-state line.
+    """Mohr circles of a sweep over a pressure, their envelopes, and the critical-state line or uniaxial strengths.
 
-    Circles are those at the peak and, without cement, at the critical state. If fewer than two pressures lead to a
-    critical state, the circles over the last third of the paths are drawn instead, and no line. Members that differ in
-    other swept keys have separate envelopes and lines, unless these keys vary with the pressure only. Tests of cemented
-    samples in tension have circles beside those in compression, to which the envelope is fitted.
+    The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are those at the peak and, without
+    cement, at the critical state. If fewer than two pressures lead to a critical state, the circles over the last third
+    of the paths are drawn instead, and no line. Members that differ in other swept keys have separate envelopes and
+    lines, unless these keys vary with the pressure only. Tests in tension have circles beside the envelope.
     """
     swept = [key for key in PRESSURES if any(key in member.values for member in members)]
     members = [member for member in members if swept and "sigma1_peak" in member.measures]
@@ -567,7 +559,7 @@ def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
     """Circles of the members that have a state; None if they have less than two pressures."""
     pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
     sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
-    pressed = sigma1 > -sigma3  # not in tension
+    pressed = sigma1 > -sigma3  # excludes tension
     try:
         return Circles(name, state, sigma1, sigma3, len(group), fit_envelope(sigma1[pressed], sigma3[pressed]))
     except ValueError:

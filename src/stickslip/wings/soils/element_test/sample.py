@@ -100,11 +100,12 @@ def check_pressures(
         stresses += [(key, stress) for key, stress in more if stress > sample.pressure]
     for key, pressure in stresses:
         try:
-            check_pressure(law, pressure, radius=0.5 * sample.diameters, mass=sample.masses, dim=sample.dim)
+            radius, mass = 0.5 * sample.diameters, sample.masses
+            check_pressure(law, pressure, radius=radius, mass=mass, dim=sample.dim, name=key)
         except ValueError as problem:
             if kept:
                 abandon(kept)
-            raise ScenarioError(str(problem).replace("pressure =", f"{key} =", 1)) from None
+            raise ScenarioError(str(problem)) from None
 
 
 def make_sample(sample: ElementSample, law: Law, seed: int, report: Report) -> tuple[State, PackingInfo]:

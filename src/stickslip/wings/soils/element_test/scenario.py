@@ -293,7 +293,7 @@ class Cement(ScenarioTable):
         "[force/length^(dim−1)]",
     )
     until: Annotated[float, Field(ge=0, lt=1)] = Field(
-        0.7, description="deviatoric stress over its peak at which the path ends after the peak"
+        0.8, description="deviatoric stress over its peak at which the path ends after the peak"
     )
 
 
@@ -447,18 +447,22 @@ class ElementTestScenario(SampleScenario):
             return self
         if self.path.kind != "triaxial":
             raise ValueError(
-                f'cement was given with path.kind = "{self.path.kind}": cemented samples are loaded with "triaxial", '
-                f"also for uniaxial compression and tension (cement.confining = 0)"
+                f'cement requires path.kind = "triaxial", which includes uniaxial compression and tension '
+                f'(cement.confining = 0), got "{self.path.kind}"'
+            )
+        if len(self.path.turns) > 1:
+            raise ValueError(
+                f"cement was given with path.strain = {list(self.path.turns)}: give one strain, beyond failure"
             )
         if self.path.integrator == "dynamic":
             raise ValueError(
-                'cement was given with path.integrator = "dynamic": use "quasi-static", in which bonds break one by one'
+                'cement requires path.integrator = "quasi-static", in which bonds break one by one, got "dynamic"'
             )
         if self.probes is not None:
-            raise ValueError("cement was given with probes, which do not know bonds yet: leave one of them out")
+            raise ValueError("cement and probes exclude each other: probes do not support bonds yet")
         if self.contact_modulus is None:
             raise ValueError(
-                "cement was given with a law without modulus, over which cement.modulus is given: use law.kind = "
+                "cement.modulus is relative to the modulus of the law, which this law lacks: use law.kind = "
                 '"hertz_mindlin_reff" with young, or "linear" with kn'
             )
         return self

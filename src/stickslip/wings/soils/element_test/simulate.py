@@ -108,8 +108,8 @@ class ElementRun(NamedTuple):
     series: ElementSeries
     end: State
     ended: str  # reason for which the path ended early, or an empty string
-    probes: tuple[ProbedState, ...] = ()  # of the first sample, if the scenario requests them
-    breaks: Breaks | None = None  # bonds of a cemented sample that broke
+    probes: tuple[ProbedState, ...] = ()  # probes of the first sample, if the scenario requests them
+    breaks: Breaks | None = None  # broken bonds of a cemented sample
 
 
 class Piece(NamedTuple):
@@ -131,13 +131,13 @@ class Rig(NamedTuple):
 
     scenario: ElementTestScenario
     law: Law
-    start: State  # the isotropic sample, cemented if the scenario asks for it
+    start: State  # the isotropic sample, cemented if the scenario requires it
     drive: Drive
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
-    engine: Engine | None  # of a dynamic test, if it is not `run`
+    engine: Engine | None  # engine of a dynamic test, if it is not `run`
     probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
-    breaks: Breaks | None = None  # of a cemented sample, before its path
+    breaks: Breaks | None = None  # broken bonds of a cemented sample before its path
 
     @property
     def dim(self) -> int:
@@ -287,7 +287,7 @@ def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
 
 
 def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
-    """Series along the path, its last state, why it ended early, the probed states, and the bonds that broke."""
+    """Series along the path, its last state, reason of an early end, the probed states, and the broken bonds."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}", Piece))

@@ -25,12 +25,17 @@ _SPREAD = re.compile(r"(\w+)_(\d+)")
 
 
 def event_table(samples) -> Table:
-    """Return one row for each event of several samples: sample, kind, and the other fields of `Event`."""
+    """Return one row for each event of several samples: sample, kind, and the other fields of `Event` except `broken`.
+
+    The packings of a catalogue have no bonds.
+    """
     rows = [(sample.seed, event) for sample in samples for event in sample.found.events]
     events = [event for _, event in rows]
     places = [_places(event.distances, sample.found.step) for sample in samples for event in sample.found.events]
     out: Table = {"sample": np.array([seed for seed, _ in rows], int)}
     for name in Event._fields:
+        if name == "broken":
+            continue
         values = [getattr(event, name) for event in events]
         if name == "kind":
             out[name] = np.array([kind.name.lower() for kind in values], str)
@@ -141,7 +146,7 @@ PREDICTORS = {
 }
 LARGEST = 1e300  # replaces infinite values, so that they are equal to each other
 RESAMPLES = 1000
-LEVEL = 0.95  # of intervals and bands
+LEVEL = 0.95  # level of intervals and bands
 GRID = np.linspace(0, 1, 101)  # fractions of false alarms at which bands are computed
 
 

@@ -148,7 +148,7 @@ def _break_rows(found) -> list[tuple]:
 
 
 def _contact_rows(found) -> list[tuple]:
-    """Rows of the table of contacts: step, what happened, grains."""
+    """Rows of the table of contacts: step, change, grains."""
     return [
         (before.strain, step.strain, CHANGES[what], int(i), int(j), int(bool(step.events)))
         for before, step in zip(found.steps, found.steps[1:], strict=False)

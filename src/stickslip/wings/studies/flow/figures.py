@@ -209,7 +209,7 @@ def _plot_plates(top, bottom, series, names) -> None:
     legend_above(top)
     height = np.ptp(series.plate_position[:, :, 1], axis=1)
     bottom.plot(series.time, height, color=BLUE)
-    label_axes(bottom, y=("distance of\nthe plates", "length"))
+    label_axes(bottom, y=("plate distance\n", "length"))
 
 
 _Profile = Annotated[Any, Array((2,), finite=False)]  # NaN where there are no grains

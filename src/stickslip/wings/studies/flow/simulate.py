@@ -29,7 +29,7 @@ from .pouring import Poured, poured, sample_count
 from .scenario import FlowScenario, Stage
 from .stages import lammps_of, stage_conditions, stage_leg, with_controls
 
-BINS = 24  # of the profile along y
+BINS = 24  # number of bins of the profile along y
 SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
 ENCLOSED = 0.99  # fraction of the grains below `high`, and above `low`
 
@@ -89,7 +89,7 @@ class Piece(NamedTuple):
     rows: dict[str, np.ndarray]  # columns of `FlowSeries`
     state: State
     frame: bool  # whether the state is a frame of the result
-    end: StageEnd | None  # of the stage, if it is finished
+    end: StageEnd | None  # end of the stage, if it is finished
 
 
 @checked
@@ -196,7 +196,7 @@ def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, thre
     ScenarioError
         If the engine cannot run this scenario.
     MissingExtraError
-        If it is not installed. The message says how to install it.
+        If it is not installed. The message contains the installation command.
     """
     if scenario.engine == "stickslip":
         return own_engine(threads)

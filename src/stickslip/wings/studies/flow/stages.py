@@ -84,7 +84,7 @@ class StageConditions(NamedTuple):
     """Conditions during a stage."""
 
     walls: tuple[str, ...]  # names of the remaining walls
-    motion: dict[str, dict]  # of walls and plates, by axis: ("velocity", course, start time) or ("force", value)
+    motion: dict[str, dict]  # motion of walls and plates, by axis: ("velocity", values, start time) or ("force", value)
     gravity: tuple[float, ...]
     drag: float
 
@@ -185,7 +185,7 @@ def stage_leg(
     begin: float,
     done: int = 0,
 ) -> Leg:
-    """Return what remains of a stage that began at a time, after a number of its samples."""
+    """Return the rest of a stage that began at a time, after a number of its samples."""
     stage = scenario.stages[number]
     before = round((state.time - begin) / start.dt)
     steps = round((begin + stage.duration - state.time) / start.dt)
@@ -197,7 +197,7 @@ def stage_leg(
 
 
 def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
-    """Return the courses that are sines, which LAMMPS evaluates as such, by their column in the control."""
+    """Return the sinusoidal velocities, for which LAMMPS has a formula, by their column in the control."""
     waves, n = {}, len(state.grains.radius)
     for name, axes in conditions.motion.items():
         if name not in (*conditions.walls, *start.plates):

@@ -1,0 +1,30 @@
+"""The check of wording finds phrases in prose, and leaves code alone."""
+
+import pytest
+
+from tests.structure.prose import faults, prose
+
+
+@pytest.mark.parametrize(
+    ("text", "advice"),
+    [
+        ("# notes on what is lost", "name the thing"),
+        ('"""How forces are summed."""', "begin with a noun"),
+        ("pressure = {pressure:g} was given: use less", "must be"),
+        ("the folder of a run", "run folder"),
+        ("f'{what} of `what` exceeds the limit'", None),
+        ('the group "not understood" of names', None),
+    ],
+)
+def test_faults(text, advice):
+    found = faults(text)
+    assert found == [] if advice is None else len(found) == 1 and advice in found[0]
+
+
+def test_lines_of_code_are_left_out(tmp_path):
+    path = tmp_path / "law.py"
+    path.write_text('what = told("a b")  # notes on what is lost\nsaid = 1\n')
+    assert list(prose(path)) == [1] and "told" not in prose(path)[1]
+    path = tmp_path / "law.h"
+    path.write_text("int what = 0;\nint k;  // what\n")
+    assert prose(path) == {2: " what"}
