@@ -55,7 +55,7 @@ def small(**table):
         ({"mode": "sample", "seed": [1]}, "needs the number of points"),
         ({"number": 3, "seed": [1]}, "sweep.number applies to zip and sample only"),
         (LATIN | {"law.mu": {"uniform": [0, 1], "number": 2}}, "a sample has one number for all keys"),
-        ({"mode": "zip", "law.mu": [1, 2], "law.kn": [1, 2, 3]}, "sweep.law.mu has 2 values and sweep.law.kn 3"),
+        ({"mode": "zip", "law.mu": [1, 2], "law.kn": [1, 2, 3]}, "sweep.law.mu has 2 values, but sweep.law.kn has 3"),
         ({}, "contains no key"),
         ({"law.mu": {"uniform": [0, 1], "number": 10_000}, "seed": {"count": 101}}, "defines 1010000 members: at most"),
         ({"law.mu": [0.4, -1.0]}, "member law.mu = -1.0: law.mu must be greater"),
@@ -313,7 +313,8 @@ def test_measures_that_no_member_has_fill_no_rows(tmp_path, capsys):
     names = ["a", "b"]
     report.show(SweepResult(chosen, names, made, ["", ""], 0))
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["known", "1", "2", "1", "1.5", "2"] in lines and ["No", "member", "has", "nowhere."] in lines
+    assert ["known", "1", "2", "1", "1.5", "2"] in lines
+    assert ["Measures", "without", "a", "value", "in", "any", "member:", "nowhere."] in lines
     assert not [line for line in lines if line[:1] == ["nowhere"]]
     write_sweep(tmp_path, chosen, names, made, ["", ""])
     (tmp_path / "sweep.json").write_text(chosen.text)

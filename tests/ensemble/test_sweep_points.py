@@ -183,7 +183,8 @@ def test_sobol_points_integrate_better_than_random_ones():
     ("table", "words"),
     [
         ({"draw": "sobol", "surface.a": [0.1]}, "sweep.draw requires sweep.mode"),
-        ({"draw": "halton", "mode": "sample", "number": 2, "surface.a": [0.1]}, "sweep.draw must .*, got 'halton'"),
+        ({"draw": "halton", "mode": "sample", "number": 2, "surface.a": [0.1]},
+         "sweep.draw must be 'latin-hypercube' or 'sobol', got 'halton'"),
         ({"draws": "x.csv", "surface.a": [0.1]}, "sweep.draws is not used by any key"),
         ({"draws": "absent.csv", "surface.a": {"column": "a"}}, "absent.csv"),
         ({"draws": {"b": [1.0]}, "surface.a": {"column": "a"}}, "has no column 'a': its columns are b"),
@@ -191,7 +192,7 @@ def test_sobol_points_integrate_better_than_random_ones():
         ({"draws": {"a": [1.0, math.nan]}, "surface.a": {"column": "a"}}, "not a list of 1 to"),
         ({"draws": {"a": ["x"]}, "surface.a": {"column": "a"}}, "not a list of 1 to"),
         ({"draws": 3, "surface.a": {"column": "a"}}, "must be the path of a CSV file"),
-        ({"draws": {"a": [1.0]}, "surface.a": {"column": 3}}, "sweep.surface.a.column must .*, got 3"),
+        ({"draws": {"a": [1.0]}, "surface.a": {"column": 3}}, "sweep.surface.a.column must be a valid string, got 3"),
         ({"surface.a": {"column": "a"}}, "give its file in sweep.draws"),
         ({"draws": {"a": [1.0]}, "surface.a": {"column": "a", "times": 0}}, "use a number other than 0"),
         ({"surface.a": {"uniform": [1, 2], "number": 3, "times": 2}}, "times, a factor for the values of a column, "

@@ -310,10 +310,18 @@ def test_unsuitable_packings_and_laws_are_refused():
     state, options = packing(LINEAR, 3), {"to": 0.01, "drag": 0.1}
     wrong = [
         (ss.packings.disk_array(3, press=5e-5), LINEAR, "walls"),
-        (state._replace(cell=state.cell._replace(periodic=np.zeros(3, bool))), LINEAR, "periodic cell"),
+        (
+            state._replace(cell=state.cell._replace(periodic=np.zeros(3, bool))),
+            LINEAR,
+            "must be periodic in all dimensions",
+        ),
         (state, ss.laws.linear(damping_n=0.1), "dashpots"),
         (state, ss.laws.hertz_mindlin(rescaled=True), "rescaled"),
-        (ss.packings.from_arrays([[0, 0], [2, 2]], [0.5, 0.5], LINEAR, cell=[4, 4], dim=2), LINEAR, "without contacts"),
+        (
+            ss.packings.from_arrays([[0, 0], [2, 2]], [0.5, 0.5], LINEAR, cell=[4, 4], dim=2),
+            LINEAR,
+            "has no contacts and bears no load",
+        ),
         (state._replace(control=state.control._replace(gravity=np.array([0.0, -1.0, 0.0]))), LINEAR, "loads"),
     ]
     for bad, law, message in wrong:

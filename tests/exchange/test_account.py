@@ -41,7 +41,7 @@ def _elsewhere(tmp_path, monkeypatch):
         ("fix e all efield 0 0 1", "fix e (efield)"),
         ("fix m all mystery/style 1", "whether it acts on the grains is unknown"),
         ("fix m all mystery/style 1\nunfix m", ""),
-        ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is not understood"),
+        ("frobnicate all 3", "frobnicate all 3 (log.lammps, line 162) was not taken over: it is unknown"),
         ("print 'frobnicate all 3'\nfrobnicate all 3", ""),
         ('print """\nfix a b ${c}\n"""\n\nfix a b c\n', ""),
         ("print 'frobnicate all 3'\nprint x\nx\nfrobnicate all 3", "frobnicate all 3 (log.lammps, line 165)"),
@@ -69,7 +69,10 @@ def _elsewhere(tmp_path, monkeypatch):
         ("group d dynamic all every 10\nfix a d addforce 0 0 1", "the members of group d change with time"),
         ("group d dynamic all every 10\ngroup d static\nfix z all langevin 1 1 1 4\nunfix z", ""),
         ("fix m all momentum/chunk 1 c linear 1 1 1", "fix m (momentum/chunk) was not taken over: it acts"),
-        ("pair_style gran/hooke 2000 NULL 20 NULL 0.4 1", "it has no tangential springs"),
+        (
+            "pair_style gran/hooke 2000 NULL 20 NULL 0.4 1",
+            "cannot hold grains at rest, and no equivalent law exists here",
+        ),
         ("labelmap atom 1 a 2 b\ngroup low type b\nfix z low spring/self 1\nunfix z\nfix c low freeze\nunfix c", ""),
     ],
 )
@@ -198,7 +201,7 @@ def test_the_newest_run_of_a_folder_counts(cases, tmp_path):
     assert any(told in note for note in read.notes) and "grains from poured.restart, time step 200000" in read.notes
     assert not obstacles(tmp_path)
     (tmp_path / "poured.restart").unlink()
-    assert any("of another run" in note for note in obstacles(tmp_path))
+    assert any("they belong to another run" in note for note in obstacles(tmp_path))
 
 
 AGAIN = (
@@ -238,10 +241,10 @@ def test_of_two_frames_with_one_time_step_the_last_counts(cases, tmp_path):
 @pytest.mark.parametrize(
     ("name", "old", "new", "text"),
     [
-        ("dump.grains", " type x y z", " mystery x y z", "column mystery of dump.grains is not understood"),
+        ("dump.grains", " type x y z", " mystery x y z", "column mystery of dump.grains is unknown"),
         ("dump.grains", " mass ", " c_stress[1] ", ""),
         ("dump.grains", " mass ", " q ", "charges repel"),
-        ("dump.grains", "ITEM: BOX", "ITEM: MYSTERY\n1\nITEM: BOX", "item MYSTERY of dump.grains is not"),
+        ("dump.grains", "ITEM: BOX", "ITEM: MYSTERY\n1\nITEM: BOX", "item MYSTERY of dump.grains is unknown"),
         ("poured.data", "\nVelocities", "\nAngles\n\n1 1 1 2 3\n\nVelocities", "section Angles of poured.data"),
         ("poured.data", "\nVelocities", "\nMystery\n\n1 2\n\nVelocities", "section Mystery of poured.data"),
         ("poured.data", "\nVelocities", "\nBond Coeffs\n\n1 2\n\nVelocities", ""),
@@ -300,13 +303,13 @@ def test_held_grains_that_move_go_on(fix, velocity, text, cases, tmp_path):
     assert any(text in note for note in left_out) if text else not left_out
 
 
-ONLY = "grains, of {} in the run of log.lammps: `{}` leaves out others, which may touch them"
+ONLY = "grains, of {} in the run of log.lammps: `{}` leaves out others, which may touch them; give a dump of all"
 
 
 @pytest.mark.parametrize(
     ("before", "modify", "left", "atoms", "text"),
     [
-        ("", "thresh z < 4.5", 20, 24, "20 grains " + ONLY.format(24, "dump_modify grains thresh z < 4.5")),
+        ("", "thresh z < 4.5", 20, 24, "contains 20 " + ONLY.format(24, "dump_modify grains thresh z < 4.5")),
         ("delete_atoms group top", "thresh z < 4.5", 20, 24, ONLY.format(24, "dump_modify grains thresh z < 4.5")),
         ("delete_atoms group top", "thresh z < 4.5 thresh none", 20, 20, ""),
         ("delete_atoms group top compress no", "sort id", 20, 20, ""),
@@ -531,7 +534,7 @@ TABLE = "x,y,z,radius,vx,vy,vz,wx,wy,wz{heads}\n0,0,0,0.5,0,0,0,0,0,0{a}\n0.99,0
         (",material", ",0", ",1", ""),
         (",box", ",1", ",1", "grains may touch across a periodic box"),
         (",ay", ",-9.81", ",-9.81", "column ay of t.csv is unknown: the same acceleration of all grains may be"),
-        (",accel_x,accel_y", ",0,-9.81", ",0,-9.81", "column accel_y of t.csv is not understood"),
+        (",accel_x,accel_y", ",0,-9.81", ",0,-9.81", "column accel_y of t.csv is unknown"),
         (",ax,ay", ",0.1,0", ",-0.1,0", ""),
         (",|U|,mask,dstV_x", ",1,1,1", ",1,1,1", ""),
     ],
@@ -566,7 +569,7 @@ def test_sizes_and_masses_that_contradict_each_other(form, heads, a, b, text, un
         table = f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\n{box}ITEM: ATOMS id {head}\n{rows}\n"
     (tmp_path / "t.csv").write_text(table)
     notes = ss.io.read_packing(tmp_path / "t.csv").notes
-    found = [note for note in notes if " is used" in note or "leave one of them out" in note]
+    found = [note for note in notes if " is used" in note or "leave out one of them" in note]
     assert len(found) == bool(text) and all(text in note for note in found)
     assert [isinstance(note, Obstacle) for note in found] == [undecided] * bool(text)
 

@@ -167,7 +167,7 @@ def test_modes_of_another_packing_are_refused(unstable, tmp_path):
     np.savez(tmp_path / "m.npz", exponent=np.ones(1), translation=np.ones((1, 3, 3)), rotation=np.ones((1, 3, 3)))
     with pytest.raises(ss.packings.PackingError, match="modes of 3 grains, but the packing has 30"):
         ss.io.read_mode(tmp_path / "m.npz", 0, 30)
-    with pytest.raises(ss.packings.PackingError, match="mode 5 was requested"):
+    with pytest.raises(ss.packings.PackingError, match=r"mode 5 does not exist: .* has modes 0 to 0"):
         ss.io.read_mode(tmp_path / "m.npz", 5, 3)
 
 

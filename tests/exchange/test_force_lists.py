@@ -124,8 +124,8 @@ def test_bonds_and_matrices_of_rigidlibrary_have_the_same_network(known, tmp_pat
     [
         ("TanWeightedAdjacencyMatrix.dlm", lambda m: m, "give that of normal forces"),
         ("NormWeightedAdjacencyMatrix.dlm", lambda m: None, "TanWeightedAdjacencyMatrix.dlm is missing"),
-        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:-1], r"of shape \(8, 9\): there are 9 grains"),
-        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:, :-1], r"of shape \(9, 8\)"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:-1], r"has shape \(8, 9\), but there are 9 grains"),
+        ("NormWeightedAdjacencyMatrix.dlm", lambda m: m[:, :-1], r"has shape \(9, 8\), but there are 9 grains"),
         ("NormWeightedAdjacencyMatrix.dlm", lambda m: m * np.nan, "no contacts|without a number|missing"),
     ],
 )
@@ -161,7 +161,7 @@ def test_walls_hold_their_grains_and_weak_tension_is_left_out(known, tmp_path):
     walls = [[1, inside + 1, -1, 0.1, 0.2], [1, inside + 1, -2, 0.0, 0.1]]
     found = written(tmp_path, grains, np.vstack([contacts, walls]))
     assert not found.free[inside] and len(found.force_n) == len(known.force_n)
-    assert any("contacts with walls" in note and "2 of" in note for note in found.notes)
+    assert any("with walls, which have negative numbers" in note and "held: 2 of" in note for note in found.notes)
     weak = contacts.copy()
     weak[3, 4] = -1e-3 * known.force_n.mean()
     found = written(tmp_path, grains, weak)

@@ -102,7 +102,7 @@ def test_a_foreign_file_gives_what_it_has(tmp_path):
     assert back.cell.dim == 2
     assert not back.contacts.slip.any()
     _, _, notes = ss.io.read_packing(tmp_path / "f.gsd")
-    assert any("no contact law" in word for word in notes)
+    assert any("the contact law is missing" in word for word in notes)
 
 
 def test_spins_of_turned_grains_are_read(tmp_path):

@@ -69,7 +69,7 @@ END = "dump grains"
             "bonds of glued.data were not taken over: fene: no equivalent bond exists here (log.l",
         ),
         (STYLE, f"{STYLE} volume/factor yes", "its option volume/factor yes is not supported"),
-        (STYLE, f"{STYLE} mystery 1", "its option mystery 1 is not read"),
+        (STYLE, f"{STYLE} mystery 1", "its option mystery 1 is not supported"),
         (STYLE, f"{STYLE} volume/factor no store/local broken 10 time id1 id2 normalize yes", ""),
         (STYLE, STYLE.replace("break no smooth no", "break yes"), ""),
         (STYLE, "bond_style none", ""),

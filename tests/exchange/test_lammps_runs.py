@@ -68,7 +68,7 @@ def answer(capsys, *arguments):
         ("sheared/bare.lammpstrj", "has no masses: a density of 1 is assumed"),
         ("sheared/sheared.data", "does not state periodic directions"),
         ("sheared/labels.data", "does not state periodic directions"),
-        ("dialects/part.dump", "12 grains are in the file: others may touch them"),
+        ("dialects/part.dump", "12 grains are in the file: if it is the dump of a group, others may touch them"),
         ("dialects/crlf.dump", "the box is open along z: no walls were read, as the file contains none"),
         ("dialects/liggghts.dump", "has no masses: a density of 1 is assumed"),
         ("dialects/mercury.data", "no walls and periodic boundaries were read, as MercuryDPM's .data has none"),
@@ -577,7 +577,7 @@ def test_tables_under_their_usual_names(text, tmp_path):
     assert state.grains.radius.tolist() == [0.5, 0.5]
     assert state.grains.mass[0] == pytest.approx((2 if "rho" in text else 1) * np.pi / 6)
     assert state.grains.velocity[0, 2] == ("vx" in text)
-    assert any("of density 1" in note for note in notes) != ("rho" in text)
+    assert any("a density of 1 is assumed" in note for note in notes) != ("rho" in text)
 
 
 @pytest.mark.parametrize(
@@ -839,7 +839,7 @@ def test_runs_in_one_folder_are_not_mixed_silently(cases, tmp_path):
 def test_planes_at_no_place_are_refused(plane, cases, tmp_path):
     line = f"fix q all wall/gran hooke/history 1 1 0 0 0.5 1 {plane}"
     notes = ss.io.read_packing(in_poured(cases, tmp_path, line)).notes
-    assert any("fix q (wall/gran) was not taken over" in note and "is no finite number" in note for note in notes)
+    assert any("fix q (wall/gran) was not taken over" in note and "is not a finite number" in note for note in notes)
 
 
 DUMP = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS pp pp ff\n0 3\n0 3\n{z}\n"

@@ -220,7 +220,7 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
     (nobody := tmp_path / "nobody.csv").write_text("x,y,radius\n")
     cases = [
         ("nobody.csv has no grains", lambda: ss.io.read_forces(nobody, forces)),
-        ("no contacts", lambda: changed(m, **{name: [] for name in lists})),
+        ("measured contact forces are missing", lambda: changed(m, **{name: [] for name in lists})),
         ("beyond the Coulomb limit for mu = 0.3", lambda: ss.packings.from_forces(changed(m, force_t=strong), LAW)),
         ("gap of .* of a radius", lambda: changed(m, position=away)),
         ("pull each other", lambda: changed(m, force_n=pull)),
@@ -228,7 +228,7 @@ def test_forces_that_no_state_has_are_refused_in_one_sentence(truth, tmp_path):
         ("no grain is held", lambda: ss.packings.from_forces(changed(m, held=[]), LAW)),
         ("have two entries", lambda: changed(m, **{name: np.repeat(getattr(m, name)[:1], 2) for name in lists})),
         ("check kn", lambda: ss.packings.from_forces(m, ss.laws.linear(1e-9))),
-        ("without friction", lambda: ss.packings.from_forces(m, ss.laws.linear(mu=0.0))),
+        ("need a law with friction", lambda: ss.packings.from_forces(m, ss.laws.linear(mu=0.0))),
         ("lever arms", lambda: ss.packings.from_forces(m, ss.laws.with_lever(LAW, "overlap"))),
         ("in pixels", lambda: ss.io.read_forces(*write_tables(tmp_path, m, unit="px"))),
         ("forces in", lambda: ss.io.read_forces(*write_tables(tmp_path, m, force="mN"))),

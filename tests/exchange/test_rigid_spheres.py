@@ -73,7 +73,7 @@ def test_a_pile_is_found_again_from_its_forces(pile, tmp_path, split):
     out, law, notes = ss.io.read_packing(
         grains, contacts=forces, law="hertz_mindlin", coulomb="sharp", kn=1e4, kt=3e3, mu=0.5
     )
-    assert any("contacts with walls" in note and "9 of" in note for note in notes)
+    assert any("with walls, which have negative numbers" in note and "held: 9 of" in note for note in notes)
     before, after = forces_of(state), forces_of(out, law)
     assert before.keys() == {pair if pair in before else pair[::-1] for pair in after}
     for (i, j), force in after.items():

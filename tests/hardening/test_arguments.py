@@ -47,7 +47,7 @@ WRONG = [
     (lambda p, d: ss.control.fixed(p.control, [-1]), ValueError, "body -1 does not exist: bodies have numbers 0 to 29"),
     (lambda p, d: ss.control.fixed(p.control, [30]), ValueError, "body 30 does not exist"),
     (lambda p, d: ss.control.fixed(p.control, "floor"), ValueError, "bodies must be whole numbers, got words"),
-    (lambda p, d: ss.control.driven(p.control, [0], np.nan), ValueError, "rate holds NaN"),
+    (lambda p, d: ss.control.driven(p.control, [0], np.nan), ValueError, "rate contains NaN or infinity"),
     (lambda p, d: ss.packings.with_push(p, 1e-5, disk=99), ValueError, "body 99 does not exist"),
     (lambda p, d: ss.packings.without_walls(p, [0]), ValueError, "the state has 0 walls"),
     (lambda p, d: ss.packings.jammed(20, dim=4, packing_fraction=0.8), ValueError, "dim must .*, got 4"),
@@ -133,7 +133,7 @@ def _measure(
         ({"kind": 1}, "kind must be a word"),
         ({"dim": 4}, "dim must be 2 or 3, got 4"),
         ({"rate": []}, "rate is empty: give at least one entry"),
-        ({"tensor": np.eye(4)}, r"tensor has shape \(4, 4\) where \(2, 2\) or \(3, 3\) is needed"),
+        ({"tensor": np.eye(4)}, r"tensor must have shape \(2, 2\) or \(3, 3\), got \(4, 4\)"),
         ({"tensor": [[1, np.nan], [0, 1]]}, "tensor contains NaN or infinity"),
     ],
 )

@@ -346,7 +346,7 @@ def test_what_bears_the_names_of_the_lock_stays(call, tmp_path, name, kind):
     ]()
     done = call("run", "0.toml", "--out", "out")
     assert done.code == 2
-    assert f"holds {name}, which stickslip did not write: move it away" in done.err
+    assert f"contains {name}, which stickslip did not write: move it away" in done.err
     assert target.read_text() == "mine"
     assert list((tmp_path / "out").iterdir()) == [path]
 

@@ -257,7 +257,9 @@ def test_some_mutated_restart_files(tmp_path):
             with answered(5):
                 restart = read()
         except ValueError as problem:
-            assert str(problem).startswith("a restart file") or "not a complete LAMMPS restart" in str(problem), problem
+            assert str(problem).startswith("a LAMMPS restart file") or "not a complete LAMMPS restart" in str(
+                problem
+            ), problem
         else:
             taken += 1
             assert ((restart.i >= 0) & (restart.j < len(restart.position))).all()

@@ -72,7 +72,7 @@ def test_sizes_are_reported(tmp_path, key, value, given):
     run = stickslip_here("run", "a.json", "--out", "out", cwd=tmp_path)
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1
-    allowed = "beyond 64 bits" if isinstance(value, int) else "it must be 0, or between 1e-100 and 1e+100 in magnitude"
+    allowed = "beyond 64 bits" if isinstance(value, int) else "its magnitude must be 0, or between 1e-100 and 1e+100"
     assert allowed in run.stderr
     assert f"{table}.{key}" in run.stderr
     assert not (tmp_path / "out").exists()
@@ -217,5 +217,5 @@ def test_sizes_of_protocols_are_refused():
             ValueError, match=r"^[^\n]* [\de.+]+ (GiB|[a-z ]+): at most [\de.+]+( GiB)? are allowed; [^\n]*$"
         ):
             pytest.fail(f"{number}: {request()}")
-    with pytest.raises(ValueError, match="turning_points holds NaN"):
+    with pytest.raises(ValueError, match="turning_points contains NaN"):
         ss.protocols.load_path([0.0, np.nan], 0.1)

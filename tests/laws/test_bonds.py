@@ -518,7 +518,7 @@ BOX = ss.assembly(ss.spheres([[0, 0, 0], [2, 0, 0]], 0.5), ss.flat_walls(), ss.b
     [
         (FAR, [[0, 1]], "periodic boxes apart"),
         (FAR, None, "periodic boxes apart"),
-        (PAIR, [[1, 1]], "of grain 1 with itself"),
+        (PAIR, [[1, 1]], "grain 1 cannot be bonded to itself"),
         (PAIR, [[0, 2]], "numbered 0 to 1"),
         (PAIR, [[0, 1], [1, 0]], "already bonded"),
         (BOX, [[0, 1]], "half a periodic box apart"),

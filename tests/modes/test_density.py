@@ -87,7 +87,7 @@ def test_participation_of_waves_grains_and_groups():
 
 def test_bad_input_is_reported():
     state = chain(5)
-    with pytest.raises(ValueError, match="'auto', 'dense' and 'polynomials' are allowed"):
+    with pytest.raises(ValueError, match="method must be 'auto', 'dense' or 'polynomials', got 'kpm'"):
         ss.modes.density_of_states(state, CHAIN, method="kpm")
     with pytest.raises(ValueError, match="at least 1"):
         ss.modes.density_of_states(state, CHAIN, bins=0)

@@ -184,7 +184,7 @@ def test_an_odd_field_is_told_from_an_elastic_one():
 def test_the_growth_at_which_a_contact_changes_bounds_the_linear_response(rough):
     with pytest.raises(ValueError, match=r"before growth = 0.1, the contact \(\d+, \d+\) ") as problem:
         ss.modes.inflate(rough, ROUGH, [3], growth=0.1)
-    allowed = float(str(problem.value).split(": give ")[1].split(" for")[0])
+    allowed = float(str(problem.value).split(": use ")[1].split(" for")[0])
     assert 0 < allowed < 0.1
     ss.modes.inflate(rough, ROUGH, [3], growth=0.99 * allowed)
     path = ss.protocols.inflate(rough, ROUGH, [3], growth=0.1, steps=5)

@@ -92,7 +92,7 @@ def test_a_wrong_shear_scenario_gives_a_one_sentence_error(tables, message):
 
 
 def test_an_unknown_experiment_gives_a_one_sentence_error():
-    with pytest.raises(ScenarioError, match="use 'disk-array', 'sphere-shear', 'quasi-rigid'"):
+    with pytest.raises(ScenarioError, match="must be one of 'disk-array', 'sphere-shear', 'quasi-rigid'"):
         scenario(experiment="sphere")
 
 

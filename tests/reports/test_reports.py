@@ -229,7 +229,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         (lambda p: (p / "d").mkdir(), ["d"], "d contains no results"),
         (lambda p: ((p / "d").mkdir(), (p / "d" / "cv.pdf").write_text("x")), ["d"], "d contains no results"),
         (lambda p: (p / "d" / "unfinished").mkdir(parents=True), ["d"], "stickslip resume d"),
-        (lambda p: ((p / "d").mkdir(), (p / "d" / "results.h5").write_text("x")), ["d"], "is not an archive"),
+        (lambda p: ((p / "d").mkdir(), (p / "d" / "results.h5").write_text("x")), ["d"], "is not a stickslip archive"),
         (lambda p: None, ["d"], "d does not exist"),
         (lambda p: None, ["p.npz"], "p.npz is not a file"),
         (lambda p: (p / "d").mkdir(), ["d", "--kn", "1"], "--kn applies to packing files only, not to"),

@@ -115,7 +115,9 @@ def test_a_foreign_place_is_told(tmp_path, made):
         place.mkdir()
     if made == "file":
         place.write_bytes(b"PK\x03\x04")
-    with pytest.raises(ValueError, match=r"give the (folder of a run|results\.h5)"):
+    with pytest.raises(
+        ValueError, match=r"(place (does not exist|contains no results): give a run folder|give the results\.h5)"
+    ):
         ss.io.open_dataset(place)
 
 

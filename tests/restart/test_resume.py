@@ -212,7 +212,7 @@ def test_pieces_of_another_version_are_refused(tmp_path, monkeypatch):
     one.save("piece", {"x": 1.0})
     assert one.load("piece") == {"x": 1.0}
     monkeypatch.setattr(room, "__version__", "99.0")
-    with pytest.raises(ArchiveError, match=r"was computed by stickslip .* and this is 99\.0"):
+    with pytest.raises(ArchiveError, match=r"was computed by stickslip .* those of this version, 99\.0"):
         one.load("piece")
 
 
@@ -227,7 +227,7 @@ def test_checkpoints_of_another_level_of_the_core_are_named(tmp_path, monkeypatc
         assert room.note_on_levels(one.run) == ""
     assert one.load("piece") == {"x": 1.0}
     note = room.note_on_levels(tmp_path / "avx2")
-    assert "of the core for avx2, and this is the one for base: " in note
+    assert "by the core for avx2, but this is the core for base: " in note
     assert note.endswith("; STICKSLIP_LEVEL=avx2 continues with that core")
     assert room.note_on_levels(tmp_path / "avx512").endswith("to round-off, not bit for bit")
 

@@ -183,7 +183,7 @@ def test_a_reference_is_beside_the_paper_and_never_in_its_place():
 @pytest.mark.parametrize(
     ("message", "options"),
     [
-        ("use 'PLACE: words'", {"source": "Fig 1"}),
+        ("a source must be 'PLACE: words'", {"source": "Fig 1"}),
         ("give reference and reference_source together", {"reference": 1.0}),
         ("give reference and reference_source together", {"reference_source": "theory"}),
         ("compare statements with statements", {"paper": True, "measured": 1.0}),

@@ -62,8 +62,8 @@ def test_unknown_commands_and_options_are_refused(arguments, sentence, tmp_path)
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"disks": 0}, "array.disks = 0"),
-        ({"law": "mu = nan"}, "law.mu = nan"),
+        ({"disks": 0}, "array.disks must be greater than or equal to 1, got 0"),
+        ({"law": "mu = nan"}, "law.mu must be a finite number, got nan"),
         ({"load": "press = 0.0"}, "without contact"),
     ],
 )

@@ -49,7 +49,7 @@ def test_a_quench_of_loose_grains_ends_without_contacts_and_does_not_jam(monkeyp
     start = random_grains(60, 0.5, 3, radius=0.5, mass=1.0, i0=None, seed=0)
     assert energy(quench(start, law, 1e-14), law)[0] < 1e-30
     for fraction in (0.5, 0.6):
-        with pytest.raises(ValueError, match=rf"fraction {fraction} no force between them exceeds"):
+        with pytest.raises(ValueError, match=rf"fraction {fraction}: no force between them exceeds"):
             jammed(60, packing_fraction=fraction, radius=0.5)
 
 

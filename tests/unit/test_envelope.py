@@ -205,8 +205,8 @@ def test_a_packing_out_of_balance_and_wrong_stresses_are_refused():
         ({"size": -1.0}, "size"),
         ({"size": 2.0}, r"size must be from \de-\d+ to 1 for probes of this packing, got 2"),
         ({"size": 1e-13}, "for probes of this packing, got 1e-13"),
-        ({"plane": [[[np.nan, 0], [0, 1]], np.eye(2)]}, "plane holds NaN"),
-        ({"plane": "xy"}, "plane: got words"),
+        ({"plane": [[[np.nan, 0], [0, 1]], np.eye(2)]}, "plane contains NaN or infinity"),
+        ({"plane": "xy"}, "plane must be real numbers, got words"),
     ],
 )
 def test_wrong_arguments_get_one_sentence(options, message):

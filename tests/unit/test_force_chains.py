@@ -136,7 +136,7 @@ def test_a_state_and_its_measured_forces_have_the_same_statistics():
     low, high = np.linalg.eigvalsh((stress + stress.T) / 2)
     assert found.deviator == pytest.approx((high - low) / (high + low), rel=1e-9)
     assert found.predicted_deviator == pytest.approx(found.deviator, rel=0.2)
-    with pytest.raises(ValueError, match="without a law"):
+    with pytest.raises(ValueError, match="a state also needs its law"):
         ss.measure.force_chains(state)
     with pytest.raises(ValueError, match="leave it out"):
         ss.measure.force_chains(m, LAW)

@@ -61,11 +61,12 @@ MEANT = {
     },
     "catalogue": {
         NUMBER: "events packings events_per_strain share_saddle_node share_pair share_sliding share_opening "
-        "share_unstable share_unresolved saddle_node_exponent stress_drop_over_pressure jump_over_diameter "
-        "auc_softest auc_nonaffine_rate auc_growth auc_tangent_modulus auc_switch auc_loss_ahead",
+        "share_breaking share_unstable share_unresolved saddle_node_exponent stress_drop_over_pressure "
+        "jump_over_diameter auc_softest auc_nonaffine_rate auc_growth auc_tangent_modulus auc_switch auc_loss_ahead",
     },
     "failure": {
-        NUMBER: "strain first_pair first_event events pairs first_slide drop", STRESS: "stress", RATE: "growth_rate",
+        NUMBER: "strain first_pair first_event first_break broken events pairs first_slide drop",
+        STRESS: "stress", RATE: "growth_rate",
     },
     "rate-state": {
         NUMBER: "final_friction least_friction greatest_friction steady_friction stable", VELOCITY: "final_velocity",
@@ -217,7 +218,7 @@ def announced():
     strain = 4 * 56 * 4e-4
     return Made(samples=packings, number=20, scenario=Made(shear=shear)), {
         "events": 20, "packings": 4, "events_per_strain": 20 / strain, "saddle_node_exponent": 0.5,
-        "share_pair": 3 / 20, "auc_switch": 1.0,
+        "share_pair": 2 / 20, "share_breaking": 4 / 20, "auc_switch": 1.0,
     }  # fmt: skip
 
 
@@ -281,9 +282,9 @@ def loaded_sample():
 
 
 def failed():
-    """A contact slides in the second of three steps, and the third has an event."""
+    """A contact slides in the second of three steps, and the third has an event that breaks two bonds."""
     slid, none = np.array([[2, 0, 1]]), np.zeros((0, 3), int)
-    event = Made(strain=2.5e-4, stress_drop=0.1)
+    event = Made(strain=2.5e-4, stress_drop=0.1, broken=np.array([[0, 1], [2, 3]]))
     steps = [
         Made(strain=k * 1e-4, stress=k, pairs=k, growth=0.1 * k, changes=slid if k == 1 else none) for k in range(1, 4)
     ]
@@ -291,7 +292,7 @@ def failed():
         steps=steps, events=[event], onset=Made(load=2e-4))
     ), {
         "strain": 3e-4, "stress": 3, "pairs": 3, "growth_rate": 0.3, "first_pair": 2e-4, "first_event": 2.5e-4,
-        "events": 1, "drop": 0.1, "first_slide": 1e-4,
+        "first_break": 2.5e-4, "broken": 2, "events": 1, "drop": 0.1, "first_slide": 1e-4,
     }  # fmt: skip
 
 

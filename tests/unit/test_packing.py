@@ -56,7 +56,7 @@ def test_a_large_packing_is_quenched_by_fire_to_the_same_tolerance():
     [
         ({}, "give either packing_fraction or pressure"),
         ({"packing_fraction": 0.68, "pressure": 1e-3}, "give either packing_fraction or pressure"),
-        ({"packing_fraction": 0.4}, "does not jam"),
+        ({"packing_fraction": 0.4}, "do not jam"),
         ({"packing_fraction": -1.0}, "must be positive"),
         ({"packing_fraction": 0.68, "radius": (0.5, -0.7)}, "positive numbers"),
         ({"packing_fraction": 0.68, "radius": [5.0] + [0.5] * 19}, "use more grains"),

@@ -127,7 +127,7 @@ CASES = {
     ),
     "modes in the way": (occupied, "stability a.npz", r"give (--modes),", {"--modes": "--modes b.npz"}),
     "sharp friction": (
-        moved, "stability m.npz --coulomb rough --settle", r"use (sharp) or", {"sharp": "--coulomb sharp"},
+        moved, "stability m.npz --coulomb rough --settle", r"must be (sharp) or", {"sharp": "--coulomb sharp"},
     ),
 }  # fmt: skip
 

@@ -61,7 +61,7 @@ def test_drawing_changes_no_settings(backend, tmp_path):
             figure._repr_png_()
             ss.figures.save(figure, tmp_path / "a.pdf", width=178)
             ss.figures.movie([ss.io.frame_of(PAIR, LAW)] * 2, tmp_path / "a.gif", labels=["", ""])
-            with pytest.raises(ValueError, match="colour 'taste' is not available"):
+            with pytest.raises(ValueError, match="the colour 'taste' is not available: these grains have radius"):
                 ss.figures.packing(PAIR, LAW, colour="taste")
             assert settings() == before
     finally:

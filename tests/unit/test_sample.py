@@ -131,11 +131,11 @@ def wrong(given, **changes):
         (lambda g: {"pair_j": g["pair_j"] + 30}, "use 0 to 29"),
         (lambda g: {"pair_i": g["pair_i"] + 0.5}, "entries that are not integers"),
         (lambda g: {"image": -g["image"] + 1}, "do not touch"),
-        (lambda g: {"pair_i": None}, "give both"),
+        (lambda g: {"pair_i": None}, "pair_i and pair_j must be given together"),
         (lambda g: {"pair_i": None, "pair_j": None}, "require pair_i"),
         (lambda g: {"slip": g["slip"][:, :2]}, "slip has shape"),
         (lambda g: {"mass": -1.0}, "must be positive"),
-        (lambda g: {"dim": 4}, "2 and 3 are allowed"),
+        (lambda g: {"dim": 4}, "dim must be 2 or 3, got 4"),
         (lambda g: {"dim": 2}, "leaves the plane"),
     ],
 )
@@ -188,9 +188,9 @@ def test_the_command_says_the_verdict_and_writes_the_modes(unstable, tmp_path):
     [
         ({"positions": np.zeros((3, 3))}, [], "did you mean 'position'"),
         ({"radius": None}, [], "has no array 'radius'"),
-        ({}, ["--law", "hooke"], "use hertz_mindlin or linear"),
+        ({}, ["--law", "hooke"], "law must be hertz_mindlin or linear"),
         ({}, ["--mu", "-1"], "not negative"),
-        ({}, ["--method", "magic"], "'auto', 'fastest', 'all', 'certify', 'dense' and 'pairs' are allowed"),
+        ({}, ["--method", "magic"], "'auto', 'fastest', 'all', 'certify', 'dense' or 'pairs', got 'magic'"),
         ({"slip": np.zeros((2, 3))}, [], "slip has shape"),
     ],
 )

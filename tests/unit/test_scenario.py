@@ -116,7 +116,7 @@ def test_archive_that_fails_leaves_the_old_file(tmp_path):
     assert archive.read(path) == {"x": 1.0}
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
     path.write_text("not HDF5")
-    with pytest.raises(ValueError, match="not an archive"):
+    with pytest.raises(ValueError, match="not a stickslip archive"):
         archive.read(path)
 
 

@@ -77,7 +77,7 @@ def documented(node, lines) -> dict[str, set[str]]:
 
 
 # in brackets in comments, but not units
-NO_UNITS = {"value, unit", "2", "0", "A + B cos(2 ω_r t + φ)", "degrees", "of the drive", "mm"}
+NO_UNITS = {"value, unit", "2", "0", "A + B cos(2 ω_r t + φ)", "degrees", "of the drive", "mm", "bytes"}
 
 
 # 3 s: every module of the package is imported and read

@@ -201,9 +201,9 @@ def stability(
     For cemented grains, also decisive bonds, and the first ones to break under growing strains, by linear response.
 
     Only an equilibrium is analysed: forces must balance to within 0.002 of the mean contact force. A search in more
-    than 15,000 spheres takes minutes; it is saved to FILE's name with -search.npz, in this folder, and the same command
-    continues it. Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict: not in
-    equilibrium, or undecided.
+    than 15,000 spheres takes minutes. It is saved in this folder, to the name of FILE with -search.npz, and the same
+    command continues it. Exit codes: 0 stable or unstable, 1 analysis or settling failed, 2 bad input, 3 no verdict:
+    not in equilibrium, or undecided.
     """
     from ..core.text import printable
     from ..data.exchange.files import capture_warnings

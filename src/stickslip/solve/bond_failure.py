@@ -95,7 +95,7 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     >>> law = ss.laws.hertz_mindlin(mu=0.5)
     >>> shear = [[0, 1, 0], [0, 0, 0], [0, 0, 0]]
     >>> ss.modes.first_break(cemented, law, strain=shear).mode
-    'bending'
+    'tension'
     """
     here, dim = _cemented(state, law), state.cell.dim
     if (strain is None) == (stress is None):

@@ -372,8 +372,10 @@ def _mismatch(path: Path, packing: Packing, run: Run) -> str:
     count, dump = run.atoms, _dump_of(path, run)
     if dump and dump.selection and count != n:
         of = f", of {count} in the run of {run.source}" if count else ""
-        return f"{path.name} contains {n} grains{of}: `{dump.selection}` leaves out others, which may touch them; "
-        "give a dump of all grains"
+        return (
+            f"{path.name} contains {n} grains{of}: `{dump.selection}` leaves out others, which may touch them; "
+            "give a dump of all grains"
+        )
     return "" if count in (None, n) else f"{n} grains were read, but the run of {run.source} had {count} at that time"
 
 

@@ -128,8 +128,8 @@ def contact_of(style: str, arguments: Sequence[str]) -> tuple[Contact, list[str]
 def no_equal(style: str) -> str:
     """Reason why a pair style has no equivalent law."""
     if style.removeprefix("gran/") == "hooke":
-        return "it has no tangential springs, so that friction cannot hold grains at rest, and no equivalent law "
-        "exists here"
+        springs = "it has no tangential springs, so that friction cannot hold grains at rest"
+        return f"{springs}, and no equivalent law exists here"
     return "no equivalent law exists here"
 
 

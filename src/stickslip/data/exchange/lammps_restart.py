@@ -204,7 +204,7 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     columns = own_columns(style)
     parts = [_read_block(block, columns, stores, values) for block in blocks if len(block)]
     if not parts:
-        raise ValueError("a restart file without grains")
+        raise ValueError("a LAMMPS restart file without grains")
     tag, *grains = (np.concatenate(columns) for columns in zip(*(part[0] for part in parts), strict=True))
     pairs, touched = (
         [np.concatenate(columns) for columns in zip(*(part[k] for part in parts), strict=True)] for k in (1, 2)
@@ -214,7 +214,7 @@ def read_restart(path: Path, *, walls: int | None = None, values: int | None = N
     bonds = [np.concatenate(column) for column in zip(*(part[3] for part in parts), strict=True)]
     orientation = grains.pop()
     if not np.diff(ids).all() or not np.isin(np.concatenate([pairs[0], pairs[1], touched[1]]), ids).all():
-        raise ValueError("a restart file with a contact of a missing grain")
+        raise ValueError("a LAMMPS restart file with a contact of a missing grain")
     pairs[:2], touched[1] = (np.searchsorted(ids, column) for column in pairs[:2]), np.searchsorted(ids, touched[1])
     once = pairs[0] < pairs[1]
     more = _first_copies(*pairs[:2], pairs.pop())[once]

@@ -335,7 +335,7 @@ class LoadedSample:
         Rowe, doi:10.1098/rspa.1962.0193.
         """
         leg = self.first
-        if self.kind != "triaxial" or leg.load[-1] < leg.load[0]:
+        if self.kind != "triaxial" or self.cement or leg.load[-1] < leg.load[0]:
             return NAN, NAN
         edges = np.linspace(leg.load[0], leg.load[-1], BINS + 1)
         ratio, dilatancy = [], []
