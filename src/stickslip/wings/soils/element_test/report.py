@@ -504,9 +504,10 @@ def compare(members: list[SweepMember]) -> Comparison:
 
 
 def _describe_circles(circles: Circles, factor: float, unit: str) -> str:
+    fitted = int(_in_compression(circles.sigma1, circles.sigma3).sum())
     return (
         f"Mohr circles {STATES[circles.state]}{f' ({circles.group})' * bool(circles.group)}: "
-        f"{circles.envelope.describe(factor, unit)}, from {len(circles.sigma1)} of {circles.members} members."
+        f"{circles.envelope.describe(factor, unit)}, from {fitted} of {circles.members} members."
     )
 
 
@@ -559,11 +560,16 @@ def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
     """Circles of the members that have a state; None if they have less than two pressures."""
     pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
     sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
-    pressed = sigma1 > -sigma3  # excludes tension
+    pressed = _in_compression(sigma1, sigma3)
     try:
         return Circles(name, state, sigma1, sigma3, len(group), fit_envelope(sigma1[pressed], sigma3[pressed]))
     except ValueError:
         return None
+
+
+def _in_compression(sigma1: np.ndarray, sigma3: np.ndarray) -> np.ndarray:
+    """Circles to which the envelope is fitted."""
+    return sigma1 > -sigma3
 
 
 def _ends(name: str, group: list[SweepMember], factor: float) -> Ends:
