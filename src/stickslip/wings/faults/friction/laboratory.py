@@ -75,7 +75,8 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
 
     Raises
     ------
-    ValueError with a one-sentence message that names the offending column, unit or line, and the allowed ones.
+    ValueError
+        if a column, unit or line is not understood; the message names it, and the allowed ones
     """
     path = Path(path)
     table = _open_record(path, columns)
