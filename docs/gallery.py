@@ -53,10 +53,10 @@ INFLATE = """law = ss.laws.hertz_mindlin(mu=0.3)
 state, _ = ss.packings.jammed(1000, packing_fraction=0.92, dim=2, seed=1)
 field = ss.modes.inflate(state, law, range(0, 1000, 10))"""
 CEMENT = """law = ss.laws.hertz_mindlin(mu=0.3)
-state, _ = ss.packings.jammed(200, packing_fraction=0.9, dim=2, seed=1, law=law)
+state, _ = ss.packings.jammed(80, packing_fraction=0.9, dim=2, seed=1, law=law)
 cement = ss.laws.parallel_bond(0.5, 0.2, tensile_strength=2e-4, shear_strength=4e-4)
 cemented = ss.packings.bonded(state, cement, within=0.05)
-path = ss.protocols.shear_to_failure(cemented, law, until=1.5e-3, step=1e-4)"""
+path = ss.protocols.shear_to_failure(cemented, law, until=1e-3, step=1e-4)"""
 MODE = """import numpy as np
 
 state, law, _ = ss.io.read_packing("examples/sheared_spheres.npz")
