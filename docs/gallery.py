@@ -341,7 +341,7 @@ def write_page() -> None:
         "one example. Movies and pages in three dimensions: [look.md](look.md).", "",
     ]  # fmt: skip
     for name, section in SECTIONS.items():
-        text += [f"## {section.heading}", "", "```python", section.start, "```", ""]
+        text += [f"## {section.heading}", "", "```python", section.start.strip(), "```", ""]
         for picture, code in section.pictures.items():
             function = attrgetter(code.removeprefix("ss.figures.").partition("(")[0])(ss.figures)
             caption = inspect.getdoc(function).splitlines()[0]
