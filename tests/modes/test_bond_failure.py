@@ -50,6 +50,12 @@ def test_shares_on_the_way_to_a_break_are_those_of_equilibria(cemented):
     assert loaded.sum() > 20 and np.isinf(found.amount[share == 0]).all()
 
 
+def test_bonds_without_a_limit_never_break(cemented):
+    state = ss.packings.bonded(ss.packings.without_bonds(cemented), ss.laws.parallel_bond(0.5, 0.2), within=0.05)
+    found = ss.modes.first_break(state, LAW, strain=SHEAR)
+    assert found.bond == -1 and np.isinf(found.amount).all() and "no bond breaks" in str(found)
+
+
 def test_a_stress_is_what_grows_if_one_is_given(cemented):
     wanted = np.array([[-2.0, 0.5], [0.5, 1.0]])
     found = ss.modes.first_break(cemented, LAW, stress=wanted)

@@ -9,7 +9,7 @@ from ..core.state import State
 from ..core.units import with_unit
 from ..loading.settling import MODES, deformation
 from ..solve.balance import balanced
-from ..solve.bond_failure import DecisiveBonds, FirstBreak, break_along, decisive_bonds
+from ..solve.bond_failure import NEVER, DecisiveBonds, FirstBreak, break_along, decisive_bonds
 from ..solve.moduli import elastic_moduli
 from .details import attempt
 from .terminal import console, new_table, show_table
@@ -90,9 +90,12 @@ def _show_decisive(found: DecisiveBonds) -> None:
     console.print(f"\nbonds that decide the {name}, {with_unit(f'λ = {value.real:.4g}{imaginary}', '1/time^2')}")
     table = new_table("grains", "∂ln|λ|/∂ln k", "share of strength", "if it breaks", left=("if it breaks",))
     for k in range(min(SHOWN, len(found.bond))):
-        slope = (found.derivative[k] / value).real
+        slope, share = (found.derivative[k] / value).real, found.share[k]
         table.add_row(
-            f"{found.i[k]}–{found.j[k]}", f"{slope:.3g}", f"{found.share[k]:.3g}", found.verdict_after[k] or "?"
+            f"{found.i[k]}–{found.j[k]}",
+            f"{slope:.3g}",
+            f"{share:.3g}" if share > 1 / NEVER else "–",
+            found.verdict_after[k] or "?",
         )
     show_table(table)
 

@@ -20,6 +20,7 @@ from .moduli import VOIGT, ElasticModuli, elastic_moduli
 from .sensitivity import assess
 
 HALVINGS = 80  # relative width of the bracket of an amount
+NEVER = 1e100  # amounts that only bonds without a limit need
 
 
 @readable(head=lambda found: _describe(found))
@@ -152,7 +153,9 @@ def _crossings(bonds: Bonds, load: np.ndarray, slope: np.ndarray, held: np.ndarr
     """
     begin, growth, against = (judge_loads(bonds, loads)[0] for loads in (load, slope, -load))
     breaks = held & (growth > 0)
-    high = np.divide(1 + against, growth, out=np.zeros_like(growth), where=breaks)
+    high = np.divide(1 + against, growth, out=np.full_like(growth, np.inf), where=breaks)
+    breaks &= high < NEVER
+    high[~breaks] = 0.0
     low = np.zeros_like(high)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
