@@ -27,7 +27,7 @@ from .spectrum import REAL_BELOW
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
 BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
-POLISHING = (48, 96, 240, 560)  # and of those that refine a pair, which start from it
+POLISHING = 48, 96, 240, 560  # vectors of the subspaces that refine a pair, starting from it, tried in this order
 NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
 GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree

@@ -35,10 +35,8 @@ SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
 GAIN, PASSES = 2.0, 6  # exponent by which a pair grows while filters run once, and how often they run for it
 FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
-STAGE, SHORT = (
-    "random probes in a leapfrog",
-    60.0,
-)  # name in progress reports; time above which an estimate is shown [s]
+STAGE = "random probes in a leapfrog"  # name in progress reports
+SHORT = 60.0  # time above which an estimate is shown [s]
 ROUNDS = 8  # peaks at the end of a run for which filters run
 SAVED_EVERY = 60.0  # seconds between two savings of a search
 

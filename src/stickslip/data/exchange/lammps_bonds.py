@@ -166,7 +166,7 @@ def laws_of_bonds(told: Commands, listed: ListedBonds) -> tuple[list[tuple], lis
 
 
 def _law_of(told: Commands, labels: dict[str, str], kind: int) -> tuple[str, Bond | None, float | None]:
-    """Style and law of bonds of one type (None without force), and the rest length if the law has one."""
+    """Style of the bonds of one type, their law (None without force), and the rest length if the law has one."""
     given = [words[1:] for words in told.coefficients if words and _means(labels.get(words[0], words[0]), kind)]
     style, options = told.style[0], told.style[1:]
     if style == "hybrid" and given:
