@@ -109,9 +109,7 @@ def units_from(given, dim: int = 3) -> Units:
     names = names if isinstance(names, list | tuple) else ()
     good = len(names) == 3 and all(isinstance(name, str) and name.isalpha() and len(name) <= 12 for name in names)
     if not good or len(set(names)) < 3:
-        raise ValueError(
-            f"units must be three different words of up to 12 letters, as in {EXAMPLE}, got {quoted(given)}"
-        )
+        raise ValueError(f"units must be {EXAMPLE}, three different words of up to 12 letters, got {quoted(given)}")
     return Units(*names, dim=dim)
 
 

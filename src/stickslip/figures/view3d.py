@@ -195,7 +195,7 @@ def _choose_quantity(data: dict, colour: str | None) -> int:
     """Index of the quantity that initially colours the grains."""
     names = [a["name"] for a in data["quantities"]]
     if colour is not None and colour not in names:
-        raise ValueError(f"colour {colour!r} was requested: these grains have {', '.join(names)}")
+        raise ValueError(f"the colour {colour!r} is not available: these grains have {', '.join(names)}")
     wanted = [colour, DISPLACEMENT, "speed", "coordination"]
     data["shown"] = next((names.index(name) for name in wanted if name in names), 0)
     return data["shown"]

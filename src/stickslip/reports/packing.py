@@ -202,7 +202,7 @@ def likely_causes(result: Stability, options: dict, notes: list[str]) -> list[st
     if given:
         known.append(f"{law}: {', '.join(given)} came from the command line")
     elif assumes_law(notes):
-        known.append(f"{law}: not given, so the defaults were used")
+        known.append(f"{law}: none was given, so the defaults were used")
     return known or list(result.causes)
 
 

@@ -121,7 +121,7 @@ def parallel_bond(
 
 def _require_four(name: str, values, least: float) -> None:
     if not (len(values) == 4 and all(least <= value < np.inf for value in values)):
-        kind = "positive" if least else "not negative"
+        kind = "positive" if least else "nonnegative"
         raise ValueError(f"{name} must be four {kind} numbers, for tension, shear, bending and twisting, got {values}")
 
 

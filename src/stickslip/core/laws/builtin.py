@@ -320,8 +320,8 @@ def _checked_values(law: Law) -> Law:
     most = law.table[..., DAMPING_N].max()
     if law.damping & ~NO_TENSION in (TSUJI, RESTITUTION) and most > 1:
         raise ValueError(
-            "damping_n is the coefficient of restitution in this damping model and must be from 0 to 1 (1: no "
-            f"dashpots), got {most:g}"
+            "damping_n is the coefficient of restitution in this damping model and must be from 0 (no dashpots) to 1, "
+            f"got {most:g}"
         )
     names = parameter_names(law)
     if not isinstance(law.kind, Kind) and "k_unload" in names:

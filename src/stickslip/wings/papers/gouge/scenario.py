@@ -427,8 +427,8 @@ class GougeScenario(ScenarioBase):
         marks = [round(hold / self.interval) for hold in sorted(holds)]
         if marks[0] < 2 or marks[-1] < LEAST or any(b <= a for a, b in pairwise(marks)):
             raise ValueError(
-                f"{name}: holds must last at least two samples and differ by one, {self.interval:.2g} s, and the "
-                f"longest must last at least {LEAST} samples, got {list(holds)}: lower sample_every"
+                f"{name}: holds must last at least two samples and differ by at least one, {self.interval:.2g} s, and "
+                f"the longest must last at least {LEAST} samples, got {list(holds)}: lower sample_every"
             )
 
     @property

@@ -451,9 +451,7 @@ class ElementTestScenario(SampleScenario):
                 f'(cement.confining = 0), got "{self.path.kind}"'
             )
         if len(self.path.turns) > 1:
-            raise ValueError(
-                f"cement was given with path.strain = {list(self.path.turns)}: give one strain, beyond failure"
-            )
+            raise ValueError(f"cement requires a single path.strain, beyond failure, got {list(self.path.turns)}")
         if self.path.integrator == "dynamic":
             raise ValueError(
                 'cement requires path.integrator = "quasi-static", in which bonds break one by one, got "dynamic"'

@@ -32,7 +32,7 @@ class EventShear(ScenarioTable):
                 f"shear.resolution must be smaller than shear.step = {self.step:g}, got {self.resolution:g}"
             )
         if self.step > self.strain:
-            raise ValueError(f"shear.step must be smaller than the largest strain, {self.strain:g}, got {self.step:g}")
+            raise ValueError(f"shear.step must be at most the largest strain, {self.strain:g}, got {self.step:g}")
         if self.window < self.step * (1 - 1e-9):
             raise ValueError(
                 f"shear.window must be at least shear.step = {self.step:g}, or events between steps are missed, got "
