@@ -77,7 +77,9 @@ def test_many_members_are_confirmed_at_a_terminal(answer, code, tmp_path):
     assert run.returncode == code
     assert "Run 1001 members?" in out + err
     assert ("nothing was run" in out) == (answer == "n")
-    assert ("member surface.mu0 = rough, seed = 0: surface.mu0 must .*, got 'rough'" in err) == (answer == "y")
+    assert ("member surface.mu0 = rough, seed = 0: surface.mu0 must be a valid number, got 'rough'" in err) == (
+        answer == "y"
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -120,7 +122,7 @@ def test_a_folder_of_another_run_is_not_taken(tmp_path):
 def test_a_member_that_is_no_scenario_stops_the_sweep_before_it_starts(tmp_path):
     run = stickslip_process("run", sliders(tmp_path / "s.toml", '[0.3, "rough"]'), "--out", tmp_path / "out")
     assert run.returncode == 2
-    assert "member surface.mu0 = rough, seed = 0: surface.mu0 must .*, got 'rough'" in run.stderr
+    assert "member surface.mu0 = rough, seed = 0: surface.mu0 must be a valid number, got 'rough'" in run.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -243,7 +243,7 @@ def refused(tmp_path):
         ("apart", [], "has no contacts"),
         ("open", [], "must be periodic in all dimensions"),
         ("fine", ["--until", "soon"], "first-pair, first-event, first-break or a strain"),
-        ("fine", ["--until", "0"], "nonzero"),
+        ("fine", ["--until", "0"], "until must be a nonzero strain, first-pair, first-event or first-break, got 0"),
         ("fine", ["--until", "nan"], "'first-break', or a finite number"),
         ("fine", ["--until", "1e-3", "--reverse"], "size and sign"),
         ("fine", ["--until", "1e-3", "--step", "1e-2"], "step must be between"),

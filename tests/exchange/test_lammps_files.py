@@ -200,7 +200,7 @@ def test_every_parameter_of_the_law_is_needed(name, tmp_path):
     [
         ({"kn": 3.0}, "differ from those in the dump"),
         ({"coulomb": "smooth"}, "friction is sharp"),
-        ({"law": "hooke"}, "law must be .*, got 'hooke'"),
+        ({"law": "hooke"}, "law must be hertz_mindlin or linear .*, got 'hooke'"),
         ({"columns": "i j"}, "has 12 columns, but --columns has 2 names"),
         ({"boundary": "xyz"}, "three letters"),
     ],

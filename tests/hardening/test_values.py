@@ -16,7 +16,7 @@ PAIR = [[0.0, 0.0], [0.99, 0.0]]
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"mass": DATES}, "got dates"),
+        ({"mass": DATES}, "mass must be real numbers, got dates"),
         ({"mass": DATES - DATES[0]}, "got time differences"),
         ({"mass": ["1", "2"]}, "got words"),
         ({"mass": np.array([1.0, 2.0 + 1j])}, "got complex numbers"),
@@ -46,8 +46,8 @@ def test_complex_positions_cells_and_walls_are_refused():
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"coulomb": []}, r"coulomb must be .*, got \[\]"),
-        ({"damping": {}}, r"damping must be .*, got \{\}"),
+        ({"coulomb": []}, r"coulomb must be 'sharp' or 'smooth', got \[\]"),
+        ({"damping": {}}, r"damping must be one of 'velocity', .*, got \{\}"),
         ({"mu": 1e300}, r"mu must be at most 1e\+100.* got 1e\+300"),
         ({"kn": 1e-200}, r"kn at least 1e-100, .*, got 1e-200"),
         ({"kn": 1 + 2j}, "must be a number, got"),

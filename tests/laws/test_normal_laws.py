@@ -177,7 +177,7 @@ def test_flows_take_lever_arms_and_moments():
         ({"k_roll": 1.0}, "law.k_roll requires law.rolling"),
         (SPRING | {"rolling": "viscous", "gamma_roll": 0.1}, "law.rolling = 'viscous' does not use law.k_roll"),
         ({"twisting": "spring", "k_twist": 1.0}, "law.mu_twist is missing or zero"),
-        ({"lever": "arm"}, "law.lever must .*, got 'arm'"),
+        ({"lever": "arm"}, "law.lever must be 'radius' or 'overlap', got 'arm'"),
     ],
 )
 def test_moments_that_do_not_fit_are_refused_in_one_sentence(law, message):

@@ -60,7 +60,7 @@ def uses_a_list(overlap):
         ({"normal_force": hertz, "contact_range": lambda r_eff: 0.1 / r_eff}, "contact_range decreases with r_eff"),
         ({"normal_force": hertz, "rolling_stiffness": hertz}, "rolling resistance needs both"),
         ({"normal_force": hertz, "normal_energy": hertz}, "make the force the slope of the energy"),
-        ({"normal_force": hertz, "parameters": {"kn": -1.0}}, "kn must .*, got -1.0"),
+        ({"normal_force": hertz, "parameters": {"kn": -1.0}}, "kn must be finite and positive, got -1.0"),
         ({"normal_force": hertz, "parameters": {"overlap": 1.0}}, "must be an identifier"),
         ({"normal_force": hertz, "parameters": {"mu": "much"}}, "must be a number, got"),
         ({"normal_force": hertz, "coulomb": "rough"}, "'rough'"),

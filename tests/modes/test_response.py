@@ -163,7 +163,7 @@ def test_a_resonance_without_damping_is_named(packing):
 
 def test_bad_input_is_one_sentence(packing):
     drive = push(packing, (3, 0))
-    with pytest.raises(ValueError, match=r"frequency must .*, got -1"):
+    with pytest.raises(ValueError, match="frequency must be zero or positive, got -1"):
         ss.modes.frequency_response(packing, LAW, drive, [-1.0])
     with pytest.raises(ValueError, match="not in equilibrium"):
         ss.modes.frequency_response(packing, ss.laws.hertz_mindlin(2.0, 0.1, 0.3), drive, 1.0)

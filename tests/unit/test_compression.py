@@ -128,7 +128,7 @@ def test_a_law_and_progress():
         ({"pressure": 0.5, "mu": 0.1}, r"pressure must be at most 0\.03.* overlap by more than 0.25 of their radius"),
         ({"pressure": 1e-12, "mu": 0.1}, "too small for a tolerance of 5e-14"),
         ({"pressure": 1e-9, "mu": 0.1}, "would take about .* steps: use a higher pressure"),
-        ({"pressure": 1e-3, "mu": 0.1, "dim": 4}, "dim must .*, got 4"),
+        ({"pressure": 1e-3, "mu": 0.1, "dim": 4}, r"dim must be 2 \(disks\) or 3 \(spheres\), got 4"),
         ({"pressure": 1e-3, "mu": 0.1, "radius": (0.5, -0.7)}, "positive numbers"),
         ({"pressure": 1e-3, "mu": 0.1, "radius": [5.0] + [0.5] * 19}, "use more grains"),
         ({"pressure": 1e-3, "mu": 0.1, "mass": -1.0}, "mass"),

@@ -206,15 +206,15 @@ def test_an_equilibrium_found_at_once_forgets_it_too(solve):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ss.laws.hertz_mindlin(mu=-0.1), "mu must .*-0.1"),
-        (lambda: ss.laws.hertz_mindlin(kn=float("nan")), "kn must .*nan"),
+        (lambda: ss.laws.hertz_mindlin(mu=-0.1), "mu must be finite and not negative, got -0.1"),
+        (lambda: ss.laws.hertz_mindlin(kn=float("nan")), "kn must be finite and positive, got nan"),
         (lambda: ss.laws.hertz_mindlin(coulomb="soft"), "'sharp' or 'smooth'"),
         (lambda: ss.laws.for_pair(ss.laws.linear(), 0, 1, nu=0.3), "no parameter 'nu'"),
         (lambda: ss.assembly(ss.disks([[0, 0]], -1.0)), r"grains\.radius\[0\] is -1: it must be positive"),
         (lambda: ss.assembly(ss.disks([[0, np.nan]], 1.0)), "NaN"),
         (lambda: ss.assembly(ss.disks([[0, 0], [1, 0]], [0.5, 0.5, 0.5])), "shape"),
         (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box(dim=4)), r"dim is 4: it must be between 2 and 3"),
-        (lambda: ss.flat_walls([0, 0, 0], [0, 0, 0]), "zero length"),
+        (lambda: ss.flat_walls([0, 0, 0], [0, 0, 0]), "the normal of a wall has zero length"),
         (lambda: ss.run(ss.packings.disk_array(1, press=1e-5), ss.laws.linear(), 1, 0.1), "material 1 is used"),
         (lambda: ss.run(ss.assembly(ss.disks([[0, 0]], 1.0)), ss.laws.linear(), 1, -0.1), "dt must be positive"),
         (lambda: ss.assembly(ss.disks([[0, 0]], 1.0), cell=ss.box([10, 5])), r"cell\.vectors has shape \(2, 2\)"),

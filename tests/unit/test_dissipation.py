@@ -46,5 +46,5 @@ def test_states_of_two_samples_are_refused():
     with pytest.raises(ValueError, match="the states have 8 and 6 bodies"):
         ss.measure.dissipation(make_packing(2), make_packing(2, n=5), law)
     for dt in (-1.0, np.inf):
-        with pytest.raises(ValueError, match=f"dt must .*, got {dt}"):
+        with pytest.raises(ValueError, match=f"dt must be zero or positive.*, got {dt}"):
             ss.measure.dissipation(make_packing(2), make_packing(2), law, dt=dt)

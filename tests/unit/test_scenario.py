@@ -24,11 +24,11 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"array": {"raduis": 0.5}}, r"the table \[array\] has no key 'raduis': did you mean 'radius'"),
         ({"law": {"wall": {"mo": 0.5}}}, r"the table \[law.wall\] has no key 'mo': did you mean 'mu'"),
         ({"array": {"radius": [0.5, 0.5]}}, "radius has 2 entries, but there are 10 disks"),
-        ({"array": {"disks": 2.5}}, "array.disks must .*, got 2.5"),
+        ({"array": {"disks": 2.5}}, "array.disks must be a valid integer, got 2.5"),
         ({"array": {"gap": -0.6}}, "overlap by more than a radius"),
-        ({"law": {"mu": float("nan")}}, "law.mu must .*, got nan"),
-        ({"law": {"mu": "rough"}}, "law.mu must .*, got 'rough'"),
-        ({"law": {"kind": "hertz"}}, "law.kind must be 'hertz_mindlin' or 'linear'"),
+        ({"law": {"mu": float("nan")}}, "law.mu must be a finite number, got nan"),
+        ({"law": {"mu": "rough"}}, "law.mu must be a valid number, got 'rough'"),
+        ({"law": {"kind": "hertz"}}, "law.kind must be 'hertz_mindlin' or 'linear', got 'hertz'"),
         ({"load": {"press": 0.0}}, "press = 0 leaves the disks without contact"),
         ({"load": {"push": [0.01, 0.02]}}, "first of them 0.0"),
         ({"load": {"step": 1e-9}}, "use a larger load.step"),
@@ -38,10 +38,10 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ({"load": {"press": 2000.0}}, "makes disks overlap the substrate"),
         ({"dynamics": {"duration": 1e13}}, "must be less than or equal to 10000000"),
         ({"array": {"float_radius": 3}}, r"the table \[array\] has no key 'float_radius'"),
-        ({"seed": True}, "seed must .*, got True"),
+        ({"seed": True}, "seed must be a valid integer, got True"),
         ({"experiment": "cyclic-shear", "cycles": {"amplitudes": []}}, r"cycles.amplitudes must have at least 1 entry"),
         ({"load": {"push": 0.01}}, "load.push must be a list"),
-        ({"experiment": "disks"}, "experiment must .*, got 'disks'"),
+        ({"experiment": "disks"}, "experiment must be one of 'disk-array', .*, got 'disks'"),
         ({"experiment": "flows"}, "did you mean 'flow'?"),
         ({"experiment": "Sphere_Shear"}, "did you mean 'sphere-shear'?"),
     ],
@@ -54,7 +54,7 @@ def test_a_bad_scenario_gives_a_one_sentence_error(tables, message):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks must .*, got 'ten'")],
+    [("[array\n", "not valid TOML"), ("[array]\ndisks = 'ten'\n", "array.disks must be a valid integer, got 'ten'")],
 )
 def test_a_bad_file_gives_a_one_sentence_error(tmp_path, text, message):
     path = tmp_path / "bad.toml"

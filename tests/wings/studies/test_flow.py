@@ -180,7 +180,7 @@ def test_pouring_leaves_room_and_is_the_same_for_the_same_seed(dim):
         ({"law": {"kn": 1.0, "kind": "hertz_mindlin", "restitution": 0.5}}, "law.restitution requires law.speed"),
         ({"walls": [FLOOR, FLOOR]}, "two walls or plates are called 'floor'"),
         ({"walls": [{**FLOOR, "nromal": 1}]}, r"\[walls\] \(entry 1\) has no key 'nromal': did you mean 'normal'"),
-        ({"walls": [FLOOR, {**LEFT, "mu": -1.0}]}, r"walls.mu \(entry 2\) must .*, got -1.0"),
+        ({"walls": [FLOOR, {**LEFT, "mu": -1.0}]}, r"\(entry 2\) must be greater than or equal to 0, got -1.0"),
         ({"walls": [{**FLOOR, "force": 1.0}]}, "wall 'floor' has a force but no mass"),
         ({"walls": [{**FLOOR, "normal": [1.0, 1.0], "force": 1.0}]}, "but an inclined normal"),
         (

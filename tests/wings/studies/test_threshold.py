@@ -163,16 +163,18 @@ def test_loads_off_the_path_are_refused():
         ss.protocols.kinetic_threshold(path, protocol, loads=[np.nan], duration=10.0, dt=0.1)
     with pytest.raises(ValueError, match="at least 40 steps"):
         ss.protocols.kinetic_threshold(path, protocol, duration=1.0, dt=0.1)
-    with pytest.raises(ValueError, match="is unstable"):
+    with pytest.raises(ValueError, match="dt = 50 is unstable: with contacts this stiff"):
         ss.protocols.kinetic_threshold(path, protocol, duration=1e4, dt=50.0)
     with pytest.raises(ValueError, match="the loads of a path must increase"):
         ss.protocols.kinetic_threshold(path[::-1], protocol, duration=10.0, dt=0.1)
     for wrong in (-1, 2**70):
-        with pytest.raises(ValueError, match=rf"seed must .*, got {wrong}"):
+        with pytest.raises(
+            ValueError, match=rf"seed must be (a whole number from 0 to 1e18|at most 18446744073709551615), got {wrong}"
+        ):
             ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, seed=wrong)
     with pytest.raises(ValueError, match="realizations must be a whole number from 1 to"):
         ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, realizations=True)
-    with pytest.raises(ValueError, match=r"ramps must .*, got -1"):
+    with pytest.raises(ValueError, match="ramps must be a whole number from 0 to 1e18, got -1"):
         ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, ramps=-1)
     with pytest.raises(ValueError, match="loads must be numbers, or None for all loads of the path, got 'all'"):
         ss.protocols.kinetic_threshold(path, protocol, duration=10.0, dt=0.1, loads="all")
