@@ -64,7 +64,7 @@ class StrongNetwork(NamedTuple):
     cluster: np.ndarray  # (C,) bool, of the largest cluster
     grains: np.ndarray  # (n,) grains of the largest cluster
     clusters: int  # number of clusters of two grains or more
-    share_of_pressure: float  # fraction of the stress borne by strong contacts
+    share_of_pressure: float  # fraction of the pressure borne by strong contacts, 1 if all are strong
 
 
 @readable

@@ -201,7 +201,7 @@ def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
 APEX = 1e-6  # normal force, in mean normal forces, at which a contact is at the apex of the cone
 NEAR_APEX = 1e-4  # normal force, in mean normal forces, below which a linear step reaches the apex to within APEX
 NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
-APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss, above which c is recomputed
+APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss, after which c is recomputed
 TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
 REACHES, CLOSES, AT_APEX, NEARS, INCREMENT = "reaches the cone", "closes", "at the apex", "nears an event", "increment"
 

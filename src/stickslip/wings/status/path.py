@@ -46,7 +46,7 @@ COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
 OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
 JUMP = 10.0  # motion over the previous one for the same change of the load, above which it is a collapse
 PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
-AGAIN = 5  # number of times that a disk is wedged on a path above which the path counts as dependent on the increment
+AGAIN = 5  # number of times that a disk is wedged on a path from which the path counts as dependent on the increment
 
 
 class PathPoint(NamedTuple):
