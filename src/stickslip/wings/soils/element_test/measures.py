@@ -223,13 +223,13 @@ class LoadedSample:
 
     @property
     def psi(self) -> float:
-        """Angle of dilatancy at the peak; NaN if it cannot be fitted."""
+        """Angle of dilatancy at the peak; NaN if it cannot be fitted, or with cement, whose peak is brittle."""
         leg = self.first
         length = leg.load[-1] - leg.load[0]
         reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
         near = np.abs(leg.load - leg.load[self.top]) <= reach * (1 + 1e-9)
         rate = leg.slope(leg.strain, near) * np.sign(length)
-        return dilatancy_angle(rate, self.dim) if not self.compressed and np.isfinite(rate).all() else NAN
+        return dilatancy_angle(rate, self.dim) if self.sheared and np.isfinite(rate).all() else NAN
 
     @property
     def secant(self) -> float:
@@ -271,6 +271,7 @@ class LoadedSample:
             return {}
         stress = self.stress[:, : self.dim, : self.dim]
         values = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2)))[:, [-1, 0]].T
+        values = clear_round_off(values, self.scenario.stress_scale)
         end = values[:, -len(self.last.load) :]
         return {
             "peak": tuple(self.at_peak(each) for each in values), "critical": tuple(map(self.critical, end)),
@@ -379,12 +380,6 @@ class LoadedSample:
         near = (around >= first - 1) & (around <= first)
         near[: len(share)] |= (share >= HALF[0]) & (share <= HALF[1])
         return self.elastic(near)
-
-    @property
-    def failed(self) -> bool:
-        """Return True if the path of a cemented sample ended because its deviatoric stress had fallen."""
-        rise = np.abs(self.last.q - self.first.q[0])
-        return bool(self.cement and rise[-1] <= self.cement.until * self.strength)
 
     @property
     def strength(self) -> float:
