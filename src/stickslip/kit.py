@@ -45,14 +45,14 @@ States, engines and solvers
     with_neighbor_list, resting, reset_reached, shifts, Committed       states, and pairs of their contact lists
     supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
     linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
-    bond_blocks, bond_rows, bond_vectors, cross_matrix, is_beam         and bonds
+    bond_blocks, bond_limits, bond_rows, bond_vectors, cross_matrix, is_beam     and bonds
     linearised, force_imbalance, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
     core                        compiled functions
     factorised, one_thread, suitable_threads        linear algebra
     Scales, compression_scales, check_pressure, servo_mass, settle, strain_step, stopped, SETTLING_DRAG     small steps
     equilibrium, bisect_change, dominant_family, Change, Family, Growth, LeftPathError, solve_point     load paths
     PathLedger, packing_info, travel, KICK_LEGS, EVENT_RATIO    ledger along equilibria, packings, kicks, events
-    FAILURES                    loads that break bonds
+    FAILURES, UNBREAKABLE       loads that break bonds, and a strength that no load reaches
     describe_law, to_dict, verdict, no_equilibrium_message      a law, numbers and words of `stability`
 
 Contact laws

@@ -35,6 +35,7 @@ from .core.arguments import require_not_negative as require_not_negative
 from .core.arguments import require_options as require_options
 from .core.arguments import require_positive as require_positive
 from .core.arguments import require_shape as require_shape
+from .core.contacts.bonding import bond_limits as bond_limits
 from .core.contacts.bonds import bond_rows as bond_rows
 from .core.contacts.bonds import bond_vectors as bond_vectors
 from .core.contacts.bonds import is_beam as is_beam
@@ -59,6 +60,7 @@ from .core.dynamics.run import join_samples as join_samples
 from .core.dynamics.run import own_engine as own_engine
 from .core.dynamics.run import take_sample as take_sample
 from .core.laws import builtin as builtin
+from .core.laws.bonds import UNBREAKABLE as UNBREAKABLE
 from .core.laws.builtin import with_values as with_values
 from .core.laws.compiled import evaluate as evaluate
 from .core.laws.compiled import largest_stiffness as largest_stiffness

@@ -52,6 +52,21 @@ def test_columns_of_pfc_are_those_of_a_parallel_bond(read, radius):
 
 
 @pytest.mark.parametrize(
+    ("text", "pair", "told"),
+    [
+        ("i,j,kn,ks\n0,1,1,1\n", (0, 1), ""), ("i,j,kn,ks\n2,3,1,1\n", (1, 2), ""),
+        ("i,j,kn,ks\n1,2,1,1\n", (1, 2), "numbered from 0, as neither 0 nor 3 occurs"),
+        ("end1,end2,pb_kn,pb_ks\n1,2,1,1\n", (0, 1), "numbered from 1, as neither 0 nor 3 occurs"),
+    ],
+)  # fmt: skip
+def test_grains_are_counted_from_the_number_that_occurs_or_as_the_program_counts_them(read, text, pair, told):
+    state, _, notes = read(text)
+    assert (state.bonds.i[0], state.bonds.j[0]) == pair
+    assert [note for note in notes if "numbered" in note] == [note for note in notes if told and told in note]
+    assert any("numbered" in note for note in notes) == bool(told)
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("i,j,kn\n0,1,1\n", "i, j and kn, ks"), ("i,j,kn,ks\n0,7,1,1\n", "grains 0 to 7, but the packing has 3"),
@@ -60,7 +75,8 @@ def test_columns_of_pfc_are_those_of_a_parallel_bond(read, radius):
         ("i,j,kn,ks,normalAdhesion\n0,1,1,1,0\n", "tension = 0: it must be positive"),
         ("i,j,kn,ks,kt\n0,1,1,1,1\n", "two columns for ks"),
         ("i,j,kn,ks\n0,1,1,1\n1,0,1,1\n", "already bonded: bond each pair only once"),
-        ("i,j,kn,ks\n0.5,1,1,1\n", "whole numbers"),
+        ("i,j,kn,ks\n0.5,1,1,1\n", "whole numbers"), ("i,j,kn,ks\n0,1,inf,1\n", "kn = inf: it must be positive"),
+        ("i,j,pb_kn,pb_ks,pb_state\n0,1,1,1,1.5\n", "pb_state = 1.5: it must be 0, 1, 2 or 3"),
     ],
 )  # fmt: skip
 def test_tables_that_cannot_be_are_refused_in_a_sentence(read, text, words):

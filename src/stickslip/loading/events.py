@@ -224,10 +224,11 @@ class Search:
     def _judge(self, trial: Point | None, goal: float) -> bool:
         """Let dynamics determine the end of a step as short as a bracket; False if it does not come to rest."""
         before = self.point
-        snaps = trial is not None and not trial.holds and continuous(before, trial)
-        beyond = trial if not snaps and trial is not None and not trial.stable and continuous(before, trial) else None
+        reached = trial if trial is not None and continuous(before, trial) else None
+        snaps = reached is not None and not reached.holds
+        beyond = reached if reached is not None and not snaps and not reached.stable else None
         if snaps:
-            end, rested = before.judge.rest(trial.state)
+            end, rested = before.judge.rest(reached.state)
             if not rested:
                 return False
             after, jumps = settle(Point(goal, end, before.judge)), True

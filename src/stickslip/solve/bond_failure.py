@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import eigvals
 
 from ..core.arguments import NotNegative, Numbers, checked, knows_bonds, require_shape
-from ..core.contacts.bonding import bond_shares, limits
+from ..core.contacts.bonding import bond_limits, bond_shares
 from ..core.contacts.bonds import bond_rows, bond_vectors, judge_loads
 from ..core.contacts.jacobian import bond_blocks
 from ..core.laws.builtin import Law
@@ -140,7 +140,7 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
         + moved[bonds.i, :3]
         - moved[bonds.j, :3]
     )
-    known = limits(state, np.hstack([apart, turned[bonds.i], turned[bonds.j]]))
+    known = bond_limits(state, np.hstack([apart, turned[bonds.i], turned[bonds.j]]))
     loose = unsupported_grains(state, here.law)  # without load on their bonds
     amount, failure = _crossings(bonds, known.load, known.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
     return FirstBreak(amount, failure, bonds.i, bonds.j, strain, -np.einsum("abcd,cd->ab", moduli.tensor, strain))

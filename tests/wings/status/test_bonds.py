@@ -121,6 +121,22 @@ def test_contacts_within_a_rigid_cluster_neither_slide_nor_open():
     assert matrix.count == elastic.count and matrix.rigid.shape[1] == len(matrix.free) and elastic.rigid is None
 
 
+@pytest.mark.parametrize("around", [False, True])
+def test_a_cluster_slides_at_its_own_image_unless_its_bonds_go_around_the_cell(around):
+    """Where allowed motions move a contact; lever arms R in place of the distance add 0.02 times the rotation."""
+    row = np.arange(3)[:, None] * [0.98, 0.0] + [0.3, 1.0]
+    cell = ss.box([2.94, 1.7, 1.0], (True, True, False), 2)
+    state = ss.assembly(ss.disks(np.vstack([row, row + np.array([0.49, 0.85])]), 0.5), cell=cell)
+    state = ss.packings.bonded(state, BEAM, pairs=[[0, 1], [1, 2], *[[0, 2]] * around])
+    state = ss.accept(state, ss.forces(state, LAW)[1])
+    mode = np.where(state.contacts.mode == ss.OPEN, ss.OPEN, ss.SLIDE).astype(np.int8)
+    matrix = quasirigid.linear_system(state._replace(contacts=state.contacts._replace(mode=mode)), LAW)
+    _, size, basis = np.linalg.svd(matrix.rigid.toarray())
+    moves = np.abs(matrix.c.T @ basis[(size > 1e-9).sum() :].T).reshape(matrix.count, -1).max(axis=1)
+    np.testing.assert_array_equal(matrix.limit, moves > 0.02)
+    assert (~matrix.limit).sum() == 2 + around
+
+
 def test_a_broken_bond_forbids_nothing():
     state = sample(2, BEAM)
     intact = np.zeros(len(state.bonds.i), bool)

@@ -180,7 +180,7 @@ def broken_since(state: State, before: State) -> np.ndarray:
     return np.stack([bonds.i, bonds.j, bonds.failed], axis=1).astype(int)[lost]
 
 
-def limits(state: State, way: np.ndarray | None = None) -> BondLimits:
+def bond_limits(state: State, way: np.ndarray | None = None) -> BondLimits:
     """Loads of the bonds of a state over their strengths; see `limits_of_bonds`."""
     return limits_of_bonds(state.bonds, state.cell.dim, bodies(state), state.cell.vectors, way)
 
@@ -209,5 +209,5 @@ def with_weakest_broken(state: State) -> State:
         return state
     intact, failed, weakest = state.bonds.intact.copy(), state.bonds.failed.copy(), share.argmax()
     intact[weakest] = False
-    failed[weakest] = judge_loads(state.bonds, limits(state).load)[1][weakest]
+    failed[weakest] = judge_loads(state.bonds, bond_limits(state).load)[1][weakest]
     return state._replace(bonds=state.bonds._replace(intact=intact, failed=failed), instant=None)

@@ -24,7 +24,7 @@ class Bond(NamedTuple):
     damping: tuple[float, float, float, float] = _NO
     fading: int = 0  # power of the share of the strength by which loads fade before failure, 0: they do not
     normalized: bool = False  # the first two stiffnesses are divided by the length at rest
-    size: float = 1.0  # radius of a parallel bond over that of the smaller grain
+    size: float | np.ndarray = 1.0  # radius of a parallel bond over that of the smaller grain, (K,) in `coefficients`
 
 
 @checked

@@ -69,7 +69,7 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     if not ({"i", "j"} <= set(known) and {"pb_ks" if of_pfc else "ks", "pb_kn" if of_pfc else "kn"} <= set(known)):
         raise PackingError(f"{path} has the columns {' '.join(list(columns)[:20])}: {NEEDED} are needed")
     _check_values(path, known)
-    pairs = _numbers(path, known, len(state.grains.radius))
+    pairs, counted = _numbers(path, known, len(state.grains.radius), of_pfc)
     there = known["pb_state"] > 0 if "pb_state" in known else np.ones(len(pairs), bool)
     known, pairs = {name: values[there] for name, values in known.items()}, pairs[there]
     try:
@@ -89,7 +89,7 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     }  # fmt: skip
     parts = {name: np.concatenate([getattr(made.bonds, name)[:old], value]) for name, value in new.items()}
     held = f"{pluralize(len(pairs), 'bond')} of {path.name}, {int(broken.sum())} of them broken"
-    notes += [Assumption(f"{held}: taken to be at rest at these positions")]
+    notes += [Assumption(f"{held}: taken to be at rest at these positions"), *counted]
     if known.get("pb_fa", np.zeros(1)).any():
         notes.append(Assumption(f"the friction angle pb_fa of {path.name} was left out: shear strength is pb_coh"))
     return made._replace(bonds=made.bonds._replace(**parts)), notes
@@ -98,23 +98,28 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
 def _check_values(path: Path, known: dict[str, np.ndarray]) -> None:
     for name, values in known.items():
         positive = name in ("kn", "pb_kn", "pb_rmul", "tension", "shear", "bending", "twisting", "pb_ten", "pb_coh")
-        if not (np.isfinite(values).all() and (values > 0 if positive else values >= 0).all()) and name not in "ij":
-            bad = values[~(np.isfinite(values) & (values > 0 if positive else values >= 0))][0]
+        bad = values[~(np.isfinite(values) & (values > 0 if positive else values >= 0))]
+        if len(bad) and name not in "ij":
             kind = "positive" if positive else "zero or positive"
-            raise PackingError(f"{path} has {name} = {bad:g}: it must be {kind} and finite")
+            raise PackingError(f"{path} has {name} = {bad[0]:g}: it must be {kind} and finite")
+    states = known.get("pb_state", np.zeros(0))
+    if len(bad := states[~np.isin(states, range(BONDED + 1))]):
+        raise PackingError(f"{path} has pb_state = {bad[0]:g}: it must be 0, 1, 2 or 3")
 
 
-def _numbers(path: Path, known: dict[str, np.ndarray], n: int) -> np.ndarray:
-    """(K, 2) rows of the grains, from 0, which a table may count from 1."""
+def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> tuple[np.ndarray, list[str]]:
+    """(K, 2) rows of the grains, from 0, and an assumption if their start is unknown."""
     ends = np.stack([known["i"], known["j"]], axis=1)
     if not len(ends) or not (ends == np.round(ends)).all():
         raise PackingError(f"{path} lists no pairs of grains: i and j must be whole numbers, the rows of grains from 0")
-    start = int(ends.min() >= 1 and ends.max() == n)
+    unknown = bool(ends.min() >= 1 and ends.max() < n)
+    start = int(of_pfc if unknown else ends.min() >= 1)  # PFC counts from 1
     if not (ends.min() >= start and ends.max() < n + start):
         raise PackingError(
             f"{path} has grains {ends.min():g} to {ends.max():g}, but the packing has {n}: number them from 0 or 1"
         )
-    return ends.astype(np.int64) - start
+    counted = f"grains in {path.name} are assumed to be numbered from {start}, as neither 0 nor {n} occurs"
+    return ends.astype(np.int64) - start, [Assumption(counted)] * unknown
 
 
 def _given(made: State, known: dict[str, np.ndarray], old: int):
@@ -129,10 +134,11 @@ def _parallel(made: State, known: dict[str, np.ndarray], old: int):
     """Stiffness and strength of cement whose radius is pb_rmul times that of the smaller grain."""
     bonds, radius, dim, k = made.bonds, made.grains.radius, made.cell.dim, len(known["i"])
     ends = radius[bonds.i[old:]], radius[bonds.j[old:]]
-    stiffness, _, strength, arm = coefficients(parallel_bond(1.0, 1.0, 1.0, 1.0), dim, *ends, bonds.length[old:])
-    size = known.get("pb_rmul", np.ones(k))[:, None] ** [dim - 1, dim - 1, dim + 1, dim + 1]
-    limit = known.get("pb_rmul", np.ones(k))[:, None] ** [dim - 1, dim - 1, dim, dim]
+    bond = parallel_bond(1.0, 1.0, 1.0, 1.0)._replace(size=known.get("pb_rmul", np.ones(k)))
+    stiffness, _, strength, arm = coefficients(bond, dim, *ends, bonds.length[old:])
     tensile, sheared = (known.get(name, np.full(k, UNBREAKABLE)) for name in ("pb_ten", "pb_coh"))
     moduli = np.stack([known["pb_kn"], known["pb_ks"], known["pb_kn"], known["pb_ks"]], axis=1)
-    limits = strength * limit * np.stack([tensile, sheared, tensile, sheared], axis=1)
-    return stiffness * size * moduli, np.where(strength < UNBREAKABLE, limits, UNBREAKABLE), arm  # disks do not twist
+    limits = np.stack([tensile, sheared, tensile, sheared], axis=1)
+    unlimited = np.full_like(strength, UNBREAKABLE)
+    strength = np.multiply(strength, limits, out=unlimited, where=strength < UNBREAKABLE)  # disks do not twist
+    return stiffness * moduli, strength, arm

@@ -193,7 +193,7 @@ def _numbers(path: Path, lines: list[str], width: int) -> np.ndarray:
     try:
         return parse_numbers([word if word else "nan" for row in rows for word in row]).reshape(-1, width)
     except ValueError as problem:
-        raise PackingError(f"{path} contains an entry that is not a number ({problem}): {NEEDED} are needed") from None
+        raise PackingError(f"{path} contains an entry that is not a number ({problem}): correct it") from None
 
 
 def recognize_mercury(head: bytes) -> bool:

@@ -146,17 +146,18 @@ def write_vtk(path: str | Path, frames: list[Frame]) -> list[str]:
     if not path.parent.is_dir():
         raise PackingError(f"the folder {path.parent} does not exist: create it first")
     pairs = vtk_paths(path, len(frames))
+    frames = [frame._replace(contacts=with_bonds(frame)) for frame in frames]
     with name_file_in_errors(path), TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         made = []
         for frame, targets in zip(frames, pairs, strict=True):
             for target, write in zip(targets, (_write_grains, _write_lines), strict=True):
-                if write is _write_lines and not len(with_bonds(frame)["i"]):
+                if write is _write_lines and not len(frame.contacts["i"]):
                     continue  # pyevtk cannot write an empty file
                 made.append((Path(write(hl, str(Path(folder) / target.stem), frame)), target))
         for part, target in made:
             part.replace(target)
     lost = ["the cell", "the images of contacts", *list_losses(frames[0])]
-    bare = sum(not len(with_bonds(frame)["i"]) for frame in frames)
+    bare = sum(not len(frame.contacts["i"]) for frame in frames)
     notes = [f"{pluralize(bare, 'frame')} without contacts: no line file was written"] if bare else []
     return [*notes, f"VTK does not store {', '.join(lost)}"]
 
@@ -179,7 +180,7 @@ def _write_grains(hl, path: str, frame: Frame) -> str:
 
 def _write_lines(hl, path: str, frame: Frame) -> str:
     """Write lines from i along the branch vector to j, or to the surface of a wall, even across the box boundary."""
-    c = with_bonds(frame)
+    c = frame.contacts
     start = _positions(frame)[c["i"]]
     ends = np.stack([start, start - c["branch"]], axis=1).reshape(-1, 3)
     columns = {name: column for name, column in c.items() if name != "image"}

@@ -31,7 +31,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ... import OPEN, SLIDE, STICK, Law, State, freedom
 from ...kit import (
@@ -184,12 +184,43 @@ def linear_system(
 
 
 def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
-    """Mask of contacts between grains that bonds which resist everything join, directly or through others."""
-    bonds, n = state.bonds, state.n_bodies
-    beams = is_beam(bonds, state.cell.dim)
-    joined = sparse.coo_array((np.ones(beams.sum()), (bonds.i[beams], bonds.j[beams])), shape=(n, n))
+    """Mask of contacts between two grains that beams hold together, (C,): they neither slide nor open.
+
+    A contact between periodic images of one cluster moves as the cluster rotates, unless beams around the cell prevent
+    this: in the same direction or, if the cell is held, in enough directions that the cluster cannot rotate.
+    """
+    bonds, contacts, dim = state.bonds, state.contacts, state.cell.dim
+    beams = np.flatnonzero(is_beam(bonds, dim))
+    i, j, image = bonds.i[beams], bonds.j[beams], bonds.image[beams].astype(int)
+    part, place = _unwrapped(state.n_bodies, i, j, image)
+    loops = image - place[i] + place[j]
+    a, b = contacts.i[rows], contacts.j[rows]
+    apart = contacts.image[rows] - place[a] + place[b]
+    within = part[a] == part[b]
+    for k in np.flatnonzero(within & apart.any(axis=1)):
+        around = loops[part[i] == part[a[k]]]
+        rank = np.linalg.matrix_rank(around) if len(around) else 0
+        turns = state.control.cell_free.any() or rank < dim - 1
+        within[k] = not turns or np.linalg.matrix_rank(np.vstack([around, apart[k]])) == rank
+    return within
+
+
+def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cluster of each of n bodies joined by bonds, and the image (n, 3) that places it beside the others of it."""
+    joined = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(joined, directed=False)[1]
-    return part[state.contacts.i[rows]] == part[state.contacts.j[rows]]
+    first = np.unique(part, return_index=True)[1]
+    tree = sparse.coo_array(  # from a root to the first body of each cluster, and along bonds
+        (np.ones(len(first) + len(i)), (np.append(np.full(len(first), n), i), np.append(first, j))), (n + 1, n + 1)
+    ).tocsr()
+    order, before = breadth_first_order(tree, n, directed=False)
+    steps = dict(zip(zip(i.tolist(), j.tolist(), strict=True), image, strict=True))
+    steps |= {(b, a): -step for (a, b), step in steps.items()}
+    place = np.zeros((n, 3), int)
+    for body in order[1:].tolist():
+        if (former := int(before[body])) < n:
+            place[body] = place[former] + steps[body, former]
+    return part, place
 
 
 def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:

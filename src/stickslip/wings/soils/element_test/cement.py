@@ -12,9 +12,8 @@ from scipy.special import ndtr, ndtri
 
 from .... import Law, State
 from ....control import loads
-from ....kit import Scales, readable, settle
+from ....kit import FAILURES, UNBREAKABLE, Scales, bond_limits, readable, settle
 from ....laws import parallel_bond
-from ....measure import bond_shares
 from ....packings import bonded
 from ....results import Factorisation
 from .sample import Drive, controlled
@@ -22,7 +21,6 @@ from .scenario import Cement
 
 STEPS = 5  # number of pressure steps from the sample to the test
 CUT = 3.0  # standard deviations at which the distribution of strengths is cut off
-ALONE = 1e300  # strength that no load reaches, for components that are ignored
 
 
 @readable
@@ -37,17 +35,6 @@ class Breaks(NamedTuple):
     position: np.ndarray  # (K, 3) midpoint of the bond in the first periodic cell [length]
 
 
-class Break(NamedTuple):
-    """Broken bond; fields as in `Breaks`."""
-
-    row: int
-    i: int
-    j: int
-    tension: bool
-    energy: float
-    position: np.ndarray
-
-
 class Cemented(NamedTuple):
     """Cemented sample under the pressure of its test."""
 
@@ -55,17 +42,12 @@ class Cemented(NamedTuple):
     breaks: Breaks  # bonds that broke on the way to that pressure
 
 
-def collect(breaks: list[Break]) -> Breaks:
-    """Return a catalogue of breaks."""
-    kinds = int, int, int, bool, float, float
-    columns = zip(*breaks, strict=True) if breaks else ([] for _ in kinds)
-    row, i, j, tension, energy, position = (np.array(c, kind) for c, kind in zip(columns, kinds, strict=True))
-    return Breaks(row, i, j, tension, energy, position.reshape(-1, 3))
+NO_BREAKS = Breaks(*np.zeros((3, 0), int), np.zeros(0, bool), np.zeros(0), np.zeros((0, 3)))
 
 
 def join(parts: list[Breaks]) -> Breaks:
     """Join several catalogues."""
-    return Breaks(*map(np.concatenate, zip(*parts, strict=True)))
+    return Breaks(*map(np.concatenate, zip(NO_BREAKS, *parts, strict=True)))
 
 
 def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int) -> State:
@@ -87,7 +69,7 @@ def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int)
     factor = 1 + cement.scatter * ndtri(share)[:, [0, 1, 0, 1]]  # for tension and bending, and for shear and twisting
     return state._replace(
         bonds=bonds._replace(
-            stiffness=modulus[:, None] * bonds.stiffness, strength=np.minimum(factor * bonds.strength, ALONE)
+            stiffness=modulus[:, None] * bonds.stiffness, strength=np.minimum(factor * bonds.strength, UNBREAKABLE)
         )
     )
 
@@ -108,30 +90,21 @@ def unloaded(
             controlled(state, every, np.full(3, pressure), mass), law, scales, tolerance=tolerance,
             keep=Factorisation(), broke=lambda before, after: broken.append(describe_break(before, after)),
         )  # fmt: skip
-    return Cemented(state._replace(control=loads(len(state.grains.radius))), collect(broken))
+    return Cemented(state._replace(control=loads(len(state.grains.radius))), join(broken))
 
 
-def bond_loads(state: State) -> np.ndarray:
-    """Tension (negative in compression), shear force, bending and twisting moment of parallel bonds, (K, 4)."""
-    bonds, position = state.bonds, state.grains.position
-    out = np.zeros(bonds.strength.shape)
-    for part in range(4):  # at unit strength, the fraction of the strength is the load
-        strength = np.full_like(bonds.strength, ALONE)
-        strength[:, part] = 1.0
-        out[:, part] = bond_shares(state._replace(bonds=bonds._replace(strength=strength)))
-    way = position[bonds.i] - position[bonds.j] + bonds.image @ state.cell.vectors
-    stretch = np.linalg.norm(way, axis=1) - bonds.length
-    out[:, 0] = np.where(bonds.intact, bonds.stiffness[:, 0] * stretch, 0.0)
-    return out
-
-
-def describe_break(before: State, after: State, row: int = 0) -> Break:
+def describe_break(before: State, after: State, row: int = 0) -> Breaks:
     """Return the one bond that is intact in the equilibrium `before` and broken in `after`."""
     bonds, vectors = before.bonds, before.cell.vectors
-    (k,) = np.flatnonzero(bonds.intact & ~after.bonds.intact)
-    i, j, load, stiffness = bonds.i[k], bonds.j[k], bond_loads(before)[k], bonds.stiffness[k]
-    share = load / bonds.strength[k]
-    energy = 0.5 * np.divide(load**2, stiffness, out=np.zeros(4), where=stiffness > 0).sum()
-    place, size = before.grains.position, np.where(before.cell.periodic, np.diag(vectors), np.inf)
-    middle = np.mod(0.5 * (place[i] + place[j] + bonds.image[k] @ vectors), size)
-    return Break(row, int(i), int(j), bool(share[0] + share[2] >= share[1] + share[3]), float(energy), middle)
+    k = np.flatnonzero(bonds.intact & ~after.bonds.intact)
+    i, j, place = bonds.i[k], bonds.j[k], before.grains.position
+    middle = 0.5 * (place[i] + place[j] + bonds.image[k] @ vectors)
+    tension = np.isin(after.bonds.failed[k], [FAILURES.index(load) for load in ("tension", "bending")])
+    middle = np.mod(middle, np.where(before.cell.periodic, np.diag(vectors), np.inf))
+    return Breaks(np.full(1, row), i, j, tension, bond_limits(before).energy[k], middle)
+
+
+def has_failed(stress: np.ndarray, cement: Cement, dim: int) -> bool:
+    """Return True if the axial stress (T, 3, 3) beyond the confining one has fallen to `until` of its largest value."""
+    lead = np.abs(stress[:, dim - 1, dim - 1] - cement.confining)
+    return bool(len(lead) and lead[-1] < cement.until * lead.max())

@@ -4,6 +4,7 @@ p and q are those of the critical-state literature: p = tr σ/3 and q = √(3 J�
 q = σ₁ − σ₂ for disks. q is negative in extension, and for negative γ. Angles are in degrees.
 """
 
+from collections.abc import Callable
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -223,13 +224,13 @@ class LoadedSample:
 
     @property
     def psi(self) -> float:
-        """Angle of dilatancy at the peak; NaN if it cannot be fitted."""
+        """Angle of dilatancy at the peak; NaN if it cannot be fitted, or with cement, whose peak is brittle."""
         leg = self.first
         length = leg.load[-1] - leg.load[0]
         reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
         near = np.abs(leg.load - leg.load[self.top]) <= reach * (1 + 1e-9)
         rate = leg.slope(leg.strain, near) * np.sign(length)
-        return dilatancy_angle(rate, self.dim) if not self.compressed and np.isfinite(rate).all() else NAN
+        return dilatancy_angle(rate, self.dim) if self.sheared and np.isfinite(rate).all() else NAN
 
     @property
     def secant(self) -> float:
@@ -271,6 +272,7 @@ class LoadedSample:
             return {}
         stress = self.stress[:, : self.dim, : self.dim]
         values = np.linalg.eigvalsh(0.5 * (stress + stress.swapaxes(1, 2)))[:, [-1, 0]].T
+        values = clear_round_off(values, self.scenario.stress_scale)
         end = values[:, -len(self.last.load) :]
         return {
             "peak": tuple(self.at_peak(each) for each in values), "critical": tuple(map(self.critical, end)),
@@ -381,19 +383,13 @@ class LoadedSample:
         return self.elastic(near)
 
     @property
-    def failed(self) -> bool:
-        """Return True if the path of a cemented sample ended because its deviatoric stress had fallen."""
-        rise = np.abs(self.last.q - self.first.q[0])
-        return bool(self.cement and rise[-1] <= self.cement.until * self.strength)
-
-    @property
     def strength(self) -> float:
         """Largest change of the deviatoric stress."""
         return float(abs(self.first.q[self.top] - self.first.q[0]))
 
     def uniaxial(self, sign: int) -> float:
-        """Strength of a sample without confining pressure, in compression (1) or tension (-1); NaN in other tests."""
-        if not self.cement or self.cement.confining or self.first.load[-1] * sign <= 0:
+        """Strength of a cemented sample without confining pressure, in compression (1) or tension (-1); else NaN."""
+        if self.cement.confining or self.first.load[-1] * sign <= 0:
             return NAN
         return self.strength
 
@@ -453,6 +449,12 @@ SERIES = Quantities([
       for mode, tension in MODES.items()),
 ])  # fmt: skip
 
+
+def _cemented(of: Callable[[LoadedSample], float]) -> Callable[[LoadedSample], float]:
+    """Quantity of a cemented sample; NaN for others."""
+    return lambda t: of(t) if t.cement else NAN
+
+
 SAMPLE = Quantities([
     Quantity("e0", "1", "void ratio of the sample", lambda t: float(t.series.void_ratio[0])),
     Quantity("coordination", "1", "mean contact number of the sample", lambda t: float(t.series.coordination[0])),
@@ -462,22 +464,22 @@ SAMPLE = Quantities([
     Quantity("E0", STRESS, "Young's modulus at small strain", "run.elastic.young", partial=True),
     Quantity("nu0", "1", "Poisson's ratio at small strain", "run.elastic.poisson", partial=True),
     *(Quantity(f"{name}{end}", unit, f"{words} {where}",
-               lambda t, of=of, k=k: getattr(t, of)[k] if t.cement else NAN)
+               _cemented(lambda t, of=of, k=k: getattr(t, of)[k]))
       for of, end, where in (("small", "", "along the axis, tangent of the first step"),
                              ("half", "_half", "along the axis, tangent at half of the strength"))
       for k, (name, unit, words) in enumerate((("E", STRESS, "Young's modulus"), ("nu", "1", "Poisson's ratio")))),
-    Quantity("UCS", STRESS, "uniaxial compressive strength", lambda t: t.uniaxial(1) if t.cement else NAN),
-    Quantity("tensile_strength", STRESS, "direct tensile strength", lambda t: t.uniaxial(-1) if t.cement else NAN),
+    Quantity("UCS", STRESS, "uniaxial compressive strength", _cemented(lambda t: t.uniaxial(1))),
+    Quantity("tensile_strength", STRESS, "direct tensile strength", _cemented(lambda t: t.uniaxial(-1))),
     Quantity("strength", STRESS, "largest change of q of a cemented sample",
-             lambda t: t.strength if t.cement else NAN),
+             _cemented(lambda t: t.strength)),
     Quantity("crack_initiation", STRESS, "change of q when 1 % of the bonds that break up to the peak have broken",
-             lambda t: t.crack_initiation if t.cement else NAN),
+             _cemented(lambda t: t.crack_initiation)),
     Quantity("bonds", "1", "bonds of the cemented sample",
-             lambda t: len(t.run.end.bonds.i) if t.cement else NAN),
+             _cemented(lambda t: len(t.run.end.bonds.i))),
     Quantity("broken_before", "1", "bonds that broke before the test",
-             lambda t: int((t.breaks.row == 0).sum()) if t.cement else NAN),
+             _cemented(lambda t: int((t.breaks.row == 0).sum()))),
     *(Quantity(f"broken_{mode}{end}", "1", f"bonds that broke in {mode}, {where}",
-               lambda t, tension=tension, row=row: int(t.broken(row(t), tension)) if t.cement else NAN)
+               _cemented(lambda t, tension=tension, row=row: int(t.broken(row(t), tension))))
       for end, where, row in (("_peak", "up to the peak", lambda t: t.top),
                               ("", "up to the end", lambda t: len(t.series.load)))
       for mode, tension in MODES.items()),

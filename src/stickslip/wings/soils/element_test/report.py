@@ -25,6 +25,7 @@ from ....kit import (
     write_table,
 )
 from . import figures as figures_of
+from .cement import has_failed
 from .measures import MEASURES, PROBE, SAMPLE, SERIES, STEADY, STRESS, LoadedSample, Probed
 from .probes import SIGNS, ProbedState, describe_direction, directions_seen, first_seen, plane_of
 from .scenario import ElementTestScenario
@@ -224,7 +225,8 @@ def _cement(result: ElementTestResult) -> list[str]:
             f"Of {pluralize(len(sample.run.end.bonds.i), 'bond')} of sample {sample.run.seed}, {tension} broke in "
             f"tension and {shear} in shear{f', {before} of them before the test' * bool(before)}."
         )
-    whole = [f"{sample.run.seed}" for sample in samples if not sample.failed]
+    whole = [f"{sample.run.seed}" for sample in samples
+             if not has_failed(sample.series.stress, cement, sample.dim)]  # fmt: skip
     if whole:
         out.append(
             f"The strength is a lower bound in sample {', '.join(whole)}, whose deviatoric stress did not fall to "

@@ -51,7 +51,7 @@ from ....protocols import Envelope
 from ....results import Factorisation, Localisation, PackingInfo
 from ...lammps.run import lammps_engine
 from . import EXPERIMENT
-from .cement import Break, Breaks, Cemented, collect, describe_break, join, unloaded, with_cement
+from .cement import Breaks, Cemented, describe_break, has_failed, join, unloaded, with_cement
 from .probes import ProbedState, plane_of, probe, without_answer
 from .sample import (
     BALANCED,
@@ -293,11 +293,11 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
         pieces.append(kept.load(f"{len(pieces):06d}", Piece))
     done = sum(len(piece.rows["load"]) for piece in pieces)
     state, rows, ended, saved = pieces[-1].state if pieces else rig.start, [], "", time.monotonic()
-    broken: list[Break] = []
+    broken: list[Breaks] = []
 
     def keep() -> None:
         columns = {name: np.array([row[name] for row in rows]) for name in ElementSeries._fields}
-        pieces.append(Piece(Fields(columns, ElementSeries), state, collect(broken)))
+        pieces.append(Piece(Fields(columns, ElementSeries), state, join(broken)))
         if kept:
             kept.save(f"{len(pieces) - 1:06d}", pieces[-1])
         rows.clear()
@@ -326,6 +326,7 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
         if not (rows or pieces):
             raise
         ended = str(problem)
+        broken = [each for each in broken if each.row < done]  # not on the way to an equilibrium that was not found
     if rows:
         keep()
     columns = [np.concatenate([piece.rows[name] for piece in pieces]) for name in ElementSeries._fields]
@@ -334,14 +335,11 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
 
 
 def _has_failed(rig: Rig, pieces: list[Piece], rows: list[dict]) -> bool:
-    """Return True if the deviatoric stress of a cemented sample has fallen from its peak while the strain grew."""
+    """Return True if a cemented sample has failed; see `has_failed`."""
     if rig.scenario.cement is None:
         return False
-    parts = [*(piece.rows for piece in pieces), {name: [row[name] for row in rows] for name in ("load", "stress")}]
-    loads = np.abs([load for part in parts for load in part["load"]])
-    stress = [stress for part in parts for stress in part["stress"]]
-    lead = np.abs([each[rig.dim - 1, rig.dim - 1] - rig.scenario.confining for each in stress])
-    return bool(len(loads) and loads[-1] == loads.max() and lead[-1] <= rig.scenario.cement.until * lead.max())
+    stress = [*(each for piece in pieces for each in piece.rows["stress"]), *(row["stress"] for row in rows)]
+    return has_failed(np.reshape(stress, (-1, 3, 3)), rig.scenario.cement, rig.dim)
 
 
 def _probe_name(row: int) -> str:

@@ -1,6 +1,7 @@
 """Output of the failure of a packing: tables, figure, page and archive in the run folder, summary on the terminal."""
 
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,13 @@ RECORD = (
     "with friction; the softest eigenvalue predicts few at usual steps, and forecasts of pairs were no better than "
     "their last spacing: see stickslip docs failure."
 )
+
+
+def _of_rows(*columns: tuple[str, str]) -> Quantities:
+    """Return a table of rows that are tuples, from the name and the meaning of each entry."""
+    return Quantities([Quantity(name, "1", meaning, itemgetter(k)) for k, (name, meaning) in enumerate(columns)])
+
+
 CURVE = Quantities([
     Quantity("strain", "1", "strain from the first state"),
     Quantity("stress", STRESS, "stress that does work on the strain"),
@@ -75,21 +83,14 @@ EVENTS = Quantities([
     Quantity("opened", "1", "contacts that opened"),
     Quantity("closed", "1", "contacts that closed"),
 ])  # fmt: skip
-CONTACTS = Quantities([
-    Quantity("above", "1", "strain before the step", lambda row: row[0]),
-    Quantity("strain", "1", "strain after it", lambda row: row[1]),
-    Quantity("what", "1", "change of the contact", lambda row: row[2]),
-    Quantity("i", "1", "grain", lambda row: row[3]),
-    Quantity("j", "1", "other grain", lambda row: row[4]),
-    Quantity("event", "1", "1 in a step with an event", lambda row: row[5]),
-])  # fmt: skip
-BREAKS = Quantities([
-    Quantity("below", "1", "last strain without the event in which the bond breaks", lambda row: row[0]),
-    Quantity("strain", "1", "strain with it", lambda row: row[1]),
-    Quantity("i", "1", "grain", lambda row: row[2]),
-    Quantity("j", "1", "other grain", lambda row: row[3]),
-    Quantity("by", "1", "load that broke it", lambda row: row[4]),
-])  # fmt: skip
+CONTACTS = _of_rows(
+    ("above", "strain before the step"), ("strain", "strain after it"), ("what", "change of the contact"),
+    ("i", "grain"), ("j", "other grain"), ("event", "1 in a step with an event"),
+)  # fmt: skip
+BREAKS = _of_rows(
+    ("below", "last strain without the event in which the bond breaks"), ("strain", "strain with it"),
+    ("i", "grain"), ("j", "other grain"), ("by", "load that broke it"),
+)  # fmt: skip
 FORECASTS = Quantities([
     Quantity("made at", "1", "strain at which the forecast was made", "made"),
     Quantity("of", "1", "next event or next pair", "of"),
