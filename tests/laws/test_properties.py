@@ -438,7 +438,7 @@ def test_without_restitution_there_are_no_dashpots_and_more_than_one_is_refused(
     law = ss.laws.linear(damping="tsuji")
     assert ss.laws.collision(law, radius=0.5, mass=1.0, speed=0.1).restitution == pytest.approx(1.0, abs=1e-9)
     with pytest.raises(
-        ValueError, match=r"damping_n is the coefficient of restitution .* must be from 0 to 1 .* got 1.5"
+        ValueError, match=r"damping_n is the coefficient of restitution .* must be from 0 .* to 1, got 1.5"
     ):
         ss.laws.linear(damping="coeff_restitution", damping_n=1.5)
     with pytest.raises(ValueError, match=r"damping_n is .* must be from 0 to 1 .*, got 2"):

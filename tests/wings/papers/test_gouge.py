@@ -147,7 +147,7 @@ def test_a_leg_continues_from_pieces_of_another_length(tmp_path):
         ),
         ({"protocol": [{**STEPS, "twinn": 1.0}]}, "has no key 'twinn': did you mean 'twin'"),
         ({"protocol": [{"kind": "slide", "velocity": 0.3, "slip": 1e-3}]}, "fewer than 8 samples of 5e-05 s"),
-        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "differ by one"),
+        ({"protocol": [{**HOLDS, "holds": [1e-3, 1.01e-3]}]}, "differ by at least one"),
         (
             {"protocol": [{"kind": "slide", "velocity": 0.1, "slip": 1.0, "steady": True}]},
             "must be at least two windows",
