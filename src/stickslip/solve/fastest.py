@@ -223,6 +223,7 @@ class FastestPair(NamedTuple):
     probes: int  # random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
     unverified: int  # growing peaks of the spectra from which no eigenvalue was extracted
+    suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 without any [1/time]
     free: Freedom
     soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
 
@@ -249,17 +250,21 @@ class FastestPair(NamedTuple):
                 f"below λ = {low.limit:.4g} {none} {faster} among the {low.found} eigenvalues{zero} found, but the "
                 f"symmetric part has {low.expected} there, so that some may be missing; above, "
             )
-        above = (
-            f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes found none "
-            f"faster than {max(self.looked, self.growth_rate):.3g}, which is not a proof; none can exceed {most}"
-        )
+        run = f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes"
+        least = f"{max(self.looked, self.growth_rate):.3g}"
         if self.unverified:
-            above += f"; {self.unverified} peaks of its spectra were not verified"
-        return below + above
+            grown = "1 peak" if self.unverified == 1 else f"{self.unverified} peaks"
+            above = (
+                f"in {run}, growth faster than {least} would have been visible, and {grown} of the spectra grew, the "
+                f"fastest at about {self.suspected:.3g}, from which no mode was extracted"
+            )
+        else:
+            above = f"{run} found none faster than {least}, which is not a proof"
+        return f"{below}{above}; none can exceed {most}"
 
     def __str__(self):
         if self.eigenvalue is None:
-            return f"no growing mode found; {self.guarantee}"
+            return f"no growing mode {'verified' if self.unverified else 'found'}; {self.guarantee}"
         kind = "buckling mode (real λ < 0)" if self.eigenvalue.imag == 0 else "pair found"
         numbers = f"λ = {self.eigenvalue:.6g}, growth rate {self.growth_rate:.4g}, frequency {self.frequency:.4g}"
         return f"fastest {kind}: {numbers}, residual {self.residual:.0e}; {self.guarantee}"
@@ -345,7 +350,7 @@ def find_fastest(
     windows = ShiftWindows(matrix, norm, order, rng)
     if len(touched) < dense_below:
         values = windows.search(0.0, len(touched))
-        bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, 0
+        bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, []
     else:
         bottom, factors = Bottom(0.0, 0, 0, False, skew / 2), len(touched) <= factors_up_to
         refines = factors and len(touched) <= REFINED_UP_TO
@@ -376,7 +381,8 @@ def find_fastest(
         vectors[touched] = windows.soft.vectors
         soft = windows.soft._replace(vectors=vectors / np.sqrt(free.mass)[:, None])
     pair = (windows.value, mode, windows.growth, frequency, windows.residual)
-    return FastestPair(*pair, bottom, exponent, time, used, windows.done, left, free, soft)
+    suspected = left[0][1] if left else 0.0
+    return FastestPair(*pair, bottom, exponent, time, used, windows.done, len(left), suspected, free, soft)
 
 
 def _search_bottom(windows: ShiftWindows, symmetric, skew: float) -> Bottom:

@@ -263,7 +263,7 @@ class GrowingModes:
 
 def search_by_probes(
     matrix, norm: float, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
-) -> tuple[GrowingModes, ProbeRun, int]:
+) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:
     """Run probes until slower modes than `rate`, or than the fastest one known, would stand out.
 
     Parameters
@@ -275,7 +275,7 @@ def search_by_probes(
 
     Returns
     -------
-    extracted modes, the last run, and the number of its peaks that were not explained
+    extracted modes, the last run, and its peaks that were not explained, fastest first
     """
 
     def start(span: int) -> ProbeRun:
@@ -304,8 +304,10 @@ def search_by_probes(
         run, steps = None, min(LONGER * steps, needed())  # fewer, if a faster mode was found
 
 
-def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest: float, tell, saved) -> int:
-    """Run the probes once; return the number of hopeful peaks at the end that filters have not explained."""
+def _run_stage(
+    run: ProbeRun, modes: GrowingModes, amplification: float, longest: float, tell, saved
+) -> list[tuple[complex, float]]:
+    """Run the probes once; return the hopeful peaks at the end that filters have not explained, fastest first."""
 
     def follow() -> None:
         text = f"{run.time:.0f} time units, fastest so far {modes.growth:.2e}"
@@ -328,12 +330,12 @@ def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest
             if peaks and peaks[0][1] * run.time >= amplification:
                 modes.extract(run, follow)  # determines whether the run may end early
     if modes.growth * run.time < amplification and SPANS * run.span < longest:  # a longer run follows
-        return 0
+        return []
     for _ in range(ROUNDS):
         if not modes.hopeful(run):
             break
         modes.extract(run, follow)
-    return len(modes.hopeful(run))
+    return modes.hopeful(run)
 
 
 class SavedSearch:
