@@ -8,7 +8,7 @@ import pytest
 
 from stickslip.core.laws.builtin import hertz_mindlin, linear
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
-from stickslip.solve import fastest, stability
+from stickslip.solve import fastest, probes, stability
 from stickslip.solve.fastest import ShiftWindows, fastest_pair
 from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.spectrum import spectrum
@@ -69,11 +69,12 @@ def test_growth_without_a_verified_mode_leaves_the_verdict_open(monkeypatch):
     state = lattice(3, 4, 0.01)
     search = partial(fastest.find_fastest, dense_below=0, factors_up_to=0)
     monkeypatch.setattr(fastest, "ALONE", 1e9)
+    monkeypatch.setattr(probes, "CLEAR", 1e9)
     monkeypatch.setattr(stability, "DENSE_UP_TO", 0)
     monkeypatch.setattr(stability, "find_fastest", search)
     pair = fastest_pair(state, LAW, dense_below=0, factors_up_to=0)
     assert pair.eigenvalue is None and pair.unverified > 0
-    assert pair.suspected == pytest.approx(spectrum(state, LAW).growth_rate.max(), rel=0.3)
+    assert pair.suspected == pytest.approx(spectrum(state, LAW).growth_rate.max(), rel=0.5)
     assert "no growing mode verified" in str(pair) and "found none" not in str(pair)
     open_ = stability.stability(state, LAW, method="fastest")._replace(residual=0.0, swing=0.0)
     assert open_.balanced and open_.stable is None and not open_.grows

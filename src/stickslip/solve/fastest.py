@@ -20,9 +20,9 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
-from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom
+from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom, translations
 from .linear import Dissection, FrontalFactor, count_below, dissect, suitable_threads
-from .probes import Effort, search_by_probes
+from .probes import CLEAR, Effort, search_by_probes
 from .spectrum import REAL_BELOW
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
@@ -32,8 +32,7 @@ NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
 GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree
 ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
-# Im λ over the residual of a pair that filters extract: of one that is refined, and of one that is not
-CLEAR, ALONE = 10.0, 100.0
+ALONE = 100.0  # Im λ over the residual at which filters end for a pair that is not refined
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
 REFINED_UP_TO = 30_000  # coordinates: beyond, a pair keeps the precision of the filters, which saves a factorisation
@@ -310,7 +309,7 @@ def fastest_pair(
     `FastestPair.guarantee` describes the knowledge about other pairs. If the symmetric part has as many eigenvalues
     below a limit as were found, this indicates completeness for a weak skew part, but does not prove it. In single
     precision, `rate` must be above about 1e-6 of the largest frequency. Extracted pairs are eigenvalues of A in double
-    precision to the residual given, at most a hundredth of Im λ.
+    precision to the residual given, a hundredth of Im λ or, if filters converge slowly, at most a tenth.
 
     Source
     ------
@@ -337,6 +336,7 @@ def find_fastest(
         raise ValueError(
             "no contact resists the free coordinates: growth rates need a packing with contacts and free coordinates"
         )
+    rigid = translations(matrix, free)
     matrix = sparse.csr_array(matrix[touched][:, touched])
     order = dissect(state, free, touched, matrix)
     place = np.concatenate(order.pivots)  # neighbours close in memory
@@ -360,7 +360,7 @@ def find_fastest(
         del symmetric
         disc = (windows.done[0].shift, windows.done[0].radius) if windows.done else (0.0, 0.0)
         found, run, left = search_by_probes(
-            matrix, norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
+            matrix, rigid[touched], norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
         )
         time, used, exponent = run.time, run.probes, found.excluded(run) * run.time
         if found.value is not None and refines:
