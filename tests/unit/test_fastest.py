@@ -2,6 +2,7 @@
 
 import warnings
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -224,3 +225,14 @@ def test_a_thousand_grains_against_the_dense_spectrum():
     truth = spectrum(state, LAW)
     fastest = fastest_pair(state, LAW)
     assert fastest.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)
+
+
+def test_a_peak_that_failed_stays_unverified_and_is_tried_again_in_a_longer_run():
+    modes = probes.GrowingModes(np.eye(3), 1.0, (0.0, 0.0), 0.0, 10.0)
+    run = SimpleNamespace(peaks=lambda: [(0.04 + 1e-4j, 2e-3)], time=2000.0)
+    modes.failed = [(0.2, 0.01, 3e-3)]  # growth was overestimated in a short run
+    assert not modes.hopeful(run) and modes.unverified(run) == run.peaks()
+    modes.failed.clear()
+    assert modes.hopeful(run) == run.peaks()
+    modes.explained = [(0.2, 0.01, 1.9e-3)]
+    assert not modes.unverified(run)
