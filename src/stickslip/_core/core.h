@@ -545,11 +545,14 @@ API double largest_squared_frequency(const Law *law, int64_t dim, const Bodies *
 API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
                     double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
                     int64_t steps);
-// see `solve.probes`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16). Unless null, `filtered`
-// (3 n, 16) gains `weights` (steps, 16) times q of the vectors `lane` (16,)
+// see `solve.probes`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16). Unless `previous` (3 n, 16),
+// which holds v of one step ago, is null, v gains the damper blocks times `now` v + `before` previous; `drawn` (3 n, 16)
+// is scratch. Unless null, `filtered` (3 n, 16) gains `weights` (steps, 16) times q of the vectors `lane` (16,)
 API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
-                  const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
-                  float *record, const int64_t *lane, const float *weights, float *filtered);
+                  const int64_t *damper_indptr, const uint32_t *damper_indices, const float *damper_blocks,
+                  double now, double before, const int64_t *bucket, const float *signs, float *q, float *v,
+                  float *previous, float *drawn, int64_t steps, int64_t buckets, float *record, const int64_t *lane,
+                  const float *weights, float *filtered);
 
 // see `solve.linear`: front[places, places] += part (m, m), both column by column, of numbers of `width` parts (real or
 // complex); the front has `rows` rows
