@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from stickslip.core.laws.builtin import hertz_mindlin, linear
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
@@ -268,3 +269,21 @@ def test_a_peak_that_failed_stays_unverified_and_is_tried_again_in_a_longer_run(
     assert modes.hopeful(run) == run.peaks()
     modes.explained = [(0.2, 0.01, 1.9e-3)]
     assert not modes.unverified(run)
+
+
+@pytest.mark.parametrize(("growth", "friction", "far"), [(0.026, 0.0, 150.0), (0.008, 3.0, 150.0), (0.008, 0.0, 10.0)])
+def test_probes_find_a_pair_that_leaks_or_outgrows_them_or_is_beside_strong_dashpots(
+    growth, friction, far, monkeypatch
+):
+    """Power grows at most frequencies; other modes creep at the limit of the time step; amplitudes end the filters."""
+    monkeypatch.setattr(probes, "FAR", far)
+    value, drag, k = np.linspace(0.05, 3.3, 61), np.full(61, -friction), 12
+    drag[k : k + 2], value[k + 1] = 0.0, value[k]
+    matrix = np.diag(value)
+    matrix[k, k + 1] = 2 * growth * np.sqrt(value[k])
+    matrix[k + 1, k] = -matrix[k, k + 1]
+    motion = probes.Motion(csr_array(matrix), 3.3, np.zeros((61, 0)), csr_array(np.diag(drag)) if friction else None)
+    clear = 1e9 if far < 100 else 100.0  # not reached before filters end
+    effort, silently = probes.Effort(rate=1e-3), lambda *told: None
+    found, _, left = probes.search_by_probes(motion, (0.0, 0.0), 0.0, effort, silently, None, clear)
+    assert found.value == pytest.approx(value[k] + 1j * matrix[k, k + 1], rel=1e-3) and not left

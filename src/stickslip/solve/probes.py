@@ -41,7 +41,6 @@ CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
 SHORT = 60.0  # time above which an estimate is shown [s]
-HIGHEST = 2.5  # phase per step up to which dashpots act without error [rad]
 ROUNDS = 8  # peaks at the end of a run for which filters run
 SAVED_EVERY = 60.0  # seconds between two savings of a search
 
@@ -65,9 +64,12 @@ class Motion(NamedTuple):
 
     @property
     def time_step(self) -> float:
-        """Time step of the leapfrog [time]. The limit is dt² λmax + 2 dt ‖D‖ = 4; the margin exceeds errors of λmax."""
-        drag = 0.0 if self.drag is None else abs(self.drag).sum(axis=1).max()
-        return 3.61 / (drag + np.sqrt(drag**2 + 3.61 * self.norm))
+        """Time step of the leapfrog [time]. The limit is dt² λmax = 4; the margin exceeds errors of λmax.
+
+        With dashpots dt² λmax + 2 dt ‖D‖ stays below 2, where their forces damp all modes, whichever peak is tuned to.
+        """
+        drag, most = (0.0, 3.61) if self.drag is None else (abs(self.drag).sum(axis=1).max(), 1.805)
+        return most / (drag + np.sqrt(drag**2 + most * self.norm))
 
 
 class ProbeRun:
@@ -105,7 +107,7 @@ class ProbeRun:
         They solve now exp(−iθ/2) + before exp(−3iθ/2) = 1.
         """
         theta = 0.0 if value is None else self.angle(value)
-        exact = 1e-3 < theta < HIGHEST
+        exact = 1e-3 < theta < np.pi / 2  # of higher ones, weights would drive slow modes
         self.weights = (np.sin(1.5 * theta) / np.sin(theta), -0.5 / np.cos(0.5 * theta)) if exact else (1.0, 0.0)
 
     def _leap(self, q: np.ndarray, v: np.ndarray, previous: np.ndarray | None, record: np.ndarray, extra) -> None:
@@ -149,11 +151,17 @@ class ProbeRun:
                 moving -= self.rigid @ (self.rigid.T @ moving)
             return power, float(np.abs(q).max())
 
-    def _excess(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Power gained since the first span, the least that stands out, and the power of a mode of unit amplitude."""
+    def _excess(self, leaks: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
+        """Power gained since the first span, the least that stands out, and the power of a mode of unit amplitude.
+
+        If a growing mode `leaks` into most frequencies, that is no noise: 8.5 times the first power stands out there.
+        """
         first, now = self.spectra[0], self.spectra[-1]
         ratio = now / np.maximum(first, 1e-12 * first.max())
-        noise = 1.5 * np.median(np.abs(ratio - np.median(ratio)))  # real modes beat within the sketch
+        middle = np.median(ratio)
+        noise = 1.5 * np.median(np.abs(ratio - middle))  # real modes beat within the sketch
+        if leaks:
+            noise /= max(1.0, middle)
         unit = self.probes * (self.span / 4) ** 2  # under Hann's taper
         return now - first, np.maximum(2 * unit, 5 * noise * first), unit
 
@@ -168,7 +176,7 @@ class ProbeRun:
 
     def peaks(self) -> list[tuple[complex, float]]:
         """(λ, growth rate) of peaks that have grown since the first span, assuming mean excitation; fastest first."""
-        excess, least, unit = self._excess()
+        excess, least, unit = self._excess(leaks=True)
         top = (excess == scipy.ndimage.maximum_filter1d(excess, 5)) & (excess > least)
         index = np.flatnonzero(top)
         gamma = np.log(excess[index] / unit) / (2 * self.span * (len(self.spectra) - 0.5))
@@ -311,7 +319,8 @@ class GrowingModes:
                 follow()
             modes = filters.eigenvalues(self.motion)
             clearness = self._clearness(modes)
-            ends = k + 1 == MOST_PASSES or (k + 1 >= PASSES and clearness.max() < STALLED * best)
+            stalled = k + 1 >= PASSES and clearness.max() < STALLED * best
+            ends = k + 1 == MOST_PASSES or stalled or run.log_scale > FAR
             clear = min(CLEAR, self.clear) if ends else self.clear
             found = self._keep(modes, clearness > clear)
             self.explained += [(frequency, bin_width, rate) for frequency, rate in found]
