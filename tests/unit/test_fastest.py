@@ -267,6 +267,10 @@ def test_a_peak_that_failed_stays_unverified_and_is_tried_again_in_a_longer_run(
     assert not modes.hopeful(run) and modes.unverified(run) == run.peaks()
     modes.failed.clear()
     assert modes.hopeful(run) == run.peaks()
+    run.tune, run.span, run.dt = lambda value: None, 100, 1.0
+    with pytest.raises(AttributeError, match="log_scale"):  # an interruption while filters run
+        modes.extract(run, None)
+    assert modes.hopeful(run) == run.peaks()
     modes.explained = [(0.2, 0.01, 1.9e-3)]
     assert not modes.unverified(run)
 

@@ -301,19 +301,21 @@ class GrowingModes:
         value, growth = self.hopeful(run)[0]
         centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
         peak = centre, bin_width, growth
-        self.failed.append(peak)
         run.tune(value)
-        self._filter(run, follow, value, peak)
+        found = self._filter(run, follow, value, peak)
         run.tune(None)
+        # only now, so that a search that was interrupted while filters ran tries the peak again
+        (self.explained if found else self.failed).append(peak)
 
-    def _filter(self, run: ProbeRun, follow: Callable[[], None], value: complex, peak: tuple) -> None:
-        """Run filters until the growing mode of a peak stands clear of its residual, or they stop converging."""
+    def _filter(self, run: ProbeRun, follow: Callable[[], None], value: complex, peak: tuple) -> bool:
+        """Run filters until the growing mode of a peak stands clear of its residual; False if they stop converging."""
         (centre, bin_width, growth), best = peak, 0.0
         for k in range(MOST_PASSES):
             if run.log_scale > FAR:
-                return
+                return False
             spans = max(1, round(GAIN / growth / (run.span * run.dt)))
-            filters = Filters(run, [value, *(other for other, _ in self.hopeful(run))], spans)
+            others = [other for other, g in self.hopeful(run) if not _covers([peak], other, g, run.time)]
+            filters = Filters(run, [value, *others], spans)
             for _ in range(spans):
                 run.advance(filters)
                 follow()
@@ -325,16 +327,15 @@ class GrowingModes:
             found = self._keep(modes, clearness > clear)
             self.explained += [(frequency, bin_width, rate) for frequency, rate in found]
             if any(abs(frequency - centre) < bin_width for frequency, _ in found):
-                self.failed.remove(peak)
-                self.explained.append(peak)
-                return
+                return True
             if ends:
-                return
+                return False
             clearness[clearness > clear] = 0.0
             first = int(np.argmax(clearness))
             best = clearness[first]
             if best > 1:  # peaks overestimate the growth of modes that were excited strongly
                 growth = abs(modes.root[first].imag)
+        return False
 
     def _clearness(self, modes: RitzModes) -> np.ndarray:
         """Im λ, or −λ of buckling, over the residual; 0 if it may be noise."""
