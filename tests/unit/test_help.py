@@ -70,7 +70,7 @@ def test_slow_examples_work_as_typed(clone):
     follow("run examples/rate_state.toml --out results/rate-state --overwrite", clone)
     for command in COMMANDS:
         for line in filter(is_dear, examples(command)):
-            follow(line, clone)
+            follow(f"{line} --overwrite" if command == "example" else line, clone)
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
