@@ -201,7 +201,7 @@ void fill_block(const Choice &s, int64_t b) {
   int32_t *row = blocks.row.data + LANES * b;
   const Picked one = s.picked[row[0]];
   const bool wall = one.bucket & 1;
-  const uint32_t any = static_cast<uint32_t>(wall ? s.bodies - 1 : 0);
+  const uint32_t any = wall ? static_cast<uint32_t>(s.bodies - 1) : one.i;  // no other thread moves it
   bool far = false;
   int32_t used = 0;
   for (int32_t l = 0; l < LANES; ++l) {
