@@ -12,7 +12,7 @@ constexpr int SPINS = 500;     // before a waiting thread sleeps: tens of micros
 constexpr int64_t TEAMS = 32;  // calls that may have threads at the same time
 
 // After JUDGED rounds a team is compared with its caller alone: on a busy machine, it may wait for cores more than it
-// gains. Then the caller does some rounds alone, twice as many each time, at most MOST_ALONE.
+// gains. Then the caller does as many rounds alone, and more each time, at most MOST_ALONE.
 constexpr int64_t JUDGED = 512, MOST_ALONE = 16 * JUDGED;
 
 inline int64_t ticks() {  // of a constant-rate counter of the processor, 0 where none is known
@@ -71,7 +71,7 @@ class Team {
     if (__atomic_exchange_n(&taken, true, __ATOMIC_ACQUIRE)) return false;
 #ifndef _WIN32
     if (owner != getpid()) {
-      owner = getpid(), started = 1, left = {};
+      owner = getpid(), started = 0, left = {};
       for (Member &one : member) one.order = {};
     }
 #endif
@@ -80,8 +80,8 @@ class Team {
 
   void give_back() { __atomic_store_n(&taken, false, __ATOMIC_RELEASE); }
 
-  void grow(int64_t threads) {
-    if (started >= threads) return;
+  void grow(int64_t parts) {
+    if (started >= parts - 1) return;
 #ifndef _WIN32
     constexpr int FAULTS[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL};
     sigset_t all, former;  // other signals are for threads of Python
@@ -89,9 +89,9 @@ class Team {
     for (const int fault : FAULTS) sigdelset(&all, fault);
     pthread_sigmask(SIG_BLOCK, &all, &former);
 #endif
-    for (pthread_t thread; started < threads; ++started) {
-      Member &one = member[started];
-      one.team = this, one.number = started, one.seen = one.order.now();
+    for (pthread_t thread; started < parts - 1; ++started) {
+      Member &one = member[started + 1];
+      one.team = this, one.number = started + 1, one.seen = one.order.now();
       if (pthread_create(&thread, nullptr, serve, &one)) break;
       pthread_detach(thread);
     }
@@ -110,7 +110,7 @@ class Team {
     task = next, context = given;
     left.set(parts);
     ++round;
-    for (int64_t k = 1; k < parts && k < started; ++k) {
+    for (int64_t k = 1; k < parts && k <= started; ++k) {
       member[k].order.set(round * (MOST_THREADS + 1) + parts);
       member[k].order.wake();
     }
@@ -123,8 +123,8 @@ class Team {
   struct Member {
     Signal order;         // round and number of parts
     int64_t claimed = 0;  // round in which the part with this number was last begun
-    int64_t seen, number;
-    Team *team;
+    int64_t seen = 0, number = 0;
+    Team *team = nullptr;
   };
 
   // Does the parts of a round that no other thread has begun, its own first. A thread that comes late finds none, and
@@ -147,8 +147,8 @@ class Team {
   void judge(int64_t together, int64_t by_one) {
     gain += by_one - together;
     if (++judged < JUDGED) return;
-    pause = gain < 0 && pause < MOST_ALONE ? 2 * pause : gain < 0 ? pause : JUDGED;
-    alone = gain < 0 ? pause : 0;
+    pause = gain >= 0 ? 0 : 2 * pause + JUDGED < MOST_ALONE ? 2 * pause + JUDGED : MOST_ALONE;
+    alone = pause;
     gain = judged = 0;
   }
 
@@ -162,8 +162,9 @@ class Team {
   }
 
   bool taken = false;
-  int64_t owner = 0, started = 1, round = 0;
-  int64_t judged = 0, gain = 0, alone = 0, pause = JUDGED;
+  int64_t owner = 0, round = 0;
+  int64_t started = 0;  // threads besides the caller
+  int64_t judged = 0, gain = 0, alone = 0, pause = 0;
   Task task = nullptr;
   const void *context = nullptr;
   Signal left;  // parts that are not finished
