@@ -8,7 +8,7 @@
 #include <unistd.h>
 #endif
 
-constexpr int SPINS = 500;     // before a waiting thread sleeps: tens of microseconds, longer than most waits in a step
+constexpr int SPINS = 4000;    // before a waiting thread sleeps: about 0.1 ms, longer than most waits in a step
 constexpr int64_t TEAMS = 32;  // calls that may have threads at the same time
 
 // After JUDGED rounds a team is compared with its caller alone: on a busy machine, it may wait for cores more than it
