@@ -3,6 +3,7 @@
 #pragma once
 #include "core.h"
 #include <pthread.h>
+#include <time.h>
 #ifndef _WIN32
 #include <signal.h>
 #include <unistd.h>
@@ -11,20 +12,14 @@
 constexpr int SPINS = 4000;    // before a waiting thread sleeps: about 0.1 ms, longer than most waits in a step
 constexpr int64_t TEAMS = 32;  // calls that may have threads at the same time
 
-// After JUDGED rounds a team is compared with its caller alone: on a busy machine, it may wait for cores more than it
-// gains. Then the caller does as many rounds alone, and more each time, at most MOST_ALONE.
-constexpr int64_t JUDGED = 512, MOST_ALONE = 16 * JUDGED;
+// After this time [ns] a team is compared with its caller alone: on a busy machine, it may wait for cores more than it
+// gains. Then the caller works alone for as long, and each time longer, up to MOST_ALONE.
+constexpr int64_t JUDGED = 100'000'000, MOST_ALONE = 4 * JUDGED;
 
-inline int64_t ticks() {  // of a constant-rate counter of the processor, 0 where none is known
-#if defined(__x86_64__)
-  return int64_t(__builtin_ia32_rdtsc());
-#elif defined(__aarch64__)
-  int64_t count;
-  __asm__ volatile("mrs %0, cntvct_el0" : "=r"(count));
-  return count;
-#else
-  return 0;
-#endif
+inline int64_t nanoseconds() {
+  timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * 1'000'000'000 + now.tv_nsec;
 }
 
 struct alignas(64) Signal {  // a number for which one thread waits
@@ -101,12 +96,11 @@ class Team {
   }
 
   void run(int64_t parts, Task next, const void *given) {
-    if (alone > 0) {
-      --alone;
+    const int64_t since = nanoseconds();
+    if (since < alone_until) {
       for (int64_t k = 0; k < parts; ++k) next(given, k);
       return;
     }
-    const int64_t since = ticks();
     task = next, context = given;
     left.set(parts);
     ++round;
@@ -114,9 +108,9 @@ class Team {
       member[k].order.set(round * (MOST_THREADS + 1) + parts);
       member[k].order.wake();
     }
-    const int64_t begun = ticks(), own = work(0, round, parts), worked = ticks() - begun;
+    const int64_t begun = nanoseconds(), own = work(0, round, parts), worked = nanoseconds() - begun;
     left.wait([](int64_t parts_left) { return parts_left == 0; });
-    judge(ticks() - since, own ? worked * parts / own : 0);
+    judge(since, nanoseconds(), own ? worked * parts / own : 0);
   }
 
  private:
@@ -144,12 +138,13 @@ class Team {
     return done;
   }
 
-  void judge(int64_t together, int64_t by_one) {
-    gain += by_one - together;
-    if (++judged < JUDGED) return;
+  void judge(int64_t since, int64_t now, int64_t by_one) {
+    spent += now - since;
+    gain += by_one - (now - since);
+    if (spent < JUDGED) return;
     pause = gain >= 0 ? 0 : 2 * pause + JUDGED < MOST_ALONE ? 2 * pause + JUDGED : MOST_ALONE;
-    alone = pause;
-    gain = judged = 0;
+    alone_until = now + pause;
+    spent = gain = 0;
   }
 
   static void *serve(void *given) {
@@ -164,7 +159,7 @@ class Team {
   bool taken = false;
   int64_t owner = 0, round = 0;
   int64_t started = 0;  // threads besides the caller
-  int64_t judged = 0, gain = 0, alone = 0, pause = 0;
+  int64_t spent = 0, gain = 0, pause = 0, alone_until = 0;  // [ns]
   Task task = nullptr;
   const void *context = nullptr;
   Signal left;  // parts that are not finished
