@@ -72,8 +72,8 @@ def test_growth_without_a_verified_mode_leaves_the_verdict_open(monkeypatch):
     monkeypatch.setattr(fastest, "ALONE", 1e9)
     monkeypatch.setattr(probes, "CLEAR", 1e9)
     monkeypatch.setattr(stability, "DENSE_UP_TO", 0)
-    monkeypatch.setattr(stability, "find_fastest", search)
     pair = fastest_pair(state, LAW, dense_below=0, factors_up_to=0)
+    monkeypatch.setattr(fastest, "find_fastest", search)
     assert pair.eigenvalue is None and pair.unverified > 0
     assert pair.suspected == pytest.approx(spectrum(state, LAW).growth_rate.max(), rel=0.5)
     assert "no growing mode verified" in str(pair) and "found none" not in str(pair)

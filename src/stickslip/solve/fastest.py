@@ -21,9 +21,9 @@ from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom, translations
-from .linear import Dissection, FrontalFactor, count_below, dissect, suitable_threads
+from .linear import FACTORS_UP_TO, Dissection, FrontalFactor, count_below, dissect, suitable_threads
 from .probes import CLEAR, Effort, search_by_probes
-from .spectrum import REAL_BELOW
+from .spectrum import REAL_BELOW, SoftModes
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
 BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
@@ -36,7 +36,6 @@ ALONE = 100.0  # Im λ over the residual at which filters end for a pair that is
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
 REFINED_UP_TO = 30_000  # coordinates: beyond, a pair keeps the precision of the filters, which saves a factorisation
-FACTORS_UP_TO = 90_000  # coordinates: 60,000 take 3 GiB, twice as many seven
 
 
 class ShiftWindow(NamedTuple):
@@ -45,14 +44,6 @@ class ShiftWindow(NamedTuple):
     shift: float  # [1/time²]
     radius: float  # all eigenvalues within it were computed, provided that the iteration missed none [1/time²]
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
-
-
-class SoftModes(NamedTuple):
-    """Negative and zero eigenvalues among those computed at the bottom of the spectrum."""
-
-    negative: np.ndarray  # (K,) λ < 0, lowest first [1/time²]
-    vectors: np.ndarray  # (n, K) their modes, generalised displacements of unit mass-weighted norm
-    zero: int  # number of zero eigenvalues
 
 
 class ShiftWindows:

@@ -28,11 +28,9 @@ from .balance import (
     no_equilibrium_message,
     with_mode,
 )
-from .fastest import FACTORS_UP_TO, SoftModes, find_fastest
 from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, assembled, freedom, mass_weighted, stiffness_of, translations
-from .linear import suitable_threads
-from .pairs import certificate_seconds, find_pairs, format_seconds
-from .spectrum import soft_modes
+from .linear import FACTORS_UP_TO, suitable_threads
+from .spectrum import SoftModes, soft_modes
 
 MIXED = (
     "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
@@ -327,6 +325,8 @@ def _cheapest_way(method: str, size: int) -> str:
     if method == "dense" and size > 10_000:
         raise ValueError(f"the method 'dense' supports at most 10000 coordinates, got {size}: use 'pairs' or 'fastest'")
     if method in ("all", "pairs", "certify") and size > PAIRS_UP_TO:
+        from .pairs import certificate_seconds, format_seconds
+
         time = f", and would take about {format_seconds(certificate_seconds(size))}" if method == "certify" else ""
         raise ValueError(
             f"the method {method!r} supports at most {PAIRS_UP_TO} coordinates{time}, got {size}: use 'fastest'"
@@ -352,6 +352,8 @@ def _analyse_dense(matrix):
 def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, report, saved: Path | None):
     """Pairs, their modes in the coordinates `free`, the scope of the search, negative and zero λ, unverified peaks."""
     if method == "fastest":
+        from .fastest import find_fastest
+
         fastest = find_fastest(here.state, free, matrix, report, saved=saved)
         there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
         values = np.array([fastest.eigenvalue] if there else [], complex)
@@ -360,6 +362,8 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
         if soft is None and fastest.eigenvalue is not None and not there:
             soft = SoftModes(np.array([fastest.eigenvalue.real]), fastest.mode[:, None].real, 0)
         return values, modes, str(fastest), soft, fastest.unverified
+    from .pairs import find_pairs
+
     whole, certify = freedom(here.state), method == "certify"
 
     def matrix_of(whole: Freedom):
