@@ -107,7 +107,8 @@ def test_a_page_shows_a_cemented_packing(cemented, tmp_path):
     ss.io.write_packing(tmp_path / "cemented.h5", cemented, LAW)
     done = stickslip_here("report", "cemented.h5", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "Sand-coloured bands are bonds" in (tmp_path / "cemented-report.html").read_text(encoding="utf-8")
+    text = (tmp_path / "cemented-report.html").read_text(encoding="utf-8")
+    assert "Sand-coloured bands are bonds" in text and "strong network and directions of contact forces" in text.lower()
 
 
 def test_bonds_that_should_break_must_be_there(cemented):
