@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange.lammps_bonds import replay
+from stickslip.data.exchange.lammps_bonds import format_bonds, replay
 from stickslip.data.sample import Assumption, Obstacle
 from tests.exchange.test_lammps_runs import answer
 
@@ -357,3 +357,6 @@ def test_a_data_file_has_the_bonds_and_their_laws(kind, tmp_path):
     again = ss.io.read_packing(tmp_path / "q.data", boundary="pff").state
     assert len(again.bonds.i) == count
     assert (np.abs(ss.forces(again, GLUED)[0].force).max() > 1e-6) == (kind == "springs")
+    image = deformed.bonds.image + np.eye(count + 2, 3, -2, np.int16)
+    notes = format_bonds(deformed._replace(bonds=deformed.bonds._replace(image=image))).notes
+    assert "1 bond to images that are not the nearest" in notes[0]
