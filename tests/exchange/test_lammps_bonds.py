@@ -338,6 +338,10 @@ def test_a_data_file_has_the_bonds_and_their_laws(kind, tmp_path):
     assert ("LAMMPS has no parallel bonds: 18 bonds" in " ".join(notes)) == (kind == "mixed")
     again, _, said = ss.io.read_packing(tmp_path / "p.data", boundary="pff")
     assert len(again.bonds.i) == len(state.bonds.i) and not doubts(said)
+    text = (tmp_path / "p.data").read_text()
+    (tmp_path / "r.data").write_text(text.replace("# bond_coeff 1 ", "# bond_coeff 9 "))
+    said = doubts(ss.io.read_packing(tmp_path / "r.data", boundary="pff").notes)
+    assert len(said) == 1 and "were not taken over: no bond_coeff gives bonds of type 1 a law" in said[0]
     rng = np.random.default_rng(1)
     way, turn = rng.uniform(-0.02, 0.02, (2, 27, 3))
     loads = []

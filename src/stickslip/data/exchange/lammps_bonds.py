@@ -53,13 +53,12 @@ def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray,
     return ListedBonds(i, j, kind[order], source, labels)
 
 
-def note_on_bonds(bonds: ListedBonds | None) -> list[Obstacle]:
-    """Note on bonds without their laws, which a run folder would supply."""
-    if bonds is None or not len(bonds.i):
+def note_on_bonds(bonds: ListedBonds, why: str = "") -> list[Obstacle]:
+    """Note on bonds without their laws, which a run folder would supply; `why` is the reason if there are commands."""
+    if not len(bonds.i):
         return []
-    count = pluralize(len(bonds.i), "bond")
-    text = f"{count} of {bonds.source} were not taken over: give the run folder, whose log contains their laws"
-    return [Obstacle(text, BONDS)]
+    text = f"{pluralize(len(bonds.i), 'bond')} of {bonds.source} were not taken over: "
+    return [Obstacle(text + (why or "give the run folder, whose log contains their laws"), BONDS)]
 
 
 def bonds_of_data(head: str, listed: ListedBonds) -> Callable[[State], State] | None:

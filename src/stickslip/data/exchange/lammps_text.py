@@ -279,10 +279,10 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
     arrays["labels"] = {label: int(number) for label, number in labels.items()}
     arrays["bonds"] = list_bonds(path.name, ids, *bonds)
     try:
-        arrays["setting"] = bonds_of_data(head, arrays["bonds"])
+        arrays["setting"], why = bonds_of_data(head, arrays["bonds"]), ""
     except (ValueError, IndexError, TypeError) as problem:
-        raise PackingError(f"{path} has bonds without their laws: {problem}") from None
-    said += [] if arrays["setting"] else note_on_bonds(arrays["bonds"])
+        arrays["setting"], why = None, str(problem)
+    said += [] if arrays["setting"] else note_on_bonds(arrays["bonds"], why)
     notes += [*said, *account_for("section", sections, path.name)]
     notes += account_for("heading of a data file", _headings(head), path.name)
     return ids, arrays, box, notes
