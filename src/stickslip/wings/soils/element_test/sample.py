@@ -26,7 +26,7 @@ from ....kit import (
 )
 from ....packings import compressed
 from ....results import Factorisation, PackingInfo
-from .scenario import Cement, ElementSample, Loading
+from .scenario import AT_REST, BALANCED, Cement, ElementSample, Loading
 
 AXES = "xyz"
 
@@ -83,9 +83,6 @@ def strain_of(cell: np.ndarray, start: np.ndarray) -> np.ndarray:
     """
     lean = cell[1, 0] / cell[1, 1] - start[1, 0] / start[1, 1]
     return np.append(-np.log(np.diag(cell) / np.diag(start)), lean)
-
-
-AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 
 
 def check_pressures(
