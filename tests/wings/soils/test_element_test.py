@@ -592,7 +592,7 @@ def table_of(path, headings, *columns, mark=";", comma=True):
     [
         (["Axial strain (%)", "σ₁ − σ₃ [kPa]", "εv [%]"], (100, 1e-3, 100), {}),
         (["eps_a [-]", "Deviator stress (psi)", "Volumetric strain [-]"], (1, 1 / 6894.757293168, 1), {}),
-        (["Axial Strain, %", "q, MPa", "ε_v [-]"], (100, 1e-6, 1), {"mark": "\t"}),
+        (["Axial Strain, %", "Deviatoric stress q, MPa", "ε_v [-]"], (100, 1e-6, 1), {"mark": "\t"}),
         (["ε1 / %", "(σ1-σ3) (kN/m²)", "vol_strain_%"], (100, 1e-3, 100), {"mark": ",", "comma": False}),
         (["Axialdehnung [%]", "Deviatorspannung [kPa]", "Volumenänderung [%]"], (100, 1e-3, 100), {}),
         (["Déformation axiale (%)", "Déviateur (kPa)", "Déformation volumique (%)"], (100, 1e-3, 100), {}),
@@ -641,6 +641,22 @@ def test_units_in_a_row_below_the_headings_may_begin_with_per_cent(tmp_path):
     (tmp_path / "b.csv").write_text(f"Axial strain [%],q [kPa]\n%,MPa\n{rows}")
     with pytest.raises(ValueError, match="q has the unit 'kPa' in its heading and 'MPa' below it: keep only one"):
         read_test(tmp_path / "b.csv")
+
+
+def test_strains_without_a_unit_are_fractions_with_a_warning(tmp_path):
+    heads = ["Axial strain", "q [kPa]", "e"]
+    path = table_of(tmp_path / "test.csv", heads, 8 * LOADED, 1e-3 * DEVIATOR, 0.6 + 0 * LOADED)
+    with pytest.warns(UserWarning, match=r"are read as fractions, 'Axial strain' up to 0\.\d+: add \[%\]"):
+        assert read_test(path)["axial_strain"] == pytest.approx(-np.log(1 - 8 * LOADED))
+
+
+def test_a_table_that_begins_with_its_end_is_turned_round(tmp_path):
+    heads = ["Axial strain [%]", "q [kPa]", "u [kPa]", "e"]
+    columns = 1e2 * LOADED, 1e-3 * DEVIATOR, 0.3e-3 * DEVIATOR, 1.6 * (1 - DILATION) - 1
+    with pytest.warns(UserWarning, match="rows begin with the largest axial strain: their order was reversed"):
+        turned = read_test(table_of(tmp_path / "a.csv", heads, *(column[::-1] for column in columns)))
+    for name, values in read_test(table_of(tmp_path / "b.csv", heads, *columns)).items():
+        np.testing.assert_allclose(turned[name], values, err_msg=name)
 
 
 def test_signs_and_names_that_are_not_understood_are_in_warnings(tmp_path):
