@@ -147,8 +147,8 @@ def _check_widths(path: Path, headings: list[str], rows: list[tuple[int, list[st
     for number, row in rows:
         if len(row) != len(headings):
             raise ValueError(
-                f"{path}, line {number}, has {pluralize(len(row), 'field')}, but the header has {len(headings)}: correct the line, "
-                "or separate columns by semicolons if numbers have decimal commas"
+                f"{path}, line {number}, has {pluralize(len(row), 'field')}, but the header has {len(headings)}: "
+                "correct the line, or separate columns by semicolons if numbers have decimal commas"
             )
 
 
