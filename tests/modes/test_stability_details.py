@@ -79,7 +79,7 @@ def test_examples_of_docstrings(name):
 @pytest.mark.slow
 def test_the_example_of_the_page_prints_what_the_page_says():
     text = PAGE.read_text(encoding="utf-8")
-    code, shown = re.search(r"```python\n(.*?)```\n+prints\n+(.*?)\n\n(?=\S)", text, flags=re.S).groups()
+    code, shown = re.search(r"```python\n(.*?)```\n+This prints\n+(.*?)\n\n(?=\S)", text, flags=re.S).groups()
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
         exec(code, {})

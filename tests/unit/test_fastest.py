@@ -1,12 +1,15 @@
 """The fastest complex pair: windows and probes against the dense spectrum, which is the slow obvious twin."""
 
 import warnings
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stickslip.core.laws.builtin import hertz_mindlin, linear
 from stickslip.core.state import assembly, box, disks, flat_walls, loads, spheres
+from stickslip.solve import fastest, probes, stability
 from stickslip.solve.fastest import ShiftWindows, fastest_pair
 from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.spectrum import spectrum
@@ -61,6 +64,28 @@ def test_no_growing_mode_is_no_claim_of_stability():
     assert fastest.eigenvalue is None and fastest.mode is None and fastest.growth_rate == 0
     assert 0.45e-3 < fastest.looked < 1.05e-3  # whole spans, up to twice the time if there are peaks
     assert "no growing mode found" in str(fastest) and "not a proof" in str(fastest)
+
+
+def test_growth_without_a_verified_mode_leaves_the_verdict_open(monkeypatch):
+    state = lattice(3, 4, 0.01)
+    search = partial(fastest.find_fastest, dense_below=0, factors_up_to=0)
+    monkeypatch.setattr(fastest, "ALONE", 1e9)
+    monkeypatch.setattr(probes, "CLEAR", 1e9)
+    monkeypatch.setattr(stability, "DENSE_UP_TO", 0)
+    pair = fastest_pair(state, LAW, dense_below=0, factors_up_to=0)
+    monkeypatch.setattr(fastest, "find_fastest", search)
+    assert pair.eigenvalue is None and pair.unverified > 0
+    assert pair.suspected == pytest.approx(spectrum(state, LAW).growth_rate.max(), rel=0.5)
+    assert "no growing mode verified" in str(pair) and "found none" not in str(pair)
+    open_ = stability.stability(state, LAW, method="fastest")._replace(residual=0.0, swing=0.0)
+    assert open_.balanced and open_.stable is None and not open_.grows
+    assert open_.verdict.startswith("not decided") and f"{pair.unverified} peak" in open_.verdict
+    calm = open_._replace(unverified=0)
+    assert calm.stable and calm._replace(if_stuck=calm).stable
+    for one in (open_._replace(if_stuck=calm), calm._replace(if_stuck=open_)):
+        assert one.stable is None and one.verdict.startswith("not decided")
+    grows = calm._replace(pairs=np.array([1 + 0.1j]), if_stuck=open_)
+    assert grows.stable is None and open_._replace(if_stuck=grows).stable is False
 
 
 def test_a_straight_chain_buckles():
@@ -200,3 +225,14 @@ def test_a_thousand_grains_against_the_dense_spectrum():
     truth = spectrum(state, LAW)
     fastest = fastest_pair(state, LAW)
     assert fastest.eigenvalue == pytest.approx(truth.pairs[0], rel=1e-9)
+
+
+def test_a_peak_that_failed_stays_unverified_and_is_tried_again_in_a_longer_run():
+    modes = probes.GrowingModes(np.eye(3), 1.0, (0.0, 0.0), 0.0, 10.0)
+    run = SimpleNamespace(peaks=lambda: [(0.04 + 1e-4j, 2e-3)], time=2000.0)
+    modes.failed = [(0.2, 0.01, 3e-3)]  # growth was overestimated in a short run
+    assert not modes.hopeful(run) and modes.unverified(run) == run.peaks()
+    modes.failed.clear()
+    assert modes.hopeful(run) == run.peaks()
+    modes.explained = [(0.2, 0.01, 1.9e-3)]
+    assert not modes.unverified(run)

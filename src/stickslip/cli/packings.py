@@ -210,8 +210,8 @@ def stability(
     from ..loading.reading import read_packing
     from ..reports import packing as stability_report
     from ..reports import terminal
-    from ..solve.fastest import FACTORS_UP_TO
     from ..solve.freedom import equations_of_motion
+    from ..solve.linear import FACTORS_UP_TO
     from ..solve.stability import DENSE_UP_TO
     from ..solve.stability import stability as analyse
 

@@ -239,6 +239,7 @@ def to_dict(
         "pairs": pairs,
         "growing" if damped else "negative": (np.sqrt(-result.negative) if damped else result.negative).tolist(),
         "zero_modes": result.zero_modes,
+        "unverified": result.unverified,
         "spectrum": "damped" if damped else "undamped",
         "method": result.method,
         "scope": result.scope,

@@ -20,10 +20,10 @@ from ..core.laws.builtin import Law
 from ..core.progress import Report, silent
 from ..core.readable import readable
 from ..core.state import State
-from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom
-from .linear import Dissection, FrontalFactor, count_below, dissect, suitable_threads
-from .probes import Effort, search_by_probes
-from .spectrum import REAL_BELOW
+from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom, translations
+from .linear import FACTORS_UP_TO, Dissection, FrontalFactor, count_below, dissect, suitable_threads
+from .probes import CLEAR, Effort, search_by_probes
+from .spectrum import REAL_BELOW, SoftModes
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
 BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
@@ -32,12 +32,10 @@ NEAR = 0.1  # largest relative change of an eigenvalue that is refined
 CONVERGED = 1e-12  # residual over ‖A‖ of eigenvalues that count as computed
 GAPS = 2  # gaps of the spectrum in which the modes below are counted until the numbers agree
 ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero mode
-# Im λ over the residual of a pair that filters extract: of one that is refined, and of one that is not
-CLEAR, ALONE = 10.0, 100.0
+ALONE = 100.0  # Im λ over the residual at which filters end for a pair that is not refined
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
 REFINED_UP_TO = 30_000  # coordinates: beyond, a pair keeps the precision of the filters, which saves a factorisation
-FACTORS_UP_TO = 90_000  # coordinates: 60,000 take 3 GiB, twice as many seven
 
 
 class ShiftWindow(NamedTuple):
@@ -46,14 +44,6 @@ class ShiftWindow(NamedTuple):
     shift: float  # [1/time²]
     radius: float  # all eigenvalues within it were computed, provided that the iteration missed none [1/time²]
     growing: np.ndarray  # complex eigenvalues with Im λ > 0, and negative real ones; empty if there are none [1/time²]
-
-
-class SoftModes(NamedTuple):
-    """Negative and zero eigenvalues among those computed at the bottom of the spectrum."""
-
-    negative: np.ndarray  # (K,) λ < 0, lowest first [1/time²]
-    vectors: np.ndarray  # (n, K) their modes, generalised displacements of unit mass-weighted norm
-    zero: int  # number of zero eigenvalues
 
 
 class ShiftWindows:
@@ -223,6 +213,7 @@ class FastestPair(NamedTuple):
     probes: int  # random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
     unverified: int  # growing peaks of the spectra from which no eigenvalue was extracted
+    suspected: float  # growth rate of the fastest of these peaks, estimated from its amplitude; 0 without any [1/time]
     free: Freedom
     soft: SoftModes | None = None  # negative and zero λ; None if the bottom of the spectrum was not computed
 
@@ -249,17 +240,21 @@ class FastestPair(NamedTuple):
                 f"below λ = {low.limit:.4g} {none} {faster} among the {low.found} eigenvalues{zero} found, but the "
                 f"symmetric part has {low.expected} there, so that some may be missing; above, "
             )
-        above = (
-            f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes found none "
-            f"faster than {max(self.looked, self.growth_rate):.3g}, which is not a proof; none can exceed {most}"
-        )
+        run = f"tangent dynamics of {self.duration:.4g} time units with {self.probes} random probes"
+        least = f"{max(self.looked, self.growth_rate):.3g}"
         if self.unverified:
-            above += f"; {self.unverified} peaks of its spectra were not verified"
-        return below + above
+            grown = "1 peak" if self.unverified == 1 else f"{self.unverified} peaks"
+            above = (
+                f"in {run}, growth faster than {least} would have been visible, and {grown} of the spectra grew, the "
+                f"fastest at about {self.suspected:.3g}, from which no mode was extracted"
+            )
+        else:
+            above = f"{run} found none faster than {least}, which is not a proof"
+        return f"{below}{above}; none can exceed {most}"
 
     def __str__(self):
         if self.eigenvalue is None:
-            return f"no growing mode found; {self.guarantee}"
+            return f"no growing mode {'verified' if self.unverified else 'found'}; {self.guarantee}"
         kind = "buckling mode (real λ < 0)" if self.eigenvalue.imag == 0 else "pair found"
         numbers = f"λ = {self.eigenvalue:.6g}, growth rate {self.growth_rate:.4g}, frequency {self.frequency:.4g}"
         return f"fastest {kind}: {numbers}, residual {self.residual:.0e}; {self.guarantee}"
@@ -305,7 +300,7 @@ def fastest_pair(
     `FastestPair.guarantee` describes the knowledge about other pairs. If the symmetric part has as many eigenvalues
     below a limit as were found, this indicates completeness for a weak skew part, but does not prove it. In single
     precision, `rate` must be above about 1e-6 of the largest frequency. Extracted pairs are eigenvalues of A in double
-    precision to the residual given, at most a hundredth of Im λ.
+    precision to the residual given, a hundredth of Im λ or, if filters converge slowly, at most a tenth.
 
     Source
     ------
@@ -332,6 +327,7 @@ def find_fastest(
         raise ValueError(
             "no contact resists the free coordinates: growth rates need a packing with contacts and free coordinates"
         )
+    rigid = translations(matrix, free)
     matrix = sparse.csr_array(matrix[touched][:, touched])
     order = dissect(state, free, touched, matrix)
     place = np.concatenate(order.pivots)  # neighbours close in memory
@@ -345,7 +341,7 @@ def find_fastest(
     windows = ShiftWindows(matrix, norm, order, rng)
     if len(touched) < dense_below:
         values = windows.search(0.0, len(touched))
-        bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, 0
+        bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, []
     else:
         bottom, factors = Bottom(0.0, 0, 0, False, skew / 2), len(touched) <= factors_up_to
         refines = factors and len(touched) <= REFINED_UP_TO
@@ -355,7 +351,7 @@ def find_fastest(
         del symmetric
         disc = (windows.done[0].shift, windows.done[0].radius) if windows.done else (0.0, 0.0)
         found, run, left = search_by_probes(
-            matrix, norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
+            matrix, rigid[touched], norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
         )
         time, used, exponent = run.time, run.probes, found.excluded(run) * run.time
         if found.value is not None and refines:
@@ -376,7 +372,8 @@ def find_fastest(
         vectors[touched] = windows.soft.vectors
         soft = windows.soft._replace(vectors=vectors / np.sqrt(free.mass)[:, None])
     pair = (windows.value, mode, windows.growth, frequency, windows.residual)
-    return FastestPair(*pair, bottom, exponent, time, used, windows.done, left, free, soft)
+    suspected = left[0][1] if left else 0.0
+    return FastestPair(*pair, bottom, exponent, time, used, windows.done, len(left), suspected, free, soft)
 
 
 def _search_bottom(windows: ShiftWindows, symmetric, skew: float) -> Bottom:

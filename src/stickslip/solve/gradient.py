@@ -520,7 +520,7 @@ def verdict_probability(
         position[:, :dim] += error * rng.normal(size=(len(position), dim))
         moved = with_neighbor_list(here.state._replace(grains=grains._replace(position=position)), law)
         result = stability(with_given_slips(moved), law, method="all")
-        stable += bool(combine_stability(result.grows, result.if_stuck))
+        stable += bool(combine_stability(result, result.if_stuck))
     tail = (1 - CONFIDENCE) / 2
     low = betaincinv(stable, samples - stable + 1, tail) if stable else 0.0
     high = betaincinv(stable + 1, samples - stable, 1 - tail) if stable < samples else 1.0

@@ -29,6 +29,7 @@ RESTART = 100  # vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
 LEAF = 24  # bodies that nested dissection does not divide further
 HUB = 8  # bodies with this many times the mean number of neighbours, such as walls, are eliminated last
+FACTORS_UP_TO = 90_000  # coordinates: factors of 60,000 take 3 GiB, of twice as many seven
 
 
 @cache

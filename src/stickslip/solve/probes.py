@@ -33,7 +33,9 @@ EXCITED = 1.15  # largest excess of a peak, as an exponent of amplitude, that st
 # steps of the first run, few enough to avoid overflow; each run is LONGER times longer than the previous one
 SHORTEST, LONGER = 256, 16
 NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished from noise in single precision
-GAIN, PASSES = 2.0, 6  # exponent by which a pair grows while filters run once, and how often they run for it
+GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # exponent by which a pair grows while filters run once, and how often they run
+STALLED = 1.2  # after PASSES filters run on only while Im λ over its residual grows by this factor
+CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
 SHORT = 60.0  # time above which an estimate is shown [s]
@@ -58,7 +60,7 @@ def time_step(norm: float) -> float:
 class ProbeRun:
     """Probes advanced by the leapfrog, and power spectra of random sums of their coordinates."""
 
-    def __init__(self, matrix, norm: float, span: int, probes: int, rng):
+    def __init__(self, matrix, rigid: np.ndarray, norm: float, span: int, probes: int, rng):
         size = -(-matrix.shape[0] // ROWS) * ROWS  # rows of zeros are added, where nothing moves
         self.dt, self.span, self.spectra, self.log_scale, self.seen = time_step(norm), span, [], 0.0, np.inf
         # single precision halves the memory traffic of each product and perturbs λ by 1e-7 of the largest
@@ -70,6 +72,8 @@ class ProbeRun:
         self.q = [rng.standard_normal((size, LANES), np.float32) for _ in range(-(-probes // LANES))]
         # velocities half a step before the start, where the probes are at rest
         self.v = [np.ascontiguousarray(-0.5 * (pull @ q), np.float32) for q in self.q]
+        self.rigid = np.zeros((size, rigid.shape[1]), np.float32)
+        self.rigid[: len(rigid)] = rigid
         self.probes = LANES * len(self.q)
         self.sums = rng.integers(BUCKETS, size=size), rng.choice(np.array([-1, 1], np.float32), size)
 
@@ -115,6 +119,8 @@ class ProbeRun:
             power = np.zeros((self.span // 2 + 1, LANES))
             for bucket in range(BUCKETS):  # one at a time: all together would need several times the memory
                 power += np.abs(np.fft.rfft(record[:, bucket] * taper[:, None], axis=0)).astype(float) ** 2
+            for moving in (q, self.v[k]):
+                moving -= self.rigid @ (self.rigid.T @ moving)
             return power, float(np.abs(q).max())
 
     def _excess(self) -> tuple[np.ndarray, np.ndarray, float]:
@@ -160,6 +166,15 @@ class ProbeRun:
         return float(2 * np.arcsin(np.sqrt(complex(value)) * self.dt / 2).real)
 
 
+class RitzModes(NamedTuple):
+    """Approximate eigenvalues of A."""
+
+    value: np.ndarray  # (LANES,) λ [1/time²]
+    root: np.ndarray  # (LANES,) √λ [1/time]
+    vector: np.ndarray  # (n, LANES) unit vectors v
+    error: np.ndarray  # (LANES,) ‖Av − λv‖ [1/time²]
+
+
 class Filters:
     """Sums of the first LANES probes over some spans, weighted by Hann's taper and the phase of each peak.
 
@@ -182,14 +197,15 @@ class Filters:
         weights = np.stack([taper * np.cos(phase), taper * np.sin(phase)], axis=2).reshape(span, LANES)
         return self.lane, weights.astype(np.float32), self.sums
 
-    def eigenvalues(self, matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues λ of A in the span of the sums, vectors (n, LANES), and residuals ‖Av − λv‖ of unit vectors."""
+    def eigenvalues(self, matrix) -> RitzModes:
+        """Approximate eigenvalues of A in the span of the sums."""
         sums = self.sums[: matrix.shape[0]].astype(float)
         basis = np.linalg.qr(sums / np.maximum(np.linalg.norm(sums, axis=0), 1e-300))[0]
         image = matrix @ basis
         H = basis.T @ image
         values, y = eig(H)
-        return values, basis @ y, np.linalg.norm((image - basis @ H) @ y, axis=0)
+        residual = np.linalg.norm((image - basis @ H) @ y, axis=0)
+        return RitzModes(values, np.sqrt(values.astype(complex)), basis @ y, residual)
 
 
 class GrowingModes:
@@ -205,82 +221,100 @@ class GrowingModes:
     def __init__(self, matrix, norm: float, disc: tuple[float, float], growth: float, clear: float):
         self.matrix, self.norm, self.disc, self.growth, self.clear = matrix, norm, disc, growth, clear
         self.residual, self.value, self.vector = 0.0, None, None
-        # each peak that was explained, or not: frequency, half-width, and growth rate [1/time]
+        # peaks that extracted modes explain, and those of this run without one: frequency, half-width, growth [1/time]
         self.explained: list[tuple[float, float, float]] = []
+        self.failed: list[tuple[float, float, float]] = []
 
     def hopeful(self, run: ProbeRun) -> list[tuple[complex, float]]:
-        """Peaks not yet explained of modes that may grow faster than the fastest one known, fastest first."""
+        """Peaks not yet tried of modes that may grow faster than the fastest one known, fastest first."""
+        return [(value, g) for value, g in self.unverified(run) if not _covers(self.failed, value, g, run.time)]
+
+    def unverified(self, run: ProbeRun) -> list[tuple[complex, float]]:
+        """Peaks without an extracted mode that may grow faster than the fastest one known, fastest first."""
         # estimates assume mean excitation; a weakly excited mode grows faster than estimated
         least = max(1.0, self.growth * run.time - np.log(FAINT) / 2)
-        return [(value, g) for value, g in run.peaks() if g * run.time > least and not self._covers(value, g, run.time)]
-
-    def _covers(self, value: complex, growth: float, time: float) -> bool:
-        """Return True if a peak is explained; later it may reveal a faster mode nearby, by more than its excitation."""
-        frequency = np.sqrt(complex(value)).real
-        return abs(value - self.disc[0]) < 0.9 * self.disc[1] or any(
-            abs(frequency - centre) < width and (growth - known) * time < EXCITED
-            for centre, width, known in self.explained
-        )
+        peaks = [(value, g) for value, g in run.peaks() if abs(value - self.disc[0]) >= 0.9 * self.disc[1]]
+        return [(v, g) for v, g in peaks if g * run.time > least and not _covers(self.explained, v, g, run.time)]
 
     def excluded(self, run: ProbeRun) -> float:
-        """Growth rate above which there is no mode: neither a faint one nor one next to an extracted mode."""
+        """Growth rate above which there is no unknown mode, neither a faint one nor one next to an extracted mode."""
         return max(run.seen, self.growth + EXCITED / run.time if self.value is not None else 0.0)
 
     def extract(self, run: ProbeRun, follow: Callable[[], None]) -> None:
         """Let the probes run on until filters at the hopeful peaks yield the growing mode of the first one, or fail."""
-        value, growth = self.hopeful(run)[0]
+        (value, growth), best = self.hopeful(run)[0], 0.0
         centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
-        self.explained.append((centre, bin_width, growth))
-        spans = max(1, round(GAIN / growth / (run.span * run.dt)))
-        for _ in range(PASSES):
+        peak = centre, bin_width, growth
+        self.failed.append(peak)
+        for k in range(MOST_PASSES):
             if run.log_scale > FAR:
                 return
-            filters = Filters(run, [value, *(peak for peak, _ in self.hopeful(run))], spans)
+            spans = max(1, round(GAIN / growth / (run.span * run.dt)))
+            filters = Filters(run, [value, *(other for other, _ in self.hopeful(run))], spans)
             for _ in range(spans):
                 run.advance(filters)
                 follow()
-            found = self._keep(filters)
+            modes = filters.eigenvalues(self.matrix)
+            clearness = self._clearness(modes)
+            ends = k + 1 == MOST_PASSES or (k + 1 >= PASSES and clearness.max() < STALLED * best)
+            clear = min(CLEAR, self.clear) if ends else self.clear
+            found = self._keep(modes, clearness > clear)
             self.explained += [(frequency, bin_width, rate) for frequency, rate in found]
             if any(abs(frequency - centre) < bin_width for frequency, _ in found):
+                self.failed.remove(peak)
+                self.explained.append(peak)
                 return
+            if ends:
+                return
+            clearness[clearness > clear] = 0.0
+            first = int(np.argmax(clearness))
+            best = clearness[first]
+            if best > 1:  # peaks overestimate the growth of modes that were excited strongly
+                growth = abs(modes.root[first].imag)
 
-    def _keep(self, filters: Filters) -> list[tuple[float, float]]:
-        """Store the fastest growing eigenvalue in the span of the filtered probes; return frequencies and rates of all.
+    def _clearness(self, modes: RitzModes) -> np.ndarray:
+        """Im λ, or −λ of buckling, over the residual; 0 if it may be noise."""
+        apart = np.where(modes.value.imag == 0, -modes.value.real, modes.value.imag)
+        return np.where(apart > NOISE * self.norm, apart / np.maximum(modes.error, 1e-300), 0.0)
 
-        Only those count that stand clear of their residuals.
-        """
-        values, vectors, errors = filters.eigenvalues(self.matrix)
-        apart = np.where(values.imag == 0, -values.real, values.imag)  # from the real axis, or from zero
-        clear = np.flatnonzero(apart > np.maximum(self.clear * errors, NOISE * self.norm))
-        roots = np.sqrt(values.astype(complex))
-        for k in clear:
-            value, growth = complex(values[k]), float(abs(roots[k].imag))
+    def _keep(self, modes: RitzModes, chosen: np.ndarray) -> list[tuple[float, float]]:
+        """Store the fastest growing of the chosen modes; return frequencies and growth rates of all these."""
+        for k in np.flatnonzero(chosen):
+            growth = float(abs(modes.root[k].imag))
             if growth > self.growth:
-                self.growth, self.value, self.vector = growth, value, vectors[:, k]
-                self.residual = float(errors[k]) / self.norm
-        return [(float(roots[k].real), float(abs(roots[k].imag))) for k in clear]
+                self.growth, self.value, self.vector = growth, complex(modes.value[k]), modes.vector[:, k]
+                self.residual = float(modes.error[k]) / self.norm
+        return [(float(abs(root.real)), float(abs(root.imag))) for root in modes.root[chosen]]
+
+
+def _covers(known: list[tuple[float, float, float]], value: complex, growth: float, time: float) -> bool:
+    """Return True for a known peak; later it may reveal a faster mode nearby, by more than its excitation."""
+    frequency = np.sqrt(complex(value)).real
+    return any(abs(frequency - centre) < width and (growth - g) * time < EXCITED for centre, width, g in known)
 
 
 def search_by_probes(
-    matrix, norm: float, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
-) -> tuple[GrowingModes, ProbeRun, int]:
+    matrix, rigid: np.ndarray, norm: float, disc: tuple, growth: float, effort: Effort, report: Report,
+    path: Path | None, clear: float,
+) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:  # fmt: skip
     """Run probes until slower modes than `rate`, or than the fastest one known, would stand out.
 
     Parameters
     ----------
     matrix : (n, n) sparse A, neighbours close in memory
-    norm : its largest eigenvalue [1/time²]
+    rigid : (n, k) orthonormal zero modes that are excluded, since round-off makes them drift
+    norm : largest eigenvalue of A [1/time²]
     disc, growth, clear : of `GrowingModes`
     path : file in which the search is saved, and from which it continues
 
     Returns
     -------
-    extracted modes, the last run, and the number of its peaks that were not explained
+    extracted modes, the last run, and its peaks from which no mode was extracted, fastest first
     """
 
     def start(span: int) -> ProbeRun:
         rng = np.random.default_rng([effort.seed, span])
-        return ProbeRun(matrix, norm, span, effort.probes, rng)
+        return ProbeRun(matrix, rigid, norm, span, effort.probes, rng)
 
     def needed() -> float:
         return max(effort.amplification / max(effort.rate, modes.growth) / time_step(norm), SHORTEST)
@@ -302,10 +336,13 @@ def search_by_probes(
                 path.unlink(missing_ok=True)
             return modes, run, left
         run, steps = None, min(LONGER * steps, needed())  # fewer, if a faster mode was found
+        modes.failed.clear()  # more may be extracted from a longer run
 
 
-def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest: float, tell, saved) -> int:
-    """Run the probes once; return the number of hopeful peaks at the end that filters have not explained."""
+def _run_stage(
+    run: ProbeRun, modes: GrowingModes, amplification: float, longest: float, tell, saved
+) -> list[tuple[complex, float]]:
+    """Run the probes once; return the peaks at the end from which filters extract no mode, fastest first."""
 
     def follow() -> None:
         text = f"{run.time:.0f} time units, fastest so far {modes.growth:.2e}"
@@ -328,12 +365,12 @@ def _run_stage(run: ProbeRun, modes: GrowingModes, amplification: float, longest
             if peaks and peaks[0][1] * run.time >= amplification:
                 modes.extract(run, follow)  # determines whether the run may end early
     if modes.growth * run.time < amplification and SPANS * run.span < longest:  # a longer run follows
-        return 0
+        return []
     for _ in range(ROUNDS):
         if not modes.hopeful(run):
             break
         modes.extract(run, follow)
-    return len(modes.hopeful(run))
+    return modes.unverified(run)
 
 
 class SavedSearch:
@@ -354,7 +391,8 @@ class SavedSearch:
         np.savez(
             part, digest=self.digest, span=run.span, log_scale=run.log_scale, seen=run.seen,
             spectra=run.spectra, lanes=run.lanes, q=run.q, v=run.v,
-            explained=np.array(modes.explained).reshape(-1, 3), growth=modes.growth,
+            explained=np.array(modes.explained).reshape(-1, 3), failed=np.array(modes.failed).reshape(-1, 3),
+            growth=modes.growth,
             residual=modes.residual, value=[] if modes.value is None else [modes.value],
             vector=[] if modes.vector is None else modes.vector,
         )  # fmt: skip
@@ -371,7 +409,9 @@ class SavedSearch:
             run = start(int(saved["span"]))
             run.q, run.v, run.spectra = list(saved["q"]), list(saved["v"]), list(saved["spectra"])
             run.log_scale, run.seen, run.lanes = float(saved["log_scale"]), float(saved["seen"]), saved["lanes"]
-            modes.explained = [tuple(map(float, one)) for one in saved["explained"]]
+            modes.explained, modes.failed = (
+                [tuple(map(float, one)) for one in saved[key]] for key in ("explained", "failed")
+            )
             modes.growth, modes.residual = float(saved["growth"]), float(saved["residual"])
             if len(saved["value"]):
                 modes.value, modes.vector = complex(saved["value"][0]), saved["vector"]

@@ -133,6 +133,14 @@ def spectrum(state: State, law: Law, *, modes: bool = True) -> Spectrum:
     return Spectrum(values, vectors / root[:, None], free, force_imbalance(here))
 
 
+class SoftModes(NamedTuple):
+    """Negative and zero eigenvalues among those computed at the bottom of the spectrum."""
+
+    negative: np.ndarray  # (K,) λ < 0, lowest first [1/time²]
+    vectors: np.ndarray  # (n, K) their modes, generalised displacements of unit mass-weighted norm
+    zero: int  # number of zero eigenvalues
+
+
 def soft_modes(matrix, count: int = SOFTEST, tolerance: float = 1e-10):
     """Negative eigenvalues with modes, and number of zero eigenvalues, among those nearest to zero.
 

@@ -28,11 +28,9 @@ from .balance import (
     no_equilibrium_message,
     with_mode,
 )
-from .fastest import FACTORS_UP_TO, SoftModes, find_fastest
 from .freedom import PAIR_ABOVE, ZERO_BELOW, Freedom, assembled, freedom, mass_weighted, stiffness_of, translations
-from .linear import suitable_threads
-from .pairs import certificate_seconds, find_pairs, format_seconds
-from .spectrum import soft_modes
+from .linear import FACTORS_UP_TO, suitable_threads
+from .spectrum import SoftModes, soft_modes
 
 MIXED = (
     "contacts at the Coulomb limit were assumed either all to stick or all to slide; mixed cases were not considered"
@@ -84,6 +82,7 @@ class Stability(NamedTuple):
     undamped: "Stability | None" = None  # stability without the dashpots of the law; None if it has none
     slowest: complex | None = None  # exponent of the slowest decay with dashpots, if all were computed [1/time]
     bonded: int = 0  # contacts with an intact bond, also across gaps
+    unverified: int = 0  # growing peaks in spectra of tangent dynamics from which no eigenvalue was extracted
 
     @property
     def way(self) -> str:
@@ -104,9 +103,10 @@ class Stability(NamedTuple):
     def stable(self) -> bool | None:
         """True if no growing mode was found, whether or not there are floppy modes.
 
-        None away from equilibrium, or if a mode grows only while contacts at the Coulomb limit keep sliding.
+        None away from equilibrium, if a mode grows only while contacts at the Coulomb limit keep sliding, or if
+        tangent dynamics grew but no eigenvalue was extracted.
         """
-        return combine_stability(self.grows, self.if_stuck) if self.balanced else None
+        return combine_stability(self, self.if_stuck) if self.balanced else None
 
     @property
     def exponents(self) -> np.ndarray:
@@ -147,27 +147,30 @@ class Stability(NamedTuple):
             motions.append(f"buckling: {len(self.negative)} negative λ, e-folding time {e_folding}")
         if self.zero_modes > self.rigid:
             motions.append(f"floppy modes: {self.zero_modes - self.rigid} in addition to {self.rigid} translations")
-        if not self.grows:
+        if not self.grows and self.unverified:
+            peaks = pluralize(self.unverified, "peak")
+            motions.insert(0, f"not decided: {peaks} grew in spectra of random motion, but no mode was verified")
+        elif not self.grows:
             motions.insert(0, "stable" if self.balanced else "nothing grows")
         return "; ".join(motions)
 
 
-def combine_stability(grows: bool, stuck) -> bool | None:
+def combine_stability(sliding, stuck) -> bool | None:
     """Combine the verdicts for contacts at the Coulomb limit when they keep sliding and when they stick.
 
     Small disturbances make these contacts stick, so a mode that grows in this case is unstable. A mode that grows only
     while all of them keep sliding in one direction requires a motion that keeps them sliding; the verdict is then
-    undecided.
+    undecided, as it is if growth was seen but not verified.
     """
-    if stuck is None or stuck.grows or not grows:
-        return not (grows if stuck is None else stuck.grows)
-    return None
+    if (stuck or sliding).grows:
+        return False
+    return None if sliding.grows or sliding.unverified or (stuck and stuck.unverified) else True
 
 
 def combine_motions(count: int, sliding, stuck) -> str:
     """Verdict in words, combining both spectra if there are two."""
     if stuck is None or not (sliding.grows or stuck.grows):
-        return sliding.motion
+        return (stuck if stuck and not sliding.unverified else sliding).motion
     undecided, verb = "" if stuck.grows else "not decided: ", "sticks" if count == 1 else "stick"
     return (
         f"{undecided}if the {pluralize(count, 'contact')} at the Coulomb limit {verb}, as after small disturbances: "
@@ -276,11 +279,12 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: 
         check_damped_method(asked, size)
     blocks, dampers = blocks_of(state, law, line)
     matrix = mass_weighted(stiffness_of(state, line, blocks, free), free)
+    unverified = 0
     if method == "dense":
         pairs, negative, zero_modes, vectors = _analyse_dense(matrix)
         modes, scope = vectors / np.sqrt(free.mass)[:, None], ""
     else:
-        pairs, modes, scope, soft = _analyse_large(here, free, matrix, method, report, saved)
+        pairs, modes, scope, soft, unverified = _analyse_large(here, free, matrix, method, report, saved)
         if soft is None:
             negative, zero_modes = np.zeros(0), translations(matrix, free).shape[1]
             scope += "; floppy modes were not sought, nor buckling slower than that"
@@ -291,7 +295,10 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: 
     unloaded = UNLOADED if rescales(law) else ""
     scope = join_scopes(scope, unloaded)
     rigid = int(state.control.free[: len(loose), : state.cell.dim].all()) * translations(matrix, free).shape[1]
-    result = Stability(*about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes, bonded=bonded)
+    result = Stability(
+        *about, pairs, negative, zero_modes, rigid, modes, free, method, scope, causes,
+        bonded=bonded, unverified=unverified,
+    )  # fmt: skip
     if not dashpots:
         return result
     drag = assembled(state, dampers, free)
@@ -318,6 +325,8 @@ def _cheapest_way(method: str, size: int) -> str:
     if method == "dense" and size > 10_000:
         raise ValueError(f"the method 'dense' supports at most 10000 coordinates, got {size}: use 'pairs' or 'fastest'")
     if method in ("all", "pairs", "certify") and size > PAIRS_UP_TO:
+        from .pairs import certificate_seconds, format_seconds
+
         time = f", and would take about {format_seconds(certificate_seconds(size))}" if method == "certify" else ""
         raise ValueError(
             f"the method {method!r} supports at most {PAIRS_UP_TO} coordinates{time}, got {size}: use 'fastest'"
@@ -341,8 +350,10 @@ def _analyse_dense(matrix):
 
 
 def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, report, saved: Path | None):
-    """Pairs, their modes in the coordinates `free` of a matrix A, the scope of the search, and negative and zero λ."""
+    """Pairs, their modes in the coordinates `free`, the scope of the search, negative and zero λ, unverified peaks."""
     if method == "fastest":
+        from .fastest import find_fastest
+
         fastest = find_fastest(here.state, free, matrix, report, saved=saved)
         there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
         values = np.array([fastest.eigenvalue] if there else [], complex)
@@ -350,7 +361,9 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
         soft = fastest.soft
         if soft is None and fastest.eigenvalue is not None and not there:
             soft = SoftModes(np.array([fastest.eigenvalue.real]), fastest.mode[:, None].real, 0)
-        return values, modes, str(fastest), soft
+        return values, modes, str(fastest), soft, fastest.unverified
+    from .pairs import find_pairs
+
     whole, certify = freedom(here.state), method == "certify"
 
     def matrix_of(whole: Freedom):
@@ -367,6 +380,7 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
         search.modes[place],
         scope,
         SoftModes(negative, vectors / np.sqrt(free.mass)[:, None], zero),
+        0,
     )
 
 

@@ -245,10 +245,11 @@ def _read_pegs(path: Path) -> MeasuredForces:
     grains = _particles(path)
     ids = [int(_number(grain, "id", k + 1)) for k, grain in enumerate(grains)]
     number = {name: k for k, name in enumerate(ids)}
-    radius = np.array([_number(grain, "rm") for grain in grains])
-    if not (radius > 0).all():
-        raise PackingError(f"{path} has no radii in metres (rm): set the scale in PeGS")
-    scale = np.median([r / _number(grain, "r") for r, grain in zip(radius, grains, strict=True)])
+    radius, pixels = (np.array([_number(grain, field) for grain in grains]) for field in ("rm", "r"))
+    for unit, field, values in (("metres", "rm", radius), ("pixels", "r", pixels)):
+        if not ((values > 1e-12) & (values < 1e12)).all():
+            raise PackingError(f"{path} has no radii in {unit} ({field}): set the scale in PeGS")
+    scale = np.median(radius / pixels)
     place = scale * np.array([[_number(grain, "x"), _number(grain, "y")] for grain in grains])
     seen: dict[tuple[int, int], list[tuple[float, float]]] = {}
     held = set()
