@@ -126,6 +126,38 @@ def test_probes_alone_find_the_fastest_pair_without_factors(dim, side, stir):
     assert (rate * truth.frequency).max() <= fastest.bottom.above
 
 
+@pytest.mark.parametrize(("damping", "rel"), [(0.005, 1e-3), (0.2, 2e-3)])
+def test_probes_find_the_fastest_exponent_with_dashpots(damping, rel, monkeypatch, tmp_path):
+    """Weak dashpots damp the fastest pair, strong ones all but slower ones; LAPACK computes all exponents."""
+    law = hertz_mindlin(1, 2 / 7, 10, coulomb="smooth", damping="velocity", damping_n=damping)
+    state = stirred(lattice(3, 4, 0.01), law, np.random.default_rng(0), size=0.01)
+    truth = stability.stability(state, law, method="dense")
+    search = partial(fastest.find_fastest, dense_below=0, factors_up_to=0)
+    monkeypatch.setattr(fastest, "find_fastest", search)
+    monkeypatch.setattr(stability, "DENSE_UP_TO", 0)
+    monkeypatch.setattr(stability, "FACTORS_UP_TO", 0)
+    found = stability.stability(state, law, method="fastest", saved=tmp_path / "search.npz")
+    assert found.exponents[0] == pytest.approx(truth.exponents[0], rel=rel)
+    assert found.growth_rate[0] == pytest.approx(truth.growth_rate[0], rel=rel)
+    assert found.undamped.growth_rate[0] == pytest.approx(truth.undamped.growth_rate[0], rel=1e-3)
+    assert not found.unverified and not list(tmp_path.iterdir())
+    mode = found.modes[:, 0] * np.sqrt(found.free.mass)
+    exact = truth.modes[:, 0] * np.sqrt(truth.free.mass)
+    assert abs(np.vdot(mode, exact)) == pytest.approx(np.linalg.norm(mode) * np.linalg.norm(exact), rel=1e-2)
+
+
+def test_dashpots_that_stabilise_leave_nothing_that_grows(monkeypatch):
+    law = hertz_mindlin(1, 2 / 7, 10, coulomb="smooth", damping="velocity", damping_n=0.01)
+    state = stirred(lattice(3, 3, 0.004), law, np.random.default_rng(0), size=0.004)
+    truth = stability.stability(state, law, method="dense")
+    assert truth.undamped.grows and not truth.grows
+    monkeypatch.setattr(fastest, "find_fastest", partial(fastest.find_fastest, dense_below=0, factors_up_to=0))
+    monkeypatch.setattr(stability, "DENSE_UP_TO", 0)
+    monkeypatch.setattr(stability, "FACTORS_UP_TO", 0)
+    found = stability.stability(state, law, method="fastest")
+    assert found.undamped.grows and not found.grows and not found.unverified
+
+
 def test_a_search_continues_where_it_was_saved(tmp_path, monkeypatch):
     """The same answer, bit for bit; a file of another search is not used."""
     state, path = lattice(2, 8, 0.01), tmp_path / "search.npz"
@@ -228,7 +260,7 @@ def test_a_thousand_grains_against_the_dense_spectrum():
 
 
 def test_a_peak_that_failed_stays_unverified_and_is_tried_again_in_a_longer_run():
-    modes = probes.GrowingModes(np.eye(3), 1.0, (0.0, 0.0), 0.0, 10.0)
+    modes = probes.GrowingModes(probes.Motion(np.eye(3), 1.0, np.zeros((3, 0))), (0.0, 0.0), 0.0, 10.0)
     run = SimpleNamespace(peaks=lambda: [(0.04 + 1e-4j, 2e-3)], time=2000.0)
     modes.failed = [(0.2, 0.01, 3e-3)]  # growth was overestimated in a short run
     assert not modes.hopeful(run) and modes.unverified(run) == run.peaks()

@@ -9,7 +9,7 @@ from stickslip.core.laws.builtin import hertz_mindlin
 from stickslip.solve.fastest import KrylovSubspace
 from stickslip.solve.freedom import dynamical_matrix, freedom
 from stickslip.solve.linear import FrontalFactor, count_below, dissect
-from stickslip.solve.probes import LANES, Filters, ProbeRun
+from stickslip.solve.probes import LANES, Filters, Motion, ProbeRun
 from tests.conftest import make_law, make_packing, stirred
 from tests.unit.test_fastest import lattice
 
@@ -78,19 +78,24 @@ def test_a_krylov_subspace_grows_without_starting_again(system):
     np.testing.assert_allclose(rest[:, -8:], subspace.next @ last, atol=1e-12)
 
 
-def test_the_leapfrog_is_its_equation(system):
+@pytest.mark.parametrize("damped", [False, True])
+def test_the_leapfrog_is_its_equation(system, damped):
     """Five steps, and filtered sums, in single precision; rows need not be a multiple of the block size."""
     matrix, _ = system
     matrix = sparse.csr_array(matrix[1:][:, 1:])
     n = matrix.shape[0]
-    run = ProbeRun(matrix, 4.0, 5, LANES, np.random.default_rng(0))
+    drag = sparse.csr_array(-0.1 * matrix[:, ::-1]) if damped else None
+    run = ProbeRun(Motion(matrix, 4.0, np.zeros((n, 0)), drag), 5, LANES, np.random.default_rng(0))
+    run.weights = 1.3, -0.4
     q, v = run.q[0][:n].astype(float), run.v[0][:n].astype(float)
+    before = v
     run.lanes = np.arange(48.0).reshape(3, LANES)
     filters, sums = Filters(run, [0.3 + 0.1j, 2.0], 1), np.zeros((n, LANES))
     lane, weights, _ = Filters(run, [0.3 + 0.1j, 2.0], 1).next(5)
     run.advance(filters)
     for step in range(5):
-        v = v - run.dt**2 * (matrix @ q)
+        drawn = run.dt * (drag @ (1.3 * v - 0.4 * before)) if damped else 0.0
+        before, v = v, v - run.dt**2 * (matrix @ q) + drawn
         q = q + v
         sums += weights[step] * q[:, lane]
     assert run.probes == LANES

@@ -229,7 +229,7 @@ struct Pairs;  // keys of all pairs within range
 
 // Pairs closer than `skin`; x are the positions of all bodies, walls last. Null if there is no memory
 API Pairs *find_pairs(const Grid *grid, const double *x, const double *radius, const double *normal, int64_t bodies,
-                      int64_t walls, double skin);
+                      int64_t walls, double skin, int64_t threads);
 API int64_t count_pairs(const Pairs *pairs);  // −1 if a pair is more boxes apart than a key can hold
 // Fills a list, whose memory is zero, and copies the memory of pairs that are also in the old list
 API void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list);
@@ -432,7 +432,7 @@ API void run_batch(const Law *law, const Batch *batch, int64_t steps);
 API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
                       const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
                       Pull *pull, const Bonds *bonds, const Writing *writing, double start, int64_t stop,
-                      double tolerance, double *residual, int64_t *progress, int64_t threads);
+                      double tolerance, double *residual, int64_t *progress);
 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,
@@ -545,11 +545,14 @@ API double largest_squared_frequency(const Law *law, int64_t dim, const Bodies *
 API int64_t descend(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts, const double *shift,
                     double reach, double *velocity, double *force, double *stiffness, double *pace, double tolerance,
                     int64_t steps);
-// see `solve.probes`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16). Unless null, `filtered`
-// (3 n, 16) gains `weights` (steps, 16) times q of the vectors `lane` (16,)
+// see `solve.probes`: n rows of blocks, q and v (3 n, 16), `record` (steps, buckets, 16). Unless `previous` (3 n, 16),
+// which holds v of one step ago, is null, v gains the damper blocks times `now` v + `before` previous; `drawn` (3 n, 16)
+// is scratch. Unless null, `filtered` (3 n, 16) gains `weights` (steps, 16) times q of the vectors `lane` (16,)
 API void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
-                  const int64_t *bucket, const float *signs, float *q, float *v, int64_t steps, int64_t buckets,
-                  float *record, const int64_t *lane, const float *weights, float *filtered);
+                  const int64_t *damper_indptr, const uint32_t *damper_indices, const float *damper_blocks,
+                  double now, double before, const int64_t *bucket, const float *signs, float *q, float *v,
+                  float *previous, float *drawn, int64_t steps, int64_t buckets, float *record, const int64_t *lane,
+                  const float *weights, float *filtered);
 
 // see `solve.linear`: front[places, places] += part (m, m), both column by column, of numbers of `width` parts (real or
 // complex); the front has `rows` rows

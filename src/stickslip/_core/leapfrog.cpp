@@ -52,13 +52,23 @@ static void filter(int64_t rows, const int64_t *lane, const float *weights, cons
   }
 }
 
-void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks, const int64_t *bucket,
-              const float *signs, float *q, float *v, int64_t steps, int64_t buckets, float *record,
-              const int64_t *lane, const float *weights, float *filtered) {
+void leapfrog(int64_t n, const int64_t *indptr, const uint32_t *indices, const float *blocks,
+              const int64_t *damper_indptr, const uint32_t *damper_indices, const float *damper_blocks,
+              double now, double before, const int64_t *bucket, const float *signs, float *q, float *v,
+              float *previous, float *drawn, int64_t steps, int64_t buckets, float *record, const int64_t *lane,
+              const float *weights, float *filtered) {
   for (int64_t t = 0; t < steps; t++) {
+    for (int64_t i = 0; previous && i < BLOCK * n * VECTORS_AT_ONCE; i++) {
+      drawn[i] = float(now) * v[i] + float(before) * previous[i];
+      previous[i] = v[i];
+    }
     for (int64_t i = 0; i < n; i++) {
       for (int64_t k = 0; k < VECTORS_AT_ONCE; k += WIDE) {
-        add_block_row(indptr[i], indptr[i + 1], indices, blocks, q + k, v + i * BLOCK * VECTORS_AT_ONCE + k);
+        float *to = v + i * BLOCK * VECTORS_AT_ONCE + k;
+        add_block_row(indptr[i], indptr[i + 1], indices, blocks, q + k, to);
+        if (previous) {
+          add_block_row(damper_indptr[i], damper_indptr[i + 1], damper_indices, damper_blocks, drawn + k, to);
+        }
       }
     }
     move(BLOCK * n, bucket, signs, q, v, record + t * buckets * VECTORS_AT_ONCE);

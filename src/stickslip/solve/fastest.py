@@ -22,7 +22,7 @@ from ..core.readable import readable
 from ..core.state import State
 from .freedom import ZERO_BELOW, Freedom, dynamical_matrix, freedom, translations
 from .linear import FACTORS_UP_TO, Dissection, FrontalFactor, count_below, dissect, suitable_threads
-from .probes import CLEAR, Effort, search_by_probes
+from .probes import CLEAR, Effort, Motion, search_by_probes
 from .spectrum import REAL_BELOW, SoftModes
 
 BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
@@ -250,7 +250,7 @@ class FastestPair(NamedTuple):
             )
         else:
             above = f"{run} found none faster than {least}, which is not a proof"
-        return f"{below}{above}; none can exceed {most}"
+        return f"{below}{above}" + (f"; none can exceed {most}" if np.isfinite(low.above) else "")
 
     def __str__(self):
         if self.eigenvalue is None:
@@ -308,7 +308,10 @@ def fastest_pair(
     """
     free, effort = freedom(state), Effort(amplification, rate, probes, seed)
     matrix = dynamical_matrix(state, law, free)
-    return find_fastest(state, free, matrix, report, effort, saved, dense_below, factors_up_to)
+    found = find_fastest(state, free, matrix, report, effort, saved, dense_below, factors_up_to)
+    if saved:
+        saved.unlink(missing_ok=True)
+    return found
 
 
 def find_fastest(
@@ -320,8 +323,12 @@ def find_fastest(
     saved: Path | None = None,
     dense_below: int = DENSE_BELOW,
     factors_up_to: int = FACTORS_UP_TO,
+    drag=None,
 ) -> FastestPair:
-    """Fastest growing eigenvalue of a given A in the coordinates `free`; see `fastest_pair`."""
+    """Fastest growing eigenvalue of a given A in the coordinates `free`; see `fastest_pair`.
+
+    With dashpots q̈ = −A q + `drag` q̇, λ = −s² of the fastest growing exponent s, which probes alone search.
+    """
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros
     if not len(touched):
         raise ValueError(
@@ -339,11 +346,13 @@ def find_fastest(
     norm = float(eigsh(symmetric, k=1, which="LA", tol=1e-3, v0=start, return_eigenvectors=False)[0])
     skew = float(abs(matrix - matrix.T).sum(axis=1).max()) / 2  # row sums bound the norm
     windows = ShiftWindows(matrix, norm, order, rng)
-    if len(touched) < dense_below:
+    if len(touched) < dense_below and drag is None:
         values = windows.search(0.0, len(touched))
         bottom, time, exponent, used, left = Bottom(np.inf, len(values), len(values), False, 0.0), np.inf, 3.0, 0, []
     else:
-        bottom, factors = Bottom(0.0, 0, 0, False, skew / 2), len(touched) <= factors_up_to
+        bottom, factors = Bottom(0.0, 0, 0, False, skew / 2), len(touched) <= factors_up_to and drag is None
+        if drag is not None:
+            bottom, drag = bottom._replace(above=np.inf), sparse.csr_array(drag[touched][:, touched])
         refines = factors and len(touched) <= REFINED_UP_TO
         if factors:
             report("bottom of the spectrum", 0.0, f"{len(touched)} coordinates")
@@ -351,8 +360,9 @@ def find_fastest(
         del symmetric
         disc = (windows.done[0].shift, windows.done[0].radius) if windows.done else (0.0, 0.0)
         found, run, left = search_by_probes(
-            matrix, rigid[touched], norm, disc, windows.growth, effort, report, saved, CLEAR if refines else ALONE
-        )
+            Motion(matrix, norm, rigid[touched], drag), disc, windows.growth, effort, report, saved,
+            CLEAR if refines else ALONE,
+        )  # fmt: skip
         time, used, exponent = run.time, run.probes, found.excluded(run) * run.time
         if found.value is not None and refines:
             report("fastest pair to round-off", 0.0, f"growth rate {found.growth:.4g}")

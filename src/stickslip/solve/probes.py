@@ -3,7 +3,9 @@
 The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
 √λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
 θ. Sums of q_n with the weights of a frequency filter span the growing modes there; their eigenvalues follow from A
-in that span.
+in that span. With dashpots, q̈ = −A q + D q̇, λ = −s² for the exponents s = g − iω. Their forces lag by half a step in a
+search, which damps a mode by too little, cos(θ/2). While filters run, they follow from two velocities with weights for
+which the modes at the frequency of the first peak are those of the equation.
 """
 
 import hashlib
@@ -39,6 +41,7 @@ CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
 FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
 SHORT = 60.0  # time above which an estimate is shown [s]
+HIGHEST = 2.5  # phase per step up to which dashpots act without error [rad]
 ROUNDS = 8  # peaks at the end of a run for which filters run
 SAVED_EVERY = 60.0  # seconds between two savings of a search
 
@@ -52,29 +55,37 @@ class Effort(NamedTuple):
     seed: int = 0
 
 
-def time_step(norm: float) -> float:
-    """Time step [time]. The limit is 2/√λmax; the Lanczos estimate of λmax is low by less than the margin."""
-    return 1.9 / np.sqrt(norm)
+class Motion(NamedTuple):
+    """Equations of motion q̈ = −A q + D q̇ of mass-weighted displacements."""
+
+    matrix: sparse.csr_array  # (n, n) A, neighbours close in memory [1/time²]
+    norm: float  # estimate of its largest eigenvalue [1/time²]
+    rigid: np.ndarray  # (n, k) orthonormal zero modes that are excluded, since round-off makes them drift
+    drag: sparse.csr_array | None = None  # (n, n) D; None without dashpots [1/time]
+
+    @property
+    def time_step(self) -> float:
+        """Time step of the leapfrog [time]. The limit is dt² λmax + 2 dt ‖D‖ = 4; the margin exceeds errors of λmax."""
+        drag = 0.0 if self.drag is None else abs(self.drag).sum(axis=1).max()
+        return 3.61 / (drag + np.sqrt(drag**2 + 3.61 * self.norm))
 
 
 class ProbeRun:
     """Probes advanced by the leapfrog, and power spectra of random sums of their coordinates."""
 
-    def __init__(self, matrix, rigid: np.ndarray, norm: float, span: int, probes: int, rng):
-        size = -(-matrix.shape[0] // ROWS) * ROWS  # rows of zeros are added, where nothing moves
-        self.dt, self.span, self.spectra, self.log_scale, self.seen = time_step(norm), span, [], 0.0, np.inf
-        # single precision halves the memory traffic of each product and perturbs λ by 1e-7 of the largest
-        pull = sparse.csr_array((-(self.dt**2)) * matrix)
-        pull.resize(size, size)
-        pull = pull.tobsr((ROWS, ROWS))
-        blocks = pull.data.reshape(-1, ROWS**2).astype(np.float32)
-        self.product = pull.indptr.astype(np.int64), pull.indices.astype(np.uint32), blocks
+    def __init__(self, motion: Motion, span: int, probes: int, rng):
+        matrix, size = motion.matrix, -(-motion.matrix.shape[0] // ROWS) * ROWS  # zeros are added, where nothing moves
+        self.dt, self.span, self.spectra, self.log_scale, self.seen = motion.time_step, span, [], 0.0, np.inf
+        pull, self.product = _blocks((-(self.dt**2)) * matrix, size)
+        self.dampers = (None, None, None) if motion.drag is None else _blocks(self.dt * motion.drag, size)[1]
+        self.weights = 1.0, 0.0  # of the last two velocities in the forces of dashpots
         self.q = [rng.standard_normal((size, LANES), np.float32) for _ in range(-(-probes // LANES))]
         # velocities half a step before the start, where the probes are at rest
         self.v = [np.ascontiguousarray(-0.5 * (pull @ q), np.float32) for q in self.q]
-        self.rigid = np.zeros((size, rigid.shape[1]), np.float32)
-        self.rigid[: len(rigid)] = rigid
+        self.rigid = np.zeros((size, motion.rigid.shape[1]), np.float32)
+        self.rigid[: matrix.shape[0]] = motion.rigid
         self.probes = LANES * len(self.q)
+        self.previous = [None if motion.drag is None else v.copy() for v in self.v]
         self.sums = rng.integers(BUCKETS, size=size), rng.choice(np.array([-1, 1], np.float32), size)
 
     @property
@@ -84,10 +95,26 @@ class ProbeRun:
 
     def seconds(self, steps: float) -> float:
         """Estimate the time that a number of steps takes, from two steps of zeros [s]."""
-        rows, zeros, begin = len(self.product[0]) - 1, np.zeros_like(self.q[0]), time.perf_counter()
-        record = np.zeros((2, BUCKETS, LANES), np.float32)
-        core.leapfrog(rows, *self.product, *self.sums, zeros, zeros.copy(), 2, BUCKETS, record, None, None, None)
+        q, record, begin = np.zeros_like(self.q[0]), np.zeros((2, BUCKETS, LANES), np.float32), time.perf_counter()
+        self._leap(q, q.copy(), None if self.previous[0] is None else q.copy(), record, (None, None, None))
         return (time.perf_counter() - begin) / 2 * steps
+
+    def tune(self, value: complex | None) -> None:
+        """Choose the weights for which dashpots act without error on modes at the frequency of a peak, or the lag.
+
+        They solve now exp(−iθ/2) + before exp(−3iθ/2) = 1.
+        """
+        theta = 0.0 if value is None else self.angle(value)
+        exact = 1e-3 < theta < HIGHEST
+        self.weights = (np.sin(1.5 * theta) / np.sin(theta), -0.5 / np.cos(0.5 * theta)) if exact else (1.0, 0.0)
+
+    def _leap(self, q: np.ndarray, v: np.ndarray, previous: np.ndarray | None, record: np.ndarray, extra) -> None:
+        """Advance q and v in place by the steps of a record of sums."""
+        rows, drawn = len(self.product[0]) - 1, None if previous is None else np.empty_like(v)
+        core.leapfrog(
+            rows, *self.product, *self.dampers, *self.weights, *self.sums, q, v, previous, drawn, len(record), BUCKETS,
+            record, *extra,
+        )  # fmt: skip
 
     def advance(self, filters: "Filters | None" = None):
         """Run one span and store its power spectrum, summed over probes and buckets."""
@@ -103,17 +130,16 @@ class ProbeRun:
         self.spectra.append(sum(power.sum(axis=1) for power in powers) * np.exp(2 * self.log_scale))
         if len(self.spectra) > 1:
             self._note_what_is_seen()
-        if size > 1e3:
-            for array in self.q + self.v + ([filters.sums] if filters else []):
-                array /= size
+        if size > 1e3 or 0 < size < 1e-3:
+            for array in [*self.q, *self.v, *self.previous, filters and filters.sums]:
+                if array is not None:
+                    array /= size
             self.log_scale += np.log(size)
 
     def _advance_probes(self, k: int, filters) -> tuple[np.ndarray, float]:
         """Advance some probes in place; return their power spectra (frequencies, LANES) and largest component."""
         q, record = self.q[k], np.zeros((self.span, BUCKETS, LANES), np.float32)
-        rows = len(self.product[0]) - 1  # in blocks
-        extra = filters.next(self.span) if filters else (None, None, None)
-        core.leapfrog(rows, *self.product, *self.sums, q, self.v[k], self.span, BUCKETS, record, *extra)
+        self._leap(q, self.v[k], self.previous[k], record, filters.next(self.span) if filters else (None, None, None))
         taper = np.hanning(self.span + 1)[:-1].astype(np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # `advance` checks the size
             power = np.zeros((self.span // 2 + 1, LANES))
@@ -166,13 +192,25 @@ class ProbeRun:
         return float(2 * np.arcsin(np.sqrt(complex(value)) * self.dt / 2).real)
 
 
-class RitzModes(NamedTuple):
-    """Approximate eigenvalues of A."""
+def _blocks(matrix, size: int):
+    """Matrix in blocks, padded with zeros, and its arrays in single precision.
 
-    value: np.ndarray  # (LANES,) λ [1/time²]
-    root: np.ndarray  # (LANES,) √λ [1/time]
-    vector: np.ndarray  # (n, LANES) unit vectors v
-    error: np.ndarray  # (LANES,) ‖Av − λv‖ [1/time²]
+    Single precision halves the memory traffic of each product, and perturbs λ by 1e-7 of the largest.
+    """
+    matrix = sparse.csr_array(matrix)
+    matrix.resize(size, size)
+    matrix = matrix.tobsr((ROWS, ROWS))
+    blocks = matrix.data.reshape(-1, ROWS**2).astype(np.float32)
+    return matrix, (matrix.indptr.astype(np.int64), matrix.indices.astype(np.uint32), blocks)
+
+
+class RitzModes(NamedTuple):
+    """Approximate eigenvalues λ of A, or λ = −s² of growing exponents s with dashpots."""
+
+    value: np.ndarray  # (K,) λ [1/time²]
+    root: np.ndarray  # (K,) √λ [1/time]
+    vector: np.ndarray  # (n, K) unit vectors v
+    error: np.ndarray  # (K,) ‖Av − λv‖, or ‖Av − sDv + s²v‖ [1/time²]
 
 
 class Filters:
@@ -197,15 +235,25 @@ class Filters:
         weights = np.stack([taper * np.cos(phase), taper * np.sin(phase)], axis=2).reshape(span, LANES)
         return self.lane, weights.astype(np.float32), self.sums
 
-    def eigenvalues(self, matrix) -> RitzModes:
-        """Approximate eigenvalues of A in the span of the sums."""
-        sums = self.sums[: matrix.shape[0]].astype(float)
+    def eigenvalues(self, motion: Motion) -> RitzModes:
+        """Approximate eigenvalues in the span of the sums."""
+        sums = self.sums[: motion.matrix.shape[0]].astype(float)
         basis = np.linalg.qr(sums / np.maximum(np.linalg.norm(sums, axis=0), 1e-300))[0]
-        image = matrix @ basis
+        image = motion.matrix @ basis
         H = basis.T @ image
-        values, y = eig(H)
-        residual = np.linalg.norm((image - basis @ H) @ y, axis=0)
-        return RitzModes(values, np.sqrt(values.astype(complex)), basis @ y, residual)
+        if motion.drag is None:
+            values, y = eig(H)
+            residual = np.linalg.norm((image - basis @ H) @ y, axis=0)
+            return RitzModes(values, np.sqrt(values.astype(complex)), basis @ y, residual)
+        pace = np.sqrt(np.linalg.norm(H, 2))  # in units of it, s is of order one
+        dragged = motion.drag @ basis
+        first_order = np.block([[np.zeros_like(H), np.eye(len(H))], [-H / pace**2, basis.T @ dragged / pace]])
+        s, y = eig(first_order)
+        s, y = pace * s[s.imag <= 0], y[: len(H), s.imag <= 0]
+        y /= np.linalg.norm(y, axis=0)
+        vectors = basis @ y
+        residual = np.linalg.norm(image @ y - s * (dragged @ y) + s**2 * vectors, axis=0)
+        return RitzModes(-(s**2), 1j * s, vectors, residual)
 
 
 class GrowingModes:
@@ -218,8 +266,8 @@ class GrowingModes:
     clear : Im λ, or −λ of buckling, over the residual of a mode that counts as extracted
     """
 
-    def __init__(self, matrix, norm: float, disc: tuple[float, float], growth: float, clear: float):
-        self.matrix, self.norm, self.disc, self.growth, self.clear = matrix, norm, disc, growth, clear
+    def __init__(self, motion: Motion, disc: tuple[float, float], growth: float, clear: float):
+        self.motion, self.disc, self.growth, self.clear = motion, disc, growth, clear
         self.residual, self.value, self.vector = 0.0, None, None
         # peaks that extracted modes explain, and those of this run without one: frequency, half-width, growth [1/time]
         self.explained: list[tuple[float, float, float]] = []
@@ -242,10 +290,17 @@ class GrowingModes:
 
     def extract(self, run: ProbeRun, follow: Callable[[], None]) -> None:
         """Let the probes run on until filters at the hopeful peaks yield the growing mode of the first one, or fail."""
-        (value, growth), best = self.hopeful(run)[0], 0.0
+        value, growth = self.hopeful(run)[0]
         centre, bin_width = np.sqrt(complex(value)).real, 2 * np.pi / (run.span * run.dt)
         peak = centre, bin_width, growth
         self.failed.append(peak)
+        run.tune(value)
+        self._filter(run, follow, value, peak)
+        run.tune(None)
+
+    def _filter(self, run: ProbeRun, follow: Callable[[], None], value: complex, peak: tuple) -> None:
+        """Run filters until the growing mode of a peak stands clear of its residual, or they stop converging."""
+        (centre, bin_width, growth), best = peak, 0.0
         for k in range(MOST_PASSES):
             if run.log_scale > FAR:
                 return
@@ -254,7 +309,7 @@ class GrowingModes:
             for _ in range(spans):
                 run.advance(filters)
                 follow()
-            modes = filters.eigenvalues(self.matrix)
+            modes = filters.eigenvalues(self.motion)
             clearness = self._clearness(modes)
             ends = k + 1 == MOST_PASSES or (k + 1 >= PASSES and clearness.max() < STALLED * best)
             clear = min(CLEAR, self.clear) if ends else self.clear
@@ -275,7 +330,8 @@ class GrowingModes:
     def _clearness(self, modes: RitzModes) -> np.ndarray:
         """Im λ, or −λ of buckling, over the residual; 0 if it may be noise."""
         apart = np.where(modes.value.imag == 0, -modes.value.real, modes.value.imag)
-        return np.where(apart > NOISE * self.norm, apart / np.maximum(modes.error, 1e-300), 0.0)
+        apart = np.where(modes.root.imag > 0, apart, 0.0)
+        return np.where(apart > NOISE * self.motion.norm, apart / np.maximum(modes.error, 1e-300), 0.0)
 
     def _keep(self, modes: RitzModes, chosen: np.ndarray) -> list[tuple[float, float]]:
         """Store the fastest growing of the chosen modes; return frequencies and growth rates of all these."""
@@ -283,7 +339,7 @@ class GrowingModes:
             growth = float(abs(modes.root[k].imag))
             if growth > self.growth:
                 self.growth, self.value, self.vector = growth, complex(modes.value[k]), modes.vector[:, k]
-                self.residual = float(modes.error[k]) / self.norm
+                self.residual = float(modes.error[k]) / self.motion.norm
         return [(float(abs(root.real)), float(abs(root.imag))) for root in modes.root[chosen]]
 
 
@@ -294,16 +350,12 @@ def _covers(known: list[tuple[float, float, float]], value: complex, growth: flo
 
 
 def search_by_probes(
-    matrix, rigid: np.ndarray, norm: float, disc: tuple, growth: float, effort: Effort, report: Report,
-    path: Path | None, clear: float,
-) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:  # fmt: skip
+    motion: Motion, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
+) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:
     """Run probes until slower modes than `rate`, or than the fastest one known, would stand out.
 
     Parameters
     ----------
-    matrix : (n, n) sparse A, neighbours close in memory
-    rigid : (n, k) orthonormal zero modes that are excluded, since round-off makes them drift
-    norm : largest eigenvalue of A [1/time²]
     disc, growth, clear : of `GrowingModes`
     path : file in which the search is saved, and from which it continues
 
@@ -314,14 +366,14 @@ def search_by_probes(
 
     def start(span: int) -> ProbeRun:
         rng = np.random.default_rng([effort.seed, span])
-        return ProbeRun(matrix, rigid, norm, span, effort.probes, rng)
+        return ProbeRun(motion, span, effort.probes, rng)
 
     def needed() -> float:
-        return max(effort.amplification / max(effort.rate, modes.growth) / time_step(norm), SHORTEST)
+        return max(effort.amplification / max(effort.rate, modes.growth) / motion.time_step, SHORTEST)
 
-    modes = GrowingModes(matrix, norm, disc, growth, clear)
+    modes = GrowingModes(motion, disc, growth, clear)
     stage = STAGE
-    saved = path and SavedSearch(path, matrix, (disc, growth, effort, clear))
+    saved = path and SavedSearch(path, motion, (disc, growth, effort, clear))
     run = saved and saved.restore(modes, start)
     steps = run.span * SPANS if run else needed()
     while not run and steps >= LONGER * SHORTEST:  # short runs first: they are cheap and may suffice
@@ -331,9 +383,9 @@ def search_by_probes(
         if stage == STAGE and (seconds := run.seconds(longest)) > SHORT:
             stage = f"{STAGE}, about {format_seconds(seconds)} until growth faster than {effort.rate:g} is seen"
         left = _run_stage(run, modes, effort.amplification, longest, partial(report, stage), saved)
-        if steps >= longest or modes.growth * run.time >= effort.amplification:
-            if path:
-                path.unlink(missing_ok=True)
+        if steps >= longest or modes.growth * run.time >= effort.amplification or run.log_scale >= FAR:
+            if saved:
+                saved.save(run, modes, finished=True)
             return modes, run, left
         run, steps = None, min(LONGER * steps, needed())  # fewer, if a faster mode was found
         modes.failed.clear()  # more may be extracted from a longer run
@@ -357,7 +409,7 @@ def _run_stage(
         gain = modes.growth * run.time
         return gain >= amplification and (run.seen <= modes.growth or gain >= 3 * amplification)
 
-    while len(run.spectra) < SPANS and not is_known():
+    while len(run.spectra) < SPANS and run.log_scale < FAR and not is_known():
         run.advance()
         follow()
         if len(run.spectra) > 1 and modes.growth * run.time < amplification:
@@ -374,23 +426,26 @@ def _run_stage(
 
 
 class SavedSearch:
-    """File in which a search for one matrix is saved, and from which it continues."""
+    """File in which a search for one motion is saved, and from which it continues."""
 
-    def __init__(self, path: Path, matrix, given: tuple):
+    def __init__(self, path: Path, motion: Motion, given: tuple):
         self.path, self.last = path, time.monotonic()
-        content = hashlib.blake2b(matrix.data)
-        content.update(matrix.indices)
+        content = hashlib.blake2b()
+        for matrix in filter(lambda one: one is not None, (motion.matrix, motion.drag)):
+            content.update(matrix.data)
+            content.update(matrix.indices)
         content.update(repr(given).encode())
         self.digest = content.hexdigest()
 
-    def save(self, run: ProbeRun, modes: GrowingModes) -> None:
-        """Replace the file, all or nothing, unless it was written less than SAVED_EVERY seconds ago."""
-        if time.monotonic() - self.last < SAVED_EVERY:
+    def save(self, run: ProbeRun, modes: GrowingModes, finished: bool = False) -> None:
+        """Replace the file, all or nothing, unless it was written a moment ago and the search goes on."""
+        if not finished and time.monotonic() - self.last < SAVED_EVERY:
             return
         part = self.path.with_name(f".{self.path.stem}.{os.getpid()}.npz")
         np.savez(
             part, digest=self.digest, span=run.span, log_scale=run.log_scale, seen=run.seen,
             spectra=run.spectra, lanes=run.lanes, q=run.q, v=run.v,
+            previous=[] if run.previous[0] is None else run.previous,
             explained=np.array(modes.explained).reshape(-1, 3), failed=np.array(modes.failed).reshape(-1, 3),
             growth=modes.growth,
             residual=modes.residual, value=[] if modes.value is None else [modes.value],
@@ -408,6 +463,8 @@ class SavedSearch:
                 return None
             run = start(int(saved["span"]))
             run.q, run.v, run.spectra = list(saved["q"]), list(saved["v"]), list(saved["spectra"])
+            if len(saved["previous"]):
+                run.previous = list(saved["previous"])
             run.log_scale, run.seen, run.lanes = float(saved["log_scale"]), float(saved["seen"]), saved["lanes"]
             modes.explained, modes.failed = (
                 [tuple(map(float, one)) for one in saved[key]] for key in ("explained", "failed")

@@ -210,7 +210,8 @@ def stability(
         coordinates, "fastest" beyond). Each uses the cheapest algorithm, given by `Stability.method`: LAPACK up to 1500
         coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
         all exponents are computed of up to 1250 coordinates (with "dense", 4000); in larger packings, those near the
-        exponents of the undamped motion, which are found with this method. There is no certificate then
+        exponents of the undamped motion, which are found with this method; beyond 90,000, the fastest growing one by
+        probes. There is no certificate then
     saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
         removed at the end
     report : called as report(stage, share done, text)
@@ -240,18 +241,25 @@ def stability(
         slid = slid._replace(scope=join_scopes(slid.scope, LEFT_OUT))
     rows = here.at_limit
     if not len(rows) or slid.method == "none":
+        _remove_saved(saved)
         return slid
-    sticking, saved = (
-        here.with_modes(with_mode(here.state, rows, STICK)),
-        saved and saved.with_stem(f"{saved.stem}-stuck"),
-    )
-    stuck = _analyse(sticking, method, has_dashpots and dashpots, report, saved)
+    sticking = here.with_modes(with_mode(here.state, rows, STICK))
+    beside = saved and saved.with_stem(f"{saved.stem}-stuck")
+    stuck = _analyse(sticking, method, has_dashpots and dashpots, report, beside)
+    _remove_saved(saved, beside)
     both = (slid, stuck), (slid.undamped, stuck.undamped)
     slid, undamped = (
         one and one._replace(at_limit=len(rows), if_stuck=other, scope=join_scopes(one.scope, MIXED))
         for one, other in both
     )
     return slid._replace(undamped=undamped)
+
+
+def _remove_saved(*searches: Path | None) -> None:
+    """Remove the files of finished searches, which remain until all have finished."""
+    for path in filter(None, searches):
+        for file in (path, path.with_stem(f"{path.stem}-damped")):
+            file.unlink(missing_ok=True)
 
 
 def join_scopes(*scope: str) -> str:
@@ -302,6 +310,16 @@ def _analyse(here: LinearisedState, method: str, dashpots: bool, report, saved: 
     if not dashpots:
         return result
     drag = assembled(state, dampers, free)
+    if size > FACTORS_UP_TO:
+        pairs, modes, scope, soft, unverified = _find_fastest(
+            here, free, matrix, report, saved and saved.with_stem(f"{saved.stem}-damped"), drag
+        )
+        return result._replace(
+            pairs=pairs, negative=np.zeros(0) if soft is None else soft.negative,
+            modes=modes if soft is None else np.hstack([modes, soft.vectors]),
+            scope=join_scopes(f"{scope}; buckling slower than that was not sought", unloaded),
+            undamped=result, unverified=unverified,
+        )  # fmt: skip
     s, modes, slowest, near = growing_exponents(matrix, drag, free, result.exponents, asked, report)
     swings = s.imag < 0
     return result._replace(
@@ -349,19 +367,27 @@ def _analyse_dense(matrix):
     return values[pair], values.real[negative], int(zero.sum()), vectors[:, [*pair, *negative]]
 
 
+def _find_fastest(here: LinearisedState, free: Freedom, matrix, report, saved: Path | None, dampers=None):
+    """Fastest pair with its mode, scope, negative and zero λ, and unverified peaks; with dashpots, λ = −s²."""
+    from .fastest import find_fastest
+
+    root, drag = np.sqrt(1 / free.mass), None
+    if dampers is not None:
+        drag = sparse.csr_array(sparse.diags_array(root) @ dampers @ sparse.diags_array(root))
+    fastest = find_fastest(here.state, free, matrix, report, saved=saved, drag=drag)
+    there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
+    values = np.array([fastest.eigenvalue] if there else [], complex)
+    modes = fastest.mode[:, None] if there else np.zeros((len(free), 0), complex)
+    soft = fastest.soft
+    if soft is None and fastest.eigenvalue is not None and not there:
+        soft = SoftModes(np.array([fastest.eigenvalue.real]), fastest.mode[:, None].real, 0)
+    return values, modes, str(fastest), soft, fastest.unverified
+
+
 def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, report, saved: Path | None):
     """Pairs, their modes in the coordinates `free`, the scope of the search, negative and zero λ, unverified peaks."""
     if method == "fastest":
-        from .fastest import find_fastest
-
-        fastest = find_fastest(here.state, free, matrix, report, saved=saved)
-        there = fastest.eigenvalue is not None and fastest.eigenvalue.imag != 0
-        values = np.array([fastest.eigenvalue] if there else [], complex)
-        modes = fastest.mode[:, None] if there else np.zeros((len(free), 0), complex)
-        soft = fastest.soft
-        if soft is None and fastest.eigenvalue is not None and not there:
-            soft = SoftModes(np.array([fastest.eigenvalue.real]), fastest.mode[:, None].real, 0)
-        return values, modes, str(fastest), soft, fastest.unverified
+        return _find_fastest(here, free, matrix, report, saved)
     from .pairs import find_pairs
 
     whole, certify = freedom(here.state), method == "certify"
@@ -420,11 +446,6 @@ def check_damped_method(method: str, size: int) -> None:
     """Raise ValueError if a method of `stability` does not support `size` coordinates with dashpots."""
     if method == "certify":
         raise ValueError("method 'certify' does not support dashpots: use 'all', or omit them")
-    if size > FACTORS_UP_TO:
-        raise ValueError(
-            f"the method 'fastest' with dashpots supports at most {FACTORS_UP_TO} coordinates, got {size}: omit the "
-            "dashpots"
-        )
     if method == "dense" and size > DAMPED_AT_MOST:
         raise ValueError(
             f"the method 'dense' with dashpots supports at most {DAMPED_AT_MOST} coordinates, got {size}: use 'pairs' "
