@@ -29,6 +29,7 @@ QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi,
 NARROWEST = 2.0  # least width of the cell over the largest diameter
 DENSITY = {2: 0.8, 3: 0.6}  # packing fractions for estimates before the sample is made
 FIRST, GROWTH = 1e-6, 1.5  # first strain step of a leg, and the growth of the steps after it
+STIFFEST = 1e7  # largest modulus of a pore fluid over the pressure
 LOG_STEP = 100.0  # step of ln p on an isotropic path over the step of the strain on others
 AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 RESOLVED = 1e3  # least strength of a bond over the unbalanced force of an equilibrium
@@ -208,7 +209,8 @@ class Loading(ScenarioTable):
     ] = Field(
         "triaxial",
         description="isotropic: the pressure changes; oedometric: no lateral strain; triaxial: constant lateral stress "
-        "(drained; biaxial for disks); constant-p: constant mean stress; undrained: constant volume; plane-strain: "
+        "(drained; biaxial for disks); constant-p: constant mean stress; undrained: constant volume, or constant total "
+        "lateral stress with a compressible fluid; plane-strain: "
         "constant stress along x, no strain along y; true-triaxial: constant stress along x, and along y the "
         "intermediate stress of `b`; simple-shear: γ along x with gradient y, constant stress along y, no other strain",
     )
@@ -228,8 +230,8 @@ class Loading(ScenarioTable):
     )
     fluid_modulus: Positive | None = Field(
         None,
-        description="bulk modulus of the pore fluid of an undrained test, for Skempton's B; default: incompressible "
-        "[force/length^(dim−1)]",
+        description="bulk modulus of the pore fluid, which cannot leave, of undrained and isotropic paths; default: "
+        "incompressible fluid of undrained, no fluid of isotropic paths [force/length^(dim−1)]",
     )
     integrator: Literal["quasi-static", "dynamic"] = Field(
         "quasi-static",
@@ -254,8 +256,11 @@ class Loading(ScenarioTable):
             if (getattr(self, name) is not None) != (self.kind == kind):
                 advice = "is missing: give it" if self.kind == kind else f"applies to {kind} paths only: leave it out"
                 raise ValueError(f"path.{name} {advice}")
-        if self.fluid_modulus is not None and self.kind != "undrained":
-            raise ValueError("path.fluid_modulus does not apply to this path: only undrained paths have a pore fluid")
+        if self.fluid_modulus is not None and self.kind not in ("undrained", "isotropic"):
+            raise ValueError(
+                f"path.fluid_modulus does not apply to {self.kind} paths, which are drained: leave it out, or use kind "
+                f'= "undrained" or "isotropic"'
+            )
         if self.inertial_number is not None and self.rate is not None:
             raise ValueError("path.inertial_number and path.rate exclude each other: give only one")
         if self.integrator == "quasi-static" and (self.inertial_number or self.rate):
@@ -502,6 +507,16 @@ class ElementTestScenario(SampleScenario):
         if self.sample.dim == 2 and self.path.kind in ("true-triaxial", "plane-strain"):
             raise ValueError(
                 f'path.kind = "{self.path.kind}" is not available for disks: use "triaxial", the biaxial test'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_fluid(self):
+        most = STIFFEST * self.sample.pressure
+        if (self.path.fluid_modulus or 0.0) > most:
+            raise ValueError(
+                f"path.fluid_modulus must be at most {STIFFEST:g} sample.pressure = {most:g}, beyond which round-off "
+                f"of the volume counts, got {self.path.fluid_modulus:g}: leave it out for an incompressible fluid"
             )
         return self
 
