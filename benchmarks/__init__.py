@@ -46,6 +46,9 @@ BENCHMARKS = {
     "engine_sizes": Benchmark(
         "time steps of dilute and dense grains, and of up to a million", 2400, STEPS, "engine:size_rows", ratios=True
     ),
+    "engine_widths": Benchmark(
+        "time steps of spheres of narrow and wide size distributions", 120, STEPS, "engine:width_rows", ratios=True
+    ),
     "equilibrium": Benchmark("reliability of verdicts off equilibrium", 600, STATICS),
     "fastest_pair": Benchmark(
         "the fastest pair of up to 100,000 spheres, beside exact spectra and runs", 1200, STATICS

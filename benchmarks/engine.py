@@ -15,6 +15,7 @@ HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
 SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
 SHORT = 150  # steps of a short run
+WIDE = {1: 0.66, 10: 0.72, 50: 0.78}  # packing fraction of dense spheres, by largest over smallest radius
 PEERS = {  # LAMMPS sides and their names in the table
     "gran/hertz/history": "LAMMPS gran/hertz",
     "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
@@ -24,19 +25,23 @@ PLAIN, OMP, GENERAL = PEERS
 PEERS |= {NATIVE + side: f"native {name}" for side, name in PEERS.items()}
 
 
-def scene(dim: int, fraction: float, n: int, speed: float) -> Path:
-    """Return a file with n grains of radii 0.5 and 0.7: copies of one periodic packing, with random velocities."""
-    path = STORE / f"scene-{dim}-{fraction}-{n}-{speed}.npz"
+def scene(dim: int, fraction: float, n: int, speed: float, width: int = 1) -> Path:
+    """Return a file with n grains of radii 0.5 and 0.7: copies of one periodic packing, with random velocities.
+
+    With a width, radii are from 0.5 to `width` times that, their logarithms uniform, in a packing without copies.
+    """
+    path = STORE / f"scene-{dim}-{fraction}-{n}-{speed}{f'-{width}' if width > 1 else ''}.npz"
     if path.exists():
         return path
     from stickslip.loading.packing import jammed
 
-    copies = max(1, round((n / 1000) ** (1 / dim))) if n >= 8000 else 1
+    copies = max(1, round((n / 1000) ** (1 / dim))) if n >= 8000 and width == 1 else 1
     while n % copies**dim:
         copies -= 1
     unit = n // copies**dim
-    dense = {2: 0.86, 3: 0.66}[dim]
-    state, _ = jammed(unit, packing_fraction=dense, dim=dim, seed=0)
+    dense = {2: 0.86, 3: 0.66}[dim] if width == 1 else fraction
+    radius = (0.5, 0.7) if width == 1 else 0.5 * width ** np.random.default_rng(0).uniform(size=n)
+    state, _ = jammed(unit, packing_fraction=dense, dim=dim, seed=0, radius=radius)
     scale = (dense / fraction) ** (1 / dim)
     size = state.cell.vectors[0, 0] * scale
     axes = [np.arange(copies)] * dim + [np.zeros(1)] * (3 - dim)
@@ -163,6 +168,16 @@ def size_rows(*, smallest: bool = False):
     ):  # fmt: skip
         yield from compare(case, scene(dim, fraction, n, speed), n, both(PLAIN, OMP), 1000, rounds=1 if smallest else 3)
     yield from () if smallest else sizes((1000, 10_000, 100_000, 1_000_000))
+
+
+def width_rows(*, smallest: bool = False):
+    """Time per closed contact and step of dense spheres of very different sizes, beside that of radii 0.5 and 0.7."""
+    n = 150 if smallest else 10_000
+    paths = [str(scene(3, fraction, n, 0.001, width)) for width, fraction in WIDE.items()]
+    narrow, *wide = measure("widths", Path(os.pathsep.join(paths)), 10 if smallest else 200)
+    for width, seconds in zip(list(WIDE)[1:], wide, strict=True):
+        case = f"dense spheres, log-uniform radii 1:{width}, time per closed contact and step"
+        yield row(case, n, 1, 1e9 * seconds, 1e9 * narrow, "radii 0.5 and 0.7", "ns")
 
 
 def threads(case: str, path: Path, n: int, short: int = 0) -> list[dict]:

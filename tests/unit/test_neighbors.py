@@ -52,9 +52,9 @@ def pairs_within_range(state):
     return sorted(pairs)
 
 
-def rebuilt(state, **changes):
+def rebuilt(state, threads=1, **changes):
     old = state.contacts._replace(**changes)
-    return rebuild_list(body_positions(state), body_radii(state), state.walls.normal, grid_of(state.cell), old)
+    return rebuild_list(body_positions(state), body_radii(state), state.walls.normal, grid_of(state.cell), old, threads)
 
 
 def listed(contacts):
@@ -69,9 +69,11 @@ def test_pairs_equal_a_comparison_of_everything_with_everything(radii, dim):
         contacts = rebuilt(state)
         assert listed(contacts) == pairs_within_range(state)
         assert (np.diff(contacts.key) > 0).all()
+        assert np.array_equal(rebuilt(state, threads=3).key, contacts.key)
 
 
-def test_memory_of_every_closed_contact_survives_and_rolling_memory_also_of_open_ones():
+@pytest.mark.parametrize("threads", [1, 3])
+def test_memory_of_every_closed_contact_survives_and_rolling_memory_also_of_open_ones(threads):
     state, rng = sample("ratio 10", 3, 0), np.random.default_rng(0)
     old = rebuilt(state, rolling=np.zeros((0, 7)))
     shape = (len(old.i), 3)
@@ -80,7 +82,7 @@ def test_memory_of_every_closed_contact_survives_and_rolling_memory_also_of_open
         slip=rng.normal(size=shape), pair=rng.normal(size=shape), roll=rng.normal(size=shape),
         rolling=rng.normal(size=(len(old.i), 7)),
     )  # fmt: skip
-    new = rebuilt(state._replace(contacts=old), skin=0.01)
+    new = rebuilt(state._replace(contacts=old), threads, skin=0.01)
     kept = np.searchsorted(old.key, new.key)
     assert 0 < len(new.key) < len(old.key) and (old.key[kept] == new.key).all()
     closed = old.mode[kept] > 0

@@ -6,6 +6,7 @@ import pytest
 import stickslip as ss
 from stickslip.core.contacts.neighbors import with_neighbor_list
 from stickslip.core.measure import branch_vectors, coordination, packing_fraction, pressure, rattlers, stress, touching
+from stickslip.loading import packing
 from stickslip.loading.packing import frictionless, jammed, reduced_cell, shear_strain, sheared, strained
 from tests.conftest import make_law, make_packing, stirred
 
@@ -49,6 +50,14 @@ def test_a_large_packing_is_quenched_by_fire_to_the_same_tolerance():
     assert report.contacts >= 2 * (2000 - report.rattlers - 1) + 1
     assert report.packing_fraction == pytest.approx(0.88, rel=1e-12)
     assert report.pressure == pytest.approx(jammed(300, packing_fraction=0.88, dim=2)[1].pressure, rel=0.3)
+
+
+@pytest.mark.parametrize("many", [1, 1000])
+def test_grains_of_very_different_sizes_balance_to_the_round_off_of_the_largest(many, monkeypatch):
+    monkeypatch.setattr(packing, "MANY", many)  # by FIRE, and by L-BFGS-B
+    state, info = jammed(120, packing_fraction=0.85, radius=0.5 * np.geomspace(1.0, 50.0, 120))
+    side, stiffness = state.cell.vectors[0, 0], 1.5 * info.largest_overlap**0.5  # of a contact
+    assert info.residual < 0.5 * np.finfo(float).eps * side * 30 * stiffness  # a grain has less than 30 contacts
 
 
 @pytest.mark.parametrize(

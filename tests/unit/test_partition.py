@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from stickslip.core.dynamics import driver
 from stickslip.core.dynamics.moving import balance_threads, split_layers
+from stickslip.core.progress import cpu_quota
 
 
 @pytest.mark.parametrize(
@@ -46,3 +48,33 @@ def test_parts_hold_every_point_once_and_are_of_a_size(parts):
     layers = split_layers(x, np.arange(500), parts)
     assert np.array_equal(np.sort(np.concatenate(layers)), np.arange(500))
     assert max(map(len, layers)) - min(map(len, layers)) <= 4
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "quota"),
+    [
+        ("0::/job/step\n", {"job/cpu.max": "150000 100000\n", "job/step/cpu.max": "max 100000\n"}, 1.5),
+        ("0::/\n", {"cpu.max": "200000 100000\n"}, 2.0),
+        ("0::/\n", {}, np.inf),
+        (
+            "5:cpuset:/a\n4:cpu,cpuacct:/docker/b\n0::/\n",  # the container does not have this path
+            {"cpu,cpuacct/cpu.cfs_quota_us": "50000\n", "cpu,cpuacct/cpu.cfs_period_us": "100000\n"}, 0.5,
+        ),
+        (
+            "4:cpu:/\n", {"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, np.inf,
+        ),
+    ],
+)  # fmt: skip
+def test_a_quota_of_processor_time_limits_the_cores(tmp_path, groups, files, quota):
+    (tmp_path / "groups").write_text(groups)
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert cpu_quota(tmp_path / "groups", tmp_path) == quota
+
+
+@pytest.mark.parametrize(("asked", "cores", "threads"), [("", 3, 3), ("2", 3, 2), ("8", 3, 3), ("x", 3, 3)])
+def test_threads_are_at_most_the_cores_of_this_process(asked, cores, threads, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", asked)
+    monkeypatch.setattr(driver, "available_cores", lambda: cores)
+    assert driver.available_threads() == threads

@@ -155,7 +155,7 @@ def test_the_command_prints_one_object_with_the_documented_keys(unstable, tmp_pa
     documented = {
         "n", "contacts", "bonded", "rattlers", "residual", "tolerance", "balanced", "causes", "settled", "stable",
             "at_limit", "if_stuck", "pairs", "assumed", "geometry", "met",
-        "negative", "zero_modes", "spectrum", "method", "scope",
+        "negative", "zero_modes", "unverified", "spectrum", "method", "scope",
     }  # fmt: skip
     of_every_command = {"command", "status", "folder", "files", "versions"}
     assert set(answer) == documented | of_every_command | {"notes", "verdict"}

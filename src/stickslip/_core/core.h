@@ -229,7 +229,7 @@ struct Pairs;  // keys of all pairs within range
 
 // Pairs closer than `skin`; x are the positions of all bodies, walls last. Null if there is no memory
 API Pairs *find_pairs(const Grid *grid, const double *x, const double *radius, const double *normal, int64_t bodies,
-                      int64_t walls, double skin);
+                      int64_t walls, double skin, int64_t threads);
 API int64_t count_pairs(const Pairs *pairs);  // −1 if a pair is more boxes apart than a key can hold
 // Fills a list, whose memory is zero, and copies the memory of pairs that are also in the old list
 API void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list);
@@ -432,7 +432,7 @@ API void run_batch(const Law *law, const Batch *batch, int64_t steps);
 API int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
                       const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
                       Pull *pull, const Bonds *bonds, const Writing *writing, double start, int64_t stop,
-                      double tolerance, double *residual, int64_t *progress, int64_t threads);
+                      double tolerance, double *residual, int64_t *progress);
 
 // Loads of all contacts, added to (B, 3) forces and torques; their memory is updated in place.
 API void evaluate_contacts(const Law *law, int64_t dim, const Bodies *bodies, const Contacts *contacts,

@@ -25,6 +25,6 @@ inline void insert_in_order(int64_t *key, int64_t count) {  // sorts a few keys
 struct Pairs {
   int64_t *key;
   int64_t *row;  // (N + 1,) first row of each grain
-  int64_t grains;
+  int64_t grains, threads;
   bool too_far;
 };

@@ -91,10 +91,10 @@ void evaluate_by_blocks(const Run &run, const Step &step) {
                     run.flow, run.scratch + SCRATCH * k);
   };
   if (between > 0)
-    run.pool.each(workers, [&](int64_t k) {
+    run.pool.each([&](int64_t k) {
       evaluate(cross[tiles] + between * k / workers, cross[tiles] + between * (k + 1) / workers, true, 0, 0, k);
     });
-  run.pool.each(workers, [&](int64_t k) {
+  run.pool.each([&](int64_t k) {
     const int64_t since = ticks(), stop = moving.share[k + 1];
     for (int64_t t = moving.share[k]; t < stop; ++t) {
       const int64_t begin = moving.tile[t + 1], end = moving.tile[t + 2 < stop ? t + 2 : stop];  // next tile
@@ -123,7 +123,7 @@ void record_changes(const Run &run, const int64_t *before, int64_t slots, double
 void begin_all(const Run &run, const Step &step) {
   const Moving &moving = run.moving;
   if (run.blocks)
-    run.pool.each(run.workers, [&](int64_t k) {
+    run.pool.each([&](int64_t k) {
       for (int64_t t = moving.share[k]; t < moving.share[k + 1]; ++t)
         run.far[t] = begin_step(step, moving.tile[t], moving.tile[t + 1]);
     });
@@ -196,9 +196,9 @@ int32_t advance(const Run &run, Progress &at, int64_t stop, double start, double
 int32_t run_steps(const Law *law, int64_t dim, const Moving *moving, Blocks *blocks, const Bodies *bodies,
                   const Contacts *contacts, const double *vectors, const Pace *pace, Frame *frame, Flow *flow,
                   Pull *pull, const Bonds *bonds, const Writing *writing, double start, int64_t stop, double tolerance,
-                  double *residual, int64_t *progress, int64_t threads) {
-  Pool pool(threads);
+                  double *residual, int64_t *progress) {
   const int64_t tiles = moving->len_tile - 1, workers = moving->len_share - 1;
+  Pool pool(workers);
   const int64_t slots = blocks ? LANES * blocks->count : 0, watched = writing->len_events ? slots : 0;
   Scratch memory;
   double *far, *sums, *scratch;

@@ -6,7 +6,9 @@
 // large grain reads the bins of the small ones around it, and does not widen them.
 #include "keys.h"
 #include "memory.h"
+#include "threads.h"
 #include <math.h>
+#include <new>
 #ifdef __AVX512F__
 #include <immintrin.h>
 #endif
@@ -50,17 +52,18 @@ struct Size {
 };
 
 class Bins {
- protected:
+ public:
   Bins(const Grid &grid, const double *x, const double *radius, int64_t n, double skin)
       : grid(grid), x(x), radius(radius), n(n), skin(skin) {}
 
-  bool sort_grains() {  // false if there is no memory
-    if (!take_arrays()) return false;
+  bool sort_grains(Scratch &scratch) {  // false if there is no memory
+    if (!take_arrays(scratch)) return false;
     wrap_positions();
     assign_sizes();
-    return sort_into_bins();
+    return sort_into_bins(scratch);
   }
 
+ protected:
   int64_t bin_along(const Size &one, double f, int64_t k) const {
     return static_cast<int64_t>(bounded((f - one.low[k]) * one.scale[k], 0.0, one.number[k] - 1.0));
   }
@@ -69,7 +72,6 @@ class Bins {
   const double *x, *radius;
   const int64_t n;
   const double skin;
-  Scratch scratch;
   // of grains
   double *fraction;  // (N, 3) coordinates in box 0
   int32_t *box;      // (N, 3)
@@ -85,14 +87,14 @@ class Bins {
   int64_t sizes = 0;
 
  private:
-  bool take_arrays();
+  bool take_arrays(Scratch &scratch);
   void wrap_positions();
   void assign_sizes();
   void lay_out_bins(Size &one) const;
-  bool sort_into_bins();
+  bool sort_into_bins(Scratch &scratch);
 };
 
-inline bool Bins::take_arrays() {
+inline bool Bins::take_arrays(Scratch &scratch) {
   bool found = scratch.take(fraction, 3 * n) && scratch.take_zeros(box, 3 * n) && scratch.take_zeros(size_of, n) &&
                scratch.take(place, n) && scratch.take(member, n) && scratch.take(rim, n + PAD) &&
                scratch.take(box_at, 3 * n);
@@ -167,7 +169,7 @@ inline void Bins::lay_out_bins(Size &one) const {
   one.stride[2] = one.number[0] * one.number[1];
 }
 
-inline bool Bins::sort_into_bins() {
+inline bool Bins::sort_into_bins(Scratch &scratch) {
   for (int64_t s = 0; s < sizes; ++s)
     for (int64_t k = 0; k < 3; ++k) {
       size[s].low[k] = grid.periodic[k] ? 0.0 : INFINITY;
@@ -261,16 +263,15 @@ struct Growing {  // array that keeps its contents as it grows
   }
 };
 
-class Search : Bins {
+class Search : Bins {  // for the pairs of a part of the grains, by one thread
  public:
-  Search(const Grid &grid, const double *x, const double *radius, const double *normal, int64_t bodies, int64_t walls,
-         double skin)
-      : Bins(grid, x, radius, bodies - walls, skin), normal(normal), walls(walls) {}
+  Search(const Bins &bins, const double *normal, int64_t walls, int32_t *many, int64_t part, int64_t parts)
+      : Bins(bins), normal(normal), walls(walls), many(many), part(part), parts(parts) {}
 
-  bool run();  // false if there is no memory
-  bool write_keys(int64_t *&key, int64_t *row);  // sorted, and the first row of each grain
+  void run();
+  void write_keys(int64_t *out, const int64_t *row);
 
-  bool too_far = false;
+  bool too_far = false, complete = false;  // not complete if there is no memory
 
  private:
   void find_window(const Size &to, int64_t e, const int64_t *wide, Window &out);
@@ -284,22 +285,23 @@ class Search : Bins {
 
   const double *normal;
   const int64_t walls;
-  int64_t *many;  // pairs in which a grain is the first
+  int32_t *const many;  // (N,) pairs in which a grain is the first; then the end of their free rows
+  const int64_t part, parts;
   int64_t columns = 0, keys = 0;
   Growing<Column> column;  // near a grain
   Growing<Range> range;    // in each of these
   Growing<int64_t> hit;    // entries near a grain
-  Growing<int64_t> key;    // of all pairs
+  Growing<int64_t> key;    // of the pairs
 };
 
-bool Search::run() {
-  if (!sort_grains() || !scratch.take_zeros(many, n) || !key.reserve(6 * n)) return false;
+void Search::run() {
+  if (!key.reserve(6 * n / parts)) return;
   for (int64_t k = 0; k < sizes; ++k)
     for (int64_t l = 0; l <= k && !too_far; ++l) {
       const bool swap = cost(size[l], size[k]) < cost(size[k], size[l]);
-      if (!search(size[swap ? l : k], size[swap ? k : l], k == l)) return false;
+      if (!search(size[swap ? l : k], size[swap ? k : l], k == l)) return;
     }
-  return add_walls();
+  complete = add_walls();
 }
 
 // Bins within range of an entry. Its columns are those within range of any grain of its column if `wide` says how many.
@@ -412,9 +414,10 @@ inline bool Search::add_pairs(int64_t e, int64_t hits) {
   return true;
 }
 
-// Pairs of all grains with walls. False if there is no memory.
+// Pairs of grains with walls. False if there is no memory.
 bool Search::add_walls() {
-  for (int64_t a = 0; a < n && walls > 0; ++a) {
+  const int64_t last = walls > 0 ? n * (part + 1) / parts : 0;
+  for (int64_t a = n * part / parts; a < last; ++a) {
     if (!key.reserve(keys + walls)) return false;
     for (int64_t b = 0; b < walls; ++b) {
       double gap = -radius[a] - skin;
@@ -427,14 +430,15 @@ bool Search::add_walls() {
   return true;
 }
 
-// Pairs of all grains of a size with those of another or of the same size. False if there is no memory.
+// Pairs of grains of a size with those of another or of the same size. False if there is no memory.
 bool Search::search(const Size &from, const Size &to, bool own) {
-  const int64_t entry = start[from.first];
+  const int64_t entry = start[from.first] + from.grains * part / parts;
+  const int64_t end = start[from.first] + from.grains * (part + 1) / parts;
   int64_t wide[3], hits;
   Window window, known = {};
   columns = 0;
   for (int64_t k = 0; k < 3; ++k) wide[k] = floor_to_int(bounded(ceil((2 * to.most + skin) * to.dense[k]), 0.0, 1e9));
-  for (int64_t e = entry; e < entry + from.grains; ++e) {
+  for (int64_t e = entry; e < end; ++e) {
     find_window(to, e, own ? wide : nullptr, window);
     if (!columns || !window.has_same_columns(known)) {
       if (!find_columns(to, window, own)) return false;
@@ -457,33 +461,62 @@ void sort_keys(int64_t *key, int64_t count) {
   insert_in_order(key, count);
 }
 
-bool Search::write_keys(int64_t *&out, int64_t *row) {
-  row[0] = 0;
-  for (int64_t a = 0; a < n; ++a) row[a + 1] = row[a] + many[a];
-  out = static_cast<int64_t *>(malloc((keys + 1) * sizeof(int64_t)));
-  if (!out) return false;
+void Search::write_keys(int64_t *out, const int64_t *row) {
   for (int64_t c = 0; c < keys; ++c) {
     const int64_t a = key.data[c] >> (BODY_BITS + 3 * IMAGE_BITS);
     out[row[a] + --many[a]] = key.data[c];
   }
-  for (int64_t a = 0; a < n; ++a) sort_keys(out + row[a], row[a + 1] - row[a]);
+}
+
+// Finds the pairs of all parts. False if there is no memory.
+bool find_all(Pairs &pairs, Search *search, int32_t *many, Pool &pool) {
+  const int64_t n = pairs.grains, parts = pool.parts;
+  pool.each([&](int64_t k) { search[k].run(); });
+  for (int64_t k = 0; k < parts; ++k) {
+    if (!search[k].complete && !search[k].too_far) return false;
+    pairs.too_far |= search[k].too_far;
+  }
+  if (pairs.too_far) return true;
+  pairs.row[0] = 0;
+  for (int64_t a = 0; a < n; ++a) {
+    int32_t rows = 0;
+    for (int64_t k = 0; k < parts; ++k) rows = many[k * n + a] += rows;
+    pairs.row[a + 1] = pairs.row[a] + rows;
+  }
+  pairs.key = static_cast<int64_t *>(malloc((pairs.row[n] + 1) * sizeof(int64_t)));
+  if (!pairs.key) return false;
+  pool.each([&](int64_t k) { search[k].write_keys(pairs.key, pairs.row); });
+  pool.each([&](int64_t k) {
+    const int64_t last = n * (k + 1) / parts;
+    for (int64_t a = n * k / parts; a < last; ++a)
+      sort_keys(pairs.key + pairs.row[a], pairs.row[a + 1] - pairs.row[a]);
+  });
   return true;
 }
 
 }  // namespace
 
 Pairs *find_pairs(const Grid *grid, const double *x, const double *radius, const double *normal, int64_t bodies,
-                  int64_t walls, double skin) {
-  Search search(*grid, x, radius, normal, bodies, walls, skin);
+                  int64_t walls, double skin, int64_t threads) {
   const int64_t n = bodies - walls;
+  Pool pool(threads);
+  Scratch scratch;
+  Search *search;
+  int32_t *many;
+  Bins bins(*grid, x, radius, n, skin);
   Pairs *pairs = static_cast<Pairs *>(calloc(1, sizeof(Pairs)));
   if (!pairs) return nullptr;
   pairs->grains = n;
+  pairs->threads = threads;
   pairs->row = static_cast<int64_t *>(malloc((n + 1) * sizeof(int64_t)));
-  if (pairs->row && search.run()) {
-    pairs->too_far = search.too_far;
-    if (search.too_far || search.write_keys(pairs->key, pairs->row)) return pairs;
+  bool found = pairs->row && scratch.take(search, threads) && scratch.take_zeros(many, threads * n) &&
+               bins.sort_grains(scratch);
+  if (found) {
+    for (int64_t k = 0; k < threads; ++k) new (search + k) Search(bins, normal, walls, many + k * n, k, threads);
+    found = find_all(*pairs, search, many, pool);
+    for (int64_t k = 0; k < threads; ++k) search[k].~Search();
   }
+  if (found) return pairs;
   free_pairs(pairs);
   return nullptr;
 }
@@ -518,11 +551,11 @@ void copy(double *to, int64_t row, const double *from, int64_t old_row, int64_t 
   memcpy(to + row * width, from + old_row * width, width * sizeof(double));
 }
 
-// Copies the memory of every closed contact that is in both lists, and that of rolling and of laws also of open ones.
-void copy_memory(const Pairs &pairs, const Contacts &old, const Contacts &list) {
+// Copies the memory of every closed contact in some rows that is in both lists, and that of rolling and of laws also of open ones.
+void copy_memory(const Pairs &pairs, const Contacts &old, const Contacts &list, int64_t first, int64_t last) {
   const bool anchors = old.len_pair > 0 && list.len_pair > 0;
   const bool rolls = old.width_rolling && old.width_rolling == list.width_rolling;
-  for (int64_t c = 0; c < old.count[0]; ++c) {
+  for (int64_t c = first; c < last; ++c) {
     if (old.mode[c] == OPEN && !rolls) continue;
     const int16_t *image = old.image + 3 * c;
     const int64_t row = find_row(pairs, old.i[c], pack_key(old.i[c], old.j[c], image[0], image[1], image[2]));
@@ -542,15 +575,19 @@ void copy_memory(const Pairs &pairs, const Contacts &old, const Contacts &list) 
 
 void fill_list(const Pairs *pairs, const Contacts *old, const Contacts *list) {
   constexpr int64_t BODY = (1 << BODY_BITS) - 1;
-  const int64_t count = pairs->row[pairs->grains];
-  if (list->len_key > 0) memcpy(list->key, pairs->key, count * sizeof(int64_t));
-  for (int64_t c = 0; c < count; ++c) {
-    const int64_t key = pairs->key[c];
-    list->i[c] = static_cast<int32_t>(key >> (BODY_BITS + 3 * IMAGE_BITS));
-    list->j[c] = static_cast<int32_t>(key >> 3 * IMAGE_BITS & BODY);
-    for (int m = 0; m < 3; ++m) list->image[3 * c + m] = static_cast<int16_t>(image_of(key, m));
-  }
-  copy_memory(*pairs, *old, *list);
+  const int64_t count = pairs->row[pairs->grains], parts = pairs->threads, former = old->count[0];
+  Pool pool(parts);
+  pool.each([&](int64_t k) {
+    const int64_t last = count * (k + 1) / parts;
+    for (int64_t c = count * k / parts; c < last; ++c) {
+      const int64_t key = pairs->key[c];
+      if (list->len_key > 0) list->key[c] = key;
+      list->i[c] = static_cast<int32_t>(key >> (BODY_BITS + 3 * IMAGE_BITS));
+      list->j[c] = static_cast<int32_t>(key >> 3 * IMAGE_BITS & BODY);
+      for (int m = 0; m < 3; ++m) list->image[3 * c + m] = static_cast<int16_t>(image_of(key, m));
+    }
+    copy_memory(*pairs, *old, *list, former * k / parts, former * (k + 1) / parts);
+  });
 }
 
 double largest_displacement(const double *x, const double *origin, int64_t bodies) {

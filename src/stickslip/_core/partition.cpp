@@ -201,7 +201,7 @@ void fill_block(const Choice &s, int64_t b) {
   int32_t *row = blocks.row.data + LANES * b;
   const Picked one = s.picked[row[0]];
   const bool wall = one.bucket & 1;
-  const uint32_t any = static_cast<uint32_t>(wall ? s.bodies - 1 : 0);
+  const uint32_t any = wall ? static_cast<uint32_t>(s.bodies - 1) : one.i;  // no other thread moves it
   bool far = false;
   int32_t used = 0;
   for (int32_t l = 0; l < LANES; ++l) {
@@ -355,8 +355,8 @@ bool fill_blocks(const Choice &s, Pool &pool) {
   }
   for (int64_t slot = 0; slot < LANES * s.block[s.buckets]; ++slot) b.row.data[slot] = -1;
   for (int64_t c = 0; c < s.list.count[0]; ++c) s.slot[c] = -1;
-  pool.each(s.workers, [&](int64_t k) { sort_picked(s, k); });
-  pool.each(s.workers, [&](int64_t k) { each_block(s, k, [&](int64_t at) { fill_block(s, at); }); });
+  pool.each([&](int64_t k) { sort_picked(s, k); });
+  pool.each([&](int64_t k) { each_block(s, k, [&](int64_t at) { fill_block(s, at); }); });
   return true;
 }
 
@@ -371,9 +371,9 @@ bool complete_blocks(const Choice &s, Pool &pool) {
       !grow(b.pair, with_frame * 3 * (rows + 1)) || !grow(b.code, codes))
     return false;
   memset(b.load.data + WIDTH * rows, 0, WIDTH * sizeof(double));
-  pool.each(s.workers, [&](int64_t k) { count_loads(s, k); });
+  pool.each([&](int64_t k) { count_loads(s, k); });
   place_loads(s, rows);
-  pool.each(s.workers, [&](int64_t k) {
+  pool.each([&](int64_t k) {
     each_block(s, k, [&](int64_t at) { write_vectors(s, far, at); });
     write_summation_order(s, k);
   });
@@ -392,13 +392,13 @@ uint8_t choose_blocks(Blocks *blocks, const Contacts *contacts, const Moving *mo
   Choice s{*blocks, *contacts, *moving, inverse_mass, material, normal, vectors, across, room, gap, by_size != 0,
            by_mass != 0, materials, bodies, bodies - walls, top, workers, kinds, 2 * top * kinds};
   Pool pool(workers);
-  pool.each(workers, [&](int64_t k) { commit_part(*blocks, *contacts, k, workers); });
+  pool.each([&](int64_t k) { commit_part(*blocks, *contacts, k, workers); });
   blocks->count = 0;
   blocks->tiles = top - 1;
   Scratch scratch;
   if (!take_memory(s, scratch)) return false;
   index_bodies(s);
-  pool.each(workers, [&](int64_t k) { pick_pairs(s, k); });
+  pool.each([&](int64_t k) { pick_pairs(s, k); });
   lay_out(s);
   if (!fill_blocks(s, pool) || !complete_blocks(s, pool)) return false;
   blocks->count = s.block[s.buckets];

@@ -5,6 +5,7 @@
 #include "pairs.h"
 
 constexpr double SMALL = 1e-4;  // largest unbalanced force over the mean contact force, at most
+constexpr double FINEST = 0.25 * 2.2e-16;  // of the largest coordinate, times stiffness: forces balance no better
 constexpr double LATENCY = 5.0, FASTER = 1.1, SLOWER = 0.5, MIXING = 0.1, LESS_MIXING = 0.99;
 constexpr int64_t MEASURE_EVERY = 50;  // steps between two measurements of the stiffness
 
@@ -52,6 +53,12 @@ struct Sums {
   double worst, power, speed, size;  // largest |f|, v·f, v·v and f·f
 };
 
+static double largest(const double *x, int64_t n) {
+  double most = 0.0;
+  for (int64_t k = 0; k < n; k++) most = larger(most, magnitude(x[k]));
+  return most;
+}
+
 static double total(Real x) {
   double sum = 0.0;
   for (int k = 0; k < W; k++) sum += x[k];
@@ -94,14 +101,15 @@ static int64_t descend_in(const Law &law, const Bodies &bodies, const Contacts &
   double *x = bodies.position;
   int64_t n = 3 * bodies.len_radius;
   memset(f, 0, n * sizeof *f);
-  double mean = add_normal_forces<DIM>(law, bodies, contacts, shift, f);
+  double mean = add_normal_forces<DIM>(law, bodies, contacts, shift, f), least = tolerance;
   for (int64_t step = 0; step < steps; step++) {
     Sums now = sums_of(v, f, n);
-    pace.balanced = now.worst <= tolerance && (now.worst <= SMALL * mean || mean <= SMALL * tolerance);
+    pace.balanced = now.worst <= least && (now.worst <= SMALL * mean || mean <= SMALL * tolerance);
     if (pace.balanced) return step;
     if (step % MEASURE_EVERY == 0) {
       double k = largest_stiffness<DIM>(law, bodies, contacts, shift, stiffness);
       if (k > 0.0) pace.longest = root(2.0 / k);
+      least = larger(tolerance, FINEST * k * largest(x, n));
       pace.dt = pace.dt > 0.0 ? smaller(pace.dt, pace.longest) : 0.1 * pace.longest;
     }
     if (now.power > 0.0) {

@@ -1,4 +1,4 @@
-"""Sizes of runs, checked against limits before anything is allocated; progress of a run; outcome of a solver.
+"""Sizes of runs, checked against limits before anything is allocated; cores; progress of a run; outcome of a solver.
 
 Progress is reported through a callable. Short tasks at a low level, such as the compilation of a law, have none:
 `announced` shows them on the terminal.
@@ -6,11 +6,13 @@ Progress is reported through a callable. Short tasks at a low level, such as the
 
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from enum import Enum
 from multiprocessing import parent_process
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -59,6 +61,36 @@ def _format(number: float, kind: str) -> str:
     if kind == "bytes":
         return f"{number / 2**30:.3g}"
     return f"{number:.0f}" if number < 10 * MOST else f"{number:.3g}"
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use, by its affinity and the quotas of its control groups."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, int(min(cores, cpu_quota())))
+
+
+def cpu_quota(groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")) -> float:
+    """Processor time per time that the control groups of this process allow, infinite without a limit.
+
+    Source: Linux kernel, Documentation/admin-guide/cgroup-v2.rst, cpu.max; scheduler/sched-bwc.rst for version 1.
+    """
+    try:
+        own = re.search(r"^\d+:(|(?:[^:]+,)?cpu(?:,[^:]+)?):/(.*)", groups.read_text(), re.MULTILINE)
+    except OSError:  # not Linux
+        own = None
+    if not own:
+        return np.inf
+    root, least = root / own[1], np.inf
+    for folder in (root / own[2], *(root / own[2]).parents):
+        for names in (["cpu.max"], ["cpu.cfs_quota_us", "cpu.cfs_period_us"]):
+            try:
+                quota, period = " ".join((folder / name).read_text() for name in names).split()
+                least = min(least, float(quota) / float(period) if quota not in ("max", "-1") else np.inf)
+            except (OSError, ValueError):
+                continue
+        if folder == root:
+            break
+    return least
 
 
 def _require_signature(name: str, value: Callable) -> None:

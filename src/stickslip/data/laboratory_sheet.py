@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.readable import pluralize
 from ..core.reading import Budget, check_matlab, read_bytes
 from ..core.tables import split_rows
 from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
+SPREADSHEETS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # zip archives, as XLSX and ODS are, and old XLS
 REMEDY = "give a text table, or an HDF5, MATLAB or binary XLOOK file"
 TITLE = struct.Struct(">20s4i")  # header of XLOOK: name, samples, columns, two unused
 CHANNEL = struct.Struct(">13s13si50si")  # name, unit, unused, comment, samples
@@ -55,6 +57,8 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
         content = read_bytes(path, remedy=REMEDY)
     except OSError as problem:
         raise ValueError(f"{path} cannot be read: {(problem.strerror or str(problem)).lower()}") from None
+    if content.startswith(SPREADSHEETS):
+        raise ValueError(f"{path} is a spreadsheet: save its sheet as CSV, with one row of headings above the numbers")
     if HDF5 in (content[:8], content[512:520]):
         return _array_sheet(path, _hdf5_arrays(path, content), known)
     if content.startswith(MATLAB):
@@ -143,8 +147,8 @@ def _check_widths(path: Path, headings: list[str], rows: list[tuple[int, list[st
     for number, row in rows:
         if len(row) != len(headings):
             raise ValueError(
-                f"{path}, line {number}, has {len(row)} fields, but the header has {len(headings)}: correct the line, "
-                "or separate columns by semicolons if numbers have decimal commas"
+                f"{path}, line {number}, has {pluralize(len(row), 'field')}, but the header has {len(headings)}: "
+                "correct the line, or separate columns by semicolons if numbers have decimal commas"
             )
 
 

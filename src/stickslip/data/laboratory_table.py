@@ -23,7 +23,8 @@ DAY = 86400.0
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "nm": 1e-9}
 LENGTH |= {"microns": 1e-6, "mic": 1e-6}
 TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
-TIME |= {"seconds": 1.0, "d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
+TIME |= {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0}
+TIME |= {"d": DAY, "day": DAY, "days": DAY} | dict.fromkeys(("yr", "year", "years"), YEAR)
 STRESS = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "bar": 1e5, "mbar": 1e2, "hpa": 1e2, "psi": 6894.757293168}
 STRESS |= {"atm": 101325.0, "n/m2": 1.0, "n/mm2": 1e6, "kn/m2": 1e3, "mn/m2": 1e6, "kgf/cm2": 98066.5}
 STRESS |= {"kg/cm2": 98066.5, "psf": 47.88025898034, "ksf": 47880.25898034, "tsf": 95760.51796068}
@@ -71,6 +72,7 @@ COLUMNS = {  # if several columns of a file have names for the same quantity, th
     "q": (
         STRESS,
         ("q", "deviator_stress", "deviatoric_stress", "deviator", "dev_stress", "stress_deviator", "deviatorstress",
+         "deviator_stress_q", "deviatoric_stress_q",
          "stress_difference", "principal_stress_difference", "axial_stress_difference", "σ1_σ3", "σ_1_σ_3", "σa_σr",
          "σ_a_σ_r", "σ'1_σ'3", "s1_s3", "sigma1_sigma3", "sigma_1_sigma_3", "sig1_sig3"),
     ),
@@ -170,6 +172,11 @@ class LaboratoryTable(NamedTuple):
     def heading_of(self, name: str) -> str:
         """Heading of a wanted column."""
         return self.headings[self.places[name][0]]
+
+    def has_unit(self, name: str) -> bool:
+        """Return True if a wanted column has a unit in its heading or below it."""
+        units, aliases = COLUMNS[name]
+        return bool(unit_of(self.heading_of(name), aliases, units)[1] or self.sheet.units[self.places[name][0]])
 
     def groups(self, stresses: str = "") -> list[tuple[str, str, str]]:
         """Heading, group and reason of each column; known columns that are not used have no influence.

@@ -1,6 +1,5 @@
 """Independent runs, in local processes or on a Dask cluster; failures are reported and do not affect other runs."""
 
-import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable
@@ -12,7 +11,7 @@ from threading import Lock, Thread
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ..core.arguments import checked
-from ..core.progress import Report
+from ..core.progress import Report, available_cores
 from ..core.readable import readable
 from . import worker
 from .worker import SchedulerGoneError, describe_error
@@ -42,7 +41,7 @@ class Member(NamedTuple):
 
 def default_workers() -> int:
     """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return available_cores()
 
 
 @readable

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
 
+from ..core.arguments import knows_bonds
 from ..core.laws.builtin import Law
 from ..core.readable import pluralize
 from ..solve.force_chains import (
@@ -15,7 +16,7 @@ from ..solve.force_chains import (
     force_network,
     strong_network,
 )
-from .style import BLACK, BLUE, ORANGE, PAGE, RED, OwnFigure, label_axes, legend_above, styled
+from .style import BLACK, BLUE, ORANGE, PAGE, PURPLE, RED, OwnFigure, label_axes, legend_above, styled
 
 GREY, PALER, PALE, SAND = "#b4bac0", "#d3d8dd", "#eef1f4", "#f8dfae"
 HEIGHT = 5.6  # inches
@@ -25,11 +26,13 @@ SLAB = 30.0  # between spheres, largest angle between directions of the rose and
 
 
 @styled
+@knows_bonds
 def forces(source: Source, law: Law | None = None, *, title: str = ""):
     """Contact forces: distribution, lengths of force chains, strong network, and rose of contacts and normal forces.
 
-    Networks of spheres are viewed along the intermediate principal stress; their rose has contacts within 30° of the
-    plane of the other two principal stresses. Curves in the rose have the anisotropies of `measure.force_anisotropy`.
+    Pairs that pull, such as bonded ones, are counted and drawn separately. Networks of spheres are viewed along the
+    intermediate principal stress; their rose has contacts within 30° of the plane of the other two principal stresses.
+    Curves in the rose have the anisotropies of `measure.force_anisotropy`.
 
     Parameters
     ----------
@@ -39,17 +42,18 @@ def forces(source: Source, law: Law | None = None, *, title: str = ""):
     net = force_network(source, law)
     if not _is_enough(net):
         raise ValueError(
-            f"the figure needs at least {FEW} contacts of grains that press, got "
+            f"the figure needs at least {FEW} contacts of grains under compression, got "
             f"{pluralize(np.count_nonzero(net.inner), 'contact')} with a mean normal force of "
             f"{net.force_n.mean() if len(net.force_n) else 0:.3g}"
         )
     chains, strong = force_chains(source, law), strong_network(source, law)
+    pulled = force_chains(source, law, tension=True) if (net.force_n < 0).any() else None
     figure = OwnFigure(figsize=(PAGE, HEIGHT), layout="constrained")
     distribution, lengths = figure.add_subplot(2, 2, 1), figure.add_subplot(2, 2, 2)
     network, rose = figure.add_subplot(2, 2, 3), figure.add_subplot(2, 2, 4, projection="polar")
     plane = _plane(net)
     _draw_distribution(distribution, net)
-    _draw_lengths(lengths, chains)
+    _draw_lengths(lengths, chains, pulled)
     _draw_network(network, net, strong, chains, plane)
     _draw_rose(rose, net, force_anisotropy(source, law), plane)
     if title:
@@ -58,8 +62,8 @@ def forces(source: Source, law: Law | None = None, *, title: str = ""):
 
 
 def enough_contacts(source: Source, law: Law | None = None) -> bool:
-    """Return True if there are enough contacts that press for the figure, and no bonds, which also pull."""
-    return not getattr(source, "bonds", None) and _is_enough(force_network(source, law))
+    """Return True if there are enough contacts for the figure, and their normal forces add up to a compression."""
+    return _is_enough(force_network(source, law))
 
 
 def _is_enough(net: ForceNetwork) -> bool:
@@ -80,9 +84,10 @@ def _bins(count: int) -> int:
 
 
 def _draw_distribution(axes, net: ForceNetwork) -> None:
-    mean, least = net.force_n.mean(), np.inf
-    parts = (net.force_n / mean, "normal", BLUE, "o"), (
-        np.linalg.norm(net.tangential, axis=1) / mean, "tangential", RED, "s",
+    mean, least, pulls = net.mean, np.inf, net.force_n < 0
+    parts = (
+        (net.force_n[~pulls] / mean, "normal", BLUE, "o"), (-net.force_n[pulls] / mean, "pulling", PURPLE, "^"),
+        (np.linalg.norm(net.tangential, axis=1) / mean, "tangential", RED, "s"),
     )  # fmt: skip
     for values, name, color, marker in parts:
         if not values.any():
@@ -101,7 +106,7 @@ def _draw_distribution(axes, net: ForceNetwork) -> None:
     label_axes(axes, x=r"contact force $f/\langle f_n\rangle$", y="probability density $P$")
 
 
-def _draw_lengths(axes, chains: ForceChains) -> None:
+def _draw_lengths(axes, chains: ForceChains, pulled: ForceChains | None) -> None:
     count, share = len(chains.lengths), chains.lengths.sum() / max(chains.loaded.sum(), 1)
     if not count:
         axes.text(0.5, 0.5, "no chains of three or more grains", ha="center", va="center", transform=axes.transAxes)
@@ -113,6 +118,11 @@ def _draw_lengths(axes, chains: ForceChains) -> None:
         if (mean := chains.lengths.mean()) > 3:
             fit = (1 - 1 / (mean - 2)) ** (length - 3)  # geometric, from the shortest length
             axes.plot(length, fit, color=BLACK, ls="--", lw=0.8, label=f"exponential, mean {mean:.3g} grains")
+        if pulled is not None and (most := len(pulled.lengths)):
+            length = np.arange(3, pulled.lengths.max() + 1)
+            longer = np.array([(pulled.lengths >= k).sum() for k in length])
+            axes.plot(length, longer / most, "^-", color=PURPLE, lw=0.8, label=f"{pluralize(most, 'chain')} in tension")
+            count = max(count, most)
         axes.set_yscale("log")
         axes.set_ylim(0.5 / count, 1.5)
         legend_above(axes, title=f"in chains: {100 * share:.0f} % of the loaded grains")
@@ -131,14 +141,15 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
             )
         )  # fmt: skip
     start, reach = place[net.pair_i], net.branch @ plane.T
-    size = np.clip(net.force_n / net.force_n.mean(), 0.1, MOST)
+    size, pulls = np.clip(np.abs(net.force_n) / net.mean, 0.1, MOST), net.force_n < 0
     room = 72 * min(PAGE / 2, HEIGHT / 2) * 0.8 / max(np.ptp(place, axis=0).max(), 2 * net.radius.max())
     thick = float(np.clip({2: 0.35, 3: 0.12}[net.dim] * room * np.median(net.radius), 0.15, 1.2))
     grains, inner = len(net.radius), net.inner
     for rows, color, order, name in (
-        (~strong.strong, GREY, 2, "below the mean"),
+        (~strong.strong & ~pulls, GREY, 2, "below the mean"),
         (strong.strong & ~strong.cluster, BLUE, 3, "above the mean, other clusters"),
         (strong.cluster, RED, 4, f"largest cluster, {len(strong.grains)} of {grains} grains"),
+        *([(pulls, PURPLE, 3, "pulling")] if pulls.any() else []),
     ):
         ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # halves, as images may be far away
         if (other := rows & inner).any():

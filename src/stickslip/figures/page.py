@@ -6,6 +6,7 @@ from importlib.resources import files
 from string import Template
 
 MARK = "written by stickslip"  # identifies pages and movies of this package
+ROWS = 60  # largest number of rows in a table of which a file has all rows
 
 
 def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int | None = None) -> str:
@@ -19,9 +20,13 @@ def page(title: str, about: str, sections: list[tuple[str, str]], *, reload: int
     return template.substitute(mark=MARK, title=escape(title), about=escape(about), body=body, again=again)
 
 
-def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None) -> str:
-    """HTML table of plain text; `classes` gives the kind of each column: number, note or verdict."""
-    known = classes or {}
+def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] | None = None, file: str = "") -> str:
+    """HTML table of plain text; `classes` gives the kind of each column: number, note or verdict.
+
+    If a `file` has all rows, the table shows the first `ROWS` and states how many more are there.
+    """
+    known, more = classes or {}, len(rows) - ROWS if file else 0
+    rows = rows[:ROWS] if more > 0 else rows
 
     def cell(kind: str, name: str, text: str) -> str:
         style = known.get(name, "")
@@ -33,7 +38,9 @@ def table(columns: list[str], rows: list[list[str]], *, classes: dict[str, str] 
         "<tr>" + "".join(cell("td", name, text) for name, text in zip(columns, row, strict=True)) + "</tr>"
         for row in rows
     )
-    return f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+    return f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>' + (
+        paragraph(f"and {more} more in {file}", kind="soft") if more > 0 else ""
+    )
 
 
 def pictures(shown: dict[str, bytes]) -> str:

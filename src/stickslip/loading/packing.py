@@ -168,7 +168,6 @@ def jammed(
     law = frictionless(given)
     start = packing_fraction or 1.03 * JAMMED.get(dim, 1.0)
     state = random_grains(n, start, dim, radius=radius, mass=mass, i0=i0, seed=seed)
-    tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
     state = balance(state, law, tolerance)
     if pressure is not None:
         state = _compress(state, law, pressure, tolerance)
@@ -176,7 +175,8 @@ def jammed(
     if not _is_jammed(state, law, tolerance):
         raise ValueError(
             f"grains do not jam at packing fraction {report.packing_fraction:.4g}: no force between them exceeds the "
-            f"tolerance of {tolerance:g}; frictionless grains need about {JAMMED[dim]} in {dim} dimensions"
+            f"tolerance of {_least(state, law, tolerance):g}; frictionless grains need about {JAMMED[dim]} in {dim} "
+            "dimensions"
         )
     return accept(state, forces(state, given)[1]), report
 
@@ -265,13 +265,14 @@ def check_radii(radius, n: int) -> np.ndarray:
     return sizes.copy() if len(sizes) == n else sizes[np.arange(n) * len(sizes) // n]
 
 
-def balance(state: State, law: Law, tolerance: float, length: float | None = None) -> State:
+def balance(state: State, law: Law, tolerance: float | None, length: float | None = None) -> State:
     """Minimise the elastic energy from the given positions, then balance the forces.
 
-    `length` is the Euclidean norm of the first displacement over all grains; default: the smallest diameter.
+    `length` is the Euclidean norm of the first displacement over all grains; default: the smallest diameter. The
+    default tolerance is that of `equilibrate`.
     """
     many, scales = len(state.grains.radius) >= MANY, natural_scales(state, law, length)
-    near = quench(state, law, 0.5 * tolerance) if many else _minimise(state, law, scales)
+    near = quench(state, law, 0.5 * _least(state, law, tolerance)) if many else _minimise(state, law, scales)
     end, outcome = equilibrate(near, law, tolerance=tolerance, check="nothing")
     if not outcome.ok:
         raise NotInEquilibriumError("the forces of the packing could not be balanced", outcome)
@@ -306,12 +307,17 @@ def _minimise(state: State, law: Law, scales: Scales) -> State:
     return state_at(best.x)
 
 
-def _is_jammed(state: State, law: Law, tolerance: float) -> bool:
+def _least(state: State, law: Law, tolerance: float | None) -> float:
+    """Tolerance of a balance of forces, by default that of `equilibrate` without round-off [force]."""
+    return BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
+
+
+def _is_jammed(state: State, law: Law, tolerance: float | None) -> bool:
     """Return True if the contact forces exceed the residuals of a balanced packing."""
-    return mean_normal_force(state, law) > tolerance
+    return mean_normal_force(state, law) > _least(state, law, tolerance)
 
 
-def _compress(state: State, law: Law, wanted: float, tolerance: float) -> State:
+def _compress(state: State, law: Law, wanted: float, tolerance: float | None) -> State:
     """Compress and quench until the given pressure is reached; p^(2/3) is nearly linear in the strain."""
     dim, strain, step, before = state.cell.dim, 0.0, -0.003, None
     reference, scales = state, natural_scales(state, law)

@@ -56,7 +56,6 @@ def to_dict(found: BondDetails) -> dict:
 
 
 def _decisive_dict(found: DecisiveBonds) -> dict:
-    rows = range(min(SHOWN, len(found.bond)))
     return {
         "re_lambda": found.eigenvalue.real, "im_lambda": found.eigenvalue.imag, "verdict": found.verdict,
         "bonds": [
@@ -65,7 +64,7 @@ def _decisive_dict(found: DecisiveBonds) -> dict:
                 "derivative": [found.derivative[k].real, found.derivative[k].imag], "share": float(found.share[k]),
                 "verdict_after": str(found.verdict_after[k]) or None,
             }
-            for k in rows
+            for k in range(len(found.bond))
         ],
     }  # fmt: skip
 
@@ -98,6 +97,8 @@ def _show_decisive(found: DecisiveBonds) -> None:
             found.verdict_after[k] or "?",
         )
     show_table(table)
+    if len(found.bond) > SHOWN:
+        console.print(f"  and {len(found.bond) - SHOWN} more with --json")
 
 
 def _show_breaks(breaks: dict[tuple[str, int], FirstBreak]) -> None:

@@ -412,7 +412,9 @@ def _show_pairs(result: Stability) -> None:
             table.add_row(f"{pair.real:.5g}", f"{pair.imag:.4g}", f"{w:.5g}", f"{g:.4g}", period, f"{1 / g:.4g}")
         show_table(table)
     if len(result.negative):
-        console.print("negative λ: " + ", ".join(f"{v:.4g}" for v in result.negative[:SHOWN]))
+        count = len(result.negative)
+        lowest = f", the lowest {SHOWN} of {count}" if count > SHOWN else ""
+        console.print(f"negative λ{lowest}: " + ", ".join(f"{v:.4g}" for v in result.negative[:SHOWN]))
 
 
 def check_modes(path: Path, packing: Path, *, asked: bool) -> None:

@@ -37,7 +37,6 @@ READABLE = {  # explanations of quantities with short names
     "kinetic_ratio": "kinetic over elastic energy",
     "msd": "mean-square displacement",
 }
-ROWS = 60  # largest number of rows in a table of measures or members; the number of omitted rows is shown
 
 
 def load_content(
@@ -111,13 +110,13 @@ def folder_content(
         picture = page.pictures({"deviations from the paper": chart.read_bytes()}) if chart.is_file() else ""
         sections.append(("Claims of the paper", picture + _claims_table(folder / CLAIMS)))
     if rows := _list_measures(tree, units):
-        sections.append(("Measures", _limited_table(["measure", "value", "unit"], rows)))
+        sections.append(("Measures", _numbers_table(["measure", "value", "unit"], rows)))
     if remarks := tree.get("remarks"):
         sections.append(("Remarks", "".join(map(page.paragraph, remarks.splitlines()))))
     if len((events := tree.get("events", {})).get("start", ())):
         sections.append(("Events", _events_table(events, units)))
     if rows := _summarize_series(tree.get("series"), units):
-        sections.append(("Time series", _limited_table(["quantity", "final", "least", "greatest", "unit"], rows)))
+        sections.append(("Time series", _numbers_table(["quantity", "final", "least", "greatest", "unit"], rows)))
     shown = [path for path in list_files(folder) if path.suffix in (".png", ".gif") and path.name not in (FILM, CHART)]
     if shown:
         sections.append(("Figures", page.pictures({_caption(path): path.read_bytes() for path in shown})))
@@ -283,6 +282,10 @@ def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
     return rows
 
 
+def _numbers_table(columns: list[str], rows: list[list[str]]) -> str:
+    return page.table(columns, rows, classes=dict.fromkeys(columns[1:-1], "number"), file=NUMBERS)
+
+
 def _events_table(events: dict, units: dict[str, str]) -> str:
     """Table of events, one row each, with long times in years."""
     columns, cells = [], []
@@ -290,12 +293,7 @@ def _events_table(events: dict, units: dict[str, str]) -> str:
         values, unit = in_readable_units(events[name], units.get(f"events/{name}", ""))
         columns.append(f"{_readable(name)} [{unit}]" if unit else _readable(name))
         cells.append([f"{value:.5g}" if isinstance(value, float) else str(value) for value in values])
-    return _limited_table(columns, list(map(list, zip(*cells, strict=True))), numbers=())
-
-
-def _limited_table(columns: list[str], rows: list[list[str]], *, numbers=slice(1, -1), file: str = NUMBERS) -> str:
-    text = page.table(columns, rows[:ROWS], classes=dict.fromkeys(columns[numbers] if numbers else (), "number"))
-    return text + (page.paragraph(f"and {len(rows) - ROWS} more in {file}", kind="soft") if len(rows) > ROWS else "")
+    return page.table(columns, list(map(list, zip(*cells, strict=True))), file=NUMBERS)
 
 
 def _sweep_content(folder: Path) -> PageContent:
@@ -310,7 +308,7 @@ def _sweep_content(folder: Path) -> PageContent:
             kept[name], unit = in_readable_units(kept[name], unit)
         columns.append(str(name) if unit == "1" else f"{name} [{unit}]")
     rows = [[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row] for row in kept.itertuples(index=False)]
-    text = _limited_table(columns, rows, numbers=(), file=DATASET)
+    text = page.table(columns, rows, file=DATASET)
     if told := describe_empty(empty, _readable):
         text += page.paragraph(told, kind="soft")
     member = shlex.quote(str(folder / "members" / "NAME"))

@@ -17,6 +17,7 @@ from scipy.linalg import LinAlgError, cholesky, eigvals
 from ..core.arguments import Positive, checked, knows_bonds
 from ..core.contacts.bonding import with_strength_of, with_weakest_broken, without_failure
 from ..core.contacts.forces import accept, bodies, forces
+from ..core.contacts.jacobian import linearise
 from ..core.contacts.neighbors import shifts, with_neighbor_list
 from ..core.dynamics.run import run
 from ..core.laws.builtin import Law
@@ -83,7 +84,8 @@ def equilibrate(
     Parameters
     ----------
     tolerance : float, largest unbalanced force or torque/R [force]; default: 5e-14 of the normal force of the law,
-    extrapolated to an overlap of the smallest diameter d, such as k_n d^{3/2}
+        extrapolated to an overlap of the smallest diameter d, such as k_n d^{3/2}, or the round-off of forces if that
+        is larger, as among grains of very different sizes
     keep : Factorisation, reused from one step of a path to the next
     check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all
         directions if there are fewer than 700 coordinates and otherwise, unless the symmetric part of the stiffness is
@@ -110,7 +112,8 @@ def equilibrate(
     >>> outcome.ok
     True
     """
-    tolerance = BALANCED * natural_scales(state, law).force if tolerance is None else tolerance
+    if tolerance is None:
+        tolerance = max(BALANCED * natural_scales(state, law).force, _round_off(state, law))
     keep = keep or Factorisation()
     end, outcome = breaking(lambda here, keep: _newton_or_dynamics(here, law, tolerance, keep, steps), state, keep)
     end = end if outcome.ok else state
@@ -199,6 +202,16 @@ def _damped_dynamics(state: State, law: Law, tolerance: float, stages, steps: in
     return (with_strength_of(here, state) if moved.ok else state), moved._replace(
         how=f"damped dynamics, {spent} steps", fallback=True
     )
+
+
+def _round_off(state: State, law: Law) -> float:
+    """Unbalanced force due to the rounding of positions, for the stiffest of all bodies [force]."""
+    here = with_neighbor_list(without_failure(state), law)
+    held = accept(here, forces(here, law)[1])
+    contacts, slope = held.contacts, np.abs(linearise(held, law).slope_n)  # zero if open
+    count = len(slope)
+    stiffness = np.bincount(np.append(contacts.i[:count], contacts.j[:count]), np.tile(slope, 2), 1).max()
+    return float(0.5 * np.finfo(float).eps * np.abs(here.grains.position).max() * stiffness)
 
 
 def _describe_instability(here: LinearisedState, check: str) -> str:

@@ -1,6 +1,8 @@
 """Statistics of a network of contact forces: chains, the strong network, anisotropies of contacts and forces.
 
-All functions accept a state with its law, or measured forces.
+All functions accept a state with its law, or measured forces. The force of a bonded pair is that of its contact plus
+that of its bond, as in the stress: a pair whose contact and bond balance each other passes on nothing. Pairs then also
+pull; chains and the strong network of those are computed with `tension`.
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -9,7 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from ..core.arguments import Result, checked
+from ..core.arguments import Result, checked, knows_bonds
 from ..core.contacts.jacobian import linearise
 from ..core.laws.builtin import Law
 from ..core.measure import branch_vectors, touching
@@ -23,7 +25,7 @@ Source = State | Annotated[Any, Result("MeasuredForces", ("position", "pair_i", 
 
 @readable
 class ForceNetwork(NamedTuple):
-    """Touching contacts, including those with walls, and their forces."""
+    """Touching contacts and bonded pairs, including contacts with walls, and their forces."""
 
     dim: int
     position: np.ndarray  # (N, 3) of grains [length]
@@ -45,6 +47,16 @@ class ForceNetwork(NamedTuple):
         """(C,) mask of contacts between two grains."""
         return self.pair_j < len(self.radius)
 
+    @property
+    def mean(self) -> float:
+        """Mean normal force of contacts that do not pull; 0 without them [force]."""
+        pushing = self.force_n[self.force_n >= 0]
+        return float(pushing.mean()) if len(pushing) else 0.0
+
+    def reversed(self) -> "ForceNetwork":
+        """Network of the opposite forces, in which pulling contacts push."""
+        return self._replace(force=-self.force, force_n=-self.force_n)
+
 
 @readable
 class ForceChains(NamedTuple):
@@ -53,7 +65,7 @@ class ForceChains(NamedTuple):
     chains: list[np.ndarray]  # grains of each in their order, longest first
     lengths: np.ndarray  # (K,) grains of each
     loaded: np.ndarray  # (N,) bool, grains whose largest principal stress is above the mean
-    stress: np.ndarray  # (N,) largest principal value of Σ f ⊗ r, compression positive [force length]
+    stress: np.ndarray  # (N,) largest principal value of Σ f ⊗ r, compression (or `tension`) positive [force length]
 
 
 @readable
@@ -87,8 +99,9 @@ class Anisotropy(NamedTuple):
 
 
 @checked
+@knows_bonds
 def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
-    """Touching contacts and their forces, of a state with its law, or of measured forces.
+    """Touching contacts and bonded pairs and their forces, of a state with its law, or of measured forces.
 
     Parameters
     ----------
@@ -108,7 +121,8 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
             raise ValueError("a state also needs its law, from which its forces follow")
         rows, line = touching(source), linearise(source, law)
         contacts, branch = source.contacts, branch_vectors(source)[rows]
-        force, normal = line.force[rows], line.normal[rows]
+        length = np.linalg.norm(branch, axis=1, keepdims=True)
+        force, normal = line.force[rows], np.where(line.closed[rows, None], line.normal[rows], branch / length)
         return ForceNetwork(
             source.cell.dim, source.grains.position, source.grains.radius, contacts.i[rows].astype(int),
             contacts.j[rows].astype(int), branch, normal, force, np.einsum("ck,ck->c", force, normal),
@@ -126,17 +140,20 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
 
 
 @checked
-def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE) -> ForceChains:
+@knows_bonds
+def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE, tension: bool = False) -> ForceChains:
     """Force chains: three grains or more in a row, each of which bears more than the mean and passes it on.
 
-    A grain is loaded if the largest principal value σ₁ of its Σ f ⊗ r is above the mean over grains with contacts. On
-    each side of it, the next grain is the loaded one in contact whose direction is nearest to that of σ₁, within
-    `angle`. Two grains are linked if each is the next of the other, so that chains do not branch.
+    A grain is loaded if the largest principal value σ₁ of its Σ f ⊗ r is above the mean over grains with contacts, in
+    which negative values count as zero. On each side of it, the next grain is the loaded one that pushes it in the
+    direction nearest to that of σ₁, within `angle`. Two grains are linked if each is the next of the other, so that
+    chains do not branch.
 
     Parameters
     ----------
     source, law : as in `force_network`
     angle : largest angle between a link and the direction of σ₁ of both of its grains [degrees]
+    tension : chains of grains that pull, as bonded ones do: the same with opposite forces
 
     Source
     ------
@@ -155,6 +172,7 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
     if not 0 < angle <= 90:
         raise ValueError(f"angle must be from 0 to 90 degrees, got {angle}")
     net = force_network(source, law)
+    net = net.reversed() if tension else net
     n, c = len(net.radius), net.inner
     first, second = net.pair_i, np.where(c, net.pair_j, 0)
     moment = np.zeros((n, 3, 3))
@@ -166,9 +184,9 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
     stress, way = values[:, -1], vectors[:, :, -1]
     borne = np.zeros(n, bool)
     borne[first], borne[second[c]] = True, True
-    loaded = borne & (stress > stress[borne].mean()) if borne.any() else borne
+    loaded = borne & (stress > np.maximum(stress[borne], 0.0).mean()) if borne.any() else borne
     i, j, normal = first[c], second[c], net.normal[c]
-    both = loaded[i] & loaded[j]
+    both = loaded[i] & loaded[j] & (net.force_n[c] > 0)
     i, j, normal = i[both], j[both], normal[both]
     ends, out = np.append(i, j), np.vstack([-normal, normal])
     along = np.einsum("ck,ck->c", out, way[ends])
@@ -204,12 +222,16 @@ def _paths(n: int, i: np.ndarray, j: np.ndarray) -> list[np.ndarray]:
 
 
 @checked
-def strong_network(source: Source, law: Law | None = None) -> StrongNetwork:
+@knows_bonds
+def strong_network(source: Source, law: Law | None = None, *, tension: bool = False) -> StrongNetwork:
     """Contacts with a normal force above the mean, and the largest cluster of grains that they join.
+
+    The mean, and the pressure of which they bear a share, are those of the contacts that do not pull.
 
     Parameters
     ----------
     source, law : as in `force_network`
+    tension : pulling contacts instead, such as bonds
 
     Source
     ------
@@ -225,19 +247,21 @@ def strong_network(source: Source, law: Law | None = None) -> StrongNetwork:
     [0, 1, 2]
     """
     net = force_network(source, law)
-    n, count = len(net.radius), len(net.force_n)
-    strong = net.force_n > net.force_n.mean() if count else np.zeros(0, bool)
+    net = net.reversed() if tension else net
+    n = len(net.radius)
+    strong = net.force_n > net.mean
     rows = np.flatnonzero(strong & net.inner)
     graph = sparse.coo_array((np.ones(len(rows)), (net.pair_i[rows], net.pair_j[rows])), shape=(n, n))
     _, label = connected_components(graph, directed=False)
     size = np.bincount(label, minlength=1)
     grains = np.flatnonzero(label == np.argmax(size)) if len(rows) else np.zeros(0, int)
-    borne = net.force_n * np.linalg.norm(net.branch, axis=1)
-    share = float(borne[strong].sum() / borne.sum()) if count and borne.sum() else 0.0
+    borne = np.maximum(net.force_n, 0.0) * np.linalg.norm(net.branch, axis=1)
+    share = float(borne[strong].sum() / borne.sum()) if borne.any() else 0.0
     return StrongNetwork(strong, strong & np.isin(net.pair_i, grains), grains, int((size > 1).sum()), share)
 
 
 @checked
+@knows_bonds
 def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
     """Anisotropies a_c, a_n, a_t of contact directions, normal and tangential forces, from second-order tensors.
 
@@ -247,7 +271,7 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
 
     Parameters
     ----------
-    source, law : as in `force_network`; ValueError without contacts that press
+    source, law : as in `force_network`; ValueError unless the normal forces add up to a compression
 
     Source
     ------
@@ -266,7 +290,10 @@ def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
     dim, rows = net.dim, np.flatnonzero(net.inner)
     normal, force_n, across = net.normal[rows, :dim], net.force_n[rows], net.tangential[rows, :dim]
     if not force_n.sum() > 0:
-        raise ValueError(f"none of the {len(rows)} contacts of grains presses, so that no anisotropy is defined")
+        raise ValueError(
+            f"the normal forces of {len(rows)} contacts of grains add up to {force_n.sum():.3g}: anisotropies are "
+            "defined under compression"
+        )
     pairs = normal[:, :, None] * normal[:, None]
     of_contacts = _deviator(pairs.mean(axis=0)) * {2: 4.0, 3: 7.5}[dim]
     weight = 1 / np.maximum(1 + np.einsum("ca,ab,cb->c", normal, of_contacts, normal), 1 / len(rows))

@@ -91,12 +91,14 @@ def benchmark(cell: float, dc: float):
 
 @pytest.mark.slow
 def test_bp1_converges_to_the_recurrence_of_other_codes():
-    """78.34 years in the series of HBI on the SEAS platform (boundary elements of 10 m), second order in the cell."""
+    """78.34 years in the series of HBI on the SEAS platform (boundary elements of 10 m).
+
+    With band-limited slip, cells of 100 m suffice: what is left is the tolerance of the time steps.
+    """
     runs = [friction.simulate_fault(benchmark(cell, 8e-3), 720.0).events for cell in (100.0, 50.0, 25.0)]
     recurrence = np.array([np.diff(e.start[4:]).mean() for e in runs]) / YEAR
     assert np.allclose(recurrence, 78.34, rtol=5e-3)
-    gaps = np.abs(np.diff(recurrence))
-    assert 3.0 < gaps[0] / gaps[1] < 5.5
+    assert np.ptp(recurrence) < 1e-4 * recurrence[-1]
     for name in ("surface_slip", "moment"):
         values = np.array([getattr(e, name)[4:].mean() for e in runs])
         assert np.allclose(values, values[-1], rtol=5e-3), name

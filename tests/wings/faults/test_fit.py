@@ -238,6 +238,18 @@ def test_steady_parts_tell_only_the_difference():
     assert np.isnan(best.covariance[0]).all()
 
 
+@pytest.mark.parametrize(("law", "seed"), [("slip", 0), ("slip", 1), ("aging", 0), ("aging", 1)])
+def test_a_record_shorter_than_dc_leaves_the_sign_of_the_difference_open(law, seed):
+    """The state hardly evolves: without evolution a − b would be positive, and it is negative."""
+    legs, spring = velocity_steps([1e-6, 1e-5, 1e-6], distance=1e-4), Spring(1500.0)
+    time = np.linspace(0, sum(leg.duration for leg in legs), 100)
+    clean = spring_slider(RateState(0.010, 0.014, 5e-3, 0.6, 1e-6, law), spring, legs, times=time).friction
+    data = Data(time, clean + 1e-3 * correlated(seed, 100, 0.0), legs)
+    best = fit(data, law=law, fixed={"stiffness": spring.stiffness})
+    assert best.values["a"] == pytest.approx(0.010, abs=1e-3) and np.isnan(best.values["b"])
+    assert np.isnan(best.difference).all() and "only a − b" not in best.sentence
+
+
 @pytest.mark.parametrize(
     ("legs", "options", "lost", "text"),
     [

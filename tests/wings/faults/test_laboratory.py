@@ -27,7 +27,7 @@ def written(path, head=HEAD, rows=ROWS, **options):
 
 def test_units_separators_and_comments(tmp_path):
     rows = [f"{k / 60};{k / 100};{3.0 + 0.01 * k};5.0;{2 + k};left out" for k in range(12)]
-    head = "Time [min]; Load Point Displacement [mm]; Shear Stress [MPa]; sigma_n [MPa]; slip rate [mm/min]; note"
+    head = "Time [minutes]; Load Point Displacement [mm]; Shear Stress [MPa]; sigma_n [MPa]; slip rate [mm/min]; note"
     path = written(tmp_path / "a.csv", head, ["# a comment", *rows[:5], "", *rows[5:]], encoding="utf-8-sig")
     record = read_record(path)
     assert np.allclose(record.time, np.arange(12.0))
@@ -126,6 +126,7 @@ def test_what_is_written_is_read_and_fitted(tmp_path):
             "must be positive",
         ),
         ("", [], "contains no data"),
+        ("PK\x03\x04\x14\0", [], "is a spreadsheet: save its sheet as CSV"),
     ],
 )
 def test_refusals(tmp_path, head, rows, sentence):

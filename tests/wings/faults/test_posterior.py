@@ -11,6 +11,7 @@ from stickslip.runs.sweep.definition import members, sweep
 from stickslip.wings.faults.friction.model import DEFAULTS, Data, model_friction, prepare
 from stickslip.wings.faults.friction.ratestate import RateState, prescribed
 from stickslip.wings.faults.friction.sampling import PERCENTS, posterior
+from stickslip.wings.faults.rate_state.figures import corner
 from tests.conftest import stickslip_here
 
 pytest.importorskip("emcee")
@@ -171,6 +172,16 @@ def test_the_command_writes_draws_a_figure_and_percentiles(folder):
     again = stickslip_here("fit", "record.csv", "--law", "slip", "--out", "fit", "--overwrite", cwd=folder)
     assert again.returncode == 0, again.stderr
     assert not list((folder / "fit").glob("posterior*"))
+
+
+def test_draws_too_narrow_for_their_numbers_are_drawn_around_their_median():
+    draws = np.random.default_rng(0).normal(size=(2, 500))
+    columns = {"a": 0.01 + 1e-12 * draws[0], "mu0": 0.6 + 1e-3 * draws[1]}
+    figure = corner(columns, {name: np.quantile(values, [0.025, 0.975]) for name, values in columns.items()}, {})
+    figure.canvas.draw()
+    left, right = figure.axes[2], figure.axes[3]
+    assert np.ptp(left.get_xlim()) < 1e-11 and left.get_xlabel().startswith(r"$\Delta$")
+    assert min(right.get_xlim()) > 0.59 and "Delta" not in right.get_xlabel()
 
 
 def test_a_posterior_that_did_not_converge_is_not_written(folder):

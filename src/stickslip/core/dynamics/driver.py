@@ -27,6 +27,7 @@ from ..laws.builtin import Law
 from ..laws.compiled import FORCES, law_struct
 from ..laws.properties import angular_columns, needs_rows
 from ..library import core
+from ..progress import available_cores
 from ..state import OPEN, Instant, State, deforms
 from .cell_motion import make_frame, needs_frame, remaining_skin
 from .coefficients import Plan, bodies_at_start, state_after
@@ -43,16 +44,14 @@ _MOVING_FIELDS, _EMPTY = ("position", "angle", "velocity", "spin"), np.zeros((0,
 
 
 def available_threads() -> int:
-    """Number of threads that a run may use: OMP_NUM_THREADS, or the cores that this process may use."""
-    asked = os.environ.get("OMP_NUM_THREADS", "")
-    if asked.isdecimal() and int(asked):
-        return int(asked)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Number of threads that a run may use: the cores that this process may use, at most OMP_NUM_THREADS."""
+    asked, cores = os.environ.get("OMP_NUM_THREADS", ""), available_cores()
+    return min(int(asked), cores) if asked.isdecimal() and int(asked) else cores
 
 
 def _thread_count(n: int, asked: int | None, watched: bool) -> int:
     """Number of threads for a run. Events are recorded in memory order, which requires one thread."""
-    if watched:
+    if watched or (asked is None and n < 2 * GRAINS_PER_THREAD):
         return 1
     wanted = min(available_threads(), n // GRAINS_PER_THREAD) if asked is None else asked
     return max(1, min(wanted, core.MOST_THREADS))
@@ -79,7 +78,7 @@ class _Run:
         here = bodies_at_start(state, instant)
         self.set_contacts(_working_contacts(state, law, here, bool(books or watched or remembers)))
         self.blocks = core.new_blocks()
-        weakref.finalize(self, core.free_blocks, self.blocks)
+        weakref.finalize(self, core.free_blocks, self.blocks).atexit = False  # a daemon thread may still use them
         self.bonds = state.bonds and _working_bonds(state, here)
         self.bonded = self.bonds and core.fill("Bonds", self.bonds)
         damped = self.struct.damping or (self.bonds and self.bonds.damping.any())
@@ -150,7 +149,7 @@ class _Run:
         self.set_contacts(former)
         position = np.empty((len(self.moving.order), 3))
         position[self.moving.order] = self.moving.body[:, :3]
-        self.set_contacts(_rebuild_with_skin(skin, position, self.known, former, self.state.cell, self.law))
+        self.set_contacts(self._list_at(position, former, skin))
         self.set_writing(with_lost_contacts(self.writing, former, self.contacts, position, self._time()))
 
     def advance(self, stop: int) -> int:
@@ -159,7 +158,7 @@ class _Run:
             code = core.run_steps(
                 self.struct, self.state.cell.dim, self.moved, None if self.by_rows else self.blocks, self.bodies,
                 self.listed, self.state.cell.vectors, *self.constants, self.bonded, self.buffers, self.state.time, stop,
-                self.plan.tolerance, self.residual, self.progress, self.threads,
+                self.plan.tolerance, self.residual, self.progress,
             )  # fmt: skip
             if code == core.NO_MEMORY:
                 raise MemoryError
@@ -219,7 +218,7 @@ class _Run:
             # the validity of a list is checked by displacements of grains, not by the deformation of the cell
             former = _without_open_pairs(self.contacts)
             self.set_contacts(former._replace(gap=max(gap, former.gap)))
-            self.set_contacts(_rebuild_with_skin(skin, here.position, here, self.contacts, self.state.cell, self.law))
+            self.set_contacts(self._list_at(here.position, self.contacts, skin))
         contacts, before = self.contacts, self.state.contacts
         key = before.key if contacts.i is before.i else pack_keys(contacts.i, contacts.j, contacts.image)
         contacts = contacts._replace(key=key, pair=np.zeros_like(contacts.slip), roll=np.zeros_like(contacts.slip))
@@ -227,6 +226,14 @@ class _Run:
             contacts, here.position, here.angle, here.radius, vectors, self.struct.angular, contacts.pair, contacts.roll
         )
         return state_after(self.state, here, contacts, time)._replace(instant=instant, bonds=self.bonds)
+
+    def _list_at(self, position: np.ndarray, former, skin: float):
+        """List with the given skin at the given positions, and the memory of the former list."""
+        known, former = self.known, former._replace(skin=skin)
+        contacts = rebuild_list(position, known.radius, known.normal, grid_of(self.state.cell), former, self.threads)
+        if contacts.count[0] < 0:
+            raise TooFarApartError(TOO_FAR)
+        return with_own_memory(contacts, self.law)
 
     def _time(self) -> float:
         return self.state.time + self.step * self.plan.dt
@@ -345,11 +352,3 @@ def _forces_in_state_order(moving) -> np.ndarray:
 def _without_open_pairs(contacts):
     """List without open pairs; it takes half the memory."""
     return select_rows(contacts, np.flatnonzero(contacts.mode[: contacts.count[0]] != OPEN))
-
-
-def _rebuild_with_skin(skin, position, known: Bodies, contacts, cell, law: Law):
-    """List rebuilt with the given skin."""
-    contacts = rebuild_list(position, known.radius, known.normal, grid_of(cell), contacts._replace(skin=skin))
-    if contacts.count[0] < 0:
-        raise TooFarApartError(TOO_FAR)
-    return with_own_memory(contacts, law)

@@ -142,6 +142,7 @@ def coefficients(bond: Bond, dim: int, radius_i, radius_j, length):
     normal, shear = bond.stiffness[:2]
     stiffness = np.stack([normal * area, shear * area, normal * bending, shear * twisting], axis=1)
     tensile, sheared = bond.strength[:2]
-    twisted = sheared * twisting / size if dim == 3 else np.full(k, UNBREAKABLE)
-    strength = np.stack([tensile * area, sheared * area, tensile * bending / size, twisted], axis=1)
+    with np.errstate(over="ignore"):  # strengths beyond UNBREAKABLE
+        twisted = sheared * twisting / size if dim == 3 else np.full(k, UNBREAKABLE)
+        strength = np.stack([tensile * area, sheared * area, tensile * bending / size, twisted], axis=1)
     return stiffness, damping, np.minimum(strength, UNBREAKABLE), 0.5 + (radius_j - radius_i) / (2 * length)

@@ -116,7 +116,8 @@ def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> 
     start = int(of_pfc if unknown else ends.min() >= 1)  # PFC counts from 1
     if not (ends.min() >= start and ends.max() < n + start):
         raise PackingError(
-            f"{path} has grains {ends.min():g} to {ends.max():g}, but the packing has {n}: number them from 0 or 1"
+            f"{path} has bodies {ends.min():g} to {ends.max():g}, but the packing has {n} grains: number them from 0 "
+            "or 1, and leave out bonds to walls, which are not supported"
         )
     counted = f"grains in {path.name} are assumed to be numbered from {start}, as neither 0 nor {n} occurs"
     return ends.astype(np.int64) - start, [Assumption(counted)] * unknown

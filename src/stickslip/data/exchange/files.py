@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...core.arguments import checked, knows_bonds, require_filled
-from ...core.contacts.bonding import without_bonds
 from ...core.contacts.forces import FROZEN
 from ...core.contacts.neighbors import with_neighbor_list
 from ...core.laws.builtin import PARAMETERS, SHARP, Law, laws_equal, parameter_names, with_values
@@ -40,7 +39,7 @@ from ..sample import (
 from .arrays import check_arrays, law_from_options, load_arrays, recognize, recognize_archive, write_archive, write_npz
 from .columns import at_rest, is_matlab, mass_note
 from .content import HEAD, Packing, chosen_frames, extent_note, is_compressed, placed_state, read_content
-from .frame import Frame, frame_of, with_bonds, write_graph
+from .frame import Frame, frame_of, unbonded, with_bonds, write_graph
 
 if TYPE_CHECKING:
     from .lammps_file import Pairs
@@ -401,17 +400,11 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
         states = [frame_of(states, law)]
     require_filled("states", states)
     frames: list[Frame] = list(states)
-    if suffix in (*ARCHIVE, ".gsd") or not any(frame.state.bonds for frame in frames):
+    if suffix in (*ARCHIVE, ".gsd", *LAMMPS_DATA) or not any(frame.state.bonds for frame in frames):
         return _write(path, suffix, frames)
     if suffix in SHOWN:
         return [*_write(path, suffix, frames), f"{suffix} shows bonds, but not their laws and memory"]
-    return [*_write(path, suffix, [_without_bonds(frame) for frame in frames]), f"{suffix} does not store bonds"]
-
-
-def _without_bonds(frame: Frame) -> Frame:
-    """Frame with the contacts and forces that remain without bonds."""
-    bare = frame_of(without_bonds(frame.state), frame.law)
-    return frame._replace(state=bare.state, grains=bare.grains, contacts=bare.contacts)
+    return [*_write(path, suffix, [unbonded(frame) for frame in frames]), f"{suffix} does not store bonds"]
 
 
 def _write(path: Path, suffix: str, frames: list[Frame]) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...builtin_laws import NAMES
 from ...core.arguments import checked, knows_bonds, require_shape
+from ...core.contacts.bonding import without_bonds
 from ...core.contacts.bonds import bond_vectors
 from ...core.contacts.forces import forces
 from ...core.fields import pack_keys
@@ -73,6 +74,14 @@ def frame_of(state: State, law: Law) -> Frame:
     loads = forces(state, law)[0]
     grains = {"force": loads.force[:n], "torque": loads.torque[:n], "coordination": contact_numbers(state)}
     return Frame(state, law, grains, contacts)
+
+
+def unbonded(frame: Frame) -> Frame:
+    """Frame with the contacts and forces that remain without bonds."""
+    if not frame.state.bonds:
+        return frame
+    bare = frame_of(without_bonds(frame.state), frame.law)
+    return frame._replace(state=bare.state, grains=bare.grains, contacts=bare.contacts)
 
 
 def with_bonds(frame: Frame) -> dict[str, np.ndarray]:

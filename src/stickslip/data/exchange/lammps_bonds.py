@@ -1,4 +1,4 @@
-"""LAMMPS bonds: those listed in a file, and their laws from the commands of the run.
+"""LAMMPS bonds: those listed in a file, and their laws from the commands of the run; bonds as text of a data file.
 
 `bpm/spring` and `bpm/rotational` keep the length and the direction that each bond had when LAMMPS first evaluated it
 after `bond_style`; restart files contain them, data files and dumps do not. LAMMPS uses the present ones when it reads
@@ -8,15 +8,19 @@ Source: LAMMPS documentation of `bond_style bpm/spring`, `bpm/rotational`, `harm
 with which loads fade, 8 and 4, were measured with LAMMPS 2022 to 2025.
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from ...core.laws.bonds import Bond, beam_bond, spring_bond
+from ...core.contacts.bonding import bond_limits, bonded_at_rest
+from ...core.contacts.bonds import bond_vectors
+from ...core.laws.bonds import BY_BEAM, BY_STRETCH, UNBREAKABLE, Bond, beam_bond, spring_bond
 from ...core.readable import pluralize
+from ...core.state import Bonds, State
 from ...core.text import parse_number
 from ...known import BONDED, HARMLESS, UNKNOWN, find_row, group_of, plain_style
 from ..sample import BONDS, Assumption, Obstacle, PackingError
@@ -27,6 +31,8 @@ STORED = ("id1", "id2", "time", "x", "y", "z", "x/ref", "y/ref", "z/ref")  # qua
 WEIGHTS = {"amber": "0 0 0.5", "charmm": "0 0 0", "dreiding": "0 0 1", "fene": "0 1 1"}  # of special_bonds, by name
 MOVING = ("displace_atoms", "change_box", "read_dump", "replicate")  # commands that move grains without a run
 RUNNING = ("run", "minimize", "rerun")
+REST = 1e-20  # energy of a bond at rest over k_n r₀²
+ENDLESS = 1e200  # strength beyond which a bond has no limit
 
 
 def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
@@ -47,13 +53,113 @@ def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray,
     return ListedBonds(i, j, kind[order], source, labels)
 
 
-def note_on_bonds(bonds: ListedBonds | None) -> list[Obstacle]:
-    """Note on bonds without their laws, which a run folder would supply."""
-    if bonds is None or not len(bonds.i):
+def note_on_bonds(bonds: ListedBonds, why: str = "") -> list[Obstacle]:
+    """Note on bonds without their laws, which a run folder would supply; `why` is the reason if there are commands."""
+    if not len(bonds.i):
         return []
-    count = pluralize(len(bonds.i), "bond")
-    text = f"{count} of {bonds.source} were not taken over: give the run folder, whose log contains their laws"
-    return [Obstacle(text, BONDS)]
+    text = f"{pluralize(len(bonds.i), 'bond')} of {bonds.source} were not taken over: "
+    return [Obstacle(text + (why or "give the run folder, whose log contains their laws"), BONDS)]
+
+
+def bonds_of_data(head: str, listed: ListedBonds) -> Callable[[State], State] | None:
+    """Return the function that adds the bonds of a data file with their laws to its state.
+
+    The laws are those of the commands on bonds in comments of its header, as `format_bonds` writes them. None without
+    these comments, or if contacts of bonded grains do not act fully.
+    """
+    commands = re.findall(r"(?m)^# ((?:bond_style|bond_coeff|special_bonds) .*)$", head)
+    told = replay([*(["", *line.split()] for line in commands), ["", "read_data", listed.source]])
+    if not told.style or any(parse_number(weight) != 1 for weight in told.weights):
+        return None
+    parts, _ = laws_of_bonds(told, listed)
+
+    def put(state: State) -> State:
+        for part in parts:
+            state = bonded_at_rest(state, *part)
+        return state
+
+    return put
+
+
+class FormattedBonds(NamedTuple):
+    """Bonds of a state as text of a data file."""
+
+    before: list[str]  # commands that LAMMPS needs before `read_data`
+    after: list[str]  # and those after it
+    counts: list[str]  # lines of the header
+    sections: list[str]
+    notes: list[str]
+
+
+def format_bonds(state: State) -> FormattedBonds:
+    """Intact bonds, each with a type of its own law, and notes on data that the file does not store."""
+    bonds = state.bonds
+    way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
+    apart = np.where(state.cell.periodic, way @ np.linalg.inv(state.cell.vectors), 0.0)
+    far = bonds.intact & (np.abs(apart) > 0.5).any(axis=1)
+    rows = np.flatnonzero(bonds.intact & ~far)
+    limited = (bonds.strength < ENDLESS).any(axis=1) & (bonds.form != BY_BEAM)
+    breaks = bool(limited[rows].any())  # for all styles of a hybrid
+    springs = (bonds.form == BY_STRETCH) & ~limited & ~bonds.damping.any(axis=1)
+    laws = [_bond_coefficients(bonds, k, harmonic=bool(springs[rows].all())) for k in rows]
+    kinds = {law: number for number, law in enumerate(dict.fromkeys(laws), 1)}
+    options, unfading = {}, 0
+    for style in dict.fromkeys(style for style, *_ in laws):
+        fades = [bonds.fading[k] > 0 for k, law in zip(rows, laws, strict=True) if law[0] == style and limited[k]]
+        unfading += 0 if all(fades) else sum(fades)
+        more = f" overlay/pair yes break {_yes(breaks)} smooth {_yes(bool(fades) and all(fades))}"
+        options[style] = more if style.startswith("bpm/") else ""
+    one = len(options) == 1
+    named = " ".join(style + more for style, more in options.items())
+    before = ["newton on off", "atom_style bpm/sphere", "comm_modify vel yes", "special_bonds lj/coul 1 1 1"]
+    after = [f"bond_style {'' if one else 'hybrid '}{named}"]
+    after += [
+        " ".join(["bond_coeff", str(k), *([] if one else law[:1]), *map(repr, law[1:])]) for law, k in kinds.items()
+    ]
+    ends = zip(laws, (bonds.i[rows] + 1).tolist(), (bonds.j[rows] + 1).tolist(), strict=True)
+    listed = [f"{k} {kinds[law]} {i} {j}" for k, (law, i, j) in enumerate(ends, 1)]
+    stored = np.array([style == "harmonic" for style, *_ in laws], bool)
+    strained = bond_limits(state).energy[rows] > REST * bonds.stiffness[rows, 0] * bonds.length[rows] ** 2
+    lost = [
+        (strained & ~stored, "the deformation of {}, which LAMMPS takes to be at rest"),
+        (~bonds.intact, "{} that broke"), (far, "{} to images that are not the nearest"),
+        (np.ones(unfading, bool), "that {} fade before they break, unlike others of their style"),
+    ]  # fmt: skip
+    said = "; ".join(text.format(pluralize(int(some.sum()), "bond")) for some, text in lost if some.any())
+    notes = [f"LAMMPS data files do not store {said}"] if said else []
+    parallel = bonds.form[rows] == BY_BEAM
+    if parallel.any():
+        moved = ", with shear forces at their middle" if (bonds.arm[rows[parallel]] != 0.5).any() else ""
+        notes.append(
+            f"LAMMPS has no parallel bonds: {pluralize(int(parallel.sum()), 'bond')} written as bpm/rotational of the "
+            f"same stiffnesses, without strength{moved}"
+        )
+    if not len(rows):
+        return FormattedBonds([], [], [], [], notes)
+    notes.append(
+        f"LAMMPS needs the commands in comments at the head of the file: `{'`, `'.join(before)}` before `read_data`, "
+        f"then `{after[0]}` and its `bond_coeff`"
+    )
+    counts = [f"{len(rows)} bonds", f"{len(kinds)} bond types"]
+    return FormattedBonds(before, after, counts, ["", "Bonds", "", *listed], notes)
+
+
+def _bond_coefficients(bonds: Bonds, k: int, *, harmonic: bool) -> tuple:
+    """Style and coefficients of one bond; `harmonic` stores rest lengths and is not combined with other styles."""
+    stiffness, strength, damping = (part[k].tolist() for part in (bonds.stiffness, bonds.strength, bonds.damping))
+    if bonds.form[k] == BY_STRETCH:
+        length = float(bonds.length[k])
+        if harmonic:
+            return "harmonic", 0.5 * stiffness[0], length
+        most = UNBREAKABLE if strength[0] > ENDLESS else strength[0] / (stiffness[0] * length)
+        return "bpm/spring", stiffness[0], most, damping[0]
+    tension, shear, bending, twisting = [UNBREAKABLE] * 4 if bonds.form[k] == BY_BEAM else strength
+    limits = tension, shear, twisting, bending
+    return "bpm/rotational", *stiffness[:2], stiffness[3], stiffness[2], *limits, *damping
+
+
+def _yes(true: bool) -> str:
+    return "yes" if true else "no"
 
 
 class Commands(NamedTuple):

@@ -30,7 +30,6 @@ from ...known import UNKNOWN, USED, group_of
 from ..sample import HUGE, Assumption, MemoryNote, PackingError, PackingWarning, accepted, account_for
 from .columns import TOTAL, group_hint, name_contact_columns, pair_branches
 from .content import ALL_DIGITS, HEAD, Packing, head_text, only_state, placed_state, read_content
-from .lammps_bonds import note_on_bonds
 from .lammps_text import FORCE, ORDER, Table, add_box, grains_from_dump, read_data, read_dump
 
 NEEDED = ("law", "kn", "kt", "mu", "damping_n", "damping_t")
@@ -110,9 +109,11 @@ def _finish_packing(
 ) -> Packing:
     """Packing with its cell, periodic flags and dimension."""
     types, force, labels = arrays.pop("types", None), arrays.pop("force", None), arrays.pop("labels", {})
-    bonds = arrays.pop("bonds", None)
-    arrays, notes = add_box(table, arrays, boundary, [*notes, *note_on_bonds(bonds)])
-    return Packing(str(table.step), arrays, notes, table.step, ids, types, force, labels=labels, bonds=bonds)
+    bonds, setting = arrays.pop("bonds", None), arrays.pop("setting", None)
+    arrays, notes = add_box(table, arrays, boundary, notes)
+    return Packing(
+        str(table.step), arrays, notes, table.step, ids, types, force, setting=setting, labels=labels, bonds=bonds
+    )
 
 
 def read_pairs(path: Path, packing: Packing, columns: str | None = None) -> Pairs:

@@ -22,8 +22,8 @@ from ..run_files import replace_atomically
 from ..sample import GROUP, HUGE, WALLS, Absent, Assumption, PackingError, account_for
 from .columns import arrange_grains, identify_columns
 from .content import digits_note, first_lines, read_lines
-from .frame import Frame, bounding_box, list_losses, without_walls, wrapped_into
-from .lammps_bonds import list_bonds
+from .frame import Frame, bounding_box, list_losses, unbonded, without_walls, wrapped_into
+from .lammps_bonds import FormattedBonds, bonds_of_data, format_bonds, list_bonds, note_on_bonds
 
 HEADER = re.compile(
     r"(?m)^[ \t]*([A-Z][A-Za-z /]*?)[ \t]*(?:#[ \t]*(\S.*?)[ \t]*)?$"
@@ -278,6 +278,11 @@ def read_data(path: Path, asked: str | None = None) -> tuple[np.ndarray, dict, T
     ids, arrays, said = arrange_grains(path.name, known, volume=VOLUME)
     arrays["labels"] = {label: int(number) for label, number in labels.items()}
     arrays["bonds"] = list_bonds(path.name, ids, *bonds)
+    try:
+        arrays["setting"], why = bonds_of_data(head, arrays["bonds"]), ""
+    except (ValueError, IndexError, TypeError) as problem:
+        arrays["setting"], why = None, str(problem)
+    said += [] if arrays["setting"] else note_on_bonds(arrays["bonds"], why)
     notes += [*said, *account_for("section", sections, path.name)]
     notes += account_for("heading of a data file", _headings(head), path.name)
     return ids, arrays, box, notes
@@ -430,7 +435,9 @@ def contacts_path(path: Path) -> Path:
 
 def write_lammps(path: str | Path, frame: Frame) -> list[str]:
     """Write a data file and its contacts; return notes on data that they do not store."""
-    path, state = Path(path), frame.state
+    path, held = Path(path), format_bonds(frame.state) if frame.state.bonds else None
+    frame = unbonded(frame)
+    state = frame.state
     vectors, corner = bounding_box(state, "LAMMPS")
     if state.cell.dim == 2:
         vectors, corner = vectors.copy(), corner.copy()
@@ -447,9 +454,9 @@ def write_lammps(path: str | Path, frame: Frame) -> list[str]:
     if state.grains.angle.any():
         notes.append("LAMMPS data files do not store angles")
     with replace_atomically(path) as part:
-        part.write_text(_format_data(frame, vectors, corner), encoding="utf-8")
+        part.write_text(_format_data(frame, vectors, corner, held), encoding="utf-8")
         notes += _write_contacts(contacts_path(path), frame, vectors, corner)
-    return notes
+    return [*notes, *(held.notes if held else [])]
 
 
 def _format_rows(rows) -> list[str]:
@@ -457,7 +464,8 @@ def _format_rows(rows) -> list[str]:
     return [" ".join(map(repr, row)) for row in rows]
 
 
-def _format_data(frame: Frame, vectors, corner) -> str:
+def _format_data(frame: Frame, vectors, corner, held: FormattedBonds | None) -> str:
+    before, after, counts, sections, _ = held or FormattedBonds([], [], [], [], [])
     state, grains = frame.state, frame.state.grains
     inside, image = wrapped_into(grains.position, vectors, corner, state.cell.periodic)
     size, tilt = np.diag(vectors), (vectors[1, 0], vectors[2, 0], vectors[2, 1])
@@ -465,15 +473,18 @@ def _format_data(frame: Frame, vectors, corner) -> str:
     numbers = _format_rows(np.column_stack([2 * grains.radius, density, inside]).tolist())
     whole = _format_rows(image.tolist())
     kinds = (grains.material + 1).tolist()
-    atoms = [f"{k} {t} {a} {b}" for k, (t, a, b) in enumerate(zip(kinds, numbers, whole, strict=True), 1)]
+    molecule = "0 " if before else ""
+    atoms = [f"{k} {molecule}{t} {a} {b}" for k, (t, a, b) in enumerate(zip(kinds, numbers, whole, strict=True), 1)]
     motion = _format_rows(np.hstack([grains.velocity, grains.spin]).tolist())
-    head = [f"LAMMPS data file of grains, timestep = 0, written by stickslip ({state.cell.dim} dimensions)", ""]
-    head += [f"{len(kinds)} atoms", f"{max(kinds)} atom types", ""]
+    head = [f"LAMMPS data file of grains, timestep = 0, written by stickslip ({state.cell.dim} dimensions)"]
+    head += [f"# {command}" for command in [*before, *(["read_data FILE"] if before else []), *after]] + [""]
+    head += [f"{len(kinds)} atoms", f"{max(kinds)} atom types", *counts, ""]
     head += [f"{float(c)!r} {float(c + s)!r} {a}lo {a}hi" for c, s, a in zip(corner, size, "xyz", strict=True)]
     if any(tilt):
         head.append(" ".join(repr(float(t)) for t in tilt) + " xy xz yz")
     moving = ["", "Velocities", "", *(f"{k} {row}" for k, row in enumerate(motion, 1))]
-    return "\n".join([*head, "", "Atoms # sphere", "", *atoms, *moving, ""])
+    style = "bpm/sphere" if before else "sphere"
+    return "\n".join([*head, "", f"Atoms # {style}", "", *atoms, *moving, *sections, ""])
 
 
 def _write_contacts(path: Path, frame: Frame, vectors, corner) -> list[str]:

@@ -73,7 +73,8 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
     values, errors = dict(zip(names, shown[0].tolist(), strict=True)), dict(zip(names, shown[1].tolist(), strict=True))
     intervals = {name: (float(i), float(j)) for name, i, j in zip(names, shown[2], shown[3], strict=True)}
     gap, error = difference(names, raw, full, reach)
-    if unknown.any() and not error < 0.5 * max((raw[k] for k, n in enumerate(names) if n in ("a", "b")), default=1.0):
+    pair = [k for k, name in enumerate(names) if name in ("a", "b")]
+    if unknown.any() and (unknown[pair].sum() == 1 or not error < 0.5 * max(raw[pair], default=1.0)):
         gap, error = np.nan, np.nan
     sentence = _sentence(names, unknown, inner, open_sides, (gap, error))
     return Estimates(values, errors, intervals, cover, not unknown.any(), sentence, gap, error)
@@ -82,7 +83,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
 def without_intervals(estimates: Estimates, reason: str) -> Estimates:
     """Return the same values without errors and intervals, which are unknown if the noise is unknown."""
     nothing = dict.fromkeys(estimates.errors, np.nan)
-    sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence}"
+    sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence.partition(':')[0]}"
     return estimates._replace(
         errors=nothing, intervals=dict.fromkeys(nothing, (np.nan, np.nan)), sentence=sentence, error=np.nan,
         covariance=np.full_like(estimates.covariance, np.nan),
@@ -111,13 +112,15 @@ def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
     else:
         hint = f"{' and '.join(involved)} trade off against each other: fix one of them, or add data that separate them"
     if {"a", "b"} <= {names[k] for k in among} and np.isfinite(gap[1]):
-        hint = f"only a − b = {gap[0]:.3g} ± {gap[1]:.1g} is known; {hint}"
+        short = ", if dc is far below the slip at one velocity" if "dc" in lost else ""
+        hint = f"only a − b = {gap[0]:.3g} ± {gap[1]:.1g} is known{short}; {hint}"
     return f"these data do not determine {lost}: {hint}"
 
 
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
 SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
-LENGTHS = 9  # number of values of D_c, the smallest 1/300 of the length of a leg
+LENGTHS = 9  # number of values of D_c from 1/300 of the length of a leg up to that length
+BEYOND = 10.0  # one more D_c over that length, for a state that hardly evolves
 STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
 SECOND = (10.0, 0.1)  # D_c of a second state over that of the first
 SHARE = 0.3  # fraction of a second state in the evolution effect
@@ -187,7 +190,7 @@ def _grid(name: str, cases) -> tuple[float, ...]:
         return tuple(_direct_effect(cases) * size for size in SIZES)
     if name == "dc":
         longest = _slip_length(cases)
-        return tuple(np.geomspace(longest / 300, longest, LENGTHS))
+        return (*np.geomspace(longest / 300, longest, LENGTHS), BEYOND * longest)
     return tuple(_steepest_slope(cases) * factor for factor in STIFFNESSES)
 
 

@@ -29,6 +29,7 @@ SYMBOLS = {
     "a": "$a$", "b": "$b$", "dc": "$D_c$", "mu0": r"$\mu_0$", "b2": "$b_2$", "dc2": "$D_{c2}$", "v1": "$V_1$",
     "v2": "$V_2$", "stiffness": "$k$", "damping": r"$\eta$", "alpha": r"$\alpha$", "theta": r"$\theta_0$",
 }  # fmt: skip
+NARROW = 1e-4  # range of draws over their median below which an axis counts from the median
 BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # two-dimensional histograms: cells, width of the filter, contours
 UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)  # percentiles of the members of a sweep
@@ -103,6 +104,9 @@ def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
 def corner(columns: dict, intervals: dict, units: dict):
     """Histograms of draws for each parameter with the interval of the fit, and contours for each pair.
 
+    Parameters with a range too narrow for readable numbers, as of a record without noise, are drawn as differences Δ
+    from their medians.
+
     Parameters
     ----------
     columns : name → draws
@@ -112,6 +116,12 @@ def corner(columns: dict, intervals: dict, units: dict):
     names, many = list(columns), len(columns)
     bases = {name: name.partition("[")[0] for name in names}
     labels = {name: (SYMBOLS.get(base, name), units.get(base, "")) for name, base in bases.items()}
+    columns, intervals = dict(columns), dict(intervals)
+    for name, draws in columns.items():
+        middle = np.median(draws)
+        if 0 < np.ptp(draws) < NARROW * abs(middle):
+            columns[name], intervals[name] = draws - middle, np.subtract(intervals[name], middle)
+            labels[name] = (rf"$\Delta${labels[name][0]}", labels[name][1])
     figure, panels = subplots(many, many, figsize=(np.clip(1.05 * many, WIDTH, PAGE),) * 2, sharex="col", squeeze=False)
     for row, below in enumerate(names):
         for column, across in enumerate(names):

@@ -98,6 +98,18 @@ def stress_path(tables: list[_Table], unit: str):
 
 
 @styled
+def pore_pressure(tables: list[_Table], unit: str):
+    """Excess pore pressure and Skempton's B against the cell pressure of undrained isotropic paths."""
+    figure, panels = column_axes(2, 3.8, sharex=True)
+    for axes, name in zip(panels, ("pore_pressure", "skempton_B"), strict=True):
+        _lines(axes, tables, "cell_pressure", name)
+    label_axes(panels[0], y=_axis("pore_pressure", unit))
+    label_axes(panels[1], x=_axis("cell_pressure", unit), y=SERIES["skempton_B"].axis, least={"y": 0.01})
+    legend_above(panels[0])
+    return figure
+
+
+@styled
 def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
     """Void ratio against a stress, on a logarithmic axis unless it changes by less than a factor of 3.
 

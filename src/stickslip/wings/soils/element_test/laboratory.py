@@ -20,6 +20,7 @@ WANTED = laboratory_table.Wanted(
 )  # fmt: skip
 FIGURE = "fig8_laboratory.png"
 LEAST = 5  # rows
+NEAR_START = 0.02  # least axial strain at the end, over that at the start, of rows in the order of a test
 WORDS = {
     "q": "deviatoric stress", "volumetric_strain": "volumetric strain", "pore_pressure": "excess pore pressure",
     "sigma_zz": "axial stress",
@@ -61,6 +62,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
             f"{path} has {pluralize(len(next(iter(values.values()))), 'row')} of numbers: give at least {LEAST}"
         )
     _check_strains(table, values)
+    values = _in_order(path, values)
     out = {name: values[name] for name in ("q", "p", "axial_stress", "void_ratio") if name in values}
     for name in ("axial_strain", "volumetric_strain"):
         if f"log_{name}" in values:
@@ -87,6 +89,22 @@ def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np
                 f"{table.path}: {table.heading_of(name)!r} reaches {largest:.3g} times the size of the sample: write "
                 f"it as '{name.replace('_', ' ')} [%]' if it is in per cent, or correct its unit"
             )
+    bare = [name for name in WANTED.columns[:4] if name in values and not table.has_unit(name)]
+    if bare and "sample" not in table.headings:  # series.csv of a run, whose strains are fractions
+        told = ", ".join(f"{table.heading_of(name)!r} up to {np.abs(values[name]).max():.3g}" for name in bare)
+        warnings.warn(
+            f"{table.path}: strains without a unit are read as fractions, {told}: add [%] to the headings if they are "
+            f"in per cent", stacklevel=3,
+        )  # fmt: skip
+
+
+def _in_order(path: Path, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Values in the order of the test, with a warning if the table lists it from its end."""
+    axial = np.abs(next((values[name] for name in WANTED.columns[:2] if name in values), np.zeros(1)))
+    if not axial[-1] < NEAR_START * axial[0] or axial[0] < axial.max():
+        return values
+    warnings.warn(f"{path}: rows begin with the largest axial strain: their order was reversed", stacklevel=3)
+    return {name: column[::-1] for name, column in values.items()}
 
 
 def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray], out: dict) -> None:

@@ -14,6 +14,7 @@ from scipy.special import stdtrit
 
 from ....kit import Measures, Quantities, Quantity, clear_round_off, estimate
 from .probes import SIGNS, ProbedState, first_seen
+from .sample import fluid_pressure
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries
 
@@ -42,11 +43,14 @@ def volumetric_strain(series: ElementSeries) -> np.ndarray:
     return clear_round_off(normal.sum(axis=1), normal)
 
 
-def pore_pressure(series: ElementSeries, dim: int) -> np.ndarray:
-    """Excess pore pressure of an undrained test at constant lateral pressure (T,) [force/length^(dim-1)].
+def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -> np.ndarray:
+    """Excess pore pressure of an undrained test (T,) [force/length^(dim-1)].
 
-    The grains carry the effective stress. The loss of its lateral part since the start is carried by water.
+    The grains carry the effective stress. An incompressible fluid carries the loss of its lateral part since the start,
+    at constant lateral pressure; one with the bulk modulus `fluid` has the pressure of `fluid_pressure`.
     """
+    if fluid:
+        return fluid_pressure(series.void_ratio, series.void_ratio[0], fluid)
     lateral = np.diagonal(series.stress, axis1=1, axis2=2)[:, : dim - 1].mean(axis=1)
     return lateral[0] - lateral
 
@@ -189,32 +193,60 @@ class LoadedSample:
     @cached_property
     def pore_pressure(self) -> np.ndarray | None:
         """Excess pore pressure; None unless the test is undrained."""
-        return pore_pressure(self.series, self.dim) if self.kind == "undrained" else None
+        fluid = self.scenario.path.fluid_modulus
+        return pore_pressure(self.series, self.dim, fluid) if fluid or self.kind == "undrained" else None
+
+    @cached_property
+    def cell_pressure(self) -> np.ndarray | None:
+        """Total mean stress of an isotropic path of a sample with a fluid; None on other paths."""
+        if self.kind != "isotropic" or self.pore_pressure is None:
+            return None
+        return invariants(self.stress, self.dim)[0] + self.pore_pressure
+
+    @cached_property
+    def measured_b(self) -> np.ndarray | None:
+        """B = Δu/Δσ of the changes since the start of an isotropic path; NaN at the start, None on other paths."""
+        if self.cell_pressure is None:
+            return None
+        change = self.cell_pressure - self.cell_pressure[0]
+        small = np.abs(change) <= 1e-6 * self.cell_pressure
+        return np.divide(self.pore_pressure, change, out=np.full(len(change), NAN), where=~small)
 
     @property
     def skempton(self) -> float:
-        """A at the peak, of Δu = Δσ₃ + A (Δσ₁ − Δσ₃) with total principal stresses; NaN unless the test is undrained.
+        """A at the peak, of Δu = B (Δσ₃ + A (Δσ₁ − Δσ₃)) with total principal stresses; NaN unless sheared undrained.
 
-        The lateral total stress is constant. It is σ₃ in compression, where A = Δu/q, and σ₁ in extension, where Δσ₃
-        is q and A = 1 − Δu/q. An isotropic elastic sample of spheres has 1/3 in compression and 2/3 in extension.
+        The lateral total stress is constant. It is σ₃ in compression, where A = Δu/(B q), and σ₁ in extension, where
+        Δσ₃ is q and A = 1 − Δu/(B q). An isotropic elastic sample of spheres has 1/3 in compression and 2/3 in
+        extension.
 
         Source
         ------
         Skempton, doi:10.1680/geot.1954.4.4.143.
         """
+        if self.kind != "undrained":
+            return NAN
         q = self.first.q[self.top]
-        a = self.at_peak(self.pore_pressure, q)
+        a = self.at_peak(self.pore_pressure, q) / self.skempton_b
         return 1 - a if q < 0 else a
 
     @property
     def skempton_b(self) -> float:
-        """B = Δu/Δσ of the sample before the test, if an isotropic total stress Δσ acts and no fluid leaves.
+        """B = Δu/Δσ of the sample, if an isotropic total stress Δσ acts and no fluid leaves.
+
+        It is measured over the first leg of an isotropic path, and computed for the start of an undrained one.
+        """
+        if self.measured_b is not None:
+            return float(self.measured_b[len(self.first.load) - 1])
+        return self.elastic_b if self.kind == "undrained" else NAN
+
+    @property
+    def elastic_b(self) -> float:
+        """B of the sample before the test, from its elastic bulk modulus; 1 with an incompressible fluid.
 
         Grains are incompressible, so that the pores lose the volume Δσ′/K that the sample loses, and the fluid in
         them n Δu/K_f: B = 1/(1 + n K/K_f) with Δσ = Δσ′ + Δu.
         """
-        if self.kind != "undrained":
-            return NAN
         e, fluid = float(self.series.void_ratio[0]), self.scenario.path.fluid_modulus
         return 1 / (1 + e / (1 + e) * self.run.elastic.bulk / fluid) if fluid else 1.0
 
@@ -430,6 +462,9 @@ SERIES = Quantities([
     Quantity("q", STRESS, "deviatoric stress", lambda t: t.signed(invariants(t.stress, t.dim)[1]), "$q$"),
     Quantity("pore_pressure", STRESS, "excess pore pressure of an undrained test",
              label="excess pore\npressure $\\Delta u$"),
+    Quantity("cell_pressure", STRESS, "total mean stress of an undrained isotropic path", label="cell pressure"),
+    Quantity("skempton_B", "1", "excess pore pressure over the change of the cell pressure", "measured_b",
+             "Skempton's $B$"),
     *(Quantity(f"sigma_{ij}", STRESS, "component of the stress",
                lambda t, i=i, j=j: t.signed(t.series.stress[:, i, j]), rf"$\sigma_{{{ij}}}$")
       for ij, i, j in (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1))),
@@ -525,8 +560,8 @@ SAMPLE = Quantities([
     Quantity("cone_direction", "degrees", "direction of negative work; 0 is axial compression, 90 lateral",
              lambda t: float(np.degrees(t.cone.weakest)) if t.cone else NAN, partial=True),
     Quantity("u_at_peak", STRESS, "excess pore pressure at the peak, at constant lateral pressure",
-             lambda t: t.at_peak(t.pore_pressure)),
-    Quantity("skempton", "1", "Skempton's A at the peak"),
+             lambda t: t.at_peak(t.pore_pressure) if t.sheared else NAN),
+    Quantity("skempton", "1", "Skempton's A at the peak", partial=True),
     Quantity("skempton_B", "1", "Skempton's B of the sample", "skempton_b", partial=True),
 ])  # fmt: skip
 

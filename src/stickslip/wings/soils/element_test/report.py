@@ -63,6 +63,8 @@ def figures(result: ElementTestResult):
     strain = {"simple-shear": "gamma", "isotropic": "volumetric_strain"}.get(scenario.path.kind, "axial_strain")
     axial = f"sigma_{'xyz'[scenario.sample.dim - 1] * 2}" if scenario.path.kind == "oedometric" else ""
     yield "fig1_stress_strain.png", figures_of.stress_strain(tables, strain, unit, halved, axial)
+    if "cell_pressure" in tables[0]:
+        yield "fig2_pore_pressure.png", figures_of.pore_pressure(tables, unit)
     if scenario.path.kind != "isotropic":
         yield "fig2_stress_path.png", figures_of.stress_path(tables, unit)
     yield "fig3_void_ratio.png", figures_of.void_ratio(tables, unit, axial or "p")
@@ -236,13 +238,19 @@ def _cement(result: ElementTestResult) -> list[str]:
 
 
 def _fluid(result: ElementTestResult) -> list[str]:
-    """B of a compressible pore fluid, which the path does not have."""
-    b = MEASURES.known(result).get("skempton_B")
-    if result.scenario.path.fluid_modulus is None or b is None:
+    """B of a compressible pore fluid, measured or from the elastic moduli of the samples."""
+    path = result.scenario.path
+    if path.fluid_modulus is None:
         return []
+    samples = [LoadedSample(run, result.scenario) for run in result.runs]
+    elastic = np.array([sample.elastic_b for sample in samples])
+    closed = f"{elastic[np.isfinite(elastic)].mean():.3g}" if np.isfinite(elastic).any() else "not known"
+    if path.kind == "undrained":
+        return [f"With the stated fluid_modulus, B is {closed} before the test, from the elastic bulk modulus."]
+    measured = np.mean([sample.skempton_b for sample in samples])
     return [
-        f"The volume is constant along the path, so that A and the excess pore pressure are those of B = 1; with the "
-        f"stated fluid_modulus B is {b.mean:.3g}."
+        f"As measured over the first change of the cell pressure, B is {measured:.3g}; before the test it is {closed}, "
+        f"from the elastic bulk modulus."
     ]
 
 

@@ -26,7 +26,7 @@ from ....kit import (
 )
 from ....packings import compressed
 from ....results import Factorisation, PackingInfo
-from .scenario import Cement, ElementSample, Loading
+from .scenario import AT_REST, BALANCED, Cement, ElementSample, Loading
 
 AXES = "xyz"
 
@@ -36,6 +36,7 @@ class Drive(NamedTuple):
 
     gradient: np.ndarray  # (3, 3) displacement gradient per unit of the driven strain; zero if the load is a pressure
     free: tuple[int, ...]  # axes along which the normal stress is controlled
+    sealed: np.ndarray | None = None  # (K, 3) normal strains that hold the total stress of a cell with a fluid
 
 
 def drive_of(loading: Loading, dim: int) -> Drive:
@@ -43,7 +44,7 @@ def drive_of(loading: Loading, dim: int) -> Drive:
     gradient, axial = np.zeros((3, 3)), dim - 1
     lateral = tuple(range(axial))
     if loading.kind == "isotropic":
-        return Drive(gradient, (*lateral, axial))
+        return Drive(gradient, (), np.eye(3)[:dim]) if loading.fluid_modulus else Drive(gradient, (*lateral, axial))
     if loading.kind == "simple-shear":
         gradient[0, 1] = 1.0
         return Drive(gradient, (1,))
@@ -51,7 +52,16 @@ def drive_of(loading: Loading, dim: int) -> Drive:
     if loading.kind == "undrained":
         gradient[lateral, lateral] = 1 / (dim - 1)
     free = {"oedometric": (), "undrained": (), "plane-strain": (0,)}
-    return Drive(gradient, free.get(loading.kind, lateral))
+    sealed = np.isin(np.arange(3), lateral)[None].astype(float) if loading.fluid_modulus else None
+    return Drive(gradient, free.get(loading.kind, lateral), sealed)
+
+
+def fluid_pressure(void_ratio: float | np.ndarray, start: float, modulus: float) -> float | np.ndarray:
+    """Excess pressure K_f ln(e₀/e) of a fluid that fills the pores of rigid grains and cannot leave.
+
+    This is du = −K_f dV_p/V_p = (K_f/n) dε_v with the porosity n, integrated from the void ratio `start`.
+    """
+    return modulus * np.log(start / void_ratio)
 
 
 def wanted_stress(loading: Loading, pressure: float, stress: np.ndarray, dim: int) -> np.ndarray:
@@ -83,9 +93,6 @@ def strain_of(cell: np.ndarray, start: np.ndarray) -> np.ndarray:
     """
     lean = cell[1, 0] / cell[1, 1] - start[1, 0] / start[1, 1]
     return np.append(-np.log(np.diag(cell) / np.diag(start)), lean)
-
-
-AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
 
 
 def check_pressures(

@@ -1,6 +1,7 @@
 """Scenario of an element test: a sample of grains in a periodic cell, its grading and density, and a load path."""
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 from math import log, pi, sqrt
 from typing import Annotated, Literal
@@ -28,7 +29,10 @@ QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi,
 NARROWEST = 2.0  # least width of the cell over the largest diameter
 DENSITY = {2: 0.8, 3: 0.6}  # packing fractions for estimates before the sample is made
 FIRST, GROWTH = 1e-6, 1.5  # first strain step of a leg, and the growth of the steps after it
+STIFFEST = 1e7  # largest modulus of a pore fluid over the pressure
 LOG_STEP = 100.0  # step of ln p on an isotropic path over the step of the strain on others
+AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
+RESOLVED = 1e3  # least strength of a bond over the unbalanced force of an equilibrium
 Shares = Annotated[tuple[Annotated[float, Field(ge=0, le=100)], ...], Listed]
 Sizes = Annotated[tuple[Positive, ...], Listed]
 
@@ -205,7 +209,8 @@ class Loading(ScenarioTable):
     ] = Field(
         "triaxial",
         description="isotropic: the pressure changes; oedometric: no lateral strain; triaxial: constant lateral stress "
-        "(drained; biaxial for disks); constant-p: constant mean stress; undrained: constant volume; plane-strain: "
+        "(drained; biaxial for disks); constant-p: constant mean stress; undrained: constant volume, or constant total "
+        "lateral stress with a compressible fluid; plane-strain: "
         "constant stress along x, no strain along y; true-triaxial: constant stress along x, and along y the "
         "intermediate stress of `b`; simple-shear: γ along x with gradient y, constant stress along y, no other strain",
     )
@@ -225,8 +230,8 @@ class Loading(ScenarioTable):
     )
     fluid_modulus: Positive | None = Field(
         None,
-        description="bulk modulus of the pore fluid of an undrained test, for Skempton's B; default: incompressible "
-        "[force/length^(dim−1)]",
+        description="bulk modulus of the pore fluid, which cannot leave, of undrained and isotropic paths; default: "
+        "incompressible fluid of undrained, no fluid of isotropic paths [force/length^(dim−1)]",
     )
     integrator: Literal["quasi-static", "dynamic"] = Field(
         "quasi-static",
@@ -251,8 +256,11 @@ class Loading(ScenarioTable):
             if (getattr(self, name) is not None) != (self.kind == kind):
                 advice = "is missing: give it" if self.kind == kind else f"applies to {kind} paths only: leave it out"
                 raise ValueError(f"path.{name} {advice}")
-        if self.fluid_modulus is not None and self.kind != "undrained":
-            raise ValueError("path.fluid_modulus does not apply to this path: only undrained paths have a pore fluid")
+        if self.fluid_modulus is not None and self.kind not in ("undrained", "isotropic"):
+            raise ValueError(
+                f"path.fluid_modulus does not apply to {self.kind} paths, which are drained: leave it out, or use kind "
+                f'= "undrained" or "isotropic"'
+            )
         if self.inertial_number is not None and self.rate is not None:
             raise ValueError("path.inertial_number and path.rate exclude each other: give only one")
         if self.integrator == "quasi-static" and (self.inertial_number or self.rate):
@@ -282,8 +290,12 @@ class Cement(ScenarioTable):
         description="Young's modulus of the cement over that of the contacts: of the grains, or kn/D50^(dim−2) of "
         "linear springs",
     )
-    stiffness_ratio: Positive = Field(2.5, description="normal over shear stiffness of the bonds")
-    radius: Positive = Field(1.0, description="radius of a bond over that of the smaller grain")
+    stiffness_ratio: Annotated[float, Field(ge=1e-3, le=1e6)] = Field(
+        2.5, description="normal over shear stiffness of the bonds"
+    )
+    radius: Annotated[float, Field(ge=1e-3, le=1)] = Field(
+        1.0, description="radius of a bond over that of the smaller grain"
+    )
     gap: Annotated[float, Field(ge=0, le=1)] = Field(
         0.01, description="gap up to which grains are bonded, over the mean diameter"
     )
@@ -463,6 +475,31 @@ class ElementTestScenario(SampleScenario):
                 "cement.modulus is relative to the modulus of the law, which this law lacks: use law.kind = "
                 '"hertz_mindlin_reff" with young, or "linear" with kn'
             )
+        return self._check_bonds()
+
+    def _check_bonds(self):
+        """Check the range in which the forces of bonds can be computed.
+
+        Round-off of positions in a cell of N^(1/dim) diameters, times the stiffness, stays below the unbalanced force
+        of an equilibrium; strengths are well above that force; and bonds break before they double their length.
+        """
+        cement, dim, modulus = self.cement, self.sample.dim, self.contact_modulus
+        unbalanced, area = BALANCED * self.stress_scale, cement.radius ** (dim - 1)
+        weaker = min("tensile_strength", "shear_strength", key=partial(getattr, cement))
+        strength = getattr(cement, weaker)
+        weakest = RESOLVED * unbalanced
+        round_off = 0.5 * np.finfo(float).eps * self.sample.grains ** (1 / dim) * max(1.0, 1 / cement.stiffness_ratio)
+        inf, unresolved = float("inf"), "or bonds carry less than the unbalanced forces of equilibria"
+        for name, least, most, why in (
+            (weaker, weakest, inf, unresolved),
+            ("radius", (weakest / strength) ** (1 / (dim - 1)), 1.0, unresolved),
+            ("modulus", strength / modulus, inf, f"or bonds with {weaker} = {strength:g} would double their length"),
+            ("modulus", 0.0, unbalanced / (round_off * area * modulus), "or round-off prevents an equilibrium"),
+        ):
+            value, least, most = getattr(cement, name), float(f"{least:.2g}"), float(f"{most:.2g}")
+            if not least <= value <= most:
+                limit = f"least {least:g}" if value < least else f"most {most:g}"
+                raise ValueError(f"cement.{name} must be at {limit} in this test, {why}, got {value:g}")
         return self
 
     @model_validator(mode="after")
@@ -470,6 +507,16 @@ class ElementTestScenario(SampleScenario):
         if self.sample.dim == 2 and self.path.kind in ("true-triaxial", "plane-strain"):
             raise ValueError(
                 f'path.kind = "{self.path.kind}" is not available for disks: use "triaxial", the biaxial test'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_fluid(self):
+        most = STIFFEST * self.sample.pressure
+        if (self.path.fluid_modulus or 0.0) > most:
+            raise ValueError(
+                f"path.fluid_modulus must be at most {STIFFEST:g} sample.pressure = {most:g}, beyond which round-off "
+                f"of the volume counts, got {self.path.fluid_modulus:g}: leave it out for an incompressible fluid"
             )
         return self
 

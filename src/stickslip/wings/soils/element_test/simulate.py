@@ -60,6 +60,7 @@ from .sample import (
     controlled,
     depends_on_stress,
     drive_of,
+    fluid_pressure,
     make_sample,
     strain_of,
     wanted_stress,
@@ -67,8 +68,11 @@ from .sample import (
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
 FOLLOWED = 1e-6  # largest deviation of a stress that follows another stress, over the pressure
+SEALED = 1e-7  # largest deviation of a total stress, of grains and pore fluid, over that of the cell
 FOLLOWS = 30  # largest number of corrections of such a stress in a step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
+GAINS = 0.5, 0.2  # proportional and integral gain in a block of the control of a total stress
+LAG = 0.01  # change of that stress in a block, over the pressure, if the sample did not yield
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
 MODULI_UP_TO = 5000  # grains up to which elastic moduli are computed
 FURTHER, FURTHER_BY = 10, 0.1  # steps after rest by dynamics, and their strain in mean overlaps over diameters
@@ -147,6 +151,23 @@ class Rig(NamedTuple):
     def scales(self, pressure: float) -> Scales:
         """Scales of the sample under a pressure."""
         return compression_scales(self.start, self.law, pressure, self.tolerance)
+
+    def missing_stress(self, state: State, total: float) -> np.ndarray:
+        """Total stress of the cell minus that of a state and of its fluid, along the strains `Drive.sealed`, (K,)."""
+        e, start = (1 / packing_fraction(each) - 1 for each in (state, self.start))
+        fluid = fluid_pressure(e, start, self.scenario.path.fluid_modulus)
+        return self.drive.sealed @ (total - fluid - np.diag(stress(state, self.law)))
+
+    def sealed_stiffness(self, scales: Scales, pressure: float) -> np.ndarray:
+        """Stiffness (K, K) of the sample and its fluid against the strains `Drive.sealed`.
+
+        That of the fluid is exact, K_f/n. The sample is estimated by K = p (k d/F)/dim, as if contacts moved with the
+        strain, and G = K/2.
+        """
+        bulk = pressure * scales.stiffness / self.dim
+        fluid = self.scenario.path.fluid_modulus / (1 - packing_fraction(self.start))
+        stiffness = (fluid + bulk * (1 - 1 / self.dim)) + bulk * np.eye(3)
+        return self.drive.sealed @ stiffness @ self.drive.sealed.T
 
 
 @result_of(EXPERIMENT)
@@ -409,7 +430,29 @@ def quasi_static(
         elif k:
             state = _strained(state, rig.drive, loads[k] - loads[k - 1])
         state, wanted, rearranged = _settle(rig, state, wanted, scales, broke)
+        if rig.drive.sealed is not None:
+            state, more = _seal(rig, state, float(wanted[0]), scales)
+            rearranged |= more
         yield state, float(loads[k]), rearranged
+
+
+def _seal(rig: Rig, state: State, total: float, scales: Scales) -> tuple[State, bool]:
+    """Equilibrium whose stress and pore pressure add up to that of the cell, and whether dynamics was needed.
+
+    Strains are corrected by Broyden's method.
+    """
+    stiffness, rearranged, off = rig.sealed_stiffness(scales, total), False, rig.missing_stress(state, total)
+    for _ in range(FOLLOWS):
+        if np.abs(off).max() <= SEALED * total:
+            return state, rearranged
+        step = np.linalg.solve(stiffness, off)
+        moved = strained(state, np.diag(np.expm1(-step @ rig.drive.sealed)))
+        state, outcome = settle(moved, rig.law, scales, tolerance=rig.tolerance, keep=rig.keep)
+        before, off = off, rig.missing_stress(state, total)
+        if not outcome.fallback:
+            stiffness += np.outer(before - off - stiffness @ step, step) / (step @ step)
+        rearranged |= outcome.fallback
+    raise NotInEquilibriumError(f"the total stress of the cell was not reached in {FOLLOWS} corrections", outcome)
 
 
 def _strained(state: State, drive: Drive, step: float) -> State:
@@ -453,20 +496,48 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
     scales = rig.scales(max(p, *(path.pressures or (p,))))
     mass = servo_mass(rig.start, p, scales, rate=scenario.rate)
     unit = rate * scales.dt
+    follow, most = None, BLOCK
+    if rig.drive.sealed is not None:
+        most = int(np.clip(LAG / (scales.stiffness * scenario.rate * scales.dt), 1, BLOCK))
+        follow = _follow_total(rig, scales, max(p, *(path.pressures or (p,))), state, most * scales.dt)
     place = np.rint((loads - loads[0]) / unit).astype(int)  # in time steps
     for k in range(done, len(loads)):
         here = int(place[max(k - 1, 0)])
         sign = int(np.sign(place[k] - here))
         while here != place[k]:
             left = abs(int(place[k]) - here)
-            block = min(left, BLOCK) if isotropic or depends_on_stress(path) else left
+            block = min(left, most) if isotropic or depends_on_stress(path) or follow else left
+            total = np.exp(loads[0] + unit * here) if isotropic else p
             here += sign * block
             wanted = np.full(3, np.exp(loads[0] + unit * here))
             if not isotropic:
                 wanted = wanted_stress(path, p, stress(state, rig.law), rig.dim)
-            moving = state._replace(control=strained_at(state.control, sign * rate * rig.drive.gradient))
+            gradient = sign * rate * rig.drive.gradient
+            if follow:
+                gradient = gradient + follow(state, float(total), block / most)
+            moving = state._replace(control=strained_at(state.control, gradient))
             state = _advance(rig, controlled(moving, rig.drive, wanted, mass), block, scales)
         yield state, float(loads[0] + unit * place[k]), False
+
+
+def _follow_total(rig: Rig, scales: Scales, pressure: float, state: State, time: float) -> Callable:
+    """Proportional and integral control of the total stress, in blocks of a given time.
+
+    It is a function of the state, the total stress of the cell, and the length of the next block over that of a whole
+    one, and returns a velocity gradient (3, 3). The integral of a continued run begins with the present rate.
+    """
+    sealed, stiffness = rig.drive.sealed, rig.sealed_stiffness(scales, pressure)
+    gain, integral = GAINS
+    basis = np.vstack([sealed, -np.diag(rig.drive.gradient)]).T
+    taken = time * stiffness @ np.linalg.lstsq(basis, -np.diag(state.control.cell_rate))[0][:-1]  # by a block [stress]
+
+    def follow(state: State, total: float, share: float) -> np.ndarray:
+        nonlocal taken
+        off = rig.missing_stress(state, total)
+        taken = taken + integral * share * off
+        return -np.diag(np.linalg.solve(stiffness, gain * off + taken) @ sealed) / time
+
+    return follow
 
 
 def _advance(rig: Rig, state: State, steps: int, scales: Scales) -> State:

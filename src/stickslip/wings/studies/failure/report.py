@@ -32,7 +32,7 @@ from ....results import PathStep
 from .simulate import FailureResult
 
 STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
-SHOWN = 12  # events in a table for people
+SHOWN = 12  # rows in a table on the terminal
 RECORD = (
     "An interval should contain 80 % of the events that occur. Many predicted events do not occur, above all "
     "with friction; the softest eigenvalue predicts few at usual steps, and forecasts of pairs were no better than "
@@ -196,7 +196,7 @@ def sentences(result: FailureResult) -> list[str]:
 
 def _event_rows(found) -> list[list[str]]:
     rows = []
-    for event in found.events[:SHOWN]:
+    for event in found.events:
         contact = "–" if event.trigger[0] < 0 else "{}–{}".format(*event.trigger)
         rows.append([f"{event.strain:.6g}", event.kind.value, contact, f"{event.stress_drop:.3g}", f"{event.jump:.2g}"])
     return rows
@@ -227,15 +227,18 @@ def show(result: FailureResult) -> None:
     found = result.found
     for line in sentences(result):
         console.print(line)
-    for title, head, rows in (
-        ("Events", EVENT_HEAD, _event_rows(found)), ("Bonds", BREAK_HEAD, _broken_rows(found)[:SHOWN]),
-        ("Decisive contacts", _decisive_head(), _decisive_rows(found)),
-    ):  # fmt: skip
+    for title, head, rows, file in (
+        ("Events", EVENT_HEAD, _event_rows(found), "events.csv"),
+        ("Bonds", BREAK_HEAD, _broken_rows(found), "breaks.csv"),
+        ("Decisive contacts", _decisive_head(), _decisive_rows(found), ""),
+    ):
         if rows:
             table = new_table(*head, title=title, left=head[:3])
-            for row in rows:
+            for row in rows[: SHOWN if file else None]:
                 table.add_row(*row)
             show_table(table)
+            if file and len(rows) > SHOWN:
+                console.print(f"  and {len(rows) - SHOWN} more in {file}")
 
 
 def _write_page(result: FailureResult, path: Path) -> None:
@@ -254,13 +257,14 @@ def _write_page(result: FailureResult, path: Path) -> None:
         ]
         sections.append(("Forecasts", page.table(head, rows) + page.paragraph(RECORD, kind="soft")))
     if rows := _event_rows(found):
-        sections.append(("Events", page.table(list(EVENT_HEAD), rows)))
+        sections.append(("Events", page.table(list(EVENT_HEAD), rows, file="events.csv")))
     if rows := _broken_rows(found):
-        sections.append(("Bonds that broke", page.table(list(BREAK_HEAD), rows)))
+        sections.append(("Bonds that broke", page.table(list(BREAK_HEAD), rows, file="breaks.csv")))
     if rows := _decisive_rows(found):
         sections.append(("Decisive contacts of the last state", page.table(list(_decisive_head()), rows)))
-    if rows := [[f"{a:.5g} to {b:.5g}", what, f"{i}–{j}"] for a, b, what, i, j, _ in _contact_rows(found)[:60]]:
-        sections.append(("Contacts, from the beginning", page.table(["strain", "what", "contact"], rows)))
+    if rows := [[f"{a:.5g} to {b:.5g}", what, f"{i}–{j}"] for a, b, what, i, j, _ in _contact_rows(found)]:
+        table = page.table(["strain", "what", "contact"], rows, file="contacts.csv")
+        sections.append(("Contacts, from the beginning", table))
     rows = [["packing", Path(given).name], ["deformation", found.mode + (", strain falls" if found.sign < 0 else "")],
             ["strain step", f"{found.step:g}"], ["drag", with_unit(f"{found.drag:.4g}", "1/time")]]  # fmt: skip
     rows += [["note", note] for note in result.notes]
