@@ -275,11 +275,16 @@ def test_a_peak_that_failed_stays_unverified_and_is_tried_again_in_a_longer_run(
     assert not modes.unverified(run)
 
 
-@pytest.mark.parametrize(("growth", "friction", "far"), [(0.026, 0.0, 150.0), (0.008, 3.0, 150.0), (0.008, 0.0, 10.0)])
+@pytest.mark.parametrize(
+    ("growth", "friction", "far"), [(0.026, 0.0, 150.0), (0.008, 3.0, 150.0), (0.008, 0.0, 10.0), (0.3, 0.0, 150.0)]
+)
 def test_probes_find_a_pair_that_leaks_or_outgrows_them_or_is_beside_strong_dashpots(
     growth, friction, far, monkeypatch
 ):
-    """Power grows at most frequencies; other modes creep at the limit of the time step; amplitudes end the filters."""
+    """Power grows at most frequencies; other modes creep at the limit of the time step; amplitudes end the filters.
+
+    The fastest pair overflows in runs of ordinary length.
+    """
     monkeypatch.setattr(probes, "FAR", far)
     value, drag, k = np.linspace(0.05, 3.3, 61), np.full(61, -friction), 12
     drag[k : k + 2], value[k + 1] = 0.0, value[k]
@@ -291,3 +296,18 @@ def test_probes_find_a_pair_that_leaks_or_outgrows_them_or_is_beside_strong_dash
     effort, silently = probes.Effort(rate=1e-3), lambda *told: None
     found, _, left = probes.search_by_probes(motion, (0.0, 0.0), 0.0, effort, silently, None, clear)
     assert found.value == pytest.approx(value[k] + 1j * matrix[k, k + 1], rel=1e-3) and not left
+
+
+def test_longer_runs_try_failed_peaks_again(monkeypatch):
+    tried = []
+
+    def stage(run, modes, *rest):
+        tried.append((list(modes.failed), modes.rounds))
+        modes.failed.append((0.2, 0.01, 3e-3))
+        modes.rounds = 3
+        return []
+
+    monkeypatch.setattr(probes, "_run_stage", stage)
+    motion = probes.Motion(csr_array(np.eye(9)), 1.0, np.zeros((9, 0)))
+    probes.search_by_probes(motion, (0.0, 0.0), 0.0, probes.Effort(), lambda *told: None, None, 10.0)
+    assert tried == [([], 0)] * len(tried) and len(tried) > 1

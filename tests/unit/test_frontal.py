@@ -102,3 +102,11 @@ def test_the_leapfrog_is_its_equation(system, damped):
     np.testing.assert_allclose(run.q[0][:n], q, atol=1e-4 * np.abs(q).max())
     np.testing.assert_allclose(filters.sums[:n], sums, atol=1e-4 * np.abs(sums).max())
     assert lane[:8].tolist() == [15, 15, 15, 15, 14, 14, 14, 14]  # the strongest probes, for both peaks
+
+
+def test_probes_do_not_drift_along_rigid_translations():
+    still = np.full((30, 1), 30**-0.5)
+    run = ProbeRun(Motion(sparse.csr_array((30, 30)), 1.0, still), 5, LANES, np.random.default_rng(0))
+    assert np.abs(still.T @ run.q[0]).max() > 0.1
+    run.advance()
+    assert np.abs(still.T @ run.q[0]).max() < 1e-5

@@ -125,9 +125,7 @@ class ProbeRun:
             powers, sizes = zip(*results, strict=True)
         size = max(sizes)
         if not self.log_scale + np.log(size) < 300:  # its square is at the limit of double precision
-            raise FloatingPointError(
-                "the probes overflow because of a growing mode outside all windows: use `spectrum` instead"
-            )
+            raise FloatingPointError(f"the probes overflow: a mode grows by a factor of 1e38 within {self.span} steps")
         self.lanes = powers[0]
         self.spectra.append(sum(power.sum(axis=1) for power in powers) * np.exp(2 * self.log_scale))
         if len(self.spectra) > 1:
@@ -280,6 +278,12 @@ class GrowingModes:
         # peaks that extracted modes explain, and those of this run without one: frequency, half-width, growth [1/time]
         self.explained: list[tuple[float, float, float]] = []
         self.failed: list[tuple[float, float, float]] = []
+        self.rounds = 0  # peaks at the end of this run for which filters have run
+
+    def start_again(self) -> None:
+        """Forget what failed, since more modes may be extracted from another run."""
+        self.failed.clear()
+        self.rounds = 0
 
     def hopeful(self, run: ProbeRun) -> list[tuple[complex, float]]:
         """Peaks not yet tried of modes that may grow faster than the fastest one known, fastest first."""
@@ -385,20 +389,28 @@ def search_by_probes(
     stage = STAGE
     saved = path and SavedSearch(path, motion, (disc, growth, effort, clear))
     run = saved and saved.restore(modes, start)
-    steps = run.span * SPANS if run else needed()
+    steps, most = run.span * SPANS if run else needed(), np.inf  # longer runs overflow
     while not run and steps >= LONGER * SHORTEST:  # short runs first: they are cheap and may suffice
         steps /= LONGER
     while True:
         run, longest = run or start(int(np.ceil(steps / SPANS))), needed()
         if stage == STAGE and (seconds := run.seconds(longest)) > SHORT:
             stage = f"{STAGE}, about {format_seconds(seconds)} until growth faster than {effort.rate:g} is seen"
-        left = _run_stage(run, modes, effort.amplification, longest, partial(report, stage), saved)
-        if steps >= longest or modes.growth * run.time >= effort.amplification or run.log_scale >= FAR:
+        try:
+            left = _run_stage(run, modes, effort.amplification, longest, partial(report, stage), saved)
+        except FloatingPointError:
+            if steps <= 2 * SPANS:
+                raise
+            run, steps = None, steps / LONGER
+            most = steps
+            modes.start_again()
+            continue
+        if steps >= min(longest, most) or modes.growth * run.time >= effort.amplification or run.log_scale >= FAR:
             if saved:
                 saved.save(run, modes, finished=True)
             return modes, run, left
-        run, steps = None, min(LONGER * steps, needed())  # fewer, if a faster mode was found
-        modes.failed.clear()  # more may be extracted from a longer run
+        run, steps = None, min(LONGER * steps, needed(), most)  # fewer, if a faster mode was found
+        modes.start_again()
 
 
 def _run_stage(
@@ -406,11 +418,13 @@ def _run_stage(
 ) -> list[tuple[complex, float]]:
     """Run the probes once; return the peaks at the end from which filters extract no mode, fastest first."""
 
-    def follow() -> None:
+    def show() -> None:
         text = f"{run.time:.0f} time units, fastest so far {modes.growth:.2e}"
         if len(run.spectra) > 1:
             text = f"{text}, growth faster than {run.seen:.2e} would be seen"
         tell(min(1.0, len(run.spectra) * run.span / longest), text)
+
+    def save() -> None:  # not while filters run, since their sums are not saved
         if saved:
             saved.save(run, modes)
 
@@ -419,19 +433,22 @@ def _run_stage(
         gain = modes.growth * run.time
         return gain >= amplification and (run.seen <= modes.growth or gain >= 3 * amplification)
 
-    while len(run.spectra) < SPANS and run.log_scale < FAR and not is_known():
-        run.advance()
-        follow()
-        if len(run.spectra) > 1 and modes.growth * run.time < amplification:
+    while True:
+        if not modes.rounds and len(run.spectra) > 1 and modes.growth * run.time < amplification:
             peaks = modes.hopeful(run)
             if peaks and peaks[0][1] * run.time >= amplification:
-                modes.extract(run, follow)  # determines whether the run may end early
+                modes.extract(run, show)  # determines whether the run may end early
+        if len(run.spectra) >= SPANS or run.log_scale >= FAR or is_known():
+            break
+        run.advance()
+        show()
+        save()
     if modes.growth * run.time < amplification and SPANS * run.span < longest:  # a longer run follows
         return []
-    for _ in range(ROUNDS):
-        if not modes.hopeful(run):
-            break
-        modes.extract(run, follow)
+    while modes.rounds < ROUNDS and modes.hopeful(run):
+        modes.extract(run, show)
+        modes.rounds += 1
+        save()
     return modes.unverified(run)
 
 
@@ -457,7 +474,7 @@ class SavedSearch:
             spectra=run.spectra, lanes=run.lanes, q=run.q, v=run.v,
             previous=[] if run.previous[0] is None else run.previous,
             explained=np.array(modes.explained).reshape(-1, 3), failed=np.array(modes.failed).reshape(-1, 3),
-            growth=modes.growth,
+            growth=modes.growth, rounds=modes.rounds,
             residual=modes.residual, value=[] if modes.value is None else [modes.value],
             vector=[] if modes.vector is None else modes.vector,
         )  # fmt: skip
@@ -480,6 +497,7 @@ class SavedSearch:
                 [tuple(map(float, one)) for one in saved[key]] for key in ("explained", "failed")
             )
             modes.growth, modes.residual = float(saved["growth"]), float(saved["residual"])
+            modes.rounds = int(saved["rounds"])
             if len(saved["value"]):
                 modes.value, modes.vector = complex(saved["value"][0]), saved["vector"]
         return run
