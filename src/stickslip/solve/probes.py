@@ -281,7 +281,7 @@ class GrowingModes:
         self.rounds = 0  # peaks at the end of this run for which filters have run
 
     def start_again(self) -> None:
-        """Forget what failed, since more modes may be extracted from another run."""
+        """Forget peaks that failed, since another run may reveal their modes."""
         self.failed.clear()
         self.rounds = 0
 
