@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import stickslip as ss
+from stickslip.data.exchange import table_file
+from stickslip.data.exchange.columns import packing_of_columns
 from stickslip.data.sample import Obstacle
 
 PLACE, DIAMETER = np.array([[0.25, 0.5, 1], [1.2, 0.5, 1], [0.5, 1.25, 1.5]]), np.array([1.0, 1.0, 1.2])
@@ -143,3 +145,10 @@ def test_steps_without_a_time_are_named(tmp_path):
     """Grains that are listed once more lie on themselves."""
     with pytest.raises(ss.packings.PackingError, match="has grain 1 2 times"):
         read(tmp_path, "id,x,y,z,r\n" + "1,0,0,0,.5\n2,1,0,0,.5\n" * 2)
+
+
+def test_damaged_numbers_and_columns_of_other_lengths_are_reported():
+    assert not table_file.recognize(b"1 2 3 4 5\n1 2.9876031640.5 3 4 5\n")
+    columns = {"position": PLACE, "radius": np.ones(len(PLACE)), "id": np.zeros(0)}
+    with pytest.raises(ss.packings.PackingError, match="has 0 values of id for 3 grains"):
+        packing_of_columns(columns, "a.vtu")

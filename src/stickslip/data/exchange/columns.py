@@ -114,6 +114,10 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         lacks = "no positions" if "position" not in known else "no radii"
         there = f"columns {some}: {lacks} among them;" if some else "no columns:"
         raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
+    count = len(known["position"])
+    for column, values in columns.items():
+        if np.ndim(values) and len(values) != count:
+            raise PackingError(f"{what} has {len(values)} values of {column} for {count} grains: write it again")
     notes = []
     if known["position"].shape[1] == 2 or not np.any(known["position"][:, 2:]):
         more = {**more, "dim": 2}

@@ -57,7 +57,10 @@ def recognize(head: bytes) -> bool:
     rows = [_split(line) for line in whole if names_of(line) is None]
     if any(len(row) != width for row in rows):
         return False
-    numbers = np.array([[float(word.replace(",", ".")) for word in row] for row in rows])
+    try:
+        numbers = np.array([[float(word.replace(",", ".")) for word in row] for row in rows])
+    except ValueError:  # a damaged number
+        return False
     return names_by_content(numbers) is not None
 
 
