@@ -220,7 +220,7 @@ def open_table(path: Path, wanted: Wanted, named: dict[str, int | str] | None = 
         with one sentence.
     """
     for name in named or ():
-        if not _described(name, wanted)[0]:
+        if not _describe_column(name, wanted)[0]:
             near = difflib.get_close_matches(name, wanted.columns, n=1)
             columns = ", ".join(wanted.columns)
             hint = f"did you mean {near[0]!r}?" if near else f"use {columns}, with a unit such as 'time [s]'"
@@ -312,7 +312,7 @@ def _named_headings(
                 f"{path}: column {place} for {name!r} does not exist: the file has columns 0 to {width - 1}"
             )
         headings[place] = name
-        aliases, units = _described(name, wanted)
+        aliases, units = _describe_column(name, wanted)
         own, given = unit_of(sheet.headings[place], aliases, units)[1] or sheet.units[place], split_label(name)[1]
         if given is None and own and not bare:
             headings[place] = f"{name} [{own}]"
@@ -330,7 +330,7 @@ def _named_headings(
     return headings, bare
 
 
-def _described(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[str, float]]:
+def _describe_column(name: str, wanted: Wanted) -> tuple[tuple[str, ...], dict[str, float]]:
     """Names and units of the column to which a user's name refers."""
     columns = (COLUMNS[each] for each in wanted.columns)
     return next(

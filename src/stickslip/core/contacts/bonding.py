@@ -69,11 +69,11 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
 
 def _with(state: State, new: Bonds) -> State:
     """State with additional bonds, each pair once, and a contact list that includes them."""
-    bonds = _joined(state.bonds, new)
+    bonds = _join(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)
     if len(np.unique(keys)) < len(keys):
         raise ValueError("a pair of grains is already bonded: bond each pair only once")
-    return _listed(state._replace(bonds=bonds, instant=None))
+    return _add_bond_rows(state._replace(bonds=bonds, instant=None))
 
 
 @checked
@@ -83,7 +83,7 @@ def without_bonds(state: State) -> State:
     return state._replace(bonds=None, instant=None)
 
 
-def _listed(state: State) -> State:
+def _add_bond_rows(state: State) -> State:
     """State with a row for each bond in its contact list, if the list is valid."""
     contacts, x, radius = state.contacts, body_positions(state), body_radii(state)
     gap = bond_gap(state.bonds, state.grains.position, radius, state.cell.vectors, contacts.skin)
@@ -113,7 +113,7 @@ def _make(state: State, bond: Bond, i, j, image, rest=None) -> Bonds:
     )
 
 
-def _joined(old: Bonds | None, new: Bonds) -> Bonds:
+def _join(old: Bonds | None, new: Bonds) -> Bonds:
     if old is None:
         return new
     return Bonds(*(np.concatenate([a, b]) for a, b in zip(old, new, strict=True)))

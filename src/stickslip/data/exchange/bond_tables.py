@@ -77,7 +77,7 @@ def with_listed_bonds(state: State, path: Path) -> tuple[State, list[str]]:
     except ValueError as problem:
         raise PackingError(f"{path}: {problem}") from None
     old = 0 if state.bonds is None else len(state.bonds.i)
-    stiffness, strength, arm = (_parallel if of_pfc else _given)(made, known, old)
+    stiffness, strength, arm = (_parallel if of_pfc else _column_strengths)(made, known, old)
     broken = known.get("broken", np.zeros(len(pairs))) > 0
     failed = np.zeros(len(pairs), np.int8)
     if "pb_state" in known:
@@ -123,7 +123,7 @@ def _numbers(path: Path, known: dict[str, np.ndarray], n: int, of_pfc: bool) -> 
     return ends.astype(np.int64) - start, [Assumption(counted)] * unknown
 
 
-def _given(made: State, known: dict[str, np.ndarray], old: int):
+def _column_strengths(made: State, known: dict[str, np.ndarray], old: int):
     """Stiffness and strength from a column for each, and the arm."""
     k = len(known["i"])
     stiffness = [known.get(name, np.zeros(k)) for name in ("kn", "ks", "kb", "kw")]

@@ -128,7 +128,7 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         known["spin"] = np.outer(columns[turn], [0.0, 0.0, 1.0])
         rest = [name for name in rest if name != turn]
     if kind := _column_of(KINDS, rest, columns):
-        known["types"], rest = _numbered(np.asarray(columns[kind])), [name for name in rest if name != kind]
+        known["types"], rest = _number_kinds(np.asarray(columns[kind])), [name for name in rest if name != kind]
     ids = known.get("id")
     if ids is not None and not (len(np.unique(ids)) == len(ids) and (ids == np.round(ids)).all()):
         del known["id"]
@@ -171,7 +171,7 @@ def _column_of(names: tuple[str, ...], rest: list[str], columns: dict[str, np.nd
     return next((name for name in rest if plain_name(name) in names and np.ndim(columns[name]) == 1), None)
 
 
-def _numbered(kinds: np.ndarray) -> np.ndarray:
+def _number_kinds(kinds: np.ndarray) -> np.ndarray:
     """(N,) kinds of grains from 0: unchanged if they are such numbers, otherwise numbered in sorted order."""
     if (kinds == np.round(kinds)).all() and kinds.min(initial=0) == 0:
         return kinds.astype(np.int64)

@@ -109,7 +109,7 @@ def measured_forces(
     shapes |= {name: (value, (n,)) for name, value in each.items()}
     shapes |= {name: (value, (count,)) for name, value in pairs.items()}
     shapes |= {"force_t": (force_t, (count,) if dim == 2 else (count, 3))}
-    full = {name: _filled(name, *parts) for name, parts in shapes.items()}
+    full = {name: _broadcast(name, *parts) for name, parts in shapes.items()}
     network = MeasuredForces(**full, free=~np.isin(np.arange(n), held), notes=list(notes))
     _check_numbers(network)
     _check_pairs(network)
@@ -125,7 +125,7 @@ def unit_branches(m: MeasuredForces) -> np.ndarray:
     return branch / np.linalg.norm(branch, axis=1, keepdims=True)
 
 
-def _filled(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
+def _broadcast(name: str, value, shape: tuple[int, ...]) -> np.ndarray:
     kind = int if name in ("pair_i", "pair_j", "ids") else float
     try:
         return np.array(np.broadcast_to(np.asarray(value, kind), shape))

@@ -269,12 +269,12 @@ def mode_frames(
         if grow:
             factor *= np.exp(exponent.real * (t - period))
         out.append(
-            _displaced(frame, *((scale * factor * part).real for part in (translation, rotation)), state.time + t)
+            _displace(frame, *((scale * factor * part).real for part in (translation, rotation)), state.time + t)
         )
     return out
 
 
-def _displaced(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -> Frame:
+def _displace(frame: Frame, shift: np.ndarray, roll: np.ndarray, time: float) -> Frame:
     state, radius = frame.state, frame.state.grains.radius[:, None]
     grains = state.grains._replace(position=state.grains.position + shift, angle=state.grains.angle + roll / radius)
     moved: State = state._replace(grains=grains, time=float(time))
