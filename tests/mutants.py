@@ -33,17 +33,13 @@ from tests import rooms
 ROOT = rooms.ROOT
 LIST, RESULTS = Path(__file__).with_name("mutants.toml"), ROOT / "results" / "mutants.json"
 RECORD = RESULTS.with_suffix(".coverage")
-CORE = (
-    "tests/derivatives",
-    "tests/laws",
-    "tests/properties",
-    "tests/orders",
-    "tests/unit",
-    "tests/device",
-    "tests/wings/faults",
+CORE = (  # folders with tests of the compiled core, those that are most likely to notice a fault first
+    ("tests/derivatives", "tests/laws", "tests/orders", "tests/device", "tests/properties", "tests/wings/faults"),
+    ("tests/unit",),
 )
 COPIED = ("src", "tests", "docs", "examples", "benchmarks", "release", "paper")
 LONGEST = 1800  # seconds for the tests of one fault
+EXIT = "exit code "  # how tests end that were not run
 
 
 class Mutant(NamedTuple):
@@ -122,10 +118,10 @@ def _spans(tree: ast.AST, line: int) -> list[range]:
     return spans
 
 
-def tests_of(mutant: Mutant) -> list[str]:
-    """Tests that may notice a fault: those that execute its statement, or those of its room."""
+def tests_of(mutant: Mutant) -> list[list[str]]:
+    """Tests that may notice a fault, in groups: those that execute its statement, or those of its room."""
     if mutant.is_compiled:
-        files = [path for name in CORE for path in sorted((ROOT / name).glob("test_*.py"))]
+        groups = [[path for name in names for path in sorted((ROOT / name).glob("test_*.py"))] for names in CORE]
     else:
         if RECORD.exists():
             data = CoverageData(str(RECORD))
@@ -135,9 +131,9 @@ def tests_of(mutant: Mutant) -> list[str]:
             for span in _spans(tree, mutant.line(ROOT) + 1):
                 names = {name.rpartition("|")[0] for line in span for name in contexts.get(line, ())} - {""}
                 if names:
-                    return sorted(names)
-        files = rooms.files(mutant.room)
-    return [path.relative_to(ROOT).as_posix() for path in files]
+                    return [sorted(names)]
+        groups = [rooms.files(mutant.room)]
+    return [[path.relative_to(ROOT).as_posix() for path in files] for files in groups]
 
 
 def _copy(folder: Path) -> Path:
@@ -156,18 +152,21 @@ def _environment(root: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(root / "src"), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
-def is_noticed(mutant: Mutant, root: Path, tests: list[str], right: Path) -> str:
+def is_noticed(mutant: Mutant, root: Path, groups: list[list[str]], right: Path) -> str:
     """Return the first test that fails with the fault and passes without it, or what else stops them; "" if none."""
     broken: list[str] = []
     try:
         with mutant.applied(root):
             if mutant.is_compiled and not _compiles(root):
                 return "the compiler"
-            while "::" in (failed := _first_failure(root, [*tests, *broken])):
-                if _first_failure(right, [failed]) != failed:
-                    break
-                broken.append(f"--deselect={failed}")  # without the fault as well
-            return failed
+            for tests in groups:
+                while "::" in (failed := _first_failure(root, [*tests, *broken])):
+                    if _first_failure(right, [failed]) != failed:
+                        break
+                    broken.append(f"--deselect={failed}")  # without the fault as well
+                if failed and (not failed.startswith(EXIT) or _first_failure(right, tests) != failed):
+                    return failed
+            return ""
     finally:
         if mutant.is_compiled:
             _compiles(root)  # the core of the right sources, for the next fault
@@ -186,7 +185,7 @@ def _first_failure(root: Path, tests: list[str]) -> str:
     except subprocess.TimeoutExpired:
         return "too slow"
     failed = re.findall(r"(?m)^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout)
-    return failed[-1] if failed else f"exit code {done.returncode}" if done.returncode else ""
+    return failed[-1] if failed else f"{EXIT}{done.returncode}" if done.returncode else ""
 
 
 def main() -> None:
@@ -218,7 +217,7 @@ def main() -> None:
         root = roots.get()
         try:
             last = before.get(mutant, "")
-            if "::" in last and "::" in (noticed := is_noticed(mutant, root, [last], right)):
+            if "::" in last and "::" in (noticed := is_noticed(mutant, root, [[last]], right)):
                 return noticed
             return is_noticed(mutant, root, tests_of(mutant), right)
         finally:
