@@ -8,6 +8,7 @@ import ast
 import re
 import subprocess
 import sys
+import tempfile
 from collections import Counter, defaultdict
 
 from rich.console import Console
@@ -64,7 +65,9 @@ def main() -> None:
     """Print the table."""
     counts, inner, (once, every) = lines(), internal_names(), helpers()
     sample = PACKAGE.parents[1] / "examples" / "sheared_spheres.npz"
-    run = subprocess.run([sys.executable, "-c", VERDICT, sample], capture_output=True, text=True, check=True)
+    with tempfile.TemporaryDirectory() as folder:
+        call = [sys.executable, "-c", VERDICT, sample]
+        run = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=True)
     files = [path for path in PACKAGE.rglob("*") if path.suffix in {".py", ".cpp", ".h", ".cu"}]
     table = Table("", "now", "floor", "aim")
     largest = max((name for name in counts if name != "laboratory"), key=counts.__getitem__)

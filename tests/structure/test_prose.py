@@ -28,3 +28,10 @@ def test_lines_of_code_are_left_out(tmp_path):
     path = tmp_path / "law.h"
     path.write_text("int what = 0;\nint k;  // what\n")
     assert prose(path) == {2: " what"}
+
+
+def test_pages_are_searched_for_fewer_phrases_and_without_their_code(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text("# What is new\n```\nbut for this\n```\nall but for two\n")
+    assert prose(path)[3] == "" and not faults(prose(path)[1], page=True)
+    assert faults(prose(path)[5], page=True) == ["'but for': write 'except for', 'this many'"]
