@@ -531,6 +531,14 @@ def test_bonds_that_cannot_be_are_refused(state, pairs, words):
         ss.packings.bonded(state, ss.laws.spring_bond(1.0), pairs=pairs and np.array(pairs))
 
 
+def test_bonds_reach_half_a_periodic_cell_at_most(cemented):
+    bare, bond = ss.packings.without_bonds(cemented), ss.laws.spring_bond(1.0)
+    with pytest.raises(ValueError, match="within must be at most half the smallest height of the periodic cell, "):
+        ss.packings.bonded(bare, bond, within=0.51 * np.diag(bare.cell.vectors).min())
+    with pytest.raises(ValueError, match="within and pairs exclude each other"):
+        ss.packings.bonded(bare, bond, within=0.1, pairs=np.array([[0, 1]]))
+
+
 @pytest.mark.parametrize("wrong", [{"i": 1, "j": 0}, {"turn": 0.0}, {"direction": 2.0}])
 def test_bonds_that_were_changed_by_hand_are_refused(wrong):
     pair = ss.packings.bonded(PAIR, ss.laws.spring_bond(1.0))

@@ -119,8 +119,9 @@ def force_imbalance(here: LinearisedState) -> float:
     ratio = max(map(_ratio, worst, _local_force_scales(here)), default=0.0) if worst.any() else 0.0
     free = state.control.cell_free
     if free.any():
-        has, wants = loads.virial[free], (volume(state) * state.control.stress)[free]
-        ratio = max(ratio, _ratio(float(np.abs(has - wants).max()), float(np.abs([has, wants]).max())))
+        excess = (loads.virial - volume(state) * state.control.stress)[free]
+        largest = max(float(np.abs(loads.virial).max()), float(np.abs(excess).max()))
+        ratio = max(ratio, _ratio(float(np.abs(excess).max()), largest))
     return float(ratio)
 
 

@@ -118,6 +118,13 @@ def test_every_lost_bond_is_in_the_catalogue(pulled, tmp_path):
     assert f"broke in tension and {int((~breaks.tension).sum())} in shear." in " ".join(sentences(pulled))
 
 
+def test_a_failed_sample_without_lateral_stress_is_in_equilibrium(pulled):
+    """Its lateral stress is round-off of zero, and is compared with the axial one."""
+    law, end = make_law(pulled.scenario.law), pulled.runs[0].end
+    assert ss.measure.imbalance(end, law) < 1e-5
+    assert ss.stability(end, law).balanced
+
+
 def test_a_cemented_test_that_is_stopped_continues_with_the_same_bits(pulled, tmp_path, monkeypatch):
     monkeypatch.setattr(element, "SAVE_EVERY", 0.0)
     middle = f"load {pulled.runs[0].series.load[int(pulled.runs[0].breaks.row[2])]:.4g}"

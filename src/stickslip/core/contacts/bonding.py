@@ -31,14 +31,15 @@ def bonded(
     Parameters
     ----------
     bond : from `laws.spring_bond`, `laws.beam_bond` or `laws.parallel_bond`
-    within : pairs of grains whose surfaces are at most this far apart are bonded [length]
+    within : pairs of grains whose surfaces are at most this far apart are bonded; at most half the smallest height of
+        a periodic cell [length]
     pairs : (K, 2) numbers of the grains to bond instead, in their nearest periodic images
 
     Raises
     ------
     ValueError
-        if a pair contains a grain twice, a wall, a grain that does not exist, or is already bonded, or if two of its
-        images are equally near.
+        if a pair contains a grain twice, a wall, a grain that does not exist, or is already bonded, if two of its
+        images are equally near, if `within` is too large, or if both `within` and `pairs` are given.
 
     Examples
     --------
@@ -47,6 +48,8 @@ def bonded(
     >>> ss.packings.bonded(state, ss.laws.spring_bond(10.0)).bonds
     Bonds: 1 bond
     """
+    if pairs is not None and within:
+        raise ValueError("within and pairs exclude each other: give one of them")
     ends = _pairs_within(state, within) if pairs is None else _given_pairs(state, np.asarray(pairs))
     return _with(state, _make(state, bond, *ends))
 
@@ -121,9 +124,15 @@ def _join(old: Bonds | None, new: Bonds) -> Bonds:
 
 def _pairs_within(state: State, within: float):
     """Pairs of grains within a gap."""
+    grid = grid_of(state.cell)
+    most = 0.5 * grid.height[state.cell.periodic].min(initial=np.inf)
+    if within > most:
+        raise ValueError(
+            f"within must be at most half the smallest height of the periodic cell, {most:.4g}, got {within:g}"
+        )
     contacts = empty_contacts(state.n_bodies, 0, state.contacts.skin)._replace(gap=within)
     x = body_positions(state)
-    near = rebuild_list(x, body_radii(state), state.walls.normal, grid_of(state.cell), contacts)
+    near = rebuild_list(x, body_radii(state), state.walls.normal, grid, contacts)
     count = int(near.count[0])
     if count < 0:
         raise TooFarApartError(TOO_FAR)
