@@ -84,8 +84,8 @@ def missing_attribute(package: str, name: str) -> str:
 
     if why := absent(name):
         return f"{package} has no attribute {name!r}: {why}; `stickslip docs comparison` names codes that have more"
-    found = suggestions(name)
-    own = [one for one in found if f"{root}.{one}".rpartition(".")[0] == package]
-    near = [one if one.startswith("`") else f"{root}.{one}" for one in own or found]
+    found = {one: one if one.startswith("`") else f"{root}.{one}" for one in suggestions(name)}
+    own = [place for place in found.values() if place.rpartition(".")[0] == package]
+    near = own or list(found.values())
     hint = f"did you mean {' or '.join(near)}?" if near else f"see help({package}), and `stickslip docs` for pages"
     return f"{package} has no attribute {name!r}: {hint}"

@@ -14,20 +14,22 @@ from importlib import import_module
 
 # public names, or commands in backticks, and words for them
 MEANT = {
-    "packings.jammed": "jam random random_packing generate pack packing create_packing make_packing jamming rcp rlp",
+    "packings.jammed": "cloud make_cloud jam random random_packing generate pack packing create_packing make_packing "
+    "jamming rcp rlp",
     "packings.compressed": "compress frictional isotropic_compression consolidate confine",
     "packings.strained": "compress strain deform affine",
     "packings.sheared": "simple_shear pure_shear",
     "packings.perturbed": "kick perturb thermalize",
+    "packings.bonded": "bond bonds cement cemented glue glued bpm attach",
     "packings.poured": "pour rain sediment deposit",
-    "packings.biaxial_box": "biaxial",
-    "packings.from_arrays": "moment_of_inertia neighbor_list neighbours from_numpy arrays custom_packing sphere disk "
-    "polydisperse bidisperse size_distribution grading psd",
+    "packings.biaxial_box": "biax biaxial_test biaxial",
+    "packings.from_arrays": "hcp fcc bcc crystal lattice hexagonal triangular moment_of_inertia neighbor_list "
+    "neighbours from_numpy arrays custom_packing sphere disk polydisperse bidisperse size_distribution grading psd",
     "packings.from_forces": "measured photoelastic pegs experiment_forces",
     "packings.disk_array": "array chain row_of_disks",
     "protocols.shear_to_failure": "shear failure fail when_will_it_fail forecast predict next_event loading",
-    "protocols.aqs": "shear athermal quasistatic quasi_static lees_edwards simple_shear pure_shear "
-    "shear_strength stress_strain stress_strain_curve",
+    "protocols.aqs": "shear athermal quasistatic quasi_static lees_edwards simple_shear pure_shear shear_strength "
+    "stress_strain stress_strain_curve",
     "protocols.load_path": "cyclic isotropic_compression unload reload unloading preload",
     "protocols.find_events": "events avalanche rearrangement plastic_event avalanche_size waiting_time",
     "modes.track_pairs": "birth exceptional_point hopf bifurcation track_modes",
@@ -39,7 +41,7 @@ MEANT = {
     "modes.elastic_moduli": "moduli elastic_constants shear_modulus bulk_modulus poisson nonaffine non_affine born "
     "stiffness_tensor elasticity",
     "modes.equations_of_motion": "mass_matrix damping_matrix mck state_space linearise linearize dae",
-    "Grains": "particle particles grain mass masses radius radii diameter diameters",
+    "Grains": "ball balls particle particles grain mass masses radius radii diameter diameters",
     "io.write_matrices": "sparse mtx matrix_market export_matrix save_matrix savemat",
     "modes.density_of_states": "dos vdos density_of_modes phonons boson_peak",
     "modes.participation_ratio": "ipr localisation_of_modes soft_spots softness soft_modes",
@@ -73,8 +75,8 @@ MEANT = {
     "measure.rattlers": "rattler",
     "measure.stable_time_step": "timestep dt critical_time_step time_step rayleigh",
     "measure.inertial_number": "inertial mu_i rheology",
-    "measure.coarse_grained": "continuum coarse_grain coarse_graining goldhirsch field "
-    "granular_temperature temperature_field strain_field displacement_field",
+    "measure.coarse_grained": "continuum coarse_grain coarse_graining goldhirsch field granular_temperature "
+    "temperature_field strain_field displacement_field",
     "measure.touching": "sliding_contacts active_contacts",
     "io.read_packing": "load read read_lammps read_dump read_data read_restart from_lammps from_yade from_file dump "
     "lammps yade liggghts import_packing pfc edem",
@@ -84,7 +86,8 @@ MEANT = {
     "laws.hertz_mindlin": "hertz mindlin hertzian contact_law contact_model",
     "laws.linear": "hooke hookean cundall linear_spring",
     "laws.for_pair": "pair per_pair by_material materials mixture",
-    "laws.custom": "rolling user_law own_law custom_law bond bonds bonded cement cemented",
+    "laws.parallel_bond": "bond bond_law bonded_particle parallel pbond linearpbond cohfrict",
+    "laws.custom": "rolling user_law own_law custom_law",
     "laws.with_rolling": "rolling_resistance rolling_friction",
     "laws.jkr": "cohesion adhesion van_der_waals cohesive tensile_strength pull_off",
     "laws.liquid_bridge": "cohesion capillary wet",
@@ -106,37 +109,42 @@ MEANT = {
     "quasirigid.complementarity": "lcp linear_complementarity complementarity_problem constraint_matrix",
     "quasirigid.contact_status": "status stick slip_status minimum_sliding",
     "jacobian": "hessian tangent tangent_stiffness",
-    "spectrum": "eigenvalues eigenmodes eigenvectors normal_modes softest_mode lowest_mode eig diagonalize diagonalise",
+    "spectrum": "eigen eigvals eigvalsh eigh linalg eigenvalues eigenmodes eigenvectors normal_modes softest_mode "
+    "lowest_mode eig diagonalize diagonalise",
     "stability": "buckling is_stable growth_rate oscillatory analyze analyse verdict unstable",
     "relax": "minimize minimise energy_minimize fire settle",
     "newton": "solve solver minimize minimise newton_raphson",
     "equilibrate": "minimize minimise equilibrium",
-    "run": "msd integrate verlet step run_packing simulate_grains md dem dynamics evolve",
+    "run": "engine engines integrator msd integrate verlet step run_packing simulate_grains md dem dynamics evolve",
     "simulate": "run_scenario experiment",
+    "State": "scene o omega model system world snapshot configuration",
+    "figures": "plotting plots viz visualization visualisation graphics matplotlib",
+    "measure": "analysis observable observables stats statistics postprocessing post_processing",
     "figures.packing": "plot plot_packing show draw force_chains picture",
     "figures.view": "visualize visualise view_3d interactive notebook k3d",
     "figures.movie": "animate animation video gif mp4 film",
     "figures.save": "save_figure savefig pdf svg",
-    "friction.fit": "fit_rate_and_state fit_rate_state fit_rsf inversion invert bootstrap least_squares",
+    "friction.fit": "calibrate calibration fit_rate_and_state fit_rate_state fit_rsf inversion invert bootstrap "
+    "least_squares",
     "friction.posterior": "mcmc emcee bayesian sampling corner_plot credible_interval",
-    "friction.RateState": "rate_and_state dieterich ruina aging_law slip_law a_minus_b ageing_law state_variable "
-    "dc direct_effect evolution_effect velocity_weakening velocity_strengthening friction_parameters",
+    "friction.RateState": "rate_and_state dieterich ruina aging_law slip_law a_minus_b ageing_law state_variable dc "
+    "direct_effect evolution_effect velocity_weakening velocity_strengthening friction_parameters",
     "friction.spring_slider": "block_on_spring slider velocity_step block stick_slip_cycle",
     "friction.simulate_fault": "recurrence_time earthquake faults seismic_cycle earthquake_cycle seas rupture "
     "dynamic_rupture foreshock aftershock afterslip slow_slip creep tremor process_zone",
-    "results.FaultEvents": "magnitude moment stress_drop event_catalog seismic_moment b_value gutenberg_richter slip "
-    "rupture_speed fracture_energy",
+    "results.FaultEvents": "quakeml obspy magnitude moment stress_drop event_catalog seismic_moment b_value "
+    "gutenberg_richter slip rupture_speed fracture_energy",
     "friction.nucleation": "nucleation_length nucleation_size h_star",
     "friction.critical_stiffness": "kc stiffness_criterion",
     "friction.healing": "frictional_healing ageing aging contact_age",
     "friction": "friction_coefficient rsf",
-    "laws": "friction_coefficient coulomb coulomb_friction",
-    "experiments.gouge": "velocity_step fault_gouge granular_fault",
-    "experiments.element_test": "element_tests soils soil triaxial_test triaxial oedometer oedometric friction_angle "
-    "dilatancy dilation critical_state mohr_circle mohr mohr_coulomb undrained drained cohesion_intercept peak "
-    "geotechnical simple_shear_test plane_strain k0 skempton compression_index swelling_index swelling consolidation "
-    "fit_envelope mohr_envelope csl ucs uniaxial_compression unconfined_compression direct_tension "
-    "tensile_strength rock",
+    "laws": "friction_coefficient coulomb coulomb_friction potential interaction pair_style force_law",
+    "experiments.gouge": "ringshear ring_shear rotary_shear annular_shear velocity_step fault_gouge granular_fault",
+    "experiments.element_test": "triax brazilian brazilian_test indirect_tension element_tests soils soil "
+    "triaxial_test triaxial oedometer oedometric friction_angle dilatancy dilation critical_state mohr_circle mohr "
+    "mohr_coulomb undrained drained cohesion_intercept peak geotechnical simple_shear_test plane_strain k0 skempton "
+    "compression_index swelling_index swelling consolidation fit_envelope mohr_envelope csl ucs uniaxial_compression "
+    "unconfined_compression direct_tension tensile_strength rock",
     "experiments.cyclic_shear": "cyclic cyclic_triaxial liquefaction damping_ratio g_gmax shear_modulus_reduction "
     "hysteresis return_point cyclic_loading fatigue compaction",
     "experiments.flow": "hopper silo drum rotating_drum column_collapse angle_of_repose mu_i rheology granular_flow "
@@ -147,34 +155,36 @@ MEANT = {
     "run_sweep": "sweep parameter_study parameter_sweep grid_search scan parallel",
     "ensemble.run_members": "parallel multiprocessing dask ensemble cluster slurm",
     "io.units_in_use": "units si_units si unit",
-    "`stickslip report`": "report html page summary plot view show display open "
-    "figure figures gui dashboard browser notebook color colour colormap",
-    "`stickslip movie`": "animate video film picture png snapshot",
+    "`stickslip report`": "visualize visualise report html page summary plot view show display open figure figures "
+    "gui dashboard browser notebook color colour colormap",
+    "`stickslip movie`": "render animate video film picture png snapshot",
     "`stickslip resume`": "restart checkpoint resume continue restore pause cancel kill stop",
-    "`stickslip fit`": "fit_rsf rsf inversion invert rate_and_state",
-    "`stickslip convert`": "export import save to translate write read",
-    "`stickslip stability FILE`": "analyze analyse check verdict modes spectrum eigenvalues jacobian unstable status "
-    "inspect pairs growth eig info",
+    "`stickslip fit`": "calibrate calibration fit_rsf rsf inversion invert rate_and_state",
+    "`stickslip convert`": "dump read_data write_data export import save to translate write read",
+    "`stickslip stability FILE`": "dos eigen analyze analyse check verdict modes spectrum eigenvalues jacobian "
+    "unstable status inspect pairs growth eig info",
     "`stickslip run SCENARIO`": "simulate start execute launch dem sweep batch array ensemble",
     "`stickslip example`": "list ls examples new init create template scenario scenarios start tutorial triaxial",
-    "`stickslip docs`": "help manual man documentation keys settings config options guide howto "
-    "schema units tutorial how why explain",
+    "`stickslip docs`": "help manual man documentation keys settings config options guide howto schema units tutorial "
+    "how why explain",
     "`stickslip --help`": "help commands usage",
     "`stickslip doctor`": "test selfcheck self_test verify install version check openmp threads set_threads "
     "num_threads info verbose debug",
     "`stickslip --version`": "version",
     "`stickslip reproduce`": "demo papers paper claims reproduction benchmark validate validation",
-    "`stickslip docs installation`": "upgrade update self_update completion install_completion "
-    "conda pip container docker",
+    "`stickslip docs installation`": "upgrade update self_update completion install_completion conda pip container "
+    "docker",
     "`stickslip docs performance`": "speed benchmark benchmarks timing profile",
     "`stickslip cite SCENARIO`": "cite citation reference bibtex doi license",
-    "`stickslip shear PACKING`": "fail predict forecast load unload strain perturb events",
+    "`stickslip shear PACKING`": "compress direct_shear aqs isotropic uniaxial fail predict forecast load unload "
+    "strain perturb events",
     "`stickslip watch DIR`": "monitor tail log logs progress follow",
-    "`stickslip docs many_runs`": "merge gather compare submit queue job slurm sweep "
-    "seed seeds random_seed set_seed statistics average",
-    "`stickslip convert FILE --to packing.gsd` for OVITO or freud": "d_min segregation mixing rdf g_of_r "
-    "pair_correlation voronoi d2min "
-    "steinhardt hyperuniformity radial_distribution bond_order static_structure_factor",
+    "`stickslip docs files`": "clean cleanup delete remove purge rm",
+    "`stickslip docs faults`": "quakeml obspy",
+    "`stickslip docs many_runs`": "merge gather compare submit queue job slurm sweep seed seeds random_seed set_seed "
+    "statistics average",
+    "`stickslip convert FILE --to packing.gsd` for OVITO or freud": "d_min segregation mixing rdf g_of_r gr g_r "
+    "pair_correlation voronoi d2min steinhardt hyperuniformity radial_distribution bond_order static_structure_factor",
     "`to_dataframe()` of a result": "dataframe pandas table csv as_dataframe",
 }  # fmt: skip
 # subjects that the package leaves to others, and words for them
@@ -182,7 +192,7 @@ ABSENT = {
     "grains are disks and spheres": "clump clumps multisphere ellipsoid superquadric polygon polyhedron non_spherical "
     "rod fiber fibre shape triangle",
     "grains do not break": "breakage breakage_model crushing crush fragmentation fragment wear comminution",
-    "there is no fluid between grains": "fluid cfd permeability seepage diffusion lubrication porous_flow immersed "
+    "no fluid flows between grains": "fluid cfd permeability seepage diffusion lubrication porous_flow immersed "
     "hydrodynamics suspension",
     "there is no heat": "heat temperature thermal_conduction heat_transfer",
     "walls are planes": "mesh stl facet facets triangulated_wall cad",

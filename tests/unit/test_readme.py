@@ -127,6 +127,8 @@ def test_a_name_in_two_namespaces_names_both():
 def test_names_of_other_programs_lead_to_names_that_exist():
     with pytest.raises(AttributeError, match=r"did you mean stickslip\.packings\.jammed\?"):
         stickslip.packings.random  # noqa: B018
+    with pytest.raises(AttributeError, match=r"did you mean stickslip\.io\.read_packing or `stickslip convert`\?"):
+        stickslip.read  # noqa: B018
     with pytest.raises(AttributeError, match=r"did you mean `stickslip report`\?"):
         stickslip.report  # noqa: B018
     for path in MEANT:
@@ -143,7 +145,8 @@ NAMES = """
     nonaffine_displacement AQS Disk block_on_spring stability_matrix lcp solve integrate save element_tests mass_matrix
     contact_force eigenvectors critical_state silo set_threads cuda lees_edwards pebble_game video dataframe forecast
     unloading penetration granular_temperature soft_spots bonds cement belt vibration hysteresis afterslip dc creep
-    tremor color progress cite shear_strength peak_friction stress_strain_curve
+    tremor color progress cite shear_strength peak_friction stress_strain_curve Scene O ball eigvals eigvalsh gr triax
+    plotting viz linalg analysis potential engines hcp fcc cloud units wall biax stats
 """
 COMMANDS = (
     "list new sweep triaxial fault help export import init info plot pack status submit restart ratestate test ls "
@@ -156,6 +159,7 @@ def test_names_that_people_guess_lead_somewhere():
     assert [name for name in NAMES.split() if not suggestions(name)] == []
     known = [command.callback.__name__ for command in app.registered_commands]
     assert [word for word in COMMANDS.split() if not commands_like(word, known)] == []
+    assert commands_like("undrained", known) == ['`stickslip run SCENARIO` with experiment = "element-test"']
     assert commands_like("restart", known) == ["`stickslip resume`"] and "convert" in commands_like("export", known)[0]
 
 
@@ -165,7 +169,7 @@ def test_names_that_people_guess_lead_somewhere():
         ("particles", "Grains"), ("mass", "Grains"), ("radii", "Grains"), ("openmp", "`stickslip doctor`"),
         ("skempton", "experiments.element_test"), ("compression_index", "experiments.element_test"),
         ("fit_envelope", "experiments.element_test"), ("histogram", None), ("train", None),
-        ("sparse", "io.write_matrices"),
+        ("sparse", "io.write_matrices"), ("cement", "packings.bonded"), ("triax", "experiments.element_test"),
     ],
 )  # fmt: skip
 def test_a_word_leads_to_its_own_subject_or_nowhere(word, near):

@@ -247,9 +247,11 @@ def commands_like(word: str, commands: list[str]) -> list[str]:
     spelled = [advice[name] for name in get_close_matches(plain, advice, 1) if name[0] == plain[0]]
     if plain in advice:
         return spelled
+    named = (one.rpartition(".")[2].replace("_", "-") for one in found if one.startswith("experiments."))
+    experiments = [advice[name] for name in named if name in advice]
     in_python = [f"stickslip.{one} in Python" for one in found[:2] if not one.startswith("`")]
     pages = [f"`stickslip docs {page}`" for page in with_rarest_parts(word, headings())]
-    return typed[:2] or spelled or in_python or pages[:2]
+    return typed[:2] or spelled or experiments[:2] or in_python or pages[:2]
 
 
 def check_choice(name: str, got: str, allowed: Iterable[str]) -> None:
