@@ -48,6 +48,35 @@ def test_npz_keeps_state_motion_and_law(make, tmp_path):
     np.testing.assert_allclose(ss.forces(back, law)[0].force, ss.forces(state, SHARP)[0].force, atol=1e-14)
 
 
+@pytest.fixture
+def cemented():
+    """A row of three spheres, bonded across gaps, the last bond broken."""
+    row = ss.packings.from_arrays([[0, 0, 0], [1.01, 0, 0], [2.02, 0, 0]], np.full(3, 0.5), SHARP)
+    row = ss.packings.bonded(row, ss.laws.parallel_bond(3.0, 1.0, 2e-3, 4e-3), within=0.02)
+    row = row._replace(bonds=row.bonds._replace(intact=np.array([True, False]), failed=np.array([0, 1], np.int8)))
+    return ss.accept(row, ss.forces(row, SHARP)[1])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"bond_arm": None}, "has 'bond_angle_i' but not 'bond_arm': bonds need all of"),
+        ({"bond_j": np.array([1, 7], np.int32)}, "bonds.j"),
+        ({"bond_length": np.zeros(2)}, "length"),
+        ({"bond_turn": np.ones((2, 3))}, "turn"),
+        ({"bond_i": np.array([0.5, 1.5])}, "bonds.i"),
+        ({"bond_strength": np.full((2, 4), np.nan)}, "strength"),
+    ],
+)
+def test_bonds_of_npz_that_cannot_be_are_named(cemented, wrong, words, tmp_path):
+    ss.io.write_packing(tmp_path / "p.npz", cemented, SHARP)
+    arrays = dict(np.load(tmp_path / "p.npz")) | wrong
+    np.savez(tmp_path / "q.npz", **{name: values for name, values in arrays.items() if values is not None})
+    with pytest.raises(ss.packings.PackingError, match=words) as caught:
+        ss.io.read_packing(tmp_path / "q.npz")
+    assert "\n" not in str(caught.value) and "q.npz" in str(caught.value)
+
+
 @pytest.mark.parametrize("name", ["b.h5", "b.gsd"])
 def test_whole_formats_keep_everything(name, tmp_path):
     state, law = walled()

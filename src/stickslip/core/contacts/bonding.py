@@ -51,7 +51,7 @@ def bonded(
     if pairs is not None and within:
         raise ValueError("within and pairs exclude each other: give one of them")
     ends = _pairs_within(state, within) if pairs is None else _given_pairs(state, np.asarray(pairs))
-    return _with(state, _make(state, bond, *ends))
+    return with_bonds(state, _make(state, bond, *ends))
 
 
 def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None, turn=None) -> State:
@@ -67,10 +67,10 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
     if turn is not None:
         known = turn.any(axis=1)[:, None]
         new = new._replace(direction=np.where(known, direction, new.direction), turn=np.where(known, turn, new.turn))
-    return _with(state, new)
+    return with_bonds(state, new)
 
 
-def _with(state: State, new: Bonds) -> State:
+def with_bonds(state: State, new: Bonds) -> State:
     """State with additional bonds, each pair once, and a contact list that includes them."""
     bonds = _join(state.bonds, new)
     keys = pack_keys(bonds.i, bonds.j, bonds.image)

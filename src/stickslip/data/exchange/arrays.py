@@ -1,10 +1,12 @@
 """This package's own formats: .npz files with the arrays of `from_arrays`, and HDF5 archives."""
 
 import difflib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from ...core.contacts.bonding import with_bonds
 from ...core.laws.builtin import (
     DAMPING_N,
     DAMPING_T,
@@ -22,7 +24,7 @@ from ...core.laws.builtin import (
 from ...core.laws.kinds import Kind, own_memory
 from ...core.laws.properties import resists_rolling
 from ...core.reading import NPY, read_arrays
-from ...core.state import State
+from ...core.state import Bonds, State
 from ...core.units import Units, current_units, units_from
 from ..run_files import replace_atomically
 from ..sample import COLUMNS, Assumption, PackingError, law_by_name, repeated_note
@@ -33,7 +35,9 @@ from .frame import Frame, law_to_dict, list_losses, without_walls
 REQUIRED = ("position", "radius")
 CONTACTS = ("pair_i", "pair_j", "image", "slip", "mode")
 MOTION = ("velocity", "spin", "angle")
-OPTIONAL = ("mass", "density", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
+BOND = "bond_"  # begins the names of the fields of bonds
+BONDS = tuple(f"{BOND}{name}" for name in Bonds._fields)
+OPTIONAL = (*BONDS, "mass", "density", "cell", "periodic", *CONTACTS, *MOTION, "external_force", "dim", "i0", "assumed")
 UNITS = "units"  # optional: "SI", or names of length, mass and time
 PROPERTIES = {
     LEVER: "lever arms R − δ/2", KEEPS_FORCE: "memory of forces", ROLLING: "rolling moments",
@@ -47,12 +51,16 @@ def write_npz(path: str | Path, frame: Frame) -> list[str]:
     state, law = frame.state, frame.law
     grains, control, n = state.grains, state.control, len(state.grains.radius)
     pairs, notes = without_walls(frame)
+    if "bond" in pairs:  # contacts alone
+        pairs = {name: values[pairs["bond"] == 0] for name, values in pairs.items()}
     arrays = {
         "position": grains.position, "radius": grains.radius, "mass": grains.mass, "dim": state.cell.dim,
         "i0": grains.inertia / (grains.mass * grains.radius**2), "pair_i": pairs["i"], "pair_j": pairs["j"],
         "image": pairs["image"], "slip": pairs["slip"], "mode": pairs["mode"],
         **{name: getattr(grains, name) for name in MOTION},
     }  # fmt: skip
+    if state.bonds:
+        arrays |= {f"{BOND}{name}": values for name, values in state.bonds._asdict().items()}
     if current_units():
         arrays[UNITS] = str(current_units())
     if state.cell.periodic.any():
@@ -103,7 +111,24 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     arrays, given = check_arrays(path, arrays)
     del arrays["units"]
     notes = [repeated_note(text) for text in np.atleast_1d(arrays.pop("assumed", [])).tolist()]
-    return [Packing(path.stem, arrays, notes, law=given or None)]
+    bonds = {name: arrays.pop(name) for name in BONDS if name in arrays}
+    return [Packing(path.stem, arrays, notes, law=given or None, setting=_bonding(path, bonds) if bonds else None)]
+
+
+def _bonding(path: Path, arrays: dict[str, np.ndarray]) -> Callable[[State], State]:
+    """Function that adds bonds, given by their fields in a file, to the grains of a state."""
+    if missing := sorted({*BONDS} - {*arrays}):
+        raise PackingError(f"{path} has {min(arrays)!r} but not {missing[0]!r}: bonds need all of {', '.join(BONDS)}")
+
+    def bonded(state: State) -> State:
+        bonds = Bonds(**{name.removeprefix(BOND): values for name, values in arrays.items()})
+        try:
+            state._replace(bonds=bonds).check_entries()
+            return with_bonds(state, bonds)
+        except ValueError as problem:
+            raise PackingError(f"{path}: {problem}") from None
+
+    return bonded
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:

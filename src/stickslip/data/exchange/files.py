@@ -400,7 +400,7 @@ def write_packing(path: str | Path, states: State | list[Frame], law: Law | None
         states = [frame_of(states, law)]
     require_filled("states", states)
     frames: list[Frame] = list(states)
-    if suffix in (*ARCHIVE, ".gsd", *LAMMPS_DATA) or not any(frame.state.bonds for frame in frames):
+    if suffix in (".npz", *ARCHIVE, ".gsd", *LAMMPS_DATA) or not any(frame.state.bonds for frame in frames):
         return _write(path, suffix, frames)
     if suffix in SHOWN:
         return [*_write(path, suffix, frames), f"{suffix} shows bonds, but not their laws and memory"]
