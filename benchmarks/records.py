@@ -237,11 +237,11 @@ def overview(records: dict[str, dict]) -> str:
 
 
 def _line(key: str, one: dict) -> str:
-    """A number in the overview; text of a page is a link to the page."""
+    """A number in the overview; text of a page of the documentation links to it."""
     if "text" in one:
         page = key.removeprefix("text of ")
-        place = page.removeprefix("docs/") if page.startswith("docs/") else f"../{page}"
-        return f"- text of [{page}]({place})"
+        place = page.removeprefix("docs/")
+        return f"- text of `{page}`" if place == page else f"- text of [{page}]({place})"  # links stay within docs
     return f"- {key}: {shown(one)} {one['unit']}".rstrip()
 
 
