@@ -21,7 +21,7 @@ from .arguments import Requirement
 from .readable import pluralize, readable
 
 MOST = 1_000_000
-# largest number of each thing; the same on every machine, so that a scenario is valid everywhere or nowhere
+# largest number of each kind; the same on every machine, so that a scenario is valid everywhere or nowhere
 LIMITS = {
     "grains": MOST, "bodies": 2 * MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
     "types": 300, "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,

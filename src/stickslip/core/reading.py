@@ -51,12 +51,12 @@ def check_regular_file(path: str | Path, remedy: str) -> None:
 
 
 def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = None) -> dict[str, np.ndarray]:
-    """Arrays of an .npz by name, or those of some names; the one of an .npy has the name "".
+    """Arrays of an .npz file by name, all or selected ones; the array of an .npy file has the name "".
 
     Raises
     ------
     Exception
-        of NumPy, zipfile, zlib or this module, if the file is damaged or lacks a name.
+        of NumPy, zipfile, zlib or this module, if the file is damaged or lacks one of the names.
     """
     content = read_bytes(path, remedy=remedy)
     budget = Budget(path, len(content), remedy=remedy)
