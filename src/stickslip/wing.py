@@ -94,7 +94,7 @@ def figure_modules() -> dict[str, str]:
 
 
 def add_commands() -> None:
-    """Import the modules with the commands of wings."""
+    """Import the command modules of the wings."""
     for name, wing in wings().items():
         if wing.commands:
             try:

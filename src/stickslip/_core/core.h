@@ -65,7 +65,7 @@ struct Contacts {
 
 // forms of strength, see `core/contacts/bonds.py`
 constexpr int64_t BY_STRETCH = 0, BY_SUM = 1, BY_BEAM = 2;
-// loads that break a bond; 0: none did, or nobody knows
+// loads that break a bond; 0: none did, or unknown
 constexpr int64_t BY_TENSION = 1, BY_SHEAR = 2, BY_BENDING = 3, BY_TWISTING = 4, BY_COMPRESSION = 5;
 
 struct Bonds {  // columns of four: tension, shear, bending, twisting

@@ -91,8 +91,8 @@ struct Transport {
   T fade;            // factor by which the law changed the slip
 };
 
-// The slip s of a contact carried along with a displacement dr and a rotation d(roll) that end at n; `kept`: factor of
-// its change with k_t.
+// The slip s transported through a displacement dr and a rotation d(roll), up to the normal n; `kept`: factor of its
+// change with k_t.
 template <class T>
 inline Transport<T> transport_slip(const Law &law, bool rate, Vec<T> n, T inverse, T overlap, Vec<T> d, Vec<T> roll,
                                    Vec<T> s, T kept = T{} + 1.0) {

@@ -50,7 +50,7 @@ def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = ""
     tree : nested dictionaries of arrays, numbers, strings, None, and tuples and NamedTuples of these, including states
     scenario : canonical text
     version : of the package that computed it
-    units : named in the attribute `units` of datasets; without them, it gives dimensions
+    units : units named in the attribute `units` of datasets; without them, the attribute gives dimensions
 
     Raises
     ------
@@ -193,7 +193,7 @@ def _compress_planes(planes: np.ndarray) -> bytes:
     """Compress shuffled bytes as HDF5's filter gzip does, in a quarter of the time.
 
     A plane holds the bytes of equal significance of all numbers. Planes that hardly shrink, such as those of the last
-    digits, are stored as they are: most of the time would be spent on them.
+    digits, are stored uncompressed, because they would take most of the time.
     """
     stream = [b"\x78\x01"]
     for worth, alike in groupby(planes, _is_compressible):

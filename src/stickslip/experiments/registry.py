@@ -70,7 +70,7 @@ def is_run_file(name: str) -> bool:
         try:
             if _written_by(experiment).fullmatch(name):
                 return True
-        except Exception:  # code of other people, which only their own runs need
+        except Exception:  # third-party code, needed only by its own runs
             continue
     return False
 

@@ -24,7 +24,7 @@ from .packing import DENSEST, balance, check_radii, frictionless, packing_info, 
 LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of random loose packings
 DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over the smallest radius
 RESOLVED = 1e3  # least force of such a contact over the tolerance
-SHARE = 0.15  # time step over the stable one of such a contact
+SHARE = 0.15  # time step over the largest stable one of such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over that of such a contact
 CRITICAL = 4.0  # drag of grains and cell times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
@@ -177,8 +177,8 @@ def _force_between(start: State, law: Law, overlap: float) -> float:
 def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance: float, report) -> State:
     """Equilibrium of loose grains after slow compression by a cell that follows the stress.
 
-    The cell approaches L = V p/(M ℓ² ν) before grains touch. With L = 1/(κ t) and the drag ν = 4/t, its mass M makes
-    its oscillation against the stiffness κ p of the packing critically damped.
+    Before grains touch, the strain rate of the cell approaches L = V p/(M ℓ² ν). With L = 1/(κ t) and the drag ν = 4/t,
+    its mass M makes its oscillation against the stiffness κ p of the packing critically damped.
     """
     dim, p = state.cell.dim, pressure
     mass = critical_mass(state, p, scales)

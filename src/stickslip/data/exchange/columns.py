@@ -181,7 +181,7 @@ def _number_kinds(kinds: np.ndarray) -> np.ndarray:
 def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:
     """Account of the columns, and notes on unknown ones.
 
-    Columns of zeros have no effect; accelerations that differ between grains include those by contacts.
+    Columns of zeros have no effect; accelerations that differ between grains include those due to contacts.
     """
     groups = {name: USED for name in columns if name not in rest}
     for name in rest:

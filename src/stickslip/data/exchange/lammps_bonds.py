@@ -36,7 +36,7 @@ ENDLESS = 1e200  # strength beyond which a bond has no limit
 
 
 def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
-    """Bonds of a file whose ends are ids; PackingError if one cannot be."""
+    """Bonds of a file, whose ends are ids; PackingError if a bond is impossible."""
     for a, b in ends[~np.isin(ends, ids).all(axis=1)][:1]:
         raise PackingError(
             f"{source} has a bond between atoms {a} and {b}, which are not both among its {len(ids)} atoms"
