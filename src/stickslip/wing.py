@@ -44,7 +44,7 @@ class Wing(NamedTuple):
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
     fault: str = ""  # "module.function": () -> reason why a required external program does not work, or ""
-    needs: tuple[str, ...] = ()  # names of the wings that it imports, itself or through others
+    needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or through others
     formats: tuple[FileFormat, ...] = ()
     pages: tuple[str, ...] = ()  # of documentation: NAME.md in its folder, or a page of the laboratory's documentation
 

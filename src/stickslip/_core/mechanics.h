@@ -134,7 +134,7 @@ struct Truncated {
   M slides;
 };
 
-// Whether a spring slides that was sliding: `square` is that of its force, and `slack` the force of round-off.
+// Whether a spring that was sliding still slides: `square` is that of its force, and `slack` the force of round-off.
 template <class T>
 inline auto still_slides(T square, T limit, T slack) {
   T least = larger(limit - slack, T{});

@@ -32,7 +32,7 @@ STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 
 
 
 class Size(NamedTuple):
-    """Number of things of one kind that a run has or a function makes."""
+    """Number of items of one kind in a run, or in the result of a function."""
 
     what: str  # its origin, as the start of a sentence: "line.width and line.cell make"
     number: float

@@ -109,7 +109,7 @@ class Budget:
 
 
 class Reader:
-    """Position in bytes, which only moves forwards; ValueError with a few words beyond the end."""
+    """Position in bytes, which only moves forwards; ValueError with a short message beyond the end."""
 
     def __init__(self, content: bytes, at: int = 0):
         self.content, self.at = content, 0
@@ -167,7 +167,7 @@ TEXT, DEEPEST = (1, 2, 16), 20  # types of names; arrays within arrays
 
 
 def check_matlab(content: bytes, budget: Budget) -> None:
-    """Raise ValueError, in a few words, if lengths in a file do not fit together, or would take too much memory."""
+    """Raise ValueError, with a short message, if lengths in a file are inconsistent or would need too much memory."""
     order = "<" if Reader(content, 126).take(2) == b"IM" else ">"
     reader = Reader(content, 128)
     while reader.left >= 8:

@@ -35,7 +35,7 @@ REMEDY = "give the results.h5 of a run"
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _VERSIONS = ("numpy", "scipy", "h5py")
 _FILTERS = {"compression": "gzip", "shuffle": True}  # filters of datasets with more than 1000 numbers
-_LONG, _CHUNK = 2**16, 2**19  # least size of a column that has chunks of its own, and largest size of these [bytes]
+_LONG, _CHUNK = 2**16, 2**19  # least size of a column that has separate chunks, and largest size of a chunk [bytes]
 _SAMPLE, _WORTH = (
     2048,
     0.5,
@@ -43,7 +43,7 @@ _SAMPLE, _WORTH = (
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
-    """Write a tree to an HDF5 file, all or nothing.
+    """Write a tree to an HDF5 file atomically.
 
     Parameters
     ----------

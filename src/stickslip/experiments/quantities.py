@@ -164,7 +164,7 @@ def _rows(values: list) -> Iterable[tuple]:
 
 
 class Measures(Quantities):
-    """Quantities that a run leaves for sweeps and datasets: the function `measures` of an experiment.
+    """Quantities that a run provides for sweeps and datasets: the function `measures` of an experiment.
 
     Parameters
     ----------

@@ -123,7 +123,7 @@ def compressed(
 def check_pressure(
     law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int, name: str = "pressure"
 ) -> None:  # fmt: skip
-    """Raise ValueError with one sentence if grains under a law cannot carry a pressure; `name` is its key."""
+    """Raise ValueError with a one-sentence message if grains under a law cannot carry a pressure; `name` is its key."""
     position = np.zeros((len(radius), dim))
     position[:, 0] = np.cumsum(2 * radius)
     start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))

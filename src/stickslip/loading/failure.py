@@ -328,7 +328,7 @@ def _begin(how: Loading, state: State) -> PathStep:
 
 
 def _advance(how: Loading, before: PathStep, goal: float) -> PathStep:
-    """Strain step from an equilibrium to the next one, independent of anything else."""
+    """Strain step from an equilibrium to the next one; it depends on that equilibrium only."""
     judge = Judge(before.state, how.law, how.drag, how.prune, way=how.way)
     start = Point(abs(before.strain), before.state, judge, tolerated=before.tolerated)
     search = Search(start, how.step, how.resolution, SMALLEST)

@@ -86,7 +86,7 @@ def strain_step(
     """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
 
     If Newton's method stalls, or ends on another branch so that energies do not balance, dynamics strains the cell at a
-    constant rate within a few time scales, so that grains rearrange under stress, and then brings the sample to rest.
+    constant rate within a few time scales. Grains rearrange under stress, and the sample is then brought to rest.
 
     Parameters
     ----------

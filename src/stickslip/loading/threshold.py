@@ -166,9 +166,9 @@ def kinetic_threshold(
     Raises
     ------
     ValueError
-        if a given load does not lie on the path, if loads do not rise along it, if a state of the path is not at rest
-        at its load, if a kick is negative, not finite or given twice, or moves grains by more than a radius in a step,
-        or if dt is longer than `stable_time_step` or a fortieth of `duration`.
+        if a given load does not lie on the path; if loads do not rise along it; if a state of the path is not at rest
+        at its load; if a kick is negative, not finite or given twice; if it moves grains by more than a radius in a
+        step; or if dt is longer than `stable_time_step` or a fortieth of `duration`.
     RuntimeError
         if a run blows up.
 

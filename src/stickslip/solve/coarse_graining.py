@@ -28,11 +28,11 @@ _FIELDS = {  # names, numbers of entries and units
 def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive | None = None) -> "xr.Dataset":
     """Density, packing fraction, velocity and stress as fields on a grid.
 
-    With the Gaussian φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w, density is Σ m φ(x − x_i), the packing fraction
-    the same sum of grain volumes, velocity Σ m v φ/density, `stress` Σ f ⊗ r ∫ φ(x − x_i + s r) ds over 0 < s < 1 and
-    contacts, with the force f on i and the branch vector r (at a wall up to its surface), and `kinetic_stress`
-    Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The cell is divided into equal parts,
-    whose centers are the grid points.
+    The Gaussian is φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w. The density is Σ m φ(x − x_i), the packing
+    fraction is the same sum of grain volumes, and the velocity is Σ m v φ/density. `stress` is Σ f ⊗ r ∫ φ(x − x_i + s
+    r) ds over 0 < s < 1 and contacts, with the force f on i and the branch vector r (at a wall up to its surface).
+    `kinetic_stress` is Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The cell is divided
+    into equal parts, whose centers are the grid points.
 
     Parameters
     ----------

@@ -116,11 +116,11 @@ def dispersion(
 ) -> Dispersion:  # fmt: skip
     """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
 
-    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators,
-    (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀, √Re⟨P|A|P⟩ for P and S and √Re⟨R|A|R⟩ for
-    the first R (that of P where the latter is not positive, √max|A| where neither is). The branches are poles of this
-    response, chosen among the p with the largest Im s: with the first s₀ those whose vectors have the largest shares in
-    P and S, with the second those with the largest shares in R.
+    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators, (m
+    s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩; for R it is
+    √Re⟨R|A|R⟩ of the first R (that of P where the latter is not positive, √max|A| where neither is). The branches are
+    poles of this response, chosen among the p with the largest Im s: with the first s₀ those whose vectors have the
+    largest shares in P and S, with the second those with the largest shares in R.
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
     √m k̂ exp(ik·r) over its norm, that of S the same across, and that of R √I e exp(ik·r), with the moment of inertia

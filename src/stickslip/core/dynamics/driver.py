@@ -1,6 +1,6 @@
 """Driver of runs: updates of the list and of the blocks, stops for records.
 
-Contacts of few grains are evaluated one after another, by rows of the list; those of many grains are evaluated in
+In small systems, contacts are evaluated one after another, by rows of the list; in large ones, they are evaluated in
 vectorised blocks (see `blocks.h`). Blocks contain only touching and nearly touching pairs: those that could touch
 within the displacement limits of both bodies. The limits are larger for faster bodies. When a body reaches its limit,
 blocks are chosen anew from the contact list.

@@ -140,11 +140,11 @@ def run(
     be a multiple of this number
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
-    slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
-        closing contact counts for the fraction of the step during which it touched, dashpots use velocities at the full
+    slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains. A
+        closing contact counts for the fraction of the step during which it touched. Dashpots use velocities at the full
         step, and the Coulomb limit is μ max(F_n, 0). "rate", as in LAMMPS `gran/*/history`, for comparison: slip
-        increments are velocities at the half step times dt, projected onto the contact plane at the end of the step, a
-        closing contact counts for the whole step, the limit of a built-in law is μ |F_n|, and the slip of a sliding
+        increments are velocities at the half step times dt, projected onto the contact plane at the end of the step. A
+        closing contact counts for the whole step. The limit of a built-in law is μ |F_n|, and the slip of a sliding
         contact is set so that spring and dashpot together are at the limit. "rate" is first order in dt where contacts
         rotate, close or have dashpots
     threads : int, by default one for few grains and one per core for many; results are bitwise independent of it

@@ -1,7 +1,7 @@
 """Properties that any contact law can have: lever arms, memory of forces, rolling, twisting, restitution.
 
 Where the parameter of dashpots is a coefficient of restitution, a contact with F_n = k δ^p and
-c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator of δ^{(p+1)/2}, so that the restitution of a head-on collision
+c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator of δ^{(p+1)/2}. The restitution of a head-on collision then
 depends neither on size nor on speed, only on D = α/√(2(p + 1)).
 """
 

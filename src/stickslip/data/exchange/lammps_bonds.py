@@ -92,7 +92,7 @@ class FormattedBonds(NamedTuple):
 
 
 def format_bonds(state: State) -> FormattedBonds:
-    """Intact bonds, each with a type of its own law, and notes on data that the file does not store."""
+    """Intact bonds, with a bond type for each law, and notes on data that the file does not store."""
     bonds = state.bonds
     way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
     apart = np.where(state.cell.periodic, way @ np.linalg.inv(state.cell.vectors), 0.0)
