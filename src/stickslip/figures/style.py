@@ -71,10 +71,7 @@ STYLE = {
 TIME = ("time $t$", r"$\sqrt{m/(k_n\sqrt{2R})}$")  # quantity and unit
 STRESS = "force/length^(dim-1)"  # without named units
 DIMENSIONS = re.compile(r"(?:(?:length|time|mass|force|energy|stress)\b|[\d^²³()/ ])+")
-POWERS = (
-    -3,
-    4,
-)  # largest negative and smallest positive power of ten that moves from the numbers of an axis to its unit
+POWERS = (-3, 4)  # powers of ten beyond which (inclusive) the power moves from an axis to its unit
 TICK_SIZE = STYLE["xtick.labelsize"]
 DIGIT = 0.65  # width of a digit over the size of the font
 BIN = 1.0  # width of the bins of an envelope [points], below which oscillations are visible

@@ -1,9 +1,10 @@
 """Points of a quasi-static path, forecasts of its next event, and the dynamics that determine its continuation.
 
-Forecasts are made from quantities that vanish at the event as a known power. Near a saddle node, the remaining strain
-is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates far from it if a contact of
-stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap between two real eigenvalues is
-linear in the strain. Contacts are predicted to reach the Coulomb limit, or to open, by linear extrapolation.
+Forecasts are made from quantities that vanish at the event as a known power of the remaining strain. Near a saddle
+node, the remaining strain is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates
+far from it if a contact of stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap
+between two real eigenvalues is linear in the strain. Contacts are predicted to reach the Coulomb limit, or to open, by
+linear extrapolation.
 """
 
 from collections.abc import Iterator

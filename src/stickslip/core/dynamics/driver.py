@@ -61,8 +61,8 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Contacts of few grains, bonds, and contacts with rolling resistance or additional memory are evaluated by rows, all
-    others by blocks.
+    Contacts in small systems, bonds, and contacts with rolling resistance or additional memory are evaluated by rows,
+    all others by blocks.
     """
 
     def __init__(

@@ -251,7 +251,7 @@ def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 
 def group_hint(packing: Packing) -> str:
-    """Sentence that grains seem to be those of a group, by gaps in their ids; empty if there are none."""
+    """Sentence stating that gaps in the ids suggest the grains of a group; empty without gaps."""
     ids = np.zeros(0, int) if packing.ids is None else packing.ids
     if not len(ids) or ids[-1] == len(ids):
         return ""

@@ -52,7 +52,7 @@ TAIL = 2**20  # size of the end of a dump that is first searched for its last ti
 
 
 class Files(NamedTuple):
-    """Files of a folder by their content."""
+    """Files of a folder, sorted by content."""
 
     restarts: list[Path]
     grains: list[Path]  # dumps
