@@ -208,7 +208,7 @@ def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance
 
 
 def critical_mass(state: State, pressure: float, scales: Scales) -> float:
-    """Mass with which the cell's oscillation against a packing is damped critically by the drag 4/t [mass]."""
+    """Mass for which the drag 4/t critically damps the cell's oscillation against a packing [mass]."""
     return volume(state) ** (1 - 2 / state.cell.dim) * pressure * scales.stiffness * scales.time**2 / CRITICAL
 
 

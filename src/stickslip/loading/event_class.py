@@ -337,7 +337,7 @@ def loss_ahead(point: Point, strain: float) -> float:
 
 
 def _margins(state, point: Point) -> np.ndarray:
-    """(C, 2) μ F_n − |F_t|, and F_n, of every pair in the list; both change linearly as long as no contact does."""
+    """(C, 2) μ F_n − |F_t|, and F_n, of every pair in the list; both change linearly while no contact changes mode."""
     line = linearise(state, point.judge.law, memory=FREE)
     pull = line.secant * np.linalg.norm(line.slip, axis=1)
     return np.stack([np.maximum(line.limit - pull, 0), line.force_n * line.closed], axis=1)

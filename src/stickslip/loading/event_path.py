@@ -366,7 +366,7 @@ def forecast(signs: Signs) -> list[Forecast]:
     """Forecast of the next event, and of the next pair, from the last steps of a path; those without a sign are
     omitted.
 
-    For events, it is the earlier one of a saddle node and the loss of a contact.
+    For events, it is the earlier of a saddle node and the loss of a contact.
     """
     if not len(signs.strain):
         return []

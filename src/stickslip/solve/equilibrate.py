@@ -177,7 +177,7 @@ def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factoris
 
 
 def patience_for(state: State) -> int:
-    """Slow steps of Newton's method after which damped dynamics is faster."""
+    """Number of slow steps of Newton's method after which damped dynamics is faster."""
     return PATIENCE[len(freedom(state)) >= DENSE_BELOW]
 
 

@@ -389,7 +389,7 @@ def deciding_vectors(here: LinearisedState) -> tuple[complex, np.ndarray, np.nda
 
 
 def _deciding_exponent(here: LinearisedState) -> _Mode:
-    """Exponent s with the largest real part, of positive frequency, without those of zero."""
+    """Nonzero exponent s of positive frequency with the largest real part."""
     free, n = here.backbone, len(here.backbone)
     damping = -mass_weighted(assembled(here.state, blocks_of(here.state, here.law, here.line)[1], free), free).toarray()
     first = np.block([[np.zeros((n, n)), np.eye(n)], [-here.dynamical_matrix(free).toarray(), damping]])

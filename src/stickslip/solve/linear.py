@@ -331,7 +331,7 @@ def count_below(matrix, shift: float, order: Dissection) -> int:
 
 
 class _SignCount(FrontalFactor):
-    """Negative eigenvalues of a symmetric matrix: the sum over all blocks of pivots (Haynsworth)."""
+    """Number of negative eigenvalues of a symmetric matrix: the sum over all blocks of pivots (Haynsworth)."""
 
     def _eliminate(self, front: np.ndarray, first: int, last: int, border: np.ndarray) -> np.ndarray:
         m = last - first

@@ -198,7 +198,7 @@ def wave_spectrum(
     Raises
     ------
     ValueError
-        as `dispersion`, and beyond 2000 coordinates.
+        as in `dispersion`, and beyond 2000 coordinates.
     """
     motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
     if (n := len(motion.free)) > ALL_UP_TO:

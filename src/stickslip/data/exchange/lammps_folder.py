@@ -415,7 +415,7 @@ def _newest_commands(files: Files, grains: Path, step: int) -> Path | None:
 
 
 def _logs_before(log: Path, files: Files) -> list[Path]:
-    """Earlier logs of the same run, before a command `log` began this one, in their order."""
+    """Earlier logs of the same run, in their order, written before a command `log` began this one."""
     before = [path for path in files.logs if path != log and _names(files, path, log.name, ("log",))]
     if len(before) != 1:
         return []
