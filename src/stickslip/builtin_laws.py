@@ -2,9 +2,9 @@
 
 All code that lists or describes the laws reads this table.
 
-A new law needs one entry here, its scalar functions in `_core/laws.h` or, with additional parameters, in
-`_core/normal_laws.cpp`, its constructor of the same name in `core/laws/builtin.py`, its form in Python in
-`tests/laws/forms`, with which tests compare it, and a line in `docs/contact_laws.md`.
+A new law needs an entry here; scalar functions in `_core/laws.h` or, with additional parameters, in
+`_core/normal_laws.cpp`; a constructor of the same name in `core/laws/builtin.py`; a Python form in `tests/laws/forms`,
+with which tests compare it; and a line in `docs/contact_laws.md`.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Commands, sections, columns and files of other programs: names that are used, or have no influence on forces.
+"""Commands, sections, columns and files of other programs: names that are used, and names without influence on forces.
 
 Readers look up each command in a log, section of a data file, column of a table or laboratory record, and file in a
 folder. Names missing from the table are unknown. Names with a reason count as unknown, too: they act on grains in a way

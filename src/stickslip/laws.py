@@ -17,7 +17,7 @@ Properties of any law
     with_rolling        resistance to rolling: constant, viscous, or a spring with a cap
     with_twisting       resistance to twisting: a spring with a cap, or Marshall's
 
-Bonds, which act beside a contact law; `packings.bonded` makes them
+Bonds, which act in addition to a contact law; `packings.bonded` makes them
     spring_bond         a spring along the line of centres, as LAMMPS `bpm/spring`
     beam_bond           tension, shear, bending and twisting, as LAMMPS `bpm/rotational`
     parallel_bond       cement between grains, as Potyondy & Cundall 2004

@@ -23,7 +23,7 @@ Modify
 Check
     check           raise an error if a state is not valid
     PackingError    a packing cannot be used
-    PackingWarning  something in a packing was changed or is missing
+    PackingWarning  part of a packing was changed or is missing
 """
 
 from .lazy import attach

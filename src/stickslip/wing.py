@@ -44,7 +44,7 @@ class Wing(NamedTuple):
     commands: str = ""  # module that adds commands to `stickslip` when it is imported
     selfchecks: str = ""  # "module.function": () -> {name: Selfcheck}
     fault: str = ""  # "module.function": () -> reason why a required external program does not work, or ""
-    needs: tuple[str, ...] = ()  # names of the wings that it imports, itself or through others
+    needs: tuple[str, ...] = ()  # names of the wings that it imports, directly or through others
     formats: tuple[FileFormat, ...] = ()
     pages: tuple[str, ...] = ()  # of documentation: NAME.md in its folder, or a page of the laboratory's documentation
 
@@ -94,7 +94,7 @@ def figure_modules() -> dict[str, str]:
 
 
 def add_commands() -> None:
-    """Import the modules with the commands of wings."""
+    """Import the command modules of the wings."""
     for name, wing in wings().items():
         if wing.commands:
             try:

@@ -1,4 +1,4 @@
-"""Words of users and of other programs, and how they are called here.
+"""Words of users and of other programs, and the names used here.
 
 A word that is neither a public name nor in this table is looked up by spelling among all public names, and then by its
 parts in the overviews of namespaces.
@@ -224,7 +224,7 @@ def suggestions(word: str, limit: int = 3) -> list[str]:
 
 
 def absent(word: str) -> str:
-    """Why the package has nothing for a word, or an empty string."""
+    """Reason why the package has nothing for a word; empty if there is none."""
     return next((why for why, words in ABSENT.items() if word.lower() in words.split()), "")
 
 

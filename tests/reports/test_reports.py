@@ -233,7 +233,7 @@ def test_the_mode_in_the_view_moves_as_the_exported_one(tmp_path):
         (lambda p: None, ["d"], "d does not exist"),
         (lambda p: None, ["p.npz"], "p.npz is not a file"),
         (lambda p: (p / "d").mkdir(), ["d", "--kn", "1"], "--kn applies to packing files only, not to"),
-        (lambda p: (p / "d").mkdir(), ["d", "--out", "a.doc"], "a.doc ends with '.doc'"),
+        (lambda p: (p / "d").mkdir(), ["d", "--out", "a.doc"], "--out must end with ."),
         (lambda p: (p / "d").mkdir(), ["d", "--out", "e/a.html"], ""),
     ],
 )

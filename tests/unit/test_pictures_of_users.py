@@ -174,7 +174,7 @@ def test_a_look_that_does_not_exist_is_refused_before_anything_is_run(words, mes
     (tmp_path / "s.json").write_text(json.dumps(SHORT))
     run = stickslip_here("run", "s.json", "--out", "out", *words, cwd=tmp_path)
     assert run.returncode == 2 and message in run.stderr and not (tmp_path / "out").exists()
-    with pytest.raises(ValueError, match=r"a\.eps ends with '\.eps': use \.png, \.pdf or \.svg"):
+    with pytest.raises(ValueError, match=r"must end with \.png, \.pdf or \.svg, got .*a\.eps"):
         save(two_panels(), tmp_path / "a.eps")
 
 

@@ -65,7 +65,7 @@ struct Contacts {
 
 // forms of strength, see `core/contacts/bonds.py`
 constexpr int64_t BY_STRETCH = 0, BY_SUM = 1, BY_BEAM = 2;
-// loads that break a bond; 0: none did, or nobody knows
+// loads that break a bond; 0: none did, or unknown
 constexpr int64_t BY_TENSION = 1, BY_SHEAR = 2, BY_BENDING = 3, BY_TWISTING = 4, BY_COMPRESSION = 5;
 
 struct Bonds {  // columns of four: tension, shear, bending, twisting
@@ -657,7 +657,7 @@ API void fault_stress(const Transfer *transfer, const double *slip, double *stre
 API uint8_t fault_rates(const Fault *fault, const double *image, const double *y, double *w, double *out, double *power);
 // Stages from the first to the last one; false if a velocity cannot be found
 API uint8_t fault_stages(const Fault *fault, const FaultStep *step, int64_t first, int64_t last);
-// Unknowns of a stage from the rates of the stages before
+// Unknowns of a stage from the rates of the previous stages
 API void fault_trial(const Fault *fault, const FaultStep *step, int64_t stage);
 // Root mean square of the estimated errors of u/D_c and of each s in a step
 API double fault_error(const Fault *fault, const FaultStep *step);

@@ -1,8 +1,8 @@
 // Rates of a fault with rate-and-state friction, and the stages of an embedded Runge–Kutta step.
 //
 // The unknowns of each cell are its slip in excess of plate motion, u = δ − V_p t, and s = ln(V0 θ/D_c) of each of its
-// one or two states, plus the shift by which changes of the normal stress have decreased it. The slip velocity V = V0 e^w follows from the balance of stress and friction,
-// τ₀ + τ(u) = σ μ(w, s, s2) + η V.
+// one or two states, plus the shift by which changes of the normal stress have decreased it. The slip velocity
+// V = V0 e^w follows from the balance of stress and friction, τ₀ + τ(u) = σ μ(w, s, s2) + η V.
 #include "rate_state.h"
 
 namespace {

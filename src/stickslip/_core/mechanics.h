@@ -91,8 +91,8 @@ struct Transport {
   T fade;            // factor by which the law changed the slip
 };
 
-// The slip s of a contact carried along with a displacement dr and a rotation d(roll) that end at n; `kept`: factor of
-// its change with k_t.
+// The slip s transported through a displacement dr and a rotation d(roll), up to the normal n; `kept`: factor of its
+// change with k_t.
 template <class T>
 inline Transport<T> transport_slip(const Law &law, bool rate, Vec<T> n, T inverse, T overlap, Vec<T> d, Vec<T> roll,
                                    Vec<T> s, T kept = T{} + 1.0) {
@@ -134,7 +134,7 @@ struct Truncated {
   M slides;
 };
 
-// Whether a spring slides that was sliding: `square` is that of its force, and `slack` the force of round-off.
+// Whether a spring that was sliding still slides: `square` is that of its force, and `slack` the force of round-off.
 template <class T>
 inline auto still_slides(T square, T limit, T slack) {
   T least = larger(limit - slack, T{});

@@ -551,7 +551,8 @@ void copy(double *to, int64_t row, const double *from, int64_t old_row, int64_t 
   memcpy(to + row * width, from + old_row * width, width * sizeof(double));
 }
 
-// Copies the memory of every closed contact in some rows that is in both lists, and that of rolling and of laws also of open ones.
+// Copies the memory of the contacts in some rows that are in both lists: of closed ones, and of rolling and laws also
+// of open ones.
 void copy_memory(const Pairs &pairs, const Contacts &old, const Contacts &list, int64_t first, int64_t last) {
   const bool anchors = old.len_pair > 0 && list.len_pair > 0;
   const bool rolls = old.width_rolling && old.width_rolling == list.width_rolling;

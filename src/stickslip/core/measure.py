@@ -1,7 +1,7 @@
 """Macroscopic quantities of a state: stress, pressure, coordination, rattlers, packing fraction.
 
-Contacts are those of the positions of the state. If the list of contacts or their memory belongs to other positions, a
-measure raises ValueError: commit the memory first, with `accept(state, forces(state, law)[1])`.
+Measures use the contacts at the present positions. If the list of contacts or their memory belongs to other positions,
+a measure raises ValueError: commit the memory first, with `accept(state, forces(state, law)[1])`.
 """
 
 from typing import Annotated
@@ -247,7 +247,7 @@ def supports(state: State) -> tuple[np.ndarray, np.ndarray]:
 def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) -> np.ndarray:
     """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
 
-    Supports are contacts and, as one more, a load, a spring or a fixed direction: at rest, the single contact of a
+    Supports are contacts; a load, a spring or a fixed direction counts as one more: at rest, the single contact of a
     grain under a load bears this load. Grains held in all directions are not rattlers. A rigid group is one body.
 
     Parameters

@@ -21,7 +21,7 @@ from .arguments import Requirement
 from .readable import pluralize, readable
 
 MOST = 1_000_000
-# largest number of each thing; the same on every machine, so that a scenario is valid everywhere or nowhere
+# largest number of each kind; the same on every machine, so that a scenario is valid everywhere or nowhere
 LIMITS = {
     "grains": MOST, "bodies": 2 * MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
     "types": 300, "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,
@@ -32,7 +32,7 @@ STATE = 800  # bytes of a state for each grain; measured: 572 for packed disks, 
 
 
 class Size(NamedTuple):
-    """Number of things of one kind that a run has or a function makes."""
+    """Number of items of one kind in a run, or in the result of a function."""
 
     what: str  # its origin, as the start of a sentence: "line.width and line.cell make"
     number: float

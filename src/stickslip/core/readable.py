@@ -1,4 +1,4 @@
-"""Short `repr` and HTML tables of values, for people: quantities with their meaning and unit, not arrays and types."""
+"""Short `repr` and HTML tables of values for readers: quantities with their meaning and unit, not arrays and types."""
 
 import html
 import re

@@ -51,12 +51,12 @@ def check_regular_file(path: str | Path, remedy: str) -> None:
 
 
 def read_arrays(path: str | Path, *, remedy: str, names: Iterable[str] | None = None) -> dict[str, np.ndarray]:
-    """Arrays of an .npz by name, or those of some names; the one of an .npy has the name "".
+    """Arrays of an .npz file by name, all or selected ones; the array of an .npy file has the name "".
 
     Raises
     ------
     Exception
-        of NumPy, zipfile, zlib or this module, if the file is damaged or lacks a name.
+        of NumPy, zipfile, zlib or this module, if the file is damaged or lacks one of the names.
     """
     content = read_bytes(path, remedy=remedy)
     budget = Budget(path, len(content), remedy=remedy)
@@ -109,7 +109,7 @@ class Budget:
 
 
 class Reader:
-    """Position in bytes, which only moves forwards; ValueError with a few words beyond the end."""
+    """Position in bytes, which only moves forwards; ValueError with a short message beyond the end."""
 
     def __init__(self, content: bytes, at: int = 0):
         self.content, self.at = content, 0
@@ -167,7 +167,7 @@ TEXT, DEEPEST = (1, 2, 16), 20  # types of names; arrays within arrays
 
 
 def check_matlab(content: bytes, budget: Budget) -> None:
-    """Raise ValueError, in a few words, if lengths in a file do not fit together, or would take too much memory."""
+    """Raise ValueError, with a short message, if lengths in a file are inconsistent or would need too much memory."""
     order = "<" if Reader(content, 126).take(2) == b"IM" else ">"
     reader = Reader(content, 128)
     while reader.left >= 8:

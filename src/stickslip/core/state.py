@@ -286,7 +286,7 @@ def spheres(
 def flat_walls(
     point: Numbers = (), normal: Numbers = (), *, mass: Numbers = 1.0, material: Numbers = 0, velocity: Numbers = 0.0
 ) -> Walls:
-    """Flat walls through `point` with `normal` (any length but zero) towards the grains."""
+    """Flat walls through `point` with `normal` (any nonzero length) towards the grains."""
     point, normal = as_numbers(point), as_numbers(normal)
     point, normal = (np.atleast_2d(a) if a.size else np.zeros((0, 3)) for a in (point, normal))
     n = max(len(point), len(normal))

@@ -12,7 +12,7 @@ from .reading import read_bytes
 LONGEST = 1000  # longest message [characters]
 _MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)  # UTF-32-LE's starts with the first
 _SAMPLE_BYTES = 64  # bytes examined to detect text with two bytes per letter
-# all but tabs and line feeds, and marks that turn the direction of writing
+# all except tabs and line feeds, and marks that change the direction of writing
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _MAX_DIGITS = 40  # longest whole number in a file [digits]; valid ones have at most twenty
 
@@ -96,7 +96,7 @@ def printable(text: str) -> str:
 
 
 def parse_number(word: str) -> float:
-    """Convert a word in a file to a number; `float` takes 1_1 for 11, and the digits of other scripts."""
+    """Convert a word in a file to a number; `float` would read 1_1 as 11, and accept digits of other scripts."""
     _check_digits(word)
     return float(word)
 

@@ -222,7 +222,7 @@ def heading(name: str, unit: str) -> str:
 
 
 def in_readable_units(values, unit: str) -> tuple:
-    """Return values and their unit for people: years for times of which any is longer than a year."""
+    """Return values and their unit for readers: times are in years if any is longer than a year."""
     if unit == "s" and any(abs(value) > YEAR for value in values):
         return tuple(value / YEAR for value in values), "years"
     return tuple(values), unit

@@ -35,7 +35,7 @@ REMEDY = "give the results.h5 of a run"
 _BLOCK, _HEADER = 512, b"stickslip archive, SHA-256 of what follows this block:\n"
 _VERSIONS = ("numpy", "scipy", "h5py")
 _FILTERS = {"compression": "gzip", "shuffle": True}  # filters of datasets with more than 1000 numbers
-_LONG, _CHUNK = 2**16, 2**19  # least size of a column that has chunks of its own, and largest size of these [bytes]
+_LONG, _CHUNK = 2**16, 2**19  # least size of a column that has separate chunks, and largest size of a chunk [bytes]
 _SAMPLE, _WORTH = (
     2048,
     0.5,
@@ -43,14 +43,14 @@ _SAMPLE, _WORTH = (
 
 
 def write(path: str | Path, tree: dict, *, scenario: str = "", version: str = "", units: Units | None = None) -> None:
-    """Write a tree to an HDF5 file, all or nothing.
+    """Write a tree to an HDF5 file atomically.
 
     Parameters
     ----------
     tree : nested dictionaries of arrays, numbers, strings, None, and tuples and NamedTuples of these, including states
     scenario : canonical text
     version : of the package that computed it
-    units : named in the attribute `units` of datasets; without them, it gives dimensions
+    units : units named in the attribute `units` of datasets; without them, the attribute gives dimensions
 
     Raises
     ------
@@ -193,7 +193,7 @@ def _compress_planes(planes: np.ndarray) -> bytes:
     """Compress shuffled bytes as HDF5's filter gzip does, in a quarter of the time.
 
     A plane holds the bytes of equal significance of all numbers. Planes that hardly shrink, such as those of the last
-    digits, are stored as they are: most of the time would be spent on them.
+    digits, are stored uncompressed, because they would take most of the time.
     """
     stream = [b"\x78\x01"]
     for worth, alike in groupby(planes, _is_compressible):

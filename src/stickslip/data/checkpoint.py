@@ -163,7 +163,7 @@ class Checkpoint(NamedTuple):
             write_atomically(self.run / SCENARIO, self.scenario.encode())
 
     def if_visible(self) -> "Checkpoint | None":
-        """Return self if this process can see the run's folder, else None (as for a worker on another machine)."""
+        """Return self if this process can access the run's folder, else None (as for a worker on another machine)."""
         return self if self._has_note else None
 
     def check(self) -> None:
@@ -190,7 +190,7 @@ class Checkpoint(NamedTuple):
         return hashlib.sha256(self.scenario.encode()).hexdigest()[:16]
 
     def save(self, name: str, value: Any) -> None:
-        """Write a piece, all or nothing; it survives a crash of this process."""
+        """Write a piece atomically; it survives a crash of this process."""
         self.announce()
         about = {"scenario": self.scenario, "stickslip": __version__, "part": self._place, "core": build.best_level()}
         append_record(self.folder, name, to_bytes(make_node(value, self.units)), about)

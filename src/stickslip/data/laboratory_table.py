@@ -217,7 +217,7 @@ def open_table(path: Path, wanted: Wanted, named: dict[str, int | str] | None = 
     Raises
     ------
     ValueError
-        with one sentence.
+        with a one-sentence message.
     """
     for name in named or ():
         if not _describe_column(name, wanted)[0]:

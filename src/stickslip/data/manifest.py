@@ -49,7 +49,7 @@ def add_to_manifest(folder: Path, *names: str) -> None:
 
 
 def write_file(folder: Path, name: str, content: bytes) -> None:
-    """Write or replace a run file, all or nothing."""
+    """Write or replace a run file atomically."""
     known, new = read_manifest(folder), hashlib.sha256(content).hexdigest()
     write_manifest(folder, known | {name: [*known.get(name, []), new]})
     write_atomically(folder / name, content)

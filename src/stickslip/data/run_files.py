@@ -35,7 +35,7 @@ def join_names(names: list[str]) -> str:
 
 
 def resume_command(folder: Path) -> str:
-    """Return the command that continues a run, as it is typed."""
+    """Return the command that continues a run, as typed."""
     return shlex.join(["stickslip", "resume", str(folder)])
 
 
@@ -100,6 +100,6 @@ def check_free(paths: Iterable[Path], *, overwrite: bool = False, made_from: Ite
 
 
 def write_atomically(path: str | Path, *content: bytes) -> None:
-    """Write or replace a file, given in one or more parts, all or nothing; errors as in `replace_atomically`."""
+    """Write or replace a file, given in one or more parts, atomically; errors as in `replace_atomically`."""
     with replace_atomically(path) as part, part.open("wb") as file:
         file.writelines(content)

@@ -29,7 +29,7 @@ TRIES = 2  # attempts for a task whose process dies
 DONE, FAILED, SAID = 0, 1, 2
 ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 IDLE = 60.0  # a process ends after this time without a task [s]
-# SIGINT, unless it is ignored, ends the process as other signals do: nobody could handle an exception within a task
+# SIGINT, unless it is ignored, ends the process as other signals do: an exception within a task could not be handled
 START = """
 import signal as s
 if s.getsignal(s.SIGINT) != s.SIG_IGN:

@@ -65,7 +65,7 @@ class Experiment(NamedTuple):
     words: str  # one line for help and completion
     simulate: Callable  # (scenario, folder=, workers=, report=) -> result, with the scenario in `result.scenario`
     numbers: Callable  # result -> contents of the archive
-    measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep; best a table, see `Measures`
+    measures: Callable  # result -> {name: (value, unit)}, the numbers of a sweep; preferably a table, see `Measures`
     show: Callable  # result -> None; prints a summary
     figures: Callable = _empty  # result -> iterator of (file name, Figure)
     files: Callable = _empty  # result -> iterator of (file name, function that writes it)

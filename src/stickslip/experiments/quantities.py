@@ -72,7 +72,7 @@ class Quantity(NamedTuple):
     # function of the subject, or attribute, `name` if not given; "packed.pressure" is NaN if `packed` is None
     of: Callable[[Any], Any] | str = ""
     label: str = ""  # label of axes, if it is not the name in words
-    partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one has not
+    partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one lacks it
 
     def at(self, subject) -> dict[str, Any]:
         """Value of a subject by name: one, one for each place, or none."""
@@ -164,7 +164,7 @@ def _rows(values: list) -> Iterable[tuple]:
 
 
 class Measures(Quantities):
-    """Quantities that a run leaves for sweeps and datasets: the function `measures` of an experiment.
+    """Quantities that a run provides for sweeps and datasets: the function `measures` of an experiment.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class Measures(Quantities):
     subject : function of the result; the quantities are those of its value
     samples : function of the result that returns its samples
     over : function of the values of all samples, such as `estimate`, `median` or `np.mean`; without `samples`, of the
-        values that each quantity is
+    values of each quantity
     """
 
     def __init__(
@@ -215,7 +215,7 @@ class Measures(Quantities):
 
         Parameters
         ----------
-        readable : function of values and their unit that returns them in a unit for people
+        readable : function of values and their unit that returns them in a readable unit
         without : names that are left out
         """
         from ..reports.terminal import new_table, show_table

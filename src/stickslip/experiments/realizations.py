@@ -181,7 +181,7 @@ class Together:
         self.waiting: list[_Waiting] = []
         self.stopped = False  # set it to run no more legs
         self.change = Condition()
-        self.turn = Lock()  # callers that do not wait take turns, as not all that they do may run at once
+        self.turn = Lock()  # callers that do not wait take turns, as some of their work must not run concurrently
 
     @property
     def engine(self) -> Engine:
@@ -189,7 +189,7 @@ class Together:
         return Engine(self._pieces, samples=self.SAMPLES)
 
     def leave(self) -> None:
-        """Wait for one caller less."""
+        """Wait for one caller fewer."""
         with self.change:
             self.members -= 1
             self._run_when_complete()

@@ -44,7 +44,7 @@ _JSON_TYPES = {list: "an array", str: "a string", bool: "a boolean", type(None):
 
 
 def papers() -> dict[str, Experiment]:
-    """Return the experiments that reproduce a paper, with that paper, by the name for `stickslip reproduce`."""
+    """Return the experiments that reproduce a paper, with that paper, keyed by the name for `stickslip reproduce`."""
     return {
         paper.name or name: experiment._replace(paper=paper)
         for name, experiment in EXPERIMENTS.items()
@@ -70,7 +70,7 @@ def is_run_file(name: str) -> bool:
         try:
             if _written_by(experiment).fullmatch(name):
                 return True
-        except Exception:  # code of other people, which only their own runs need
+        except Exception:  # third-party code, needed only by its own runs
             continue
     return False
 

@@ -3,7 +3,7 @@
 Figures of an experiment are in the module `figures` of its package, such as `figures.flow.snapshots`. A notebook shows
 a figure as a picture; pyplot and its backend are not used. `figure.savefig` or `save` writes it.
 
-    save                   write a figure as PNG, PDF or SVG, one or two columns wide, with letters of its panels
+    save                   write a figure as PNG, PDF or SVG, one or two columns wide, with lettered panels
     Look                   formats, width and letters of the figures of a sweep
 
 Any packing

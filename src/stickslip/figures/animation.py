@@ -110,7 +110,7 @@ def _fit_texts(axes) -> None:
 def check_movie(path: Path, fps: int) -> None:
     """Raise ValueError or MissingExtraError if a movie cannot be written."""
     if path.suffix.lower() not in ENDINGS:
-        raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: use {' or '.join(ENDINGS)}")
+        raise ValueError(f"the name of a movie must end with {' or '.join(ENDINGS)}, got {path}")
     if not 1 <= fps <= 100:
         raise ValueError(f"frames per second must be from 1 to 100, got {fps}")
     if path.suffix.lower() == ".mp4":

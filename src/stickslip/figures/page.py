@@ -64,7 +64,7 @@ def folded(summary: str, content: str) -> str:
 
 
 def paragraph(text: str, *, kind: str = "") -> str:
-    """Paragraph of plain text; `kind` is soft, verdict, warning, or absent (for something that is missing)."""
+    """Paragraph of plain text; `kind` is soft, verdict, warning, or absent (for missing content)."""
     return f'<p class="{escape(kind)}">{escape(text)}</p>'
 
 

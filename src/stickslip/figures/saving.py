@@ -1,4 +1,4 @@
-"""Figures as files: PNG, PDF and SVG, one or two columns wide or for slides, with letters of the panels."""
+"""Figures as files: PNG, PDF and SVG, one or two columns wide or for slides, with lettered panels."""
 
 from contextlib import contextmanager
 from io import BytesIO
@@ -43,7 +43,7 @@ def save(
     """
     path = Path(path)
     if (kind := path.suffix.lower().removeprefix(".")) not in FORMATS:
-        raise ValueError(f"{path} ends with {path.suffix or 'nothing'!r}: use .png, .pdf or .svg")
+        raise ValueError(f"the name of a figure must end with .png, .pdf or .svg, got {path}")
     path.write_bytes(render(figure, kind, look_of(width=width, letters=letters, slides=slides)))
     return path
 

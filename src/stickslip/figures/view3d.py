@@ -44,7 +44,7 @@ WIDTHS = (
     1.0,
     2.0,
     4.0,
-)  # widths of contact lines, for force over its mean up to each value; the last for all above
+)  # widths of contact lines, one for each class of force over its mean; the last class is unbounded
 LINE = {2: 0.22, 3: 0.07}  # line width of a contact with the mean force, over the mean radius
 LINES = {"stick": BLUE, "slide": RED, "bond": BOND, "broken": BROKEN}  # names and colours of lines
 CEMENT = 2  # number of the width of bonds

@@ -24,7 +24,7 @@ from .packing import DENSEST, balance, check_radii, frictionless, packing_info, 
 LOOSE = {2: 0.72, 3: 0.50}  # packing fractions at the start, below those of random loose packings
 DEEPEST = 0.25  # largest overlap of a contact that carries the pressure, over the smallest radius
 RESOLVED = 1e3  # least force of such a contact over the tolerance
-SHARE = 0.15  # time step over the stable one of such a contact
+SHARE = 0.15  # time step over the largest stable one of such a contact
 AT_REST = (1e-4, 1e-6, 1e-8)  # unbalanced forces at which Newton's method is tried, over that of such a contact
 CRITICAL = 4.0  # drag of grains and cell times the time scale
 BLOCK, LONGEST = 0.02, 2000  # linear strain of loose grains between two reports, and largest number of steps
@@ -123,7 +123,7 @@ def compressed(
 def check_pressure(
     law: Law, pressure: float, *, radius: np.ndarray, mass: np.ndarray, dim: int, name: str = "pressure"
 ) -> None:  # fmt: skip
-    """Raise ValueError with one sentence if grains under a law cannot carry a pressure; `name` is its key."""
+    """Raise ValueError with a one-sentence message if grains under a law cannot carry a pressure; `name` is its key."""
     position = np.zeros((len(radius), dim))
     position[:, 0] = np.cumsum(2 * radius)
     start = assembly((disks if dim == 2 else spheres)(position, radius, mass=mass), cell=box(dim=dim))
@@ -177,8 +177,8 @@ def _force_between(start: State, law: Law, overlap: float) -> float:
 def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance: float, report) -> State:
     """Equilibrium of loose grains after slow compression by a cell that follows the stress.
 
-    The cell approaches L = V p/(M ℓ² ν) before grains touch. With L = 1/(κ t) and the drag ν = 4/t, its mass M makes
-    its oscillation against the stiffness κ p of the packing critically damped.
+    Before grains touch, the strain rate of the cell approaches L = V p/(M ℓ² ν). With L = 1/(κ t) and the drag ν = 4/t,
+    its mass M makes its oscillation against the stiffness κ p of the packing critically damped.
     """
     dim, p = state.cell.dim, pressure
     mass = critical_mass(state, p, scales)
@@ -208,7 +208,7 @@ def _compress(state: State, law: Law, pressure: float, scales: Scales, tolerance
 
 
 def critical_mass(state: State, pressure: float, scales: Scales) -> float:
-    """Mass with which the cell's oscillation against a packing is damped critically by the drag 4/t [mass]."""
+    """Mass for which the drag 4/t critically damps the cell's oscillation against a packing [mass]."""
     return volume(state) ** (1 - 2 / state.cell.dim) * pressure * scales.stiffness * scales.time**2 / CRITICAL
 
 

@@ -204,8 +204,8 @@ def fit_power(distances: np.ndarray, values: np.ndarray, width: float) -> tuple[
 
     The nearest three values determine 1/value = α distance^(−p) + β. Where a solution branch ends, or a real part
     vanishes, both quantities are analytic in the same coordinate, so that the first correction to the power is
-    proportional to the values, which is the constant β; so is the leading effect of another mode that takes over far
-    from the event.
+    proportional to the values: this is the constant β. The leading effect of another mode that takes over far from the
+    event has the same form.
 
     The error has two parts: the strain of the event is only known to lie within a bracket, and corrections of higher
     order are neglected. The latter are estimated by the first correction, or by the change without the nearest value if
@@ -317,7 +317,7 @@ def loss_ahead(point: Point, strain: float) -> float:
     from their change over a small part of `strain`. Contacts are tried one by one in the order of their loss.
 
     The law is evaluated at rest, as in quasi-static loading. Sliding started within a twentieth of a strain step of the
-    strain predicted at its beginning (50 disks, `tests/events/test_loss_ahead.py`).
+    strain predicted at the beginning of that step (50 disks, `tests/events/test_loss_ahead.py`).
     """
     response, state, part = point.response, point.state, PROBE * strain
     there = displaced(point.strained_to(point.strain + part), response.free, _coordinates(response, part))
@@ -337,7 +337,7 @@ def loss_ahead(point: Point, strain: float) -> float:
 
 
 def _margins(state, point: Point) -> np.ndarray:
-    """(C, 2) μ F_n − |F_t|, and F_n, of every pair in the list; both change linearly as long as no contact does."""
+    """(C, 2) μ F_n − |F_t|, and F_n, of every pair in the list; both change linearly while no contact changes mode."""
     line = linearise(state, point.judge.law, memory=FREE)
     pull = line.secant * np.linalg.norm(line.slip, axis=1)
     return np.stack([np.maximum(line.limit - pull, 0), line.force_n * line.closed], axis=1)

@@ -1,9 +1,10 @@
 """Points of a quasi-static path, forecasts of its next event, and the dynamics that determine its continuation.
 
-Forecasts are made from quantities that vanish at the event as a known power. Near a saddle node, the remaining strain
-is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates far from it if a contact of
-stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap between two real eigenvalues is
-linear in the strain. Contacts are predicted to reach the Coulomb limit, or to open, by linear extrapolation.
+Forecasts are made from quantities that vanish at the event as a known power of the remaining strain. Near a saddle
+node, the remaining strain is d = A λ² + B λ³ + …, where λ is the smallest real eigenvalue; the second term dominates
+far from it if a contact of stiffness √overlap is about to open. Near the birth of a complex pair, the squared gap
+between two real eigenvalues is linear in the strain. Contacts are predicted to reach the Coulomb limit, or to open, by
+linear extrapolation.
 """
 
 from collections.abc import Iterator
@@ -123,7 +124,7 @@ class Point:
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of the supported grains, or of all if only these are stable as a contact is about to open."""
+        """Eigenvalues of the supported grains, or of all if only the latter are stable (a contact is about to open)."""
         pruned = self.response.eigenvalues
         return (
             self.response.with_all_contacts
@@ -316,9 +317,9 @@ WINDOWS = (3, 4, 5, 6)  # number of steps from which the strain of an event is e
 FAR = 6.0  # number of strain steps beyond which no forecast is made
 LEVEL = 0.8  # level of the intervals
 SADDLE, PAIR, CONTACT = "softest eigenvalue", "gap of two real eigenvalues", "motion of contacts ahead"
-# Quantiles of ln(strain left / strain left by the extrapolation) where the event came, that with the scatter of the
-# windows contain LEVEL of them: of packings that `python -m benchmarks forecast` does not use, and of the saddle nodes
-# of the reference catalogue with even numbers of packings
+# Quantiles of ln(strain left / extrapolated strain left) where the event occurred; together with the scatter of the
+# windows they contain LEVEL of the events: of packings that `python -m benchmarks forecast` does not use, and of the
+# saddle nodes of packings with even numbers in the reference catalogue
 CALIBRATED = {SADDLE: (-1.0, 0.1, 1.4), PAIR: (-0.7, 0.4, 1.7), CONTACT: (-0.45, -0.03, 0.9)}
 
 
@@ -362,9 +363,10 @@ class Forecast(NamedTuple):
 
 
 def forecast(signs: Signs) -> list[Forecast]:
-    """Forecast of the next event, and of the next pair, from the last steps of a path; without a sign there is none.
+    """Forecast of the next event, and of the next pair, from the last steps of a path; those without a sign are
+    omitted.
 
-    For events, it is the earlier one of a saddle node and the loss of a contact.
+    For events, it is the earlier of a saddle node and the loss of a contact.
     """
     if not len(signs.strain):
         return []

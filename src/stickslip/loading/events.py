@@ -52,17 +52,17 @@ def find_events(
     under the drag and if the grains moved as the linear responses at both ends predict. Any other step is divided in
     halves, down to `resolution`; from the last stable state, dynamics with the drag then determines the next state. If
     this is not a continuation of the path, there is an *event*; `EventKind` and `Event` list its properties. Breaks of
-    bonds are also events: the path ends where the first bond is at its strength. It breaks, and dynamics determines the
-    next state, on the way to which others may break.
+    bonds are also events: the path ends where the first bond is at its strength. That bond breaks, and dynamics
+    determines the next state; others may break on the way.
 
     Parameters
     ----------
     state : packing in a periodic cell, without walls
     law : Law without dashpots; drag is the only dissipation
     to : strain at which the search ends, counted from the given state
-    drag : ν in m r̈ = F − m ν ṙ, for translations and rotations, without a default: a complex pair λ grows only if
-        Re λ < (Im λ/ν)², so that it is part of the definition of an event. Usual values are 0.2 to 2 over
-        `stable_time_step`, which is a tenth to once the highest frequency [1/time]
+    drag : ν in m r̈ = F − m ν ṙ, for translations and rotations, without a default: a complex pair λ grows only if Re λ
+    < (Im λ/ν)², so that the drag is part of the definition of an event. Usual values are 0.2 to 2 over
+    `stable_time_step`, or 0.1 to 1 times the highest frequency [1/time]
     step : largest strain step
     resolution : largest width of a bracket
     smallest : root mean square non-affine displacement of grains, in mean overlaps of the given state, above which a

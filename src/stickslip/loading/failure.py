@@ -193,8 +193,8 @@ def shear_to_failure(
         a bond; "first-break", the first break of a bond; or a strain, negative for shear in the opposite direction or
         unloading. Breaks on the way to it are events
     mode, reverse : deformation of the cell, see `aqs`; with "first-…", reverse=True lets the strain fall
-    step : largest strain step; default 0.02 mean overlaps over the mean diameter, as one digit; with bonds at most a
-        twentieth of the strain at which the first one breaks by linear response
+    step : largest strain step; default 0.02 mean overlaps over the mean diameter, rounded to one digit; with bonds at
+        most a twentieth of the strain at which the first one breaks by linear response
     limit : strain at which the path ends without an instability; default 500 steps
     drag : ν of the dynamics that determine events, see `find_events`; default a tenth of the highest
         frequency [1/time]
@@ -328,7 +328,7 @@ def _begin(how: Loading, state: State) -> PathStep:
 
 
 def _advance(how: Loading, before: PathStep, goal: float) -> PathStep:
-    """Strain step from an equilibrium to the next one, independent of anything else."""
+    """Strain step from an equilibrium to the next one; it depends on that equilibrium only."""
     judge = Judge(before.state, how.law, how.drag, how.prune, way=how.way)
     start = Point(abs(before.strain), before.state, judge, tolerated=before.tolerated)
     search = Search(start, how.step, how.resolution, SMALLEST)

@@ -69,9 +69,9 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
     balance, overlap and slip of each contact follow from its forces by the law, no contact exceeds the Coulomb limit or
     pulls, and no other grains overlap. The equations are linearised repeatedly until convergence; each linear problem
     is solved by an interior-point method. Contacts whose force vanishes open. Held grains need not balance, but their
-    positions count as measured like all others. Unknown errors are estimated: of positions from the gaps at contacts,
-    of forces from the imbalance of free grains; chi² is then of little significance. Tangential forces of spheres turn
-    with the branch vector of their contact, and errors are those of each component.
+    positions are measured quantities like all others. Unknown errors are estimated: of positions from the gaps at
+    contacts, of forces from the imbalance of free grains; chi² is then of little significance. Tangential forces of
+    spheres turn with the branch vector of their contact, and errors are those of each component.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ class _Network(NamedTuple):
         )
 
     def linearised(self, change: np.ndarray):
-        """A, b, G, h of the equations A z = b and inequalities G z ≥ h around a change."""
+        """Matrices A, G and vectors b, h of the linearised equations A z = b and inequalities G z ≥ h at a change."""
         m, (place, force_n, force_t) = self.measured, self.at(change)
         force_n, radii, count = np.maximum(force_n, self.least), m.radius[m.ends], len(force_n)
         to = _Directions.of(m, place)

@@ -385,7 +385,7 @@ def reduced_cell(state: State) -> State:
 
 
 def wrapped(state: State) -> State:
-    """Same packing with every grain in the cell, for unlimited flow; for states without springs to load points.
+    """Same packing with every grain in the cell, for unlimited flow; the state must have no springs to load points.
 
     Nothing physical changes: positions shift by whole cells, and images, keys and pair vectors are rewritten.
     """

@@ -42,7 +42,7 @@ def aqs(
 
     `ramp` measures γ from the first state, whose cell may be tilted.
 
-    Newton's method finds stable and unstable equilibria, and may end on another branch than that on which the step
+    Newton's method finds stable and unstable equilibria, and may end on a branch other than the one on which the step
     began. Stability is checked by the spectrum of the step. The branch is checked by the motion of the grains, which
     must continue that of the previous step or follow from the Jacobians at both ends. Otherwise the step is repeated in
     up to 16 smaller ones, which must lead to the same state.

@@ -43,7 +43,7 @@ def read_packing(path: str | Path, **options) -> Reading:
     parameters : dict, other parameters of that law, such as {"work": 1e-3} of jkr, or those of a Python file
     i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
-        in a dump; the last one by default, except of archives
+        in a dump; the last one by default, except in archives
     contacts : path of the `dump local` that belongs to the grains and provides their memory, of the table of measured
         forces, see `read_forces`, or of a table of bonds with columns i, j, kn, ks … (YADE) or pb_kn, pb_ks … (PFC)
     columns : names of its columns, i j dist dx dy dz fx fy fz tx ty tz, if not detected correctly from their contents

@@ -86,7 +86,7 @@ def strain_step(
     """Equilibrium after a small step of the strain of the cell, whose energies are posted to an account.
 
     If Newton's method stalls, or ends on another branch so that energies do not balance, dynamics strains the cell at a
-    constant rate within a few time scales, so that grains rearrange under stress, and then brings the sample to rest.
+    constant rate within a few time scales. Grains rearrange under stress, and the sample is then brought to rest.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _come_to_rest(
 def _damp(
     state: State, law: Law, scales: Scales, level: float, most: int, account: PathLedger | None
 ) -> tuple[State, Outcome, int]:
-    """Damped dynamics until the largest unbalanced force is below a level [force], and its number of steps."""
+    """Run damped dynamics until the largest unbalanced force is below a level [force]; also return its step count."""
     spent = 0
     while True:
         state, outcome = _advance(state, law, scales, BLOCK, level, account)
@@ -151,7 +151,7 @@ def _damp(
 def _advance(
     state: State, law: Law, scales: Scales, steps: int, level: float, account: PathLedger | None
 ) -> tuple[State, Outcome]:
-    """Damped dynamics of some steps, or until the largest unbalanced force is below a level that is not 0."""
+    """Run damped dynamics for some steps, or until the largest unbalanced force is below a nonzero level."""
     kept = {"every": POSTED, "ledger": POSTED} if account else {}
     dt = min(scales.dt, SHARE * stable_time_step(state, law)) if state.bonds else scales.dt  # bonds may be stiffer
     state, record, outcome = run(state, law, steps, dt, drag=SETTLING_DRAG / scales.time, tolerance=level, **kept)

@@ -140,8 +140,9 @@ def kinetic_threshold(
     The random numbers of each run depend only on the seed, the load, the velocity in natural units and the number of
     the run. Results do not depend on `workers`, nor on units unless the load itself has a unit.
 
-    The 95 % intervals contained the threshold of 400,000 velocities in 196 of 200 repetitions with ten kicks of a block
-    at each of 20 loads, and that of known curves in 118 of 120 (`tests/wings/studies/test_threshold.py`).
+    In 196 of 200 repetitions with ten kicks of a block at each of 20 loads, the 95 % interval contained the threshold
+    found with 400,000 velocities; for known curves, it did so in 118 of 120 cases
+    (`tests/wings/studies/test_threshold.py`).
 
     Parameters
     ----------
@@ -155,9 +156,9 @@ def kinetic_threshold(
     distance : distance that counts as sliding: shear strain of a cell whose shear follows a stress; or else
     displacement of a plate (rigid groups that are free to move) in mean diameters; or else median displacement of all
     grains
-    ramps : largest number of lasting runs, at the highest load with any, whose load is then lowered through the tried
-    loads. Each load acts for a duration, or longer while the sample slows down. The sample has stopped unless it slides
-    throughout, like a run that lasts
+    ramps : largest number of lasting runs, at the highest load that has any, whose load is then lowered through the
+    tried loads. Each load acts for a duration, or longer while the sample slows down. The sample has stopped unless it
+    slides throughout, like a run that lasts
     drag : of all runs [1/time]
     kept : storage of finished runs, which are not repeated
     report : called as report(stage, share done, text)
@@ -165,9 +166,9 @@ def kinetic_threshold(
     Raises
     ------
     ValueError
-        if a given load does not lie on the path, if loads do not rise along it, if a state of the path is not at rest
-        at its load, if a kick is negative, not finite or given twice, or moves grains by more than a radius in a step,
-        or if dt is longer than `stable_time_step` or a fortieth of `duration`.
+        if a given load does not lie on the path; if loads do not rise along it; if a state of the path is not at rest
+        at its load; if a kick is negative, not finite or given twice; if it moves grains by more than a radius in a
+        step; or if dt is longer than `stable_time_step` or a fortieth of `duration`.
     RuntimeError
         if a run blows up.
 
@@ -342,8 +343,8 @@ def _at_limit(state: State) -> bool:
 def travel(start: State, end: State) -> float:
     """Distance by which a sample has slid.
 
-    If the shear of the cell follows a stress, its shear strain. Otherwise the displacement of rigid groups that are
-    free to move, such as a plate, or without these the median displacement of all grains, in mean diameters.
+    This is the shear strain of the cell if its shear follows a stress. Otherwise it is the displacement of rigid groups
+    that are free to move, such as a plate, or without these the median displacement of all grains, in mean diameters.
     """
     control, count = start.control, len(start.grains.radius)
     shear = control.cell_free & ~np.eye(3, dtype=bool)
@@ -388,7 +389,7 @@ def _continue_slide(start: State, how: _Dynamics) -> tuple[State, list[float]]:
         ways.append(travel(before, end))
         if ways[-1] < how.distance / WINDOWS:
             return end, []
-    return end, ways if travel(start, end) >= how.distance else []  # otherwise it has moved to and fro
+    return end, ways if travel(start, end) >= how.distance else []  # otherwise it has moved back and forth
 
 
 def _run_leg(earlier: tuple[State, ...], state: State, how: _Dynamics, steps: int) -> tuple[tuple[State, ...], State]:

@@ -100,8 +100,8 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     not refuted
         A statement claimed always to hold, without a counterexample in the cases that were examined.
     undecided
-        Any other number, or one whose error is unknown, as for a single realization; nothing was measured; something
-        possible was not observed.
+        Any other number, or one whose error is unknown, as for a single realization; a missing measurement; a "can"
+        statement without an observed instance.
     no reference
         The paper prints nothing to compare with, even if another reference is given.
 
@@ -113,7 +113,7 @@ def verdict(paper: Value, measured: Value, tolerance: float, error: float | None
     ------
     ValueError
         If tolerance or error is negative, the tolerance is not finite, the quantifier is unknown, or a statement is
-        compared with a number, or a window with something that is not a window.
+        compared with a number, or a window with another kind of value.
     """
     paper, measured = to_builtin(paper), to_builtin(measured)
     if not 0 <= tolerance < math.inf:

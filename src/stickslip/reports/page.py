@@ -310,7 +310,7 @@ def check_output(path: Path, endings: tuple[str, ...], *, overwrite: bool = Fals
     made_from : files that are never replaced
     """
     if path.suffix.lower() not in endings:
-        raise ValueError(f"--out {path} ends with {path.suffix or 'nothing'!r}: use {' or '.join(endings)}")
+        raise ValueError(f"--out must end with {' or '.join(endings)}, got {path}")
     if not path.parent.is_dir():
         raise ValueError(f"{path.parent} is not a folder: create it first, or give another --out")
     belongs = _belongs_to_run(path)

@@ -90,9 +90,9 @@ def linearised(state: State, law: Law) -> LinearisedState:
 def imbalance(state: State, law: Law) -> float:
     """Largest component of an unbalanced force or torque/R over the mean normal contact force.
 
-    For each body, |F_n| is averaged over the contacts of its group of grains linked by contacts (for rattlers and held
-    bodies over all contacts), so that strong forces in one group do not hide an imbalance in a weaker one. Rattlers and
-    held bodies do not link others. The result is zero if no force acts, and infinite if forces act but no contact bears
+    For each body, |F_n| is averaged over the contacts of its connected group of grains (for rattlers and held bodies,
+    over all contacts), so that strong forces in one group do not hide an imbalance in a weaker one. Rattlers and held
+    bodies do not connect others. The result is zero if no force acts, and infinite if forces act but no contact bears
     them. If the cell is free, the largest difference between its stress and the imposed stress, over the larger of the
     two, is also included.
 

@@ -1,7 +1,7 @@
 """Normal form of the oscillatory instability near the birth of a complex pair.
 
 In mass-weighted coordinates y the motion around an equilibrium is ÿ = −A y + N(y). A pair λ_r ± iλ_i has the
-eigenvector p + iq, with the phase at which p·q = 0 and p is the longer part. The vectors u₀ = p and u₁ = q/λ_i satisfy
+eigenvector p + iq, whose phase is chosen so that p·q = 0 and |p| ≥ |q|. The vectors u₀ = p and u₁ = q/λ_i satisfy
 
     (A − λ_r) u₁ = u₀,   (A − λ_r) u₀ = −λ_i² u₁,
 
@@ -13,13 +13,13 @@ varies slowly, and at third order
 
 where N = ½ B(y, y) + C(y, y, y)/6, and m and s are the mean displacement and the second harmonic caused by quadratic
 forces: A m = B(u₀, u₀), (A − 4λ_r) s = ½ B(u₀, u₀). If β < 0, the growth ends at |a| = σ √(2/|β|) and the motion
-returns: a burst. If β > 0, growth becomes faster. There is no term of first order in a′, because the motion between
-sticking contacts is reversible in time.
+returns: a burst. If β > 0, growth becomes faster. There is no term of first order in a′, because motion in which all
+contacts stick is reversible in time.
 
 At finite amplitude, harmonic balance of a motion with all harmonics gives σ²(a) = [λ_i² + w₁·N₁(a)/a]/(4λ_r), where N₁
 is the first harmonic of N; then a′² = 2 ∫ σ²(a) a da.
 
-Smooth friction has a term |s| s. If a slip s changes sign, this term makes N₁ second order, so that β is valid for
+Smooth friction has a term |s| s. If a slip s changes sign, this term makes N₁ of second order in a. β is then valid for
 smaller amplitudes only, and the harmonic balance distinguishes bursts from runaway.
 
 Sources: the 1:1 resonance of reversible systems: Iooss & Pérouème, doi:10.1006/jdeq.1993.1034; slaved modes and
@@ -309,7 +309,7 @@ def _solver(matrix, shift: float, columns=None, rows=None):
 def cubic_coefficient(motion: Motion, plane: Plane, probe: float) -> tuple[float, float, float]:
     """β, its value without slaved modes, and its value if the second harmonic grows at twice the rate of the pair.
 
-    They follow from exact Jacobians displaced by `probe` along u₀, and by half of it.
+    All three follow from exact Jacobians at displacements along u₀ of ±`probe` and half of that.
     """
     u0, w1, square = plane.u0, plane.w1, plane.value.real
     plus, minus = ([motion.tangent(sign * size * u0) for size in (probe, 0.5 * probe)] for sign in (1, -1))
@@ -358,7 +358,7 @@ def growth_by_amplitude(motion: Motion, plane: Plane, amplitudes) -> Balance:
         if not change <= SETTLED * a * np.abs(plane.u0).max():
             if len(kept) > 1:
                 break
-            slaved = 0 * slaved  # so small an amplitude that round-off matters
+            slaved = 0 * slaved  # round-off matters at so small an amplitude
             continue
         kept.append(a)
         shapes.append(slaved)
@@ -449,7 +449,7 @@ def ellipse(plane: Plane):
 
 
 def balanced_motion(plane: Plane, balance: Balance, sigma: float):
-    """Motion of the harmonic balance; its part along q has grown with the rate of growth."""
+    """Motion of the harmonic balance; its part along q is proportional to the growth rate."""
     amplitudes = np.append(0.0, balance.amplitudes)
     shapes = balance.harmonics / np.maximum(amplitudes, amplitudes[1])[:, None, None] ** 2
     shapes[0] = shapes[1]

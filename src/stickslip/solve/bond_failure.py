@@ -71,8 +71,8 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
 
     The loads of bonds change linearly with the amount, by the Jacobian, each contact held in its mode. Load over
     strength is a convex function of the amount, so that a bond reaches its strength at most once. The amount is
-    accurate if it is so small that few contacts open, close or slide before: it agreed with steps of `equilibrate` to
-    0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`).
+    accurate if it is so small that few contacts open, close or slide before it is reached: it agreed with steps of
+    `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`).
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     Raises
     ------
     ValueError
-        without intact bonds, if the forces do not balance, if none or both of the two are given, or as in
-        `elastic_moduli`.
+        if there are no intact bonds, if the forces do not balance, if neither or both of `strain` and `stress` are
+        given, or as in `elastic_moduli`.
 
     Examples
     --------
@@ -192,7 +192,7 @@ def decisive_bonds(state: State, law: Law, *, most: NotNegative = 3) -> Decisive
     Raises
     ------
     ValueError
-        without intact bonds, beyond 2500 coordinates, or if the forces do not balance.
+        if there are no intact bonds or more than 2500 coordinates, or if the forces do not balance.
 
     Examples
     --------

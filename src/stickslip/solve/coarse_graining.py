@@ -15,7 +15,7 @@ from ..core.state import State, grain_volumes
 if TYPE_CHECKING:
     import xarray as xr
 
-CUT = 6.0  # radius of the Gaussian, in widths
+CUT = 6.0  # cutoff radius of the Gaussian, in widths
 MOST_POINTS, MOST_IMAGES = 10**7, 10**4
 CHUNK = 20_000  # number of sources whose weights are stored at once
 _FIELDS = {  # names, numbers of entries and units
@@ -28,28 +28,28 @@ _FIELDS = {  # names, numbers of entries and units
 def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive | None = None) -> "xr.Dataset":
     """Density, packing fraction, velocity and stress as fields on a grid.
 
-    With the Gaussian φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w, density is Σ m φ(x − x_i), the packing fraction
-    the same sum of grain volumes, velocity Σ m v φ/density, `stress` Σ f ⊗ r ∫ φ(x − x_i + s r) ds over 0 < s < 1 and
-    contacts, with the force f on i and the branch vector r (at a wall up to its surface), and `kinetic_stress`
-    Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The points of the grid are the middles
-    of equal parts of the cell.
+    The Gaussian is φ(r) = (2π w²)^(−dim/2) exp(−r²/2w²), cut at 6 w. The density is Σ m φ(x − x_i), the packing
+    fraction is the same sum of grain volumes, and the velocity is Σ m v φ/density. `stress` is Σ f ⊗ r ∫ φ(x − x_i + s
+    r) ds over 0 < s < 1 and contacts, with the force f on i and the branch vector r (at a wall up to its surface).
+    `kinetic_stress` is Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The cell is divided
+    into equal parts, whose centers are the grid points.
 
     Parameters
     ----------
     state : State, accepted
     law : Law
     width : standard deviation of the Gaussian [length]
-    spacing : distance of grid points along each axis of the cell, rounded to fit; default `width` [length]
+    spacing : grid spacing along each axis of the cell, rounded to fit; default `width` [length]
 
     Returns
     -------
     xarray.Dataset
         `density`, `packing_fraction`, `velocity`, `stress` of the elastic contact forces and `kinetic_stress` of
         velocity fluctuations, compression positive; tensors have the dimensions `component` (of the force) and
-        `along` (of the branch vector). Without grains nearby, the velocity is NaN. Dimensions are x, y, z, or a, b, c
-        along the vectors of a cell that leans, and x, y, z are then coordinates. Along directions that are not
-        periodic, the grid encloses the grains, and fields decrease to zero outside. The mean of `stress` over a
-        periodic cell is `measure.stress`
+        `along` (of the branch vector). Without grains nearby, the velocity is NaN. Dimensions are x, y, z; in a tilted
+        cell they are a, b, c along its vectors, and x, y, z are coordinates. Along directions that are not periodic,
+        the grid encloses the grains, and fields decrease to zero outside. The mean of `stress` over a periodic cell is
+        `measure.stress`
 
     Source
     ------
@@ -134,7 +134,7 @@ def _smooth(cell, points, origin, vectors, width: float, position, values) -> np
 
 
 def _images(cell, origin, vectors, reach: float, position) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and places of all periodic images of positions within reach of the box."""
+    """Rows and positions of all periodic images within reach of the box."""
     inverse = np.linalg.inv(vectors)
     margin = reach * np.linalg.norm(inverse, axis=0)  # reach as a fraction of the heights of the box
     share = (position - origin) @ inverse

@@ -1,7 +1,7 @@
-"""Search for equilibrium: Newton's method with strongly damped dynamics as a fallback, that dynamics alone, and FIRE.
+"""Search for equilibrium: Newton's method with strongly damped dynamics as a fallback, damped dynamics alone, and FIRE.
 
 A quench of a packing without friction minimises the elastic energy by FIRE, in one compiled loop. A step evaluates the
-normal forces of all pairs in the neighbour list, but no energy. The loop is interrupted only for a new list.
+normal forces of all pairs in the neighbour list, but no energy. The loop is interrupted only to renew the list.
 
 Source of FIRE: Bitzek et al., doi:10.1103/PhysRevLett.97.170201, with their parameters, and the step back of Guénolé et
 al., doi:10.1016/j.commatsci.2020.109584, when the motion turns uphill. The longest time step follows the stiffness.
@@ -43,7 +43,7 @@ FEW = 3000  # steps of damped dynamics in a stage before it starts again from th
 PATIENCE = (8, 1)  # in small and in large systems, see `patience_for`
 CHECKED = 12  # softest eigenvalues computed where dense algebra is too slow
 DRAG, STEP = 0.3, 0.2  # of damped dynamics, in units of the highest frequency
-# further drags, tried in turn: the softest modes of a nearly unjammed packing come to rest sooner, and a
+# weaker drags, tried in turn: with these the softest modes of a nearly unjammed packing come to rest sooner, and a
 # packing that creeps without end along one path may find a balance along another
 WEAK_DRAGS = (0.03, 0.01, 0.003)
 RELAXED, RELAX_DRAG, RELAX_STEP = 1e-14, 0.05, 0.1  # of `relax`: tolerance, drag, time step, in natural units
@@ -75,11 +75,11 @@ def equilibrate(
     """Bring a packing back to equilibrium after a step in load or strain.
 
     Newton's method with the exact Jacobian is tried first. If it stalls, strongly damped dynamics continues from there
-    until the residual is 30 % of its value, and Newton's method is tried again; the same is done at 1 % and 0.03 %.
-    If that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3,
-    3e-5, 3e-7 and 3e-9 of the mean contact force, each stage starting at the end of the previous one; finally, this is
+    until the residual has fallen to 30 %, and Newton's method is tried again; the same is done at 1 % and 0.03 %. If
+    that fails, dynamics starts from the beginning of the step, and Newton's method is tried at residuals of 3e-3, 3e-5,
+    3e-7 and 3e-9 of the mean contact force, each stage starting at the end of the previous one; finally, this is
     repeated with weaker and weaker drag. Bonds at their strength then break one by one, in the order of load over
-    strength, with a new equilibrium after each. Before that, only bonds that fade may break, in damped dynamics.
+    strength, with a new equilibrium after each. Before that, in damped dynamics, only fading bonds may break.
 
     Parameters
     ----------
@@ -87,11 +87,11 @@ def equilibrate(
         extrapolated to an overlap of the smallest diameter d, such as k_n d^{3/2}, or the round-off of forces if that
         is larger, as among grains of very different sizes
     keep : Factorisation, reused from one step of a path to the next
-    check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness, among all
-        directions if there are fewer than 700 coordinates and otherwise, unless the symmetric part of the stiffness is
-        positive, among the 12 softest, whenever a new matrix was needed (as long as one matrix leads from equilibrium
-        to equilibrium, the Jacobian is nearly the one already checked). "spectrum" also looks for complex pairs every
-        time, by a dense eigenvalue computation. "nothing" skips the check
+    check : stability check of the equilibrium. "buckling" looks for directions of negative stiffness whenever a new
+        matrix was needed. (As long as one matrix leads from equilibrium to equilibrium, the Jacobian is nearly the one
+        already checked.) It examines all directions if there are fewer than 700 coordinates, otherwise the 12 softest,
+        unless the symmetric part of the stiffness is positive. "spectrum" also looks for complex pairs every time, by a
+        dense eigenvalue computation. "nothing" skips the check
     steps : int, largest number of steps of damped dynamics in each stage; at most 3000 while it continues from where
         Newton's method stalled
 
@@ -139,7 +139,7 @@ def breaking(
     find: Callable[[State, Factorisation], tuple[State, Outcome]], state: State, keep: Factorisation,
     broke: Callable[[State, State], None] = lambda before, after: None,
 ):  # fmt: skip
-    """Equilibrium by `find` without bonds at their strength, which break one by one, with an equilibrium after each.
+    """Equilibrium found by `find`; bonds at their strength then break one by one, with a new equilibrium after each.
 
     `broke` is called with that equilibrium and with the same state without the bond.
     """
@@ -177,7 +177,7 @@ def _newton_or_dynamics(state: State, law: Law, tolerance: float, keep: Factoris
 
 
 def patience_for(state: State) -> int:
-    """Slow steps of Newton's method after which damped dynamics is faster."""
+    """Number of slow steps of Newton's method after which damped dynamics is faster."""
     return PATIENCE[len(freedom(state)) >= DENSE_BELOW]
 
 

@@ -25,7 +25,7 @@ from .linear import FACTORS_UP_TO, Dissection, FrontalFactor, count_below, disse
 from .probes import CLEAR, Effort, Motion, search_by_probes
 from .spectrum import REAL_BELOW, SoftModes
 
-BLOCK = 8  # vectors that are solved for together; multiplicities up to it are resolved
+BLOCK = 8  # number of right-hand sides solved together; eigenvalues up to this multiplicity are resolved
 BOTTOM = 560, 240  # vectors of the subspace at the bottom of the spectrum, up to REFINED_UP_TO coordinates and beyond
 POLISHING = 48, 96, 240, 560  # vectors of the subspaces that refine a pair, starting from it, tried in this order
 NEAR = 0.1  # largest relative change of an eigenvalue that is refined
@@ -35,7 +35,7 @@ ZERO_MODES = 1e-6  # share of the largest λ below which a mode counts as a zero
 ALONE = 100.0  # Im λ over the residual at which filters end for a pair that is not refined
 DENSE_BELOW = 1500  # coordinates for which LAPACK takes two seconds
 EFFORT = Effort()
-REFINED_UP_TO = 30_000  # coordinates: beyond, a pair keeps the precision of the filters, which saves a factorisation
+REFINED_UP_TO = 30_000  # coordinates beyond which a pair keeps the precision of the filters, to save a factorisation
 
 
 class ShiftWindow(NamedTuple):
@@ -208,7 +208,7 @@ class FastestPair(NamedTuple):
     frequency: float  # ω = |Re √λ| [1/time]
     residual: float  # ‖Av − λv‖/‖A‖ of the unit vector v = √M mode
     bottom: Bottom
-    exponent: float  # amplification exponent at which a pair above the bottom would have been seen
+    exponent: float  # amplification exponent at which a pair above the bottom would have stood out
     duration: float  # duration of the tangent dynamics; inf if all eigenvalues were computed [time]
     probes: int  # random initial vectors of the tangent dynamics
     candidates: list[ShiftWindow]  # windows computed; the first, if any, is that at the bottom
@@ -219,12 +219,12 @@ class FastestPair(NamedTuple):
 
     @property
     def looked(self) -> float:
-        """Growth rate above which the probes would have seen a pair; slower ones may be missed [1/time]."""
+        """Growth rate above which the probes would have revealed a pair; slower ones may be missed [1/time]."""
         return self.exponent / self.duration
 
     @property
     def guarantee(self) -> str:
-        """Guarantee on pairs other than the one found, in words."""
+        """Guarantee about pairs other than the one found, in words."""
         low, none = self.bottom, "no pair" if self.eigenvalue is None else "no other pair"
         faster = "grows" if self.eigenvalue is None else "grows faster"
         if np.isinf(low.limit):
@@ -279,7 +279,7 @@ def fastest_pair(
     The growth rate is g = |Im √λ| ≈ Im λ/(2√λ): fast pairs have low frequencies. All modes at the bottom of the
     spectrum are computed by shift and invert, and their number is compared with that of the symmetric part of the
     matrix. For higher modes, random probes run until the time `amplification`/`rate`, or until a mode that was found
-    has grown by exp(`amplification`), when any faster mode would stand out. Where power grows, filters extract
+    has grown by exp(`amplification`). By then, any faster mode would stand out. Where power grows, filters extract
     eigenvalues from the running probes, which distinguishes pairs from nearly degenerate real modes.
 
     Parameters
@@ -293,14 +293,15 @@ def fastest_pair(
     saved : file in which the search is saved every minute, and from which it continues; it is removed at the end
     dense_below : number of coordinates below which LAPACK computes all eigenvalues
     factors_up_to : number of coordinates up to which factors are computed, for the modes at the bottom and, up to
-        30,000 coordinates, to refine the pair to round-off. Beyond, the probes alone search the whole spectrum
+        30,000 coordinates, to refine the pair to round-off. Beyond that number, the probes alone search the whole
+        spectrum
 
     Notes
     -----
-    `FastestPair.guarantee` describes the knowledge about other pairs. If the symmetric part has as many eigenvalues
+    `FastestPair.guarantee` states how far other pairs are excluded. If the symmetric part has as many eigenvalues
     below a limit as were found, this indicates completeness for a weak skew part, but does not prove it. In single
     precision, `rate` must be above about 1e-6 of the largest frequency. Extracted pairs are eigenvalues of A in double
-    precision to the residual given, a hundredth of Im λ or, if filters converge slowly, at most a tenth.
+    precision, with the stated residual: a hundredth of Im λ or, if filters converge slowly, at most a tenth.
 
     Source
     ------
@@ -327,7 +328,8 @@ def find_fastest(
 ) -> FastestPair:
     """Fastest growing eigenvalue of a given A in the coordinates `free`; see `fastest_pair`.
 
-    With dashpots q̈ = −A q + `drag` q̇, λ = −s² of the fastest growing exponent s, which probes alone search.
+    With dashpots, q̈ = −A q + `drag` q̇, and the result is λ = −s² of the fastest growing exponent s, found by probes
+    alone.
     """
     touched = np.flatnonzero(abs(matrix).sum(axis=1) > 0)  # rattlers have rows of zeros
     if not len(touched):
@@ -406,7 +408,7 @@ def _search_bottom(windows: ShiftWindows, symmetric, skew: float) -> Bottom:
 
 
 def _widest_gaps(values: np.ndarray, top: float) -> np.ndarray:
-    """Middles of the widest gaps between positive values in the upper part of a range that ends at `top`, first."""
+    """Middles of the gaps between values in the upper quarter of the range from zero to `top`, widest gap first."""
     if not np.isfinite(top):
         return np.array([2 * values.max()])
     ends = np.append(np.sort(values[values > 0.75 * top]), top)

@@ -1,8 +1,8 @@
 """Statistics of a network of contact forces: chains, the strong network, anisotropies of contacts and forces.
 
 All functions accept a state with its law, or measured forces. The force of a bonded pair is that of its contact plus
-that of its bond, as in the stress: a pair whose contact and bond balance each other passes on nothing. Pairs then also
-pull; chains and the strong network of those are computed with `tension`.
+that of its bond, as in the stress: a pair whose contact and bond balance each other transmits no force. Bonded pairs
+may pull; `tension` selects the chains and the strong network of pulling pairs.
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -63,7 +63,7 @@ class ForceChains(NamedTuple):
     """Chains of grains that bear more than the mean, and their lengths."""
 
     chains: list[np.ndarray]  # grains of each in their order, longest first
-    lengths: np.ndarray  # (K,) grains of each
+    lengths: np.ndarray  # (K,) number of grains of each
     loaded: np.ndarray  # (N,) bool, grains whose largest principal stress is above the mean
     stress: np.ndarray  # (N,) largest principal value of Σ f ⊗ r, compression (or `tension`) positive [force length]
 
@@ -142,7 +142,7 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
 @checked
 @knows_bonds
 def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE, tension: bool = False) -> ForceChains:
-    """Force chains: three grains or more in a row, each of which bears more than the mean and passes it on.
+    """Force chains: rows of three or more grains, each of which bears more than the mean and passes it on.
 
     A grain is loaded if the largest principal value σ₁ of its Σ f ⊗ r is above the mean over grains with contacts, in
     which negative values count as zero. On each side of it, the next grain is the loaded one that pushes it in the
@@ -153,7 +153,7 @@ def force_chains(source: Source, law: Law | None = None, *, angle: float = ANGLE
     ----------
     source, law : as in `force_network`
     angle : largest angle between a link and the direction of σ₁ of both of its grains [degrees]
-    tension : chains of grains that pull, as bonded ones do: the same with opposite forces
+    tension : if True, find chains of pulling grains, such as bonded ones, by the same rules with opposite forces
 
     Source
     ------
@@ -231,7 +231,7 @@ def strong_network(source: Source, law: Law | None = None, *, tension: bool = Fa
     Parameters
     ----------
     source, law : as in `force_network`
-    tension : pulling contacts instead, such as bonds
+    tension : if True, use pulling contacts, such as bonds, instead
 
     Source
     ------
@@ -265,9 +265,10 @@ def strong_network(source: Source, law: Law | None = None, *, tension: bool = Fa
 def force_anisotropy(source: Source, law: Law | None = None) -> Anisotropy:
     """Anisotropies a_c, a_n, a_t of contact directions, normal and tangential forces, from second-order tensors.
 
-    In a plane, contacts are as frequent as 1 + a_c cos 2(θ − θ_c), their mean normal force is f₀ (1 + a_n cos 2(θ −
-    θ_n)), and the mean tangential one f₀ a_t sin 2(θ − θ_t); in space, with unit vectors n, 1 + n·A n and so on, and a
-    is √(3/2) |A|. a_t is negative if tangential forces reduce the deviator of the stress. Contacts of grains count.
+    In a plane, the frequency of contacts is proportional to 1 + a_c cos 2(θ − θ_c), their mean normal force is f₀ (1 +
+    a_n cos 2(θ − θ_n)), and their mean tangential force is f₀ a_t sin 2(θ − θ_t). In space, with unit vectors n, these
+    are 1 + n·A n and so on, and a is √(3/2) |A|. a_t is negative if tangential forces reduce the deviator of the
+    stress. Only contacts between grains count.
 
     Parameters
     ----------

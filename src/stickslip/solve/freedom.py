@@ -254,7 +254,7 @@ def _block_matrix(state: State, blocks: np.ndarray):
     else:
         values = triplets(state._replace(contacts=state.contacts._replace(i=i, j=j)), block)[2]
     values = values.reshape(-1, 6, 6)
-    # 64 bits: places of more than 46,340 bodies exceed 32
+    # 64 bits: block numbers of more than 46,340 bodies exceed 32 bits
     place = np.concatenate([i, i, j, j]).astype(np.int64) * state.n_bodies + np.concatenate([i, j, i, j])
     order = np.argsort(place, kind="stable")
     place = place[order]
@@ -271,9 +271,9 @@ class EquationsOfMotion(NamedTuple):
 
     jacobian: sparse.csr_array  # (n, n) J = ∂f/∂q, in general not symmetric [force/length]
     damping: sparse.csr_array  # (n, n) C = ∂f/∂q̇ of the dashpots [force time/length]
-    mass: np.ndarray  # (n,) diagonal of M; of a rotation, whose coordinate is R·angle, I/R² [mass]
+    mass: np.ndarray  # (n,) diagonal of M; I/R² for a rotation, whose coordinate is R·angle [mass]
     force: np.ndarray  # (n,) f, the unbalanced force [force]
-    body: np.ndarray  # (n,) body of each coordinate: grains first, then walls; their number for the cell
+    body: np.ndarray  # (n,) body of each coordinate: grains first, then walls; for the cell, the number of bodies
     axis: np.ndarray  # (n,) 0, 1, 2 for x, y, z; 3, 4, 5 for rotations about them; 6 for the cell
 
 
@@ -379,7 +379,7 @@ def displaced(state: State, free: Freedom, step: np.ndarray) -> State:
 
 
 def moving(state: State, free: Freedom, rate: np.ndarray) -> State:
-    """State whose free coordinates have the velocities `rate` (n,) [length/time], and all others none."""
+    """State whose free coordinates have the velocities `rate` (n,) [length/time]; all others are at rest."""
     full, grains, n = free.spread(rate), state.grains, len(state.grains.radius)
     strain_rate = free.strain(rate) if free.length else np.zeros((3, 3))
     return state._replace(

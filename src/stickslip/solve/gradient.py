@@ -110,8 +110,8 @@ def eigenvalue_gradient(state: State, law: Law) -> Gradient:
 
     A load, radius or stiffness p also moves the equilibrium, by dq = −J⁻¹ ∂f/∂p, and slips follow. One solve with Jᵀ
     for the adjoint μ, Jᵀμ = −∂λ/∂q, gives dλ/dp = ∂λ/∂p + μᵀ ∂f/∂p for all p. The blocks of contacts are differentiated
-    by central differences, all grains of one colour of the contact network at once. With dashpots, the exponent s of
-    M s² v = (J + s C) v that grows fastest takes the place of λ, ds = uᴴ(dJ + s dC)v/(uᴴ(2 s M − C)v).
+    by central differences, for all grains of one colour of the contact network at once. With dashpots, the exponent s
+    of M s² v = (J + s C) v that grows fastest takes the place of λ, ds = uᴴ(dJ + s dC)v/(uᴴ(2 s M − C)v).
 
     Raises
     ------
@@ -278,7 +278,7 @@ class _Task(NamedTuple):
     here: LinearisedState
     answer: _Mode | _Modulus | None
     steps: np.ndarray  # (B,) [length]
-    colours: np.ndarray  # (B,) such that no pair in the list has two bodies of one colour
+    colours: np.ndarray  # (B,) such that no two bodies of a pair in the list have the same colour
 
     def contributions(self, state: State, law: Law | None = None, loads=None) -> np.ndarray:
         """(C,) complex contributions of the contacts to the answer, and to μᵀf for μ at the contacts (C, 6)."""
@@ -389,7 +389,7 @@ def deciding_vectors(here: LinearisedState) -> tuple[complex, np.ndarray, np.nda
 
 
 def _deciding_exponent(here: LinearisedState) -> _Mode:
-    """Exponent s with the largest real part, of positive frequency, without those of zero."""
+    """Nonzero exponent s of positive frequency with the largest real part."""
     free, n = here.backbone, len(here.backbone)
     damping = -mass_weighted(assembled(here.state, blocks_of(here.state, here.law, here.line)[1], free), free).toarray()
     first = np.block([[np.zeros((n, n)), np.eye(n)], [-here.dynamical_matrix(free).toarray(), damping]])
@@ -426,7 +426,7 @@ def _steps(state: State) -> np.ndarray:
 
 
 def _colours(state: State) -> np.ndarray:
-    """(B,) colours such that no pair in the list has two bodies of one colour."""
+    """(B,) colours such that no two bodies of a pair in the list have the same colour."""
     near: list[set[int]] = [set() for _ in range(state.n_bodies)]
     count = int(state.contacts.count[0])
     for a, b in zip(state.contacts.i[:count].tolist(), state.contacts.j[:count].tolist(), strict=True):

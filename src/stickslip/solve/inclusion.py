@@ -21,7 +21,7 @@ from .gradient import STENCIL
 from .moduli import elastic_moduli, solve_resisted
 
 FEWEST, GRAINS = 5, 10  # least numbers of rings in a fit, and of grains in a ring
-MANY = 10  # number of centers from which errors are estimated from the scatter between them
+MANY = 10  # least number of centers whose scatter gives the errors; with fewer, sectors are used
 STRONG = 6.0  # smallest significant difference of AICc: a likelihood ratio of 20
 CONFIDENCE = 0.95  # confidence of intervals
 ELASTIC_BELOW = 1e-6  # |κ| r below which the functions of elasticity are used
@@ -49,7 +49,7 @@ class Rings(NamedTuple):
 
 @readable
 class DisplacementFit(NamedTuple):
-    """Fit of w'' + w'/r − w/r² = −κ² w to w = u_r + i u_θ, κ² = κ_e² + iκ_o², or of its like in three dimensions.
+    """Fit of w'' + w'/r − w/r² = −κ² w to w = u_r + i u_θ, κ² = κ_e² + iκ_o², or of its three-dimensional counterpart.
 
     w = near f(r) + far g(r), with f → 1/r^(dim−1) and g → r where |κ| r is small.
     """
@@ -109,7 +109,7 @@ class ScreeningFits(NamedTuple):
 
 
 def rings_of(offset, components, counted, width: float, within: tuple[float, float]) -> Rings:
-    """Means over rings of a width between two distances, whose errors are those of centers or sectors.
+    """Means over rings of a given width between two distances; errors follow from the scatter of centers or sectors.
 
     Parameters
     ----------
@@ -256,9 +256,9 @@ class Inflation(NamedTuple):
 
     growth: float  # relative growth of their radii
     centers: np.ndarray  # (M,) inflated grains
-    offset: np.ndarray  # (M, N, dim) position relative to the center before, of the nearest image [length]
+    offset: np.ndarray  # (M, N, dim) initial position of the nearest image relative to the center [length]
     displacement: np.ndarray  # (M, N, dim) without its mean if nothing holds the packing in place [length]
-    counted: np.ndarray  # (M, N) counted grains: free, no rattlers, not inflated
+    counted: np.ndarray  # (M, N) counted grains: free, not rattlers, not inflated
     diameter: float  # mean [length]
     outer: float  # distance up to which circles or spheres around all centers are whole [length]
     volume: float  # volume of the periodic cell; NaN if grains are held, or there are walls or open sides
@@ -312,8 +312,8 @@ def inflate(
 ) -> Inflation:
     """Linear response to the inflation of a grain: u = −J⁻¹ ∂f/∂R · growth · R, each contact held in its mode.
 
-    A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`. They differed by up to
-    0.02 % of the largest displacement for a growth of 1e-6, and by 0.2 % for 1e-5 (`tests/modes/test_inclusion.py`).
+    A contact that slides keeps sliding, even if it would stick in a step of `protocols.inflate`. The two differed by up
+    to 0.02 % of the largest displacement for a growth of 1e-6, and by 0.2 % for 1e-5 (`tests/modes/test_inclusion.py`).
 
     In an isotropic elastic body the mean of u_r over a circle or sphere is A/r^(dim−1) + B r (Lamé). In a periodic cell
     of area or volume V, B = −πA/V or −4πA/3V, and A = M/(2π(K + G)) or M/(4π(K + 4G/3)), with the force dipole M =
@@ -322,9 +322,9 @@ def inflate(
     Parameters
     ----------
     grain : number of the grain, or of several, each inflated alone, whose displacements are averaged; default: the
-        grain nearest to the middle. All of them take one factorisation
-    growth : relative change of the radius, below that at which a contact opens, closes or begins to slide
-    within : grains whose centers are at most so far from the given one grow with it [length]
+        grain nearest to the middle. One factorisation serves all of them
+    growth : relative change of the radius, so small that no contact opens, closes or begins to slide
+    within : distance from the given center within which other grains grow with it [length]
 
     Raises
     ------
@@ -334,7 +334,7 @@ def inflate(
 
     Source
     ------
-    Lemaître et al., doi:10.1103/PhysRevE.104.024904, for the question; Landau & Lifshitz, Theory of Elasticity, § 7.
+    Lemaître et al., doi:10.1103/PhysRevE.104.024904, for the problem; Landau & Lifshitz, Theory of Elasticity, § 7.
 
     Examples
     --------
@@ -350,7 +350,7 @@ def inflate(
     free = here.backbone
     matrix = stiffness_of(here.state, here.line, blocks_of(here.state, law, here.line)[0], free)
     pulls = np.array([_pull(here, rows, free) for rows in grown]).T
-    scale = state.grains.radius.mean()  # forces over it are of the order of J
+    scale = state.grains.radius.mean()  # forces divided by it are of the order of J
     motion = scale * solve_resisted(matrix, pulls / scale, free, "an inflated grain").T
 
     def at(k: int, growth: float) -> State:
@@ -410,7 +410,7 @@ def as_inflation(here: LinearisedState, centers, grown, growth, displacement, en
 
 
 def _moves(here: LinearisedState) -> np.ndarray:
-    """(N,) grains that are free in all directions of translation, and no rattlers."""
+    """(N,) grains that are free in all directions of translation and are not rattlers."""
     return here.state.control.free[: len(here.loose), : here.state.cell.dim].all(axis=1) & ~here.loose
 
 

@@ -75,7 +75,7 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
     ----------
     a, g : (m, n) and (k, n) sparse, k > 0
     b, h : (m,) and (k,)
-    bent, around : (n, n) sparse H and (n,) z₀ of a further term (z − z₀)ᵀ H (z − z₀)/2; None: there is none
+    bent, around : (n, n) sparse H and (n,) z₀ of a further term (z − z₀)ᵀ H (z − z₀)/2; default: no such term
 
     Source
     ------
@@ -114,6 +114,6 @@ def nearest_point(a, b: np.ndarray, g, h: np.ndarray, bent=None, around=0.0) -> 
 
 
 def _reach(value: np.ndarray, step: np.ndarray) -> float:
-    """Longest step along which all values stay positive, at most that which makes the length one."""
+    """Longest step along which all values stay positive, at most 1/BACK, for a full step after the factor BACK."""
     falls = step < 0
     return min(1 / BACK, (-value[falls] / step[falls]).min(initial=np.inf))

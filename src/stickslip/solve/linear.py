@@ -29,7 +29,7 @@ RESTART = 100  # vectors that GMRES stores
 Solve = Callable[[np.ndarray], np.ndarray]
 LEAF = 24  # bodies that nested dissection does not divide further
 HUB = 8  # bodies with this many times the mean number of neighbours, such as walls, are eliminated last
-FACTORS_UP_TO = 90_000  # coordinates: factors of 60,000 take 3 GiB, of twice as many seven
+FACTORS_UP_TO = 90_000  # coordinates: factors of 60,000 take 3 GiB, those of twice this number 7 GiB
 
 
 @cache
@@ -235,7 +235,7 @@ def dissect(state: State, free: Freedom, coordinates: np.ndarray, matrix) -> Dis
 
 
 def _cut(graph, side: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Halves of sorted nodes without the smaller set that separates them, and that set."""
+    """Halves of sorted nodes without the smaller of the two sets that separate them, and that set."""
     half = len(nodes) // 2
     first, second = nodes[:half], nodes[half:]
     side[first], side[second] = 1, 2
@@ -316,7 +316,7 @@ def _assemble(rows, columns, first: int, last: int, parts, local: np.ndarray) ->
     front[local[below[kept]], at[kept]] = columns.data[b[first] : b[last]][kept]
     for rest, complement in parts:
         part, width = np.asfortranarray(complement).T, 1 + np.iscomplexobj(front)
-        # NumPy's indexing would take half of the time of a factorisation
+        # NumPy's indexing would take half the time of a factorisation
         core.extend_add(len(rest), width, local[rest], part.view(float), len(front), front.T.view(float))
     return front, border
 
@@ -331,7 +331,7 @@ def count_below(matrix, shift: float, order: Dissection) -> int:
 
 
 class _SignCount(FrontalFactor):
-    """Negative eigenvalues of a symmetric matrix: the sum over all blocks of pivots (Haynsworth)."""
+    """Number of negative eigenvalues of a symmetric matrix: the sum over all blocks of pivots (Haynsworth)."""
 
     def _eliminate(self, front: np.ndarray, first: int, last: int, border: np.ndarray) -> np.ndarray:
         m = last - first

@@ -88,7 +88,7 @@ class ElasticModuli(NamedTuple):
         """K^o of the isotropic part of C in two dimensions, zero in three (Scheibner, doi:10.1038/s41567-020-0795-y).
 
         With s₂ = G_xx − G_yy, s₃ = G_xy + G_yx and tension τ, τ_xx − τ_yy = 2G s₂ + 2K^o s₃, τ_xy + τ_yx = 2G s₃ −
-        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), does work of 2K^o times its area, per volume.
+        2K^o s₂. A cycle of strain, counterclockwise in (s₂, s₃), does work of 2K^o times its area per unit volume.
         """
         return float(self._planar[2, 3] - self._planar[3, 2]) / 2 if self.dim == 2 else 0.0
 
@@ -301,14 +301,14 @@ def moduli_bounds(state: State, law: Law) -> ModuliBounds:
 
     Voigt: all grains move with the cell and do not rotate; the elastic energy of any motion is not below the true one.
     Reuss: contact forces that balance on each grain, torques included, and add up to the stress; the complementary
-    energy of any such forces is not below the true one. Those with the smallest Σ|f|² are used, the forces in a packing
-    whose contacts are equally stiff along and across the normal. Both are theorems for forces that have a potential:
-    they hold for packings without sliding contacts, up to terms of the order of stress over stiffness.
+    energy of any such forces is not below the true one. Those with the smallest Σ|f|² are used; they are the forces in
+    a packing whose contacts are equally stiff along and across the normal. Both are theorems for forces that have a
+    potential: they hold for packings without sliding contacts, up to terms of the order of stress over stiffness.
 
     Raises
     ------
     ValueError
-        as `elastic_moduli`, or if no forces balance under some stress.
+        as in `elastic_moduli`, or if no forces balance under some stress.
 
     Source
     ------

@@ -18,7 +18,7 @@ from .freedom import Freedom, displaced, freedom, jacobian, residual_vector
 from .linear import DENSE_BELOW, Solve, block_diagonal_solve, factorised, iterate
 
 BALANCED = 1e-14  # default tolerance, in natural units of force
-SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # added to −J in units of its largest diagonal entry, the next if one fails
+SHIFTS = (1e-9, 1e-5, 1e-3, 1e-1)  # shifts of −J in units of its largest diagonal entry, tried in turn
 CHORD = 0.2  # a step with a stored factor must reduce the residual to this fraction
 KRYLOV = 20  # iterations above which a preconditioner is too old
 ITERATIONS = 300  # iterations without a factor after which a factorisation is worthwhile
@@ -26,7 +26,7 @@ FORCING = 1e-2  # relative residual to which linear systems are solved by iterat
 SLOW = 0.05  # a step that leaves a larger fraction of the residual is too short, or its matrix too old
 LOOSE = 1e-4  # fraction of the largest stiffness below which a coordinate is loose
 VANISHING = 0.45  # largest remaining fraction of an overlap after a step if the contact vanishes; in theory 1/3
-OPENING = 1.6  # longer step that opens contacts, for which 3/2 is enough
+OPENING = 1.6  # factor of the longer step that opens contacts, for which 3/2 is enough in theory
 
 
 class Factorisation:
@@ -113,7 +113,8 @@ def newton(
 
     Parameters
     ----------
-    tolerance : float, largest unbalanced force or torque/R [force]; default: 1e-14 of the force of `equilibrate`
+    tolerance : float, largest unbalanced force or torque/R [force]; default: 1e-14 of the force defined in
+    `equilibrate`
     iterations : int, largest number of linear solves
     patience : int, number of steps that may each leave more than half of the residual; default: all
     keep : Factorisation, used as a first guess and updated, for reuse along a path
@@ -287,7 +288,8 @@ def _search(point: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> Tri
 def _open_vanishing(point: TrialPoint, closer: TrialPoint, law: Law, free: Freedom, step: np.ndarray) -> TrialPoint:
     """Trial point with a longer step of the bodies that lose all contacts, if that reduces the residual further.
 
-    There F ~ overlap^(3/2), so that a step leaves a third of the overlap, and Newton's method alone never ends.
+    In such contacts F ~ overlap^(3/2), so that a step leaves a third of the overlap, and Newton's method alone never
+    ends.
     """
     rows = np.flatnonzero(point.trial.mode[: point.trial.count[0]] != OPEN)
     ends = np.stack([point.trial.i[rows], point.trial.j[rows]], axis=1)

@@ -1,6 +1,6 @@
 """All complex pairs of −M⁻¹J for large systems: modes of the symmetric part, coupled in windows; and their certificate.
 
-Candidates come from windows of modes of S, A = S + K, that are coupled by the skew part K. Real eigenvalues are
+Candidates come from windows of modes of S that the skew part K couples, where A = S + K. Real eigenvalues are
 certified by Gershgorin discs after similarity passes, in floating point.
 """
 
@@ -129,7 +129,7 @@ def find_candidates(basis: Basis, report: Report) -> list[Cluster] | None:
     """Clusters that are or may be pairs; None if K is too strong for windows."""
     report(STAGE, 0.65, "windows")
     clusters = []
-    # an eigenvalue near the border of two windows is taken by both; duplicates are removed after refinement
+    # an eigenvalue near the border of two windows is found in both; duplicates are removed after refinement
     margin = 10 * NEAR_PAIR * basis.scale
     n, sorted_diagonal = len(basis.diagonal), np.sort(basis.diagonal)
     for first in range(0, n, WINDOW):
@@ -322,9 +322,9 @@ def complex_pairs(
 
     M^(−1/2)(−J)M^(−1/2) = S + K with a skew part K that is about 1e-3 of S in size. A pair is born where K couples two
     nearly degenerate modes of S by more than their separation. S is diagonalised in single precision. Windows of its
-    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues too
-    close to forming a pair for a decision, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of
-    the largest |λ|. Dense LAPACK is used where K is too strong (sliding contacts) and for small systems.
+    modes are coupled by K in double precision; all modes outside enter to second order. Pairs, and eigenvalues that may
+    form a pair, are refined as invariant subspaces of A itself and counted if Im λ > 1e-9 of the largest |λ|. Dense
+    LAPACK is used where K is too strong (sliding contacts) and for small systems.
 
     Parameters
     ----------

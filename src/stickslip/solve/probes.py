@@ -3,9 +3,9 @@
 The leapfrog q_{n+1} − 2q_n + q_{n−1} = −dt² A q_n near the largest stable step is the Chebyshev recurrence. A mode with
 √λ = ω + ig advances by θ + iγ per step, λ = (4/dt²) sin²((θ + iγ)/2), so that its power grows as exp(2γn) at frequency
 θ. Sums of q_n with the weights of a frequency filter span the growing modes there; their eigenvalues follow from A
-in that span. With dashpots, q̈ = −A q + D q̇, λ = −s² for the exponents s = g − iω. Their forces lag by half a step in a
-search, which damps a mode by too little, cos(θ/2). While filters run, they follow from two velocities with weights for
-which the modes at the frequency of the first peak are those of the equation.
+in that span. With dashpots, q̈ = −A q + D q̇, and λ = −s² for the exponents s = g − iω. In a search, the forces of
+dashpots lag by half a step, which reduces the damping of a mode by the factor cos(θ/2). While filters run, these forces
+follow from two velocities, with weights that make modes at the frequency of the first peak exact.
 """
 
 import hashlib
@@ -38,11 +38,11 @@ NOISE = 1e-6  # share of the largest |λ| below which Im λ is not distinguished
 GAIN, PASSES, MOST_PASSES = 2.0, 6, 12  # exponent by which a pair grows while filters run once, and how often they run
 STALLED = 1.2  # after PASSES filters run on only while Im λ over its residual grows by this factor
 CLEAR = 10.0  # Im λ over the residual that is accepted after the last pass
-FAR = 150.0  # logarithm of an amplitude beyond which probes do not run on, since double precision ends at 700
+FAR = 150.0  # logarithm of the amplitude at which probes stop, since double precision ends at 700
 STAGE = "random probes in a leapfrog"  # name in progress reports
 SHORT = 60.0  # time above which an estimate is shown [s]
 ROUNDS = 8  # peaks at the end of a run for which filters run
-SAVED_EVERY = 60.0  # seconds between two savings of a search
+SAVED_EVERY = 60.0  # interval at which a search is saved [s]
 
 
 class Effort(NamedTuple):
@@ -66,7 +66,7 @@ class Motion(NamedTuple):
     def time_step(self) -> float:
         """Time step of the leapfrog [time]. The limit is dt² λmax = 4; the margin exceeds errors of λmax.
 
-        With dashpots dt² λmax + 2 dt ‖D‖ stays below 2, where their forces damp all modes, whichever peak is tuned to.
+        With dashpots dt² λmax + 2 dt ‖D‖ stays below 2, so that their forces damp all modes for any tuning.
         """
         drag, most = (0.0, 3.61) if self.drag is None else (abs(self.drag).sum(axis=1).max(), 1.805)
         return most / (drag + np.sqrt(drag**2 + most * self.norm))
@@ -76,11 +76,11 @@ class ProbeRun:
     """Probes advanced by the leapfrog, and power spectra of random sums of their coordinates."""
 
     def __init__(self, motion: Motion, span: int, probes: int, rng):
-        matrix, size = motion.matrix, -(-motion.matrix.shape[0] // ROWS) * ROWS  # zeros are added, where nothing moves
+        matrix, size = motion.matrix, -(-motion.matrix.shape[0] // ROWS) * ROWS  # padded with zeros, which do not move
         self.dt, self.span, self.spectra, self.log_scale, self.seen = motion.time_step, span, [], 0.0, np.inf
         pull, self.product = _blocks((-(self.dt**2)) * matrix, size)
         self.dampers = (None, None, None) if motion.drag is None else _blocks(self.dt * motion.drag, size)[1]
-        self.weights = 1.0, 0.0  # of the last two velocities in the forces of dashpots
+        self.weights = 1.0, 0.0  # weights of the last two velocities in the forces of dashpots
         self.q = [rng.standard_normal((size, LANES), np.float32) for _ in range(-(-probes // LANES))]
         # velocities half a step before the start, where the probes are at rest
         self.v = [np.ascontiguousarray(-0.5 * (pull @ q), np.float32) for q in self.q]
@@ -102,12 +102,12 @@ class ProbeRun:
         return (time.perf_counter() - begin) / 2 * steps
 
     def tune(self, value: complex | None) -> None:
-        """Choose the weights for which dashpots act without error on modes at the frequency of a peak, or the lag.
+        """Choose the weights for which dashpots act without error on modes at the frequency of a peak, or else the lag.
 
         They solve now exp(−iθ/2) + before exp(−3iθ/2) = 1.
         """
         theta = 0.0 if value is None else self.angle(value)
-        exact = 1e-3 < theta < np.pi / 2  # of higher ones, weights would drive slow modes
+        exact = 1e-3 < theta < np.pi / 2  # at higher frequencies, the weights would drive slow modes
         self.weights = (np.sin(1.5 * theta) / np.sin(theta), -0.5 / np.cos(0.5 * theta)) if exact else (1.0, 0.0)
 
     def _leap(self, q: np.ndarray, v: np.ndarray, previous: np.ndarray | None, record: np.ndarray, extra) -> None:
@@ -152,7 +152,8 @@ class ProbeRun:
     def _excess(self, leaks: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
         """Power gained since the first span, the least that stands out, and the power of a mode of unit amplitude.
 
-        If a growing mode `leaks` into most frequencies, that is no noise: 8.5 times the first power stands out there.
+        If a growing mode `leaks` into most frequencies, their power is not noise: there, 8.5 times the first power
+        stands out.
         """
         first, now = self.spectra[0], self.spectra[-1]
         ratio = now / np.maximum(first, 1e-12 * first.max())
@@ -166,7 +167,7 @@ class ProbeRun:
     def _note_what_is_seen(self) -> None:
         """Store the growth rate at which a mode excited with 1/FAINT of the mean power has stood out [1/time].
 
-        It is the least one until now: later, modes that have grown may drown the spectrum.
+        It is the smallest rate so far, because modes that have grown may drown the spectrum later.
         """
         _, least, unit = self._excess()
         seen = float(np.log(FAINT * least.max() / unit)) / (2 * self.dt * self.span * (len(self.spectra) - 0.5))
@@ -222,7 +223,7 @@ class RitzModes(NamedTuple):
 class Filters:
     """Sums of the first LANES probes over some spans, weighted by Hann's taper and the phase of each peak.
 
-    Each of LANES/2 filters is complex and takes one probe: each peak has the probes that it excites most.
+    Each of the LANES/2 complex filters uses one probe; each peak is assigned the probes in which it is strongest.
     """
 
     def __init__(self, run: ProbeRun, peaks: list[complex], spans: int):
@@ -358,7 +359,7 @@ class GrowingModes:
 
 
 def _covers(known: list[tuple[float, float, float]], value: complex, growth: float, time: float) -> bool:
-    """Return True for a known peak; later it may reveal a faster mode nearby, by more than its excitation."""
+    """Return True for a known peak, unless it has grown by more than strong excitation of the known mode explains."""
     frequency = np.sqrt(complex(value)).real
     return any(abs(frequency - centre) < width and (growth - g) * time < EXCITED for centre, width, g in known)
 
@@ -366,7 +367,7 @@ def _covers(known: list[tuple[float, float, float]], value: complex, growth: flo
 def search_by_probes(
     motion: Motion, disc: tuple, growth: float, effort: Effort, report: Report, path: Path | None, clear: float
 ) -> tuple[GrowingModes, ProbeRun, list[tuple[complex, float]]]:
-    """Run probes until slower modes than `rate`, or than the fastest one known, would stand out.
+    """Run probes until modes slower than `rate`, or than the fastest one known, would stand out.
 
     Parameters
     ----------
@@ -465,7 +466,7 @@ class SavedSearch:
         self.digest = content.hexdigest()
 
     def save(self, run: ProbeRun, modes: GrowingModes, finished: bool = False) -> None:
-        """Replace the file, all or nothing, unless it was written a moment ago and the search goes on."""
+        """Replace the file atomically, unless it was written a moment ago and the search continues."""
         if not finished and time.monotonic() - self.last < SAVED_EVERY:
             return
         part = self.path.with_name(f".{self.path.stem}.{os.getpid()}.npz")

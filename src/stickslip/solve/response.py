@@ -153,12 +153,13 @@ def frequency_response(
 ) -> FrequencyResponse:  # fmt: skip
     """Transfer function C (A + iωD − ω²)⁻¹ B of the motion M q̈ = J q + C q̇ − M ν q̇ around an equilibrium.
 
-    The steady response to small drives Re d exp(iωt), with each contact held in its mode. If a mode grows, the function
-    exists, but no motion settles to it: see `damped_growth`. Rattlers do not move. In a free cell, displacements of
-    grains are those beyond the affine motion ε x of the cell, and a force on a grain does not strain it directly.
+    This is the steady response to small drives Re d exp(iωt), with each contact held in its mode. If a mode grows, the
+    function exists, but no motion settles to it: see `damped_growth`. Rattlers do not move. In a free cell,
+    displacements of grains are those beyond the affine motion ε x of the cell, and a force on a grain does not strain
+    it directly.
 
-    Velocities enter through drag and the dashpots of the law. Under small forces a run has this gain and phase within
-    0.2 % (`tests/modes/test_response.py`); under larger ones contacts stiffen, slide and open.
+    Velocities enter through drag and the dashpots of the law. Runs under small forces agreed with this gain and phase
+    within 0.2 % (`tests/modes/test_response.py`); under larger forces, contacts stiffen, slide and open.
 
     Parameters
     ----------
@@ -395,8 +396,8 @@ def contact_slip(state: State, contact: int) -> np.ndarray:
 def stress_change(state: State, law: Law) -> np.ndarray:
     """(dim², N + W, 6) weights of the change of the stress σ_xx, σ_xy, …, row by row; compression positive.
 
-    They are the derivatives of `measure.stress` to the displacements in the fixed cell, with changes of forces and
-    branch vectors, and each contact held in its mode.
+    They are the derivatives of `measure.stress` with respect to displacements in the fixed cell. Forces and branch
+    vectors change, and each contact is held in its mode.
 
     Raises
     ------
@@ -450,13 +451,14 @@ def complex_moduli(
 ) -> ComplexModuli:  # fmt: skip
     """Storage and loss moduli C* = −(ℓ²/V) (K_cc + K_cg u), (−ω²M + iωMν − K_gg) u = K_gc, K = J + iωC.
 
-    c denotes the coordinates ℓG of the cell and g those of the grains, C the derivatives of forces to velocities: the
-    dashpots also resist the affine motion. As in `run`, velocities are relative to the flow of the cell, ẋ = v + Lx:
-    the affine motion has no inertia, and drag acts on v only. Each contact is held in its mode. At ω = 0 the moduli are
-    those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies. Rattlers are excluded.
+    c denotes the coordinates ℓG of the cell and g those of the grains, C the derivatives of forces with respect to
+    velocities: the dashpots also resist the affine motion. As in `run`, velocities are relative to the flow of the
+    cell, ẋ = v + Lx: the affine motion has no inertia, and drag acts on v only. Each contact is held in its mode. At ω
+    = 0 the moduli are those of `elastic_moduli`. Without dashpots, grains move affinely at high frequencies. Rattlers
+    are excluded.
 
-    In runs of 20 disks whose cell was sheared to and fro by 1e-7, storage and loss of the elastic forces differed from
-    these equations by 2e-5 of the modulus (`tests/modes/test_complex_moduli.py`).
+    In runs of 20 disks whose cell was sheared back and forth by 1e-7, storage and loss of the elastic forces differed
+    from these equations by 2e-5 of the modulus (`tests/modes/test_complex_moduli.py`).
 
     Parameters
     ----------

@@ -105,8 +105,9 @@ def contact_sensitivity(
     the moment of the change, before the forces find a new balance. Grains that become rattlers through the change are
     excluded together with their contacts.
 
-    Derivatives are those of differences to 1e-4, and `after` that of the changed packing to 1e-7. First-order shifts,
-    `predicted`, have a correlation of 0.70 with `after` in 30 spheres (`tests/modes/test_sensitivity.py`).
+    Derivatives agree with finite differences to 1e-4, and `after` with the growth rate of the changed packing to 1e-7.
+    In 30 spheres, `predicted`, from first-order shifts, had a correlation of 0.70 with `after`
+    (`tests/modes/test_sensitivity.py`).
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def contact_sensitivity(
 
     Examples
     --------
-    Three disks that loads press together. If any one of their contacts opens, the remaining chain buckles:
+    Three disks that are pressed together by loads. If any one of their contacts opens, the remaining chain buckles:
 
     >>> import numpy as np
     >>> import stickslip as ss

@@ -85,7 +85,7 @@ def support(state: State, law: Law, *, prune: float = PRUNE) -> Support:
 
 
 class Response:
-    """Response of an accepted state in a periodic cell to a strain, from the exact Jacobian; parts as needed.
+    """Response of an accepted state in a periodic cell to a strain, from the exact Jacobian, computed when needed.
 
     The deformation is x → (1 + G ε) x for small strains; by default simple shear along x with the gradient along y.
     """

@@ -310,8 +310,8 @@ def participation_ratio(modes: np.ndarray, free: Freedom) -> np.ndarray:
 
     p = (Σ_b w_b)²/(N Σ_b w_b²), where w_b = Σ m |q|² over the coordinates of body b. It is 1 if all bodies move alike,
     as in a plane wave, and 1/N if only one moves. The weights include mass, rotations and |q|² of complex modes; for
-    grains of equal mass they are the squares of polarisation vectors. A rigid group counts as one body with the mass of
-    all its members, and so does a free cell.
+    grains of equal mass they are the squares of polarisation vectors. A rigid group, with the mass of all its members,
+    counts as one body, and so does a free cell.
 
     Parameters
     ----------

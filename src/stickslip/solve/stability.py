@@ -49,7 +49,7 @@ METHODS = {  # description of the computation
 DAMPED_UP_TO = 1_250  # coordinates with dashpots, solved within seconds; the first-order form has twice as many
 DAMPED_AT_MOST = 4_000  # likewise, solved within minutes
 NEAR_SHIFT = 4  # exponents with dashpots computed near each one of the undamped motion
-NEAR_ZERO = 18  # exponents computed near zero, where translations take six
+NEAR_ZERO = 18  # exponents computed near zero, six of which belong to translations
 TOLERANCE = 1e-10  # relative, of the inverse distance from the shift
 STARTS = 8  # undamped pairs near which exponents are sought, the fastest first
 MOST_PAIRS = 8  # growing modes in a table
@@ -209,9 +209,9 @@ def stability(
         certificate of the real eigenvalues; the estimated time is reported first), or "auto" ("all" up to 12,000
         coordinates, "fastest" beyond). Each uses the cheapest algorithm, given by `Stability.method`: LAPACK up to 1500
         coordinates. "dense" (up to 10,000 coordinates) and "pairs" (up to 12,000) select an algorithm. With dashpots,
-        all exponents are computed of up to 1250 coordinates (with "dense", 4000); in larger packings, those near the
-        exponents of the undamped motion, which are found with this method; beyond 90,000, the fastest growing one by
-        probes. There is no certificate then
+        all exponents are computed up to 1250 coordinates (with "dense", 4000). In larger packings, exponents are sought
+        near those of the undamped motion, which are found with this method; beyond 90,000 coordinates, probes find the
+        fastest growing one. With dashpots there is no certificate
     saved : file in which a search for the fastest pair is saved every minute, and from which it continues; it is
         removed at the end
     report : called as report(stage, share done, text)

@@ -391,9 +391,9 @@ def stationary_fluctuations(
 ) -> Fluctuations:  # fmt: skip
     """Stationary covariance L Σ + Σ Lᵀ + Q = 0 of M q̈ = J q + C q̇ − M ν q̇ + ξ, and its distance from instability.
 
-    Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so that every mode would have the energy T/2 twice if forces had
-    a potential; friction has none, and feeds or cools modes. Distance and condition number are those in the norm of
-    the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
+    Thermal noise has ⟨ξ ξᵀ⟩ = 2T (M ν − C) δ(t − t′), so that every mode would have a kinetic and an elastic energy of
+    T/2 each if forces had a potential. Friction has none, and heats or cools modes. Distance and condition number are
+    those in the norm of the elastic and kinetic energy, in which symmetric undamped motion is a rotation.
 
     Unresisted common translations (the centre of mass in a periodic cell) and unresisted coordinates are removed from
     motion and noise; each translation adds T/(Σm) to the velocities of a run. The number of modes is that of the
@@ -412,7 +412,7 @@ def stationary_fluctuations(
     Raises
     ------
     ValueError
-        if nothing damps a mode, or if one grows; if there are more than 400 coordinates; if the forces do not balance;
+        if a mode is undamped or grows; if there are more than 400 coordinates; if the forces do not balance;
         if the symmetric part of the stiffness is not positive definite.
 
     Source

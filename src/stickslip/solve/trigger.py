@@ -46,15 +46,15 @@ def trigger_amplitude(
     slides under the exact law, dashpots included. Dynamics raises steady shaking slowly, over 200 decay times, or
     repeats a pulse with bisected amplitudes, and notes the first contact at the limit.
 
-    Relative to dynamics, the error of the prediction is 1 % (median), and less than 5 % in 9 of 10 of 96 shaken
-    packings of 16 disks without tangential dashpots; up to 40 % near a weakly damped resonance. Tangential dashpots are
-    truncated at the limit together with the spring, before the contact slides, which is not part of the linear
-    response: the prediction is then too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %) with
-    c_t = c_n.
+    In 96 shaken packings of 16 disks without tangential dashpots, the prediction differed from dynamics by 1 %
+    (median), and by less than 5 % in nine tenths of them, but by up to 40 % near a weakly damped resonance. Tangential
+    dashpots are truncated at the limit together with the spring, before the contact slides, which is not part of the
+    linear response: the prediction is then too high, by 3 % (up to 20 %) with c_t = 0.2 c_n, and by 50 % (up to 120 %)
+    with c_t = c_n.
 
     Parameters
     ----------
-    drive : (N + W, 6), as in `frequency_response`; dynamics takes no torques
+    drive : (N + W, 6), as in `frequency_response`; dynamics does not support torques
     frequency : ω of steady shaking [1/time]
     times, factors : (K,) increasing times from zero, and the factor of the drive, interpolated linearly and zero
         afterwards; instead of a frequency
@@ -65,12 +65,12 @@ def trigger_amplitude(
     Raises
     ------
     ValueError
-        if the law has no sharp friction, or a contact is at the limit already; if neither or both of frequency and
+        if the law has no sharp friction, or a contact is already at the limit; if neither or both of frequency and
         pulse are given; as in `frequency_response`.
 
     Source
     ------
-    Charan, Pomyalov & Procaccia, doi:10.48550/arXiv.2106.11616, for the question and pulses.
+    Charan, Pomyalov & Procaccia, doi:10.48550/arXiv.2106.11616, for the problem and for pulses.
 
     Examples
     --------

@@ -116,15 +116,15 @@ def dispersion(
 ) -> Dispersion:  # fmt: skip
     """Dispersion relation of P, S and rotational waves, with the damping by drag, dashpots, friction and disorder.
 
-    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators,
-    (m s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀, √Re⟨P|A|P⟩ for P and S and √Re⟨R|A|R⟩ for
-    the first R (that of P where the latter is not positive, √max|A| where neither is). The branches are its poles:
-    of the p with the largest Im s, P and S are those of the first s₀, R those of the second, whose vectors have the
-    largest shares in these waves.
+    For each k, χ(s) = W†(A + sD + s²)⁻¹W of the p plane waves W is replaced by that of p coupled damped oscillators, (m
+    s² + Γ s + K)⁻¹, with the same value and first two derivatives at s₀. For P and S, s₀ is √Re⟨P|A|P⟩; for R it is
+    √Re⟨R|A|R⟩ of the first R (that of P where the latter is not positive, √max|A| where neither is). The branches are
+    poles of this response, chosen among the p with the largest Im s: with the first s₀ those whose vectors have the
+    largest shares in P and S, with the second those with the largest shares in R.
 
     A = −M^(−1/2) J M^(−1/2) and D = ν − M^(−1/2) C M^(−1/2), in the coordinates of `backbone`. The column of P in W is
     √m k̂ exp(ik·r) over its norm, that of S the same across, and that of R √I e exp(ik·r), with the moment of inertia
-    I, which √m R is in the coordinate R·angle. Common translations are not taken out of W or A.
+    I. Common translations are not removed from W or A.
 
     In a lattice with one grain per cell, the plane waves are invariant under A and D, and the poles are exact. In a
     disordered packing, a wave is a group of modes, and the poles are frequency and decay of the group: s₀ is so far
@@ -149,7 +149,7 @@ def dispersion(
 
     Examples
     --------
-    Disks on a square lattice, waves along a row: ω² = (4k_n/m) sin²(k/2) for P, with four grains a wave.
+    Disks on a square lattice, waves along a row: ω² = (4k_n/m) sin²(k/2) for P, with four grains per wavelength.
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -184,12 +184,12 @@ def wave_spectrum(
 ) -> WaveSpectrum:  # fmt: skip
     """Project all modes, damped by drag and dashpots, on plane waves: dynamical structure factor and complex pairs.
 
-    Waves W and matrices are those of `dispersion`, without common translations: of A, D and W the part orthogonal to
-    √m in each direction is taken. weight_j = w†r_j l_j†w, with the part of the velocity r_j of mode j and its dual l_j.
+    Waves W and matrices are those of `dispersion`, without common translations: A, D and W are restricted to the space
+    orthogonal to √m in each direction. weight_j = w†r_j l_j†w, with the velocity part r_j of mode j and its dual l_j.
 
     The dense solution takes at most 2000 coordinates. For larger packings `dispersion` needs no modes, and
-    `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ, if a common
-    translation is taken from the waves first: drive − m Σ drive/Σ m over the grains without rattlers.
+    `frequency_response` with `plane_wave` as drive and observable has χ(iω); S = −(ω/π) Im χ, if the common translation
+    is first removed from the waves: drive − m Σ drive/Σ m over the grains without rattlers.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def wave_spectrum(
     Raises
     ------
     ValueError
-        as `dispersion`, and beyond 2000 coordinates.
+        as in `dispersion`, and beyond 2000 coordinates.
     """
     motion, k = _waves_of(state, law, wavevector, drag, spin_drag)
     if (n := len(motion.free)) > ALL_UP_TO:
@@ -228,7 +228,7 @@ def elastic_speeds(state: State, law: Law, direction: Numbers) -> np.ndarray:
 
     Parameters
     ----------
-    direction : (K, dim), of any length but zero: wave vectors, for example
+    direction : (K, dim), of any nonzero length: wave vectors, for example
     """
     free, n = elastic_moduli(state, law), in_plane(state, direction=direction)
     require_direction(direction=n)

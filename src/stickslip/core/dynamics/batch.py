@@ -1,7 +1,7 @@
 """Many systems side by side: legs are packed into a batch, run together, and unpacked.
 
-A batch runs on a graphics processor, or here, where the same functions give the same bits (see `batch.h`). Bodies of a
-system are in memory order: single grains, with sizes mixed so that all blocks of threads have similar numbers of
+A batch runs on a graphics processor or on the host, where the same functions give the same bits (see `batch.h`). Bodies
+of a system are in memory order: single grains, with sizes mixed so that all blocks of threads have similar numbers of
 contacts; then grains of rigid groups and on springs; then walls.
 """
 

@@ -24,7 +24,7 @@ OPTIONS = "--std=c++17", "--device-as-default-execution-space", "--fmad=false", 
 
 
 class Cuda:
-    """The current device of CUDA."""
+    """The current CUDA device."""
 
     def __init__(self):
         self.cupy, self.module = _module()
@@ -93,7 +93,7 @@ def open_device(name: str) -> Device:
     MissingExtraError
         if CuPy is missing.
     RuntimeError
-        if no graphics processor answers.
+        if no graphics processor responds.
     """
     if name != "cuda":
         raise ValueError(f"device must be 'cuda', or omitted for ordinary processors, got {name!r}")
@@ -120,7 +120,7 @@ def run_batch(
     ----------
     states : systems of the same dimension, in fixed cells, with walls that do not follow loads, at most 21 rigid groups
         each, and at most 256 neighbours of a grain
-    law : Law; linear or Hertz's springs with friction and dashpots
+    law : Law; linear or Hertzian springs with friction and dashpots
     steps : int; dt : float [time]
     drag : float [1/time]
     every : int, number of steps between samples (0: no samples)
@@ -138,7 +138,7 @@ def run_batch(
     MissingExtraError
         if CuPy is missing
     RuntimeError
-        if no graphics processor answers, or if a system becomes unstable
+        if no graphics processor responds, or if a system becomes unstable
 
     Source
     ------

@@ -1,9 +1,9 @@
 """Driver of runs: updates of the list and of the blocks, stops for records.
 
-Contacts of few grains are evaluated one after another, by rows of the list, those of many in vectorised blocks (see
-`blocks.h`). Blocks contain only touching and nearly touching pairs: those that could touch within the displacement
-limits of both bodies. The limits are larger for faster bodies. When a body reaches its limit, blocks are chosen anew
-from the contact list.
+In small systems, contacts are evaluated one after another, by rows of the list; in large ones, they are evaluated in
+vectorised blocks (see `blocks.h`). Blocks contain only touching and nearly touching pairs: those that could touch
+within the displacement limits of both bodies. The limits are larger for faster bodies. When a body reaches its limit,
+blocks are chosen anew from the contact list.
 """
 
 import os
@@ -61,8 +61,8 @@ class _Run:
     """State of a run.
 
     It holds the only references to the list and blocks, so that their memory can be freed before new ones are made.
-    Contacts of few grains, bonds, and contacts with rolling resistance or additional memory are evaluated by rows, all
-    others by blocks.
+    Contacts in small systems, bonds, and contacts with rolling resistance or additional memory are evaluated by rows,
+    all others by blocks.
     """
 
     def __init__(

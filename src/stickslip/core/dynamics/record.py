@@ -77,7 +77,7 @@ class Record(NamedTuple):
     def stress(self) -> np.ndarray:
         """Stress of the contacts between grains, (T, 3, 3), compression positive [force/length^(dim−1)].
 
-        That of each sample is as in `measure.stress`: elastic forces, without dashpots and kinetic contributions.
+        It is defined as in `measure.stress`: elastic forces, without dashpots and kinetic contributions.
         ValueError if the cell is not periodic in all its dimensions.
         """
         return self.virial / self.volume[:, None, None]

@@ -123,8 +123,8 @@ def run(
     """Velocity Verlet: m r̈ = F − m ν ṙ, I ω̇ = T − I ν' ω, for all free components of grains and walls.
 
     The scheme is second order in dt, even with friction. Where contacts with dashpots close or open, it is of order 3/2
-    (`viscoelastic`, which start as √δ v) or first order (`velocity`, `mass_velocity`, which act in full from the first
-    touch), and with slip_update="rate" first order. The given state is not
+    for `viscoelastic` damping, which starts as √δ v, and of first order for `velocity` and `mass_velocity` damping,
+    which act in full from the first touch. With slip_update="rate" it is of first order. The given state is not
     modified. If `tolerance` > 0, the run stops early once both the largest unbalanced force (or torque/R) and the
     largest drag force are below it.
 
@@ -136,15 +136,15 @@ def run(
     probes : grains whose position and angle are sampled
     events : also record each contact that closes, opens, or first reaches the Coulomb limit since it closed
     ledger : also compute the energy ledger, updated after every step and sampled every `every` steps: see `Ledger`.
-    With a number of steps, of which `every` must be a multiple, it is only updated after that many, which makes sums
-    coarser
+    Given a number of steps instead of True, it is updated only after that many, which makes sums coarser; `every` must
+    be a multiple of this number
     tolerance : float [force]
     reference : (N, 3) positions from which `msd` is measured [length]; default: positions at the start of the run
-    slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains, a
-        closing contact counts for the fraction of the step during which it touched, dashpots use velocities at the full
+    slip_update : "difference": the slip rotates with the contact and follows the exact displacements of the grains. A
+        closing contact counts for the fraction of the step during which it touched. Dashpots use velocities at the full
         step, and the Coulomb limit is μ max(F_n, 0). "rate", as in LAMMPS `gran/*/history`, for comparison: slip
-        increments are velocities at the half step times dt, projected onto the contact plane at the end of the step, a
-        closing contact counts for the whole step, the limit of a built-in law is μ |F_n|, and the slip of a sliding
+        increments are velocities at the half step times dt, projected onto the contact plane at the end of the step. A
+        closing contact counts for the whole step. The limit of a built-in law is μ |F_n|, and the slip of a sliding
         contact is set so that spring and dashpot together are at the limit. "rate" is first order in dt where contacts
         rotate, close or have dashpots
     threads : int, by default one for few grains and one per core for many; results are bitwise independent of it
@@ -318,7 +318,7 @@ def stable_time_step(state: State, law: Law) -> float:
     """Largest stable time step 2/ω_max of all touching contacts, sliding or not [time]; infinite without contacts.
 
     Springs to load points and rolling springs are included through upper bounds on their ω². Dashpots are not: where
-    they act, steps must also be below 2/ν of the fastest decay rate ν, at most the sum of c/m over contacts.
+    they act, steps must also be below 2/ν, where ν is the fastest decay rate, at most the sum of c/m over contacts.
 
     Velocity Verlet is unstable beyond this time step. A tenth of this limit gives the force of a contact to four
     digits. The geometric stiffness due to contact forces is ignored: the limit was up to 3 % shorter than that of the

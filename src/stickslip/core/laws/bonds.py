@@ -16,7 +16,7 @@ _NO = 0.0, 0.0, 0.0, 0.0
 
 @readable(head=lambda bond: _NAMES[bond.form])
 class Bond(NamedTuple):
-    """Law of a bond, from `laws.spring_bond` and the like. Columns of four: tension, shear, bending, twisting."""
+    """Law of a bond, from a function such as `laws.spring_bond`. Columns of four: tension, shear, bending, twisting."""
 
     form: int  # how strengths are combined
     stiffness: tuple[float, float, float, float]  # parallel bonds: per area [force/length³], twice, then zeros

@@ -88,11 +88,11 @@ def hertz_mindlin(
     coulomb : "sharp" or "smooth"
     damping : factor that converts `damping_n` and `damping_t` (γ, not negative) to c_n and c_t [force time/length]:
         "velocity", one; "mass_velocity", the effective mass m_eff = m_i m_j/(m_i + m_j); "viscoelastic", m_eff times
-        the contact radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and bodies that `Control` does not let move
-        count as infinitely heavy, walls as flat. With "coeff_restitution", `damping_n` is the coefficient of
-        restitution e of a head-on collision at any size and speed, with and without `tension` (0: no dashpots),
-        `damping_t` is c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), where F_n/δ is that of the spring. "tsuji" is the same
-        with another α(e), for which e is nominal: the page on contact laws has a table
+        the contact radius √(δ R_eff), R_eff = R_i R_j/(R_i + R_j). Walls and bodies held by `Control` count as
+        infinitely heavy, walls also as flat. With "coeff_restitution", `damping_n` is the coefficient of restitution e
+        of a head-on collision at any size and speed, with and without `tension` (0: no dashpots), `damping_t` is
+        c_t/c_n, and c_n = α(e) √(m_eff F_n/δ), where F_n/δ is that of the spring. "tsuji" is the same with another
+        α(e), for which e is nominal: the page on contact laws has a table
     tension : False clips F_n at zero where the dashpot would make the contact pull
     rescaled : True shortens the slip as the contact radius √(δ R_eff) shrinks, ds = (s/2δ) dδ where dδ < 0. A growing
         overlap leaves it unchanged. Over an increment, s ← f s with f = √(δ/δ_old) before s is rotated, and s grows by
@@ -155,9 +155,9 @@ def hertz_mindlin_reff(
 
 
 # Laws whose normal force has additional parameters: adhesion, liquid bridges, plasticity. All have the parameters of
-# `hertz_mindlin`, `coulomb`, `damping` and `tension` included, and their own. Dashpots act where the overlap is
-# positive, and take part in no cap but that of `walton_braun`; viscoelastic ones of `jkr` take the radius √(δ R_eff),
-# those of LAMMPS a.
+# `hertz_mindlin`, including `coulomb`, `damping` and `tension`, and additional ones. Dashpots act where the overlap is
+# positive, and contribute to no cap except that of `walton_braun`. Viscoelastic dashpots of `jkr` use the radius √(δ
+# R_eff), those of LAMMPS use a.
 
 
 @checked
@@ -173,7 +173,7 @@ def jkr(
     Parameters
     ----------
     kn, kt : float [force/length²], k_n = 4E*/3; see `elastic_constants`
-    work : w, work of adhesion, twice the surface energy that LAMMPS `granular jkr` takes [energy/length²]
+    work : w, work of adhesion, twice the surface energy of LAMMPS `granular jkr` [energy/length²]
 
     Source
     ------
@@ -201,7 +201,7 @@ def dmt(
     Parameters
     ----------
     kn, kt : float [force/length²]
-    work : w, work of adhesion, twice the surface energy that LAMMPS `granular dmt` takes [energy/length²]
+    work : w, work of adhesion, twice the surface energy of LAMMPS `granular dmt` [energy/length²]
 
     Source
     ------

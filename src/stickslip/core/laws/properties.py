@@ -1,7 +1,7 @@
 """Properties that any contact law can have: lever arms, memory of forces, rolling, twisting, restitution.
 
 Where the parameter of dashpots is a coefficient of restitution, a contact with F_n = k δ^p and
-c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator of δ^{(p+1)/2}, so that the restitution of a head-on collision
+c_n = α √(m_eff k δ^{p−1}) is a damped linear oscillator of δ^{(p+1)/2}. The restitution of a head-on collision then
 depends neither on size nor on speed, only on D = α/√(2(p + 1)).
 """
 
@@ -78,7 +78,7 @@ def with_memory(law: Law, of: Annotated[str, one_of(*MEMORIES)]) -> Law:
     With slip as memory, F_t = −k_t(δ) s changes with the overlap. With force as memory, dF_t = −k_t(δ) ds: a
     sticking contact keeps F_t as its overlap changes, and `Contacts.slip` holds −F_t/k_t. With `rescaled=True`, F_t
     also shrinks with k_t where the overlap decreases. Contacts are evaluated by rows. Under a built-in law whose k_t is
-    constant both are the same, and the law is returned as it is.
+    constant both are the same, and the law is returned unchanged.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def with_rolling(
 ) -> Law:  # fmt: skip
     """Law with a moment that resists rolling, M_i = −M_j, perpendicular to the normal.
 
-    Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is free. With P
-    the Coulomb limit over μ (by default max(F_n, 0); zero if μ is zero):
+    Rolling is the relative rotation ω = ω_i − ω_j without its part along the normal; common rotation is not resisted.
+    With P the Coulomb limit over μ (by default max(F_n, 0); zero if μ is zero):
 
         constant  M = −min(γ R_eff² |ω|, μ_r R_eff P) ω/|ω|
         viscous   M = −γ P R_eff² ω
@@ -162,12 +162,12 @@ def with_twisting(
         marshall  M = −½ k_t a² τ − ½ c_t a² ω_n, |½ k_t a² τ| and |M| ≤ ⅔ a μ P
 
     These are LAMMPS `twisting sds` and `twisting marshall`. With `marshall`, k_t is the parameter `kt`, as in LAMMPS;
-    Marshall multiplies that of Hertzian contacts by a. Its numbers ½ k_t, ⅔ μ and ½ become parameters of the law, those
-    of each pair of materials. Contacts are evaluated by rows; two dimensions have no twisting.
+    Marshall multiplies that of Hertzian contacts by a. Its coefficients ½ k_t, ⅔ μ and ½ become parameters of the law
+    for each pair of materials. Contacts are evaluated by rows; two dimensions have no twisting.
 
     Parameters
     ----------
-    model : "spring" or "marshall", which takes no numbers
+    model : "spring" or "marshall", which needs no further parameters
     k_twist : k, positive [force length]
     mu_twist : μ_t [length]
     gamma_twist : γ [force length time]

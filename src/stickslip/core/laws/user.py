@@ -187,7 +187,7 @@ def custom(
     in the order of `memory`. A second update at the same overlap must not change it. Other functions receive the memory
     after the update
     parameters : values by name. kn, kt, mu, damping_n and damping_t exist in every law (1, 0, 0, 0, 0 unless given; mu
-        is 1 if there is a `cap` that does not take it); others may be added
+        is 1 if there is a `cap` that does not use it); others may be added
     memory : values by name when a contact closes. All functions except the range may have these arguments
     bonds : True if a pair acts across a gap only after it has touched, until the gap exceeds the range
     coulomb, damping, tension : as in `hertz_mindlin`; dashpots act only where overlap > 0

@@ -201,7 +201,7 @@ REMEDY = (
 
 
 def recognize_archive(head: bytes) -> bool:
-    """Return True for HDF5, also behind the checksum with which archives of this package begin."""
+    """Return True for HDF5, including archives of this package, which begin with a checksum."""
     return b"\x89HDF\r\n\x1a\n" in head
 
 

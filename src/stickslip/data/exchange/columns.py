@@ -181,7 +181,7 @@ def _number_kinds(kinds: np.ndarray) -> np.ndarray:
 def _notes_on_columns(what: str, columns: dict[str, np.ndarray], rest: list[str]) -> list[str]:
     """Account of the columns, and notes on unknown ones.
 
-    Columns of zeros have no effect; accelerations that differ between grains include those by contacts.
+    Columns of zeros have no effect; accelerations that differ between grains include those due to contacts.
     """
     groups = {name: USED for name in columns if name not in rest}
     for name in rest:
@@ -251,7 +251,7 @@ def pair_branches(packing: Packing, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 
 def group_hint(packing: Packing) -> str:
-    """Sentence that grains seem to be those of a group, by gaps in their ids; empty if there are none."""
+    """Sentence stating that gaps in the ids suggest the grains of a group; empty without gaps."""
     ids = np.zeros(0, int) if packing.ids is None else packing.ids
     if not len(ids) or ids[-1] == len(ids):
         return ""

@@ -116,7 +116,7 @@ def recognize_packlsd(head: bytes) -> bool:
 
 
 def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
-    """Read spheres or disks in a lattice, with a diameter for each kind, or for each after its position."""
+    """Read spheres or disks in a lattice, with a diameter for each kind or, after its position, for each grain."""
     only_state(path, frame)
     words = re.sub(r"!.*", "", read_lines(path)).split()
     dim, start = int(words[0]), next(k for k, word in enumerate(words) if word in ("T", "F"))

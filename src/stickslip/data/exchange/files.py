@@ -1,4 +1,4 @@
-"""Reading packings, whose format is detected from the content, and writing them in the format of the file extension."""
+"""Reading packings in a format detected from the content, and writing them in that given by the file extension."""
 
 import difflib
 import re
@@ -446,7 +446,8 @@ def unknown_suffix(path: Path) -> str:
     """Return the message on an unsupported file extension."""
     near = difflib.get_close_matches(path.suffix.lower(), written(), n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"{', '.join(written())} can be written"
-    return f"{path} ends with {path.suffix or 'nothing'!r}, an unsupported output format: {hint}"
+    ending = f"ends with {path.suffix!r}, an unsupported output format" if path.suffix else "has no extension"
+    return f"{path} {ending}: {hint}"
 
 
 def capture_warnings(call, *given, **options):

@@ -427,7 +427,7 @@ def _pressing(contacts: Path, network: dict, ids: np.ndarray, notes: list[str]) 
 
 
 def _near(contacts: Path, network: dict, place: np.ndarray, radius: np.ndarray, notes: list[str]) -> dict:
-    """Contacts without a few whose grains are far apart, as after a mix-up; if there are many, all are kept."""
+    """Drop contacts whose grains are far apart, as after a mix-up, if they are few; if there are many, keep all."""
     i, j = network["pair_i"], network["pair_j"]
     gap = np.linalg.norm(place[i] - place[j], axis=1) - radius[i] - radius[j]
     share = np.abs(gap) / np.minimum(radius[i], radius[j])

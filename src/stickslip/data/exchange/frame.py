@@ -87,8 +87,8 @@ def unbonded(frame: Frame) -> Frame:
 def with_bonds(frame: Frame) -> dict[str, np.ndarray]:
     """Columns of contacts, then of bonds; without bonds those of contacts alone.
 
-    The column `bond` is 0 for contacts, 1 for bonds and 2 for broken ones, and `failed` the index in `FAILURES` of the
-    load that broke them. Where grains touch, the contact has the force of both, and the bond has none.
+    The column `bond` is 0 for contacts, 1 for bonds and 2 for broken ones, and `failed` is the index in `FAILURES` of
+    the load that broke them. Where grains touch, the contact has the sum of both forces, and the bond has none.
     """
     state, c = frame.state, frame.contacts
     if not state.bonds:

@@ -36,7 +36,7 @@ ENDLESS = 1e200  # strength beyond which a bond has no limit
 
 
 def list_bonds(source: str, ids: np.ndarray, kind: np.ndarray, ends: np.ndarray, labels: dict[str, str]) -> ListedBonds:
-    """Bonds of a file whose ends are ids; PackingError if one cannot be."""
+    """Bonds of a file, whose ends are ids; PackingError if a bond is impossible."""
     for a, b in ends[~np.isin(ends, ids).all(axis=1)][:1]:
         raise PackingError(
             f"{source} has a bond between atoms {a} and {b}, which are not both among its {len(ids)} atoms"
@@ -92,7 +92,7 @@ class FormattedBonds(NamedTuple):
 
 
 def format_bonds(state: State) -> FormattedBonds:
-    """Intact bonds, each with a type of its own law, and notes on data that the file does not store."""
+    """Intact bonds, with a bond type for each law, and notes on data that the file does not store."""
     bonds = state.bonds
     way = bond_vectors(bonds, state.grains.position, state.cell.vectors)
     apart = np.where(state.cell.periodic, way @ np.linalg.inv(state.cell.vectors), 0.0)

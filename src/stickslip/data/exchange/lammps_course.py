@@ -282,7 +282,7 @@ def _take_freeze(course: Course, name: str, group: str, arguments: list[str]) ->
 
 
 def _take_setforce(course: Course, name: str, group: str, arguments: list[str]) -> None:
-    """Forces of zero, which do not change torques."""
+    """Hold components whose forces are set to zero; rotations remain free."""
     forces = arguments[:3]
     if len(arguments) != 3 or any(parse_number(word) for word in forces if word != "NULL"):
         raise ValueError("only zero or NULL forces in the whole box are supported")

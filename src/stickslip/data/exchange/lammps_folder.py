@@ -52,7 +52,7 @@ TAIL = 2**20  # size of the end of a dump that is first searched for its last ti
 
 
 class Files(NamedTuple):
-    """Files of a folder by their content."""
+    """Files of a folder, sorted by content."""
 
     restarts: list[Path]
     grains: list[Path]  # dumps
@@ -255,7 +255,8 @@ def _read_grains(path: Path, files: Files, frame: str | None, run: Run | None) -
 def _with_bonds(packing: Packing, path: Path, files: Files, run: Run) -> tuple[Packing, list[str]]:
     """Packing with bonds listed in another file of its run, if its own format has none, and with their rest lengths.
 
-    A data file lists bonds at its time step; the initial one also later, if the run does not change them.
+    A data file lists bonds at its time step. Those of the initial file also apply later, if the run does not change
+    them.
     """
     told = replay(run.bonds)
     data = [other for other in files.data if other != path] if told.style or told.made else []
@@ -323,7 +324,7 @@ def _matching_contacts(paths: list[Path], packing: Packing) -> tuple[Path | None
 
 
 def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None) -> list[str]:
-    """Notes on initial grains of a run, and on signs that they belong to another run than the commands."""
+    """Notes on initial grains of a run, and on signs that they do not belong to the run of the commands."""
     sources, notes = files.logs or files.scripts, []
     writes = any(_names(files, path, grains.name, tuple({*FILING} - {*BEGINNING})) for path in sources)
     if not writes and any(_names(files, path, grains.name, BEGINNING) for path in sources):
@@ -353,7 +354,7 @@ def _origin_notes(files: Files, grains: Path, packing: Packing, run: Run | None)
 
 
 def _differs(path: Path, files: Files, run: Run) -> bool:
-    """Return True if a restart file lacks coefficients of the pair style of a run, so that they are not its own."""
+    """Return True if a restart file lacks coefficients of the pair style of a run, and so belongs to another run."""
     given = numbers_in(run.pair_style[1:6])
     return path in files.restarts and bool(lammps_restart.compare_pair_style(path, given)[1])
 
@@ -414,7 +415,7 @@ def _newest_commands(files: Files, grains: Path, step: int) -> Path | None:
 
 
 def _logs_before(log: Path, files: Files) -> list[Path]:
-    """Earlier logs of the same run, before a command `log` began this one, in their order."""
+    """Earlier logs of the same run, in their order, written before a command `log` began this one."""
     before = [path for path in files.logs if path != log and _names(files, path, log.name, ("log",))]
     if len(before) != 1:
         return []

@@ -22,8 +22,8 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
     ----------
     path : `NAME.npz`, or a new folder for Matrix Market files
     sources : named tuples or dictionaries whose arrays, sparse matrices and numbers are written under their names:
-        `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; of free coordinates,
-        `mass`, `body` and `axis`; the rest is left out
+        `modes.equations_of_motion`, `quasirigid.linear_system`, `quasirigid.complementarity`; of `free` coordinates,
+        only `mass`, `body` and `axis` are written
     overwrite : whether files of the same names are replaced
 
     Returns
@@ -70,7 +70,7 @@ def write_matrices(path: str | Path, *sources, overwrite: bool = False) -> list[
 
 
 def check_name(path: Path) -> bool:
-    """Return True if the path is that of one file, `NAME.npz`; raise ValueError if it is unsuitable."""
+    """Return True if the path is a single file, `NAME.npz`; raise ValueError if it is unsuitable."""
     flat = path.suffix.lower() == ".npz"
     if not flat and path.suffix:
         raise ValueError(f"expected NAME.npz, or a folder for Matrix Market files, got {path}")

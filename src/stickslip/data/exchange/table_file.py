@@ -261,7 +261,7 @@ def write_csv(path: str | Path, frame: Frame) -> list[str]:
 
 
 def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
-    """Write columns; vectors as three, such as velocity_x, to the last bit."""
+    """Write columns, exact to the last bit; vectors become three columns, such as velocity_x."""
     flat = {}
     for name, values in columns.items():
         parts = dict(zip("xyz", values.T, strict=True)) if values.ndim == 2 else {"": values}

@@ -172,7 +172,7 @@ def _is_distribution(value: dict) -> bool:
 
 
 def parse_entry(key: str, entry) -> list | Values:
-    """Return a list as it is, and a table as `Values`."""
+    """Return a list unchanged, and a table as `Values`."""
     if isinstance(entry, dict) and "logspace" not in entry:
         return validate_table(Values, entry, f"sweep.{key}")
     if isinstance(entry, dict):
@@ -224,7 +224,7 @@ def _seeds(key: str, first, count: int) -> tuple:
     return tuple(range(first, first + count))
 
 
-FEWEST = 0.01  # fraction of accepted points below which sampling is given up
+FEWEST = 0.01  # fraction of accepted points below which sampling is abandoned
 LEAST_TRIED, MOST_TRIED = 1000, 10_000_000  # numbers of points drawn before that, and in total
 
 

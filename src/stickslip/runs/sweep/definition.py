@@ -323,7 +323,7 @@ def _parse(text: str, keys: tuple[str, ...]) -> list[Condition]:
         raise ScenarioError(f"sweep.where has {len(text)} characters: at most {LONGEST} are allowed")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Python's remarks on odd expressions, which are rejected below
+            warnings.simplefilter("ignore")  # Python's warnings about odd expressions, which are rejected below
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise _refusal(text, "it cannot be read", ALLOWED) from None
