@@ -62,7 +62,7 @@ def stress_strain(
     Parameters
     ----------
     strain : name of the column of the imposed strain
-        unit : unit of stress
+    unit : unit of stress
     halved : series of the first sample with half the step or rate
     axial : name of the column of axial stress, for an oedometric test
     """
