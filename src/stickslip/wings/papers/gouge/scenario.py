@@ -1,7 +1,7 @@
 """Scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring, in SI units.
 
 x is the direction of shear, y that of the normal stress, and z the transverse direction; the cell is periodic along x
-and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with its own key.
+and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with a separate key.
 """
 
 from collections.abc import Iterator
@@ -33,8 +33,8 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 MOST = LIMITS["grains"]
-LEAST = 8  # minimum number of samples of a leg, from which a mean with an error can be computed
-FASTEST = 1e7  # grain-steps per second and process, for the estimate before the start
+LEAST = 8  # minimum number of samples of a leg, for a mean with an error
+FASTEST = 1e7  # grain-steps per second and process, for a cost estimate before the start
 
 
 class GougeGrains(ScenarioTable):
@@ -71,8 +71,8 @@ class GougeGrains(ScenarioTable):
 class GougeLaw(LawTable):
     """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021, with its defaults.
 
-    The normal dashpot is given either by `damping_n`, or by a `restitution` together with the `reading` that converts
-    it to γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
+    The normal dashpot is set either by `damping_n`, or by a `restitution` with the `reading` that converts it to γ_n
+    and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
     """
 
     @model_validator(mode="after")
@@ -107,7 +107,7 @@ class GougeLaw(LawTable):
 
 
 class GougeCell(ScenarioTable):
-    """Cell that is periodic along x and z, and as high as the grains require."""
+    """Cell that is periodic along x and z, with the height required by the grains."""
 
     length: Positive = Field(0.03, description="length along x; Ferdowsi & Rubin 2021: 20 D, reduced scale: 10 D [m]")
     width: Positive = Field(0.018, description="width along z [m]")
@@ -134,7 +134,7 @@ class GougeLoad(ScenarioTable):
 
 
 class RateState(ScenarioTable):
-    """Rate-and-state parameters to normalise stiffness and hold times; defaults are those of Ferdowsi & Rubin 2021."""
+    """Rate-and-state parameters that normalise stiffness and hold times; defaults are from Ferdowsi & Rubin 2021."""
 
     a: Positive = Field(0.0247, description="direct effect")
     b: Positive = Field(0.0178, description="evolution effect")
