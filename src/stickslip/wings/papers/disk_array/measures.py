@@ -71,7 +71,7 @@ class Line(NamedTuple):
 
 
 def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
-    """Fit Eq 10 by weighted least squares to mean sliding velocities for pushes up to `top`; None if fewer than three."""
+    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None if fewer than three."""
     rows = []
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]

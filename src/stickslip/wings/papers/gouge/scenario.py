@@ -226,12 +226,12 @@ class Branching(ScenarioTable):
     )
 
     def trunk(self, velocity: float, size: float) -> list[float]:
-        """Duration of each slide of the trunk that leads to one of the states [s]; `size` is D [m]."""
+        """Durations of the trunk's slides, each of which leads to one of the states [s]; `size` is D [m]."""
         return [slip * size / velocity for slip in (self.first, *[self.spacing] * (self.branches - 1))]
 
 
 class VelocitySteps(Branching):
-    """Sequence of velocities; tests branch off from the slide at the first one."""
+    """Sequence of velocities; tests branch off the slide at the first velocity."""
 
     kind: Literal["velocity-steps"] = "velocity-steps"
     velocities: Many = Field(description="velocities of the load point, one after another [m/s]")
@@ -270,7 +270,7 @@ class VelocitySteps(Branching):
 class SlideHoldSlide(Branching):
     """Slide at each velocity in `before`, hold, and slide again at each velocity in `after` after each hold time.
 
-    A single hold, as long as the longest time, is used for all times. Slides start from copies of its states.
+    A single hold, as long as the longest hold time, serves for all times. Slides start from copies of its states.
     """
 
     kind: Literal["slide-hold-slide"] = "slide-hold-slide"
@@ -344,7 +344,7 @@ class GougeScenario(ScenarioBase):
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over grains, branches with the memory of their states, and samples."""
+        """Iterate over grains, branches, memory of their states, and samples."""
         yield Size(
             "cell.length and cell.width make plates of",
             self.plate_grains,
@@ -355,7 +355,7 @@ class GougeScenario(ScenarioBase):
         yield Size("the protocol makes", branches, "branches", "use fewer in each of its entries")
         memory = STATE * (self.grains.number + 2 * self.plate_grains) * branches
         yield Size("states at the branches take", memory, "bytes", "use fewer branches or grains")
-        if self.steps <= self.most_steps:  # the limit for time steps; beyond it, a message estimates the time
+        if self.steps <= self.most_steps:  # beyond this limit of time steps, a message estimates the computing time
             yield Size("sample_every makes", self.steps / self.sample_every, "samples", "use a larger one")
 
     @model_validator(mode="after")
@@ -440,7 +440,7 @@ class GougeScenario(ScenarioBase):
     def longest_step(self) -> float:
         """Approximate largest stable time step [s].
 
-        It is 2/√12 times √(m/k) for one of the smallest grains, pressed by six others of the same size, each with a
+        It is 2/√12 times √(m/k) for one of the smallest grains, pressed by six grains of the same size, each with a
         force of σ d².
         """
         d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
@@ -455,7 +455,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def plate_grains(self) -> int:
-        """Number of grains whose combined area covers the requested share of one plate."""
+        """Number of grains whose total area covers the requested share of one plate."""
         low, high = (d / 2 for d in self.grains.diameter)
         number = self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)
         return max(4, round(min(number, 1e18)))
@@ -482,7 +482,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def expected_cost(self) -> str:
-        """Approximate computing time of a realization, in words."""
+        """Approximate computing time of a realization, as text."""
         return self.estimate_cost(self.duration)
 
     @property
@@ -492,7 +492,7 @@ class GougeScenario(ScenarioBase):
         return max([*holds, *(p.time for p in self.protocol if p.kind == "slide" and p.velocity == 0)], default=0.0)
 
     def estimate_cost(self, duration: float) -> str:
-        """Approximate time that one core needs to simulate a given duration [s], in words."""
+        """Approximate time that one core needs to simulate a given duration [s], as text."""
         seconds = duration / self.dt * (self.grains.number + 2 * self.plate_grains) / FASTEST
         for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
             if seconds >= 2 * size:
