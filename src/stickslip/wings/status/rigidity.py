@@ -41,10 +41,10 @@ class RigidClusters(NamedTuple):
     body: np.ndarray  # (B,) cluster of each grain, then of each wall; −1 if no other body moves with it
     contact: np.ndarray  # (M,) cluster of each contact; −1 for a hinge, whose bodies may move relative to each other
     sizes: np.ndarray  # (K,) number of bodies
-    overconstrained: np.ndarray  # (M,) bool, contacts that bear a self-stress floppy: int  # number of independent
-    unresisted motions, including those of rattlers and of the whole packing constraints: int  # two per sticking
-    contact of disks, three per sticking contact of spheres, one per sliding contact redundant: int  # number of
-    constraints that could be removed without adding a motion
+    overconstrained: np.ndarray  # (M,) bool, contacts that bear a self-stress
+    floppy: int  # number of independent unresisted motions, including those of rattlers and of the whole packing
+    constraints: int  # two per sticking contact of disks, three per sticking one of spheres, one per sliding contact
+    redundant: int  # number of constraints that could be removed without adding a motion
     rows: np.ndarray  # (M,) rows of the contacts in the contact list
     sliding: np.ndarray  # (M,) bool
 

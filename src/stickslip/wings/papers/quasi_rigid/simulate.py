@@ -71,8 +71,7 @@ class PathStiffness(NamedTuple):
     pairs: np.ndarray  # (L,) number of complex pairs of m⁻¹k
     growth_rate: np.ndarray  # (L,) growth rate of the fastest pair, 0 without pairs [1/time]
     unique: np.ndarray  # (L,) 1 if the status is unique for every load, 0 if not, −1 if unknown
-    consistent: np.ndarray  # (L,) number of consistent statuses under the path's load, −1 with too many critical
-    contacts
+    consistent: np.ndarray  # (L,) number of consistent statuses under the load, −1 with too many critical contacts
     bijective: np.ndarray  # (L,) 1 if the status map is bijective, 0 if not, −1 with too many critical contacts
 
 
