@@ -1,16 +1,16 @@
-"""Benchmarks, each run by `python -m benchmarks NAME`: speed beside other codes, and numbers of the documentation."""
+"""Benchmarks, run by `python -m benchmarks NAME`: speed relative to other codes, and numbers in the documentation."""
 
 from typing import NamedTuple
 
 
 class Benchmark(NamedTuple):
-    """A command that measures numbers."""
+    """Command that measures numbers."""
 
     about: str
-    seconds: float  # that it takes on one core, about
-    rooms: tuple[str, ...]  # of `src/stickslip` on which its numbers depend
-    place: str = ""  # module and function of the rows, by default `NAME:rows`
-    ratios: bool = False  # whether it is a part of `make bench`
+    seconds: float  # approximate duration on one core
+    rooms: tuple[str, ...]  # rooms of `src/stickslip` on which its numbers depend
+    place: str = ""  # module and function of the rows; default: `NAME:rows`
+    ratios: bool = False  # True if it is part of `make bench`
 
 
 STEPS = ("_core", "builtin_laws", "core")  # time steps

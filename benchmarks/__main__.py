@@ -1,9 +1,9 @@
 """Run benchmarks: `python -m benchmarks NAME [--store] [--smallest] [WORDS]`; without a name, list them with costs.
 
-Rows are printed as they come. `--store` also writes them to docs/numbers/NAME.json, and into the pages that show them.
-`--smallest` is a quick check that the benchmark works; its numbers mean nothing and cannot be stored. `all` runs those
-that give ratios to other codes or budgets; codes that are not installed are skipped. Further words are options of a
-benchmark, see its docstring.
+Rows are printed as soon as they are available. `--store` also writes them to docs/numbers/NAME.json, and into the pages
+that show them. `--smallest` is a quick check that the benchmark works; its numbers are meaningless and cannot be
+stored. `all` runs the benchmarks that give ratios to other codes or budgets; codes that are not installed are skipped.
+Further words are options of a benchmark, described in its docstring.
 """
 
 import importlib
@@ -29,7 +29,7 @@ def listing() -> Table:
 
 
 def line(row: dict) -> str:
-    """A row as it is printed."""
+    """Format a row for printing."""
     if "value" in row:
         error = f" ± {row['error']:.2g}" if row.get("error") is not None else ""
         return f"{row['case']}: {row['value']:.4g}{error} {row['unit']}".rstrip()
@@ -39,15 +39,15 @@ def line(row: dict) -> str:
 
 
 def rows(name: str, *words: str, smallest: bool = False):
-    """Rows of a benchmark as they come: dictionaries of numbers, and lines of text."""
+    """Yield the rows of a benchmark as they become available: dictionaries of numbers, and lines of text."""
     module, _, function = (BENCHMARKS[name].place or f"{name}:rows").partition(":")
     return getattr(importlib.import_module(f"benchmarks.{module}"), function)(*words, smallest=smallest)
 
 
 def run(name: str, *words: str, smallest: bool = False, store: bool = False) -> None:
-    """Run a benchmark and print its rows; store its numbers if asked for."""
+    """Run a benchmark and print its rows; store its numbers if requested."""
     for room in BENCHMARKS[name].rooms if store else ():
-        records.fingerprint(room)  # a room that is gone stops before anything is measured
+        records.fingerprint(room)  # raises for a missing room before anything is measured
     found, lines, start = {}, [], sum(os.times()[:4])
     for row in rows(name, *words, smallest=smallest):
         console.print(row if isinstance(row, str) else line(row), markup=False, highlight=False, soft_wrap=True)
@@ -57,13 +57,13 @@ def run(name: str, *words: str, smallest: bool = False, store: bool = False) -> 
             found |= records.measured(row)
     if store:
         command = " ".join(["python -m benchmarks", name, *words])
-        seconds = sum(os.times()[:4]) - start  # of processors, those of other processes included
+        seconds = sum(os.times()[:4]) - start  # processor time, including other processes
         path = records.store(name, command, BENCHMARKS[name].rooms, found, seconds, lines)
         console.print(*(f"Written: {one.relative_to(records.ROOT)}" for one in (path, *records.write())), sep="\n")
 
 
 def main() -> None:
-    """Run what the command line names."""
+    """Run the benchmark named on the command line."""
     options = {word for word in sys.argv[1:] if word in ("--store", "--smallest")}
     name, *words = [word for word in sys.argv[1:] if word not in options] or [""]
     if not name:

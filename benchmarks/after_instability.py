@@ -1,17 +1,17 @@
-"""What follows an instability: predictions of `birth_form` against free runs of many states.
+"""Motion after an instability: predictions of `birth_form` compared with free runs of many states.
 
     python -m benchmarks after_instability [states of each kind, by default 24] [kinds: arrays mixed disks spheres]
 
 24 states of each kind take about half an hour on one core, two thirds of it for spheres. The tables of the
 documentation have 24 arrays, mixed arrays and disks, and 20 spheres.
 
-Packings of disks and spheres are jammed without friction and sheared quasi-statically with smooth friction, and arrays
-of disks on a substrate are pushed: equal disks that overlap at first, and mixed ones, of which some have gaps between
-them. States are kept in which one complex pair dominates: nothing else grows at half its
-rate or faster. Half of them are the ones nearest to a birth in their packing. Each is run twice without damping: from
-the growing mode at a small share of the predicted amplitude, and from random velocities. The first contact that opens
-or reaches the Coulomb limit is compared with the predicted one, and contacts that close before with the prediction
-that some do. Events of rattlers are left out, all others count.
+Packings of disks and spheres are jammed without friction and sheared quasi-statically with smooth friction. Arrays of
+disks on a substrate are pushed: equal disks that overlap at first, and mixed disks, some with gaps between them. States
+are kept if one complex pair dominates: nothing else grows at half its rate or faster. Half of them are the states
+nearest to a birth in their packing. Each state is run twice without damping: from the growing mode at a small fraction
+of the predicted amplitude, and from random velocities. The first contact that opens or reaches the Coulomb limit is
+compared with the predicted contact; contacts that close earlier are compared with the prediction of such closings.
+Events of rattlers are ignored; all others count.
 """
 
 import warnings
@@ -24,22 +24,22 @@ import numpy as np
 import stickslip as ss
 from stickslip.solve import birth
 
-SHARE = 0.05  # of the predicted amplitude, at which a run on the mode begins
-NOISE = 1e-5  # of the predicted displacement, in a run from random velocities
-DOMINATES = 2.0  # smallest ratio of the growth rate of the pair to that of anything else
-GROWTH = (0, 3e-4, 1e-3, np.inf)  # limits of the ratio of growth rate to frequency, between which states are counted
+SHARE = 0.05  # initial amplitude of a run on the mode, as a fraction of the predicted amplitude
+NOISE = 1e-5  # initial displacement of a run from random velocities, as a fraction of the predicted displacement
+DOMINATES = 2.0  # smallest ratio of the growth rate of the pair to that of any other motion
+GROWTH = (0, 3e-4, 1e-3, np.inf)  # limits of classes by the ratio of growth rate to frequency
 MOST_STEPS = 1_000_000
 TOO_LONG = "the runs would need more than a million steps"
-BEYOND = 4.0  # e-folding times in which an event is awaited, beyond the time of linear growth
+BEYOND = 4.0  # e-folding times allowed for an event beyond the time of linear growth
 
 
 class Seen(NamedTuple):
-    """First contact that was lost in a run."""
+    """First contact lost in a run."""
 
     kind: str  # "limit", "opened", or "none"
     contact: tuple[int, int]
-    amplitude: float  # largest one so far
-    closed: tuple[int, int]  # contact that first closed before; (−1, −1) if none did
+    amplitude: float  # largest amplitude up to then
+    closed: tuple[int, int]  # first contact that closed earlier; (−1, −1) if none did
 
 
 class Row(NamedTuple):
@@ -53,12 +53,12 @@ class Row(NamedTuple):
 
 
 def growing(found) -> np.ndarray:
-    """Growth rates of everything that grows, fastest first."""
+    """Growth rates of all growing motions, fastest first."""
     return -np.sort(-np.concatenate([found.growth_rate, np.sqrt(-found.negative)]))
 
 
 def dominated(state, law) -> float:
-    """Ratio of the growth rate of the fastest pair to that of the next growth; zero if no pair is the fastest."""
+    """Ratio of the growth rate of the fastest pair to the next growth rate; zero if the fastest motion is no pair."""
     found = ss.stability(state, law)
     rates = growing(found)
     if not len(found.pairs) or found.growth_rate[0] < rates[0] or not found.pairs[0].real > 0:
@@ -67,14 +67,14 @@ def dominated(state, law) -> float:
 
 
 def chosen(states: list, law, rng):
-    """One of the states: by chance a random one, or the one with the smallest Im λ/Re λ."""
+    """Choose a state: with equal probability a random one, or that with the smallest Im λ/Re λ."""
     if rng.random() < 0.5:
         return states[int(rng.integers(len(states)))]
     return min(states, key=lambda state: (lambda pair: pair.imag / pair.real)(ss.stability(state, law).pairs[0]))
 
 
 def sheared_packings(dim: int, sizes, rng):
-    """Yield sheared packings dominated by one pair, at most one for each packing; None after each that has none."""
+    """Yield states of sheared packings dominated by one pair, at most one per packing; None for a packing without."""
     while True:
         n, mu = int(rng.integers(*sizes)), float(10 ** rng.uniform(np.log10(0.3), 1))
         law = ss.laws.hertz_mindlin(mu=mu, coulomb="smooth")
@@ -94,7 +94,7 @@ def sheared_packings(dim: int, sizes, rng):
 
 
 def pushed_arrays(rng, *, mixed: bool = False):
-    """Yield pushed arrays dominated by one pair; mixed ones have unequal disks, and gaps of up to a small overlap."""
+    """Yield pushed arrays dominated by one pair; mixed arrays have unequal disks, and gaps up to a small overlap."""
     while True:
         n, mu, press = int(rng.integers(5, 16)), float(10 ** rng.uniform(np.log10(2), 1)), 10 ** rng.uniform(-5, -4)
         law = ss.laws.for_pair(ss.laws.hertz_mindlin(mu=mu, coulomb="smooth"), 0, 1)
@@ -103,7 +103,7 @@ def pushed_arrays(rng, *, mixed: bool = False):
             n, radius, press=press, mass=(radius / 0.5) ** 2, gap=-overlap, i0=rng.uniform(0.4, 0.6),
             disk=int(rng.integers(n)),
         )  # fmt: skip
-        if mixed:  # neighbours overlap by as much as three times the mean, or leave a gap
+        if mixed:  # neighbours overlap by up to three times the mean, or leave a gap
             place = state.grains.position + overlap * rng.uniform(-1, 1, (n, 1)) * [1.0, 0.0, 0.0]
             state = state._replace(grains=state.grains._replace(position=place))
         disk, most, kept = int(rng.integers(n)), press * rng.uniform(0.1, 1.0), []
@@ -132,7 +132,7 @@ def on_mode(state, form, plane, amplitude: float):
 
 
 def first_loss(state, start, law, form, plane, e_foldings: float) -> Seen | None:
-    """Run until a contact is lost, for at most a number of e-folding times; None if the run breaks down."""
+    """Run until a contact is lost, for at most a number of e-folding times; None if the run fails."""
     dt = 0.25 * ss.measure.stable_time_step(state, law)
     steps, every = int(e_foldings / form.growth_rate / dt), max(1, int(0.2 / form.frequency / dt))
     grains, free, leg = state.grains, form.free, max(every, -(-steps // 20 // every) * every)
@@ -163,7 +163,7 @@ def first_loss(state, start, law, form, plane, e_foldings: float) -> Seen | None
 
 
 def compare(state, law, seed: int) -> Row | str:
-    """Prediction and runs of a state, or the reason why there are none."""
+    """Prediction and runs of a state, or the reason for their absence."""
     try:
         form = ss.modes.birth_form(state, law)
     except ValueError as problem:
@@ -182,7 +182,7 @@ def compare(state, law, seed: int) -> Row | str:
 
 
 def verdicts(row: Row, seen: Seen) -> tuple[bool | None, bool]:
-    """Whether the first contact is right (None if no loss was predicted and none was seen), and the fate."""
+    """Correctness of the first contact (None if no loss was predicted and none occurred), and of the fate."""
     form = row.form
     contact = form.limit_contact if form.limit <= form.opening else form.opening_contact
     lost, expected = seen.kind != "none", form.fate != "bounded bursts"
@@ -190,7 +190,7 @@ def verdicts(row: Row, seen: Seen) -> tuple[bool | None, bool]:
 
 
 def foreseen(form) -> tuple[int, int]:
-    """Contact that is predicted to close before one is lost and the motion turns back; (−1, −1) without."""
+    """Contact predicted to close before another is lost and before the motion turns back; (−1, −1) if there is none."""
     before = form.closing < min(form.first, form.peak if form.fate == "bounded bursts" else np.inf)
     return form.closing_contact if before else (-1, -1)
 
@@ -244,7 +244,7 @@ KINDS = {
 
 
 def rows(*words: str, smallest: bool = False):
-    """Compare as many states of each kind: one line for each, and the shares of right predictions."""
+    """Compare this many states of each kind: one line per state, and fractions of correct predictions."""
     each = 1 if smallest else next((int(word) for word in words if word.isdigit()), 24)
     wanted = ["arrays"] if smallest else [word for word in words if not word.isdigit()] or list(KINDS)
     found_rows, without = {}, Counter()

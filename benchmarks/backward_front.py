@@ -1,4 +1,4 @@
-"""What sets the speed of the backward front of a pushed array of disks: the table of `docs/disk_array.md`.
+"""Explanations of the speed of the backward front of a pushed disk array: the table of `docs/disk_array.md`.
 
 python -m benchmarks backward_front     # about ten minutes; writes front.csv and the table
 """
@@ -21,19 +21,19 @@ THRESHOLDS = (0.01, 0.02, 0.05, 0.1, 0.2)
 
 
 class Speeds(NamedTuple):
-    """Speeds that explain, or do not explain, the backward front of one ensemble."""
+    """Measured and predicted speeds of the backward front of one ensemble."""
 
     change: str
-    realizations: int  # in which all disks slid
-    front: float  # as the paper measures it [length/time]
+    realizations: int  # number of realizations in which all disks slid
+    front: float  # front speed as measured in the paper [length/time]
     front_error: float
-    smooth: float  # without the oscillation of the disks [length/time]
+    smooth: float  # front speed without the oscillation of the disks [length/time]
     smooth_error: float
-    drift: float  # of a row that drifts with a constant profile [length/time]
+    drift: float  # front speed of a row that drifts with a constant profile [length/time]
     drift_error: float
     wave: float  # frequency of the mode along y over π, the paper's explanation [length/time]
-    velocity: float  # of the row [length/time]
-    lead: float  # of the last disk over the mean displacement [length]
+    velocity: float  # velocity of the row [length/time]
+    lead: float  # displacement of the last disk minus the mean displacement [length]
 
 
 def cases() -> list[tuple[str, dict, tuple[float, ...], tuple[float, ...]]]:

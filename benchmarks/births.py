@@ -6,28 +6,28 @@ from typing import NamedTuple
 import numpy as np
 
 DRAWS = 4000  # bootstrap draws; the ends of an interval vary by a few per cent of its width
-UNLIMITED = 1e6  # μ from which on no contact reaches the limit
+UNLIMITED = 1e6  # μ above which no contact reaches the limit
 
 
 class Births(NamedTuple):
-    """First pairs of several packings under one law. Strains are medians over all packings, infinite if never born."""
+    """First pairs of packings under one law; strains are medians over all packings, infinite without a birth."""
 
     kind: str
     coulomb: str
     mu: float
     packings: int
-    born: int  # packings with a pair
-    limited: int  # births at which at least one contact is at the Coulomb limit
+    born: int  # number of packings with a pair
+    limited: int  # number of births with at least one contact at the Coulomb limit
     strain: float  # median strain of the first pair
     low: float  # 95 % interval of the median, from a bootstrap over packings
     high: float
-    share: float  # median share of the contacts at the limit at the birth
+    share: float  # median fraction of contacts at the limit at birth
     mobilisation: float  # median over births of the largest |F_t|/(μ F_n)
     pairs: float  # median number of pairs at the last strain
 
     @property
     def sources(self) -> str:
-        """What makes J asymmetric apart from the rotation of the contact: k_t, the limit, sliding."""
+        """Sources of asymmetry of J other than rotation of the contact: k_t, the limit, sliding."""
         limited = self.mu < UNLIMITED
         parts = ("k_t" if self.kind != "linear" else "", "limit" if limited and self.coulomb == "smooth" else "",
                  "sliding" if limited else "")  # fmt: skip
@@ -41,7 +41,7 @@ def law_words(one: Births) -> str:
 
 
 def births_by_law(rows: list[dict]) -> list[Births]:
-    """Summarise packings, given as dictionaries with kind, coulomb, mu, strain (NaN: no pair), at_limit and so on."""
+    """Summarise packings, given as dictionaries with kind, coulomb, mu, strain (NaN: no pair), at_limit etc."""
     return [_summary(*law, list(group)) for law, group in groupby(rows, lambda r: (r["kind"], r["coulomb"], r["mu"]))]
 
 
@@ -62,5 +62,5 @@ def _summary(kind: str, coulomb: str, mu: float, rows: list[dict]) -> Births:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Lower median along the last axis, also of values that may be infinite."""
+    """Lower median along the last axis; values may be infinite."""
     return np.sort(values, axis=-1)[..., (values.shape[-1] - 1) // 2]

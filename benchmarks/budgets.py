@@ -1,4 +1,4 @@
-"""Seconds taken by whole commands, beside the times that help and documentation state."""
+"""Duration of whole commands, compared with the times stated in help and documentation."""
 
 import os
 import subprocess
@@ -26,7 +26,7 @@ def row(case: str, value: float, budget: float) -> dict:
 
 
 def rows(*, smallest: bool = False):
-    """All commands; only the first one for the smallest size."""
+    """All commands; only the first for the smallest size."""
     yield row("stickslip --version", min(seconds("--version") for _ in range(1 if smallest else ROUNDS)), 0.5)
     with tempfile.TemporaryDirectory() as folder:
         for name, budget in () if smallest else QUICK.items():

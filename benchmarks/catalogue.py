@@ -5,8 +5,8 @@
     python -m benchmarks catalogue FOLDER --draw        # only the tables and figures, from what is finished
     python -m benchmarks catalogue --estimate           # classes and exponents anew, from the stored eigenvalues
 
-Every law is run in parts, each in a folder of its own. A run that was stopped continues with the packing at which it
-was stopped. Tables, figures and the summary of `docs/catalogue.md` are written to `docs/reference/catalogue`.
+Every law is run in parts, each in a separate folder. A stopped run resumes with the packing at which it was stopped.
+Tables, figures and the summary of `docs/catalogue.md` are written to `docs/reference/catalogue`.
 """
 
 import re
@@ -56,14 +56,14 @@ PICTURES = {
 
 
 class Run(NamedTuple):
-    """One law: its tables, the number of parts, and the number of events of a part."""
+    """One law: its tables, the number of parts, and the number of events per part."""
 
     packing: dict
     law: dict
     parts: int
     events: int = 25
-    strain: float = 0.1  # of every packing
-    packings: int = 1000  # at most, of a part
+    strain: float = 0.1  # largest strain of every packing
+    packings: int = 1000  # largest number of packings of a part
 
     def scenario(self, part: int):
         """Scenario of one part."""
@@ -72,7 +72,7 @@ class Run(NamedTuple):
         return ss.scenario(experiment="catalogue", packing=self.packing, law=self.law, shear=shear, **size)
 
 
-RUNS = {  # with moderate friction the first events come late
+RUNS = {  # with moderate friction, the first events come late
     "frictionless": Run(DISKS | {"packing_fraction": 0.88}, {"mu": 0.0}, 30),
     "linear-sharp-10": Run(DISKS, {"kind": "linear", "coulomb": "sharp", "mu": 10.0}, 16),
     "smooth-10": Run(DISKS, {"coulomb": "smooth", "mu": 10.0}, 24, strain=0.02),  # many events of a packing are alike
@@ -84,7 +84,7 @@ RUNS = {  # with moderate friction the first events come late
 
 
 def compute(folder: Path, names: list[str]) -> None:
-    """Run the parts that are not finished, the first part of every law before the second ones, spheres last."""
+    """Run unfinished parts: the first part of every law before the second parts, spheres last."""
     parts = [
         (run.packing["dim"], part, name) for name, run in RUNS.items() if name in names for part in range(run.parts)
     ]
@@ -105,7 +105,7 @@ def _say(name: str):
 
 
 def gathered(folder: Path) -> tuple[dict[str, Table], dict[str, Table]]:
-    """Return the events and the steps of every law, from the parts that are finished."""
+    """Return events and steps of every law, from the finished parts."""
     events, steps = {}, {}
     for name, run in RUNS.items():
         places = [folder / f"{name}-{part}" for part in range(run.parts)]
@@ -118,7 +118,7 @@ def gathered(folder: Path) -> tuple[dict[str, Table], dict[str, Table]]:
 
 
 def stored(laws, out: Path = OUT) -> dict[str, Table]:
-    """Return the events in the reference of laws that are not among the given ones, without their number of parts."""
+    """Return the stored events of all laws other than the given ones, without their number of parts."""
     if not (out / "events.csv").is_file():
         return {}
     table, fresh = read_table(out / "events.csv"), {_plain(law) for law in laws}
@@ -130,7 +130,7 @@ def stored(laws, out: Path = OUT) -> dict[str, Table]:
 
 
 def write_reference(folder: Path, out: Path = OUT) -> None:
-    """Write tables, figures and summary of what is finished; laws that are not in the folder keep theirs."""
+    """Write tables, figures and summary of finished runs; laws that are not in the folder keep theirs."""
     events, steps = gathered(folder)
     out.mkdir(parents=True, exist_ok=True)
     found = {law: skills(steps[law], events[law], SHEAR["window"]) for law in events}
@@ -152,9 +152,10 @@ def write_reference(folder: Path, out: Path = OUT) -> None:
 
 
 def estimate_again(out: Path = OUT) -> None:
-    """Classes and exponents of saddle nodes from the stored eigenvalues; margins of pairs are not stored.
+    """Recompute classes and exponents of saddle nodes from stored eigenvalues; margins of pairs are not stored.
 
-    An event that is no longer a saddle node is unresolved: its states, in which a contact was sought, are not stored.
+    An event that is no longer a saddle node becomes unresolved, because the states needed to find a contact are not
+    stored.
     """
     events = read_table(out / "events.csv")
     for row in np.flatnonzero(np.isin(events["kind"], ["saddle_node", "sliding", "opening", "unresolved"])):
@@ -188,18 +189,18 @@ def _without(table: Table, name: str) -> Table:
 
 
 def _page_rows(law: str) -> list[str]:
-    """Rows of a law in the tables of the page: classes, and areas."""
+    """Rows of a law in the page's tables of classes and of areas."""
     text = PAGE.read_text(encoding="utf-8").partition(MARK)[2]
     return [line for line in text.split("\n") if line.startswith(f"| {_plain(law)} |")]
 
 
 def _fill_page(text: str) -> None:
-    """Replace the tables of the documentation."""
+    """Replace the tables in the documentation."""
     write_block(PAGE, "catalogue", text)
 
 
 def _plain(label: str) -> str:
-    """Label of a law without the markup of figures and without commas."""
+    """Label of a law without figure markup and commas."""
     return label.replace("$\\mu$", "μ").replace(",", "")
 
 
@@ -274,9 +275,9 @@ def _row_of_areas(law: str, several: list[Skill]) -> str:
 
 
 def _published(found: dict[str, list[Skill]]) -> str:
-    """Sentence about the published statement that eigenvalues announce nothing."""
+    """Sentence on the published statement that eigenvalues do not announce events."""
     law = next((law for law in found if law.startswith("linear, sharp")), None)
-    if law is None:  # as the page has it
+    if law is None:  # keep the sentence of the page
         lines = PAGE.read_text(encoding="utf-8").split("\n")
         return next((line for line in lines if line.startswith("Ishima et al.")), "")
     by = {one.predictor: one for one in found[law]}
@@ -295,7 +296,7 @@ def _area(one: Skill) -> str:
 
 
 def rows(*words: str, smallest: bool = False):
-    """Compute, or only draw, and write the reference; the smallest size makes the summary of what is stored."""
+    """Compute, or only draw, and write the reference; the smallest size summarises the stored tables."""
     if smallest:
         yield from (f"{law}: {class_counts(table)}" for law, table in stored(()).items())
     elif words == ("--estimate",):

@@ -3,11 +3,11 @@
     python -m benchmarks collapses             # all samples (about half an hour on one core)
     python -m benchmarks collapses disks-load
 
-Stated beforehand, for the first collapse of each sample: dynamics collapses within 1 % of the load at which the path
-does, and the displacements of the grains from shortly before it to shortly after it differ by at most a tenth, and so
-do those of the loaded wall or cell. The load of dynamics goes on growing while it collapses, so that it is also counted
-how often it is late by no more than the duration of the collapse. A collapse amplifies what precedes it, so that later
-ones are not compared.
+Criteria for the first collapse of each sample were fixed beforehand: dynamics collapses within 1 % of the load at which
+the path does, and displacements from shortly before to shortly after the collapse differ by at most a tenth, both of
+the grains and of the loaded wall or cell. In dynamics, the load continues to grow during the collapse. Cases in which
+dynamics is late by no more than the duration of the collapse are therefore counted as well. A collapse amplifies
+earlier differences, so that later collapses are not compared.
 """
 
 import time
@@ -24,9 +24,9 @@ from stickslip.wings.status.collapse import Collapse, displacements, without_dri
 from stickslip.wings.status.path import LoadPath, load_path
 from tests.wings.status.five_packings import spheres
 
-DRAG, WHOLE = 0.02, 1e6  # drag of both, and duration of the leg in slow dynamics
+DRAG, WHOLE = 0.02, 1e6  # drag in both, and duration of the leg in slow dynamics
 INCREMENT = 0.005
-WINDOW = 0.02  # of the leg before and after a collapse, in which dynamics is searched and displacements are compared
+WINDOW = 0.02  # fraction of the leg around a collapse in which dynamics is searched and displacements are compared
 LOAD, FIELD = 0.01, 0.1  # tolerances stated above
 
 
@@ -40,13 +40,13 @@ class Case(NamedTuple):
 
 
 def disks_under_load(seed: int) -> Case:
-    """Box of 60 disks whose lid is pressed three times as hard."""
+    """Box of 60 disks, with the force on the lid raised to three times its initial value."""
     state, law = biaxial_box(60, seed=seed)
     return Case(f"disks-load {seed}", state, law, with_load(state.control, 60 + TOP, 3.0))
 
 
 def disks_in_machine(seed: int) -> Case:
-    """Box of 60 disks whose lid is moved down by 0.02 by a machine of 100 kn."""
+    """Box of 60 disks, with the lid moved down by 0.02 by a machine of stiffness 100 kn."""
     state, law = biaxial_box(60, seed=seed)
     state = with_machine(state, 60 + TOP, 100.0)
     return Case(f"disks-displacement {seed}", state, law, with_travel(state.control, 60 + TOP, [0, -0.02]))
@@ -60,7 +60,7 @@ def spheres_under_stress(seed: int) -> Case:
 
 
 def spheres_in_machine(seed: int) -> Case:
-    """Box of 14 spheres, one of whose walls is moved by 0.1 by a machine of 100 kn."""
+    """Box of 14 spheres, with one wall moved by 0.1 by a machine of stiffness 100 kn."""
     state, law, _ = spheres("box", seed)
     wall = int(np.flatnonzero(state.control.force.any(axis=1))[-1])
     state, way = with_machine(state, wall, 100.0), np.sign(state.control.force[wall])
@@ -76,12 +76,12 @@ KINDS = {
 
 
 def state_at(load: float, loads: np.ndarray, states: list[State]) -> State:
-    """State of a series at the load nearest to the given one."""
+    """State of a series at the load nearest to a given load."""
     return states[int(np.abs(loads - load).argmin())]
 
 
 def compare(case: Case) -> "tuple[str, Difference | None]":
-    """A line on the first collapse of a path and of slow dynamics, and the differences of its load and its field."""
+    """Line on the first collapse of a path and of slow dynamics, and the differences in load and displacements."""
     begin = time.perf_counter()
     path = load_path(case.state, case.law, case.end, increment=INCREMENT, drag=DRAG)
     seconds, real = time.perf_counter() - begin, [c for c in path.collapses if not c.quiet]
@@ -101,23 +101,23 @@ def compare(case: Case) -> "tuple[str, Difference | None]":
 
 
 class Difference(NamedTuple):
-    """Differences of dynamics from the path in its first collapse."""
+    """Differences between dynamics and path in the first collapse."""
 
-    load: float  # over the load of the path
-    late: float  # of the leg, beyond the duration of the collapse
-    field: float  # of the displacements
-    wall: float  # of the wall, cell or force
+    load: float  # relative to the load of the path
+    late: float  # delay beyond the duration of the collapse, as a fraction of the leg
+    field: float  # relative difference of displacements
+    wall: float  # relative difference for the wall, cell or force
 
 
 def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) -> tuple[float, float, float]:
-    """Difference of the load of a collapse [legs], relative ones of its displacements and its motion along the load."""
+    """Difference of the collapse load [legs], and relative differences of displacements and motion along the load."""
     loads, states = np.append(0.0, run.load), [case.state, *run.states]
     near = np.flatnonzero(np.abs(loads - event.load) < WINDOW + event.duration / WHOLE)
     steps = [np.linalg.norm(displacements(states[k - 1], states[k])[:, :3]) for k in near if k]
     load = loads[near[near > 0][int(np.argmax(steps))]]
     ends = event.load - 0.5 * WINDOW, event.load + WINDOW + event.duration / WHOLE
     series = (path.load, path.states), (loads, states)
-    start = state_at(ends[0], *series[0])  # its rattlers count for neither
+    start = state_at(ends[0], *series[0])  # its rattlers are excluded in both
     mine, theirs = (
         without_drift(start, displacements(*(state_at(end, *one) for end in ends)))[:, :3] for one in series
     )
@@ -128,7 +128,7 @@ def first_collapse(case: Case, path: LoadPath, run: SlowRun, event: Collapse) ->
 
 
 def strength(case: Case, series, ends) -> float:
-    """Change of what follows the load: the force of the machine, or the displacement of the wall, or the cell's yy."""
+    """Change of the response to the load: force of the machine, displacement of the wall, or yy strain of the cell."""
     first, last = (state_at(end, *series) for end in ends)
     if case.state.control.spring.any():
         pull = [
@@ -141,7 +141,7 @@ def strength(case: Case, series, ends) -> float:
 
 
 def rows(*kinds: str, smallest: bool = False):
-    """Compare the samples of some kinds, by default of all; one for the smallest size."""
+    """Compare the samples of some kinds (default: all); a single sample for the smallest size."""
     for name, (make, seeds) in KINDS.items():
         if name in (["spheres-displacement"] if smallest else kinds or KINDS):
             results = []

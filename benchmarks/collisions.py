@@ -1,4 +1,4 @@
-"""Restitution of two spheres for both readings of Ferdowsi & Rubin's damping, from our equation of motion and LAMMPS.
+"""Restitution of two spheres for both readings of Ferdowsi & Rubin's damping, with our equation of motion and LAMMPS.
 
 python -m benchmarks collisions
 """
@@ -43,13 +43,13 @@ print(v[1, 0] - v[0, 0])
 
 
 def scenario(restitution: float, reading: str) -> GougeScenario:
-    """A scenario with this damping."""
+    """Scenario with this damping."""
     law = {"restitution": restitution, "reading": reading, "size": SIZE, "speed": SPEED}
     return ss.scenario(experiment="gouge", law=law, protocol=[{"kind": "slide", "velocity": 0.1, "slip": 1.0}])
 
 
 def rows(*, smallest: bool = False):
-    """γ_n, our restitution and LAMMPS's for both readings of two stated restitutions."""
+    """Damping γ_n, our restitution and that of LAMMPS, for both readings of two stated restitutions."""
     for stated in (0.98,) if smallest else (0.98, 0.3):
         for reading in ("eq8", "collision"):
             chosen = scenario(stated, reading)

@@ -1,4 +1,4 @@
-"""Time per step of a user-defined copy of a built-in law, and of one with rolling resistance, relative to the built-in.
+"""Time per step of user-defined laws, a copy and one with rolling resistance, relative to the built-in law.
 
 python -m benchmarks contact_laws
 """
@@ -41,7 +41,7 @@ def gas(side: int) -> ss.State:
 
 
 def ratio(state: ss.State, one: ss.Law, other: ss.Law, steps: int = STEPS) -> float:
-    """Shortest time with the second law over that with the first, one thread."""
+    """Shortest time with the second law over that with the first, on one thread."""
     best = [np.inf, np.inf]
     for _ in range(ROUNDS):
         for k, law in enumerate((one, other)):

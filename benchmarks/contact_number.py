@@ -1,9 +1,9 @@
-"""Contact number and packing fraction of frictional packings against μ; a few minutes.
+"""Contact number and packing fraction of frictional packings against μ; takes a few minutes.
 
     python -m benchmarks contact_number [SEEDS [DIM]]
 
 Bidisperse disks (1 to 1.4) and equal spheres are compressed with friction by `packings.compressed`, to pressures at
-which grains overlap by 1e-3 of their diameter and less. Rattlers are not counted. The table is for docs/packings.md.
+which grains overlap by at most 1e-3 of their diameter. Rattlers are not counted. The table is for docs/packings.md.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
-"""Status of 400 critical contacts of 3000 disks: `contact_status`, cold and warm, compared with slower methods.
+"""Status of 400 critical contacts of 3000 disks: `contact_status`, cold and warm, against slower methods.
 
 The disks fill a periodic box at packing fraction 0.83 and are relaxed with friction 0.2 by two seconds of damped
-dynamics. They are then also in balance with friction 0.5, with no contact at the limit. The critical contacts and
-their sliding directions are drawn at random; no disk has two of them, and none of these disks has only two contacts.
+dynamics. They are then also in balance with friction 0.5, without contacts at the limit. Critical contacts and their
+sliding directions are drawn at random; no disk has two critical contacts, and no disk with one has only two contacts.
 """
 
 import time
@@ -41,7 +41,7 @@ def packing(n: int = DISKS):
 
 
 def draw_critical(state, matrix: LinearSystem, seed: int, count: int) -> tuple[LinearSystem, np.ndarray]:
-    """Draw signs of all contacts and critical contacts: no two at one disk, none at a disk with two contacts."""
+    """Draw signs of all contacts, and critical contacts: at most one per disk, none at disks with two contacts."""
     rng = np.random.default_rng(seed)
     ends = np.stack([state.contacts.i[matrix.rows], state.contacts.j[matrix.rows]], axis=1)
     taken, found = np.bincount(ends.ravel(), minlength=state.n_bodies) < 3, []
@@ -61,7 +61,7 @@ def shear_load(state, matrix: LinearSystem) -> np.ndarray:
 
 
 def flip_and_solve(matrix: LinearSystem, load, critical, sliding) -> tuple[np.ndarray, int]:
-    """Find the sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; also return the rounds."""
+    """Find sliding contacts with SciPy's `spsolve`, flipping all inconsistent contacts; also return the rounds."""
     kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
     sliding, v = sliding.copy(), np.zeros(len(load))
     for turn in range(1, 60):
@@ -76,7 +76,7 @@ def flip_and_solve(matrix: LinearSystem, load, critical, sliding) -> tuple[np.nd
 
 
 def problem(disks: int = DISKS, count: int = CRITICAL):
-    """Return the first draw in which no minor of A of one or two contacts shows that the status is not unique."""
+    """Return the first draw for which no minor of one or two contacts shows that the status is not unique."""
     state, law = packing(disks)
     seconds, plain = time_call(lambda: linear_system(state, law))
     for seed in range(20):
@@ -100,7 +100,7 @@ def time_call(call) -> tuple:
 
 
 def rows(*, smallest: bool = False) -> list[dict]:
-    """All rows: best of several rounds with alternating methods, on one thread."""
+    """All rows: the best of several rounds with alternating methods, on one thread."""
     made, matrix, critical, load = problem(*((100, 5) if smallest else (DISKS, CRITICAL)))
     all_slide = np.isin(np.arange(matrix.count), critical)
     truth = contact_status(matrix, load, critical=critical)
@@ -132,7 +132,7 @@ def rows(*, smallest: bool = False) -> list[dict]:
 
 
 def table(best: dict, made: float, contacts: int, truth) -> list[dict]:
-    """Format the rows. For a budget the ratio is our time over it, for another method its time over ours."""
+    """Format the rows; ratios are our time over a budget, or the time of another method over ours."""
     cold = f"contact status, {CRITICAL} critical, cold"
     warm = f"contact status, {CHANGED} of {CRITICAL} changed, warm"
     found = f"budget ({truth.method}, {truth.solves} factors, {truth.sliding.sum()} slide)"

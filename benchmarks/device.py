@@ -1,10 +1,10 @@
-"""Grain steps per second of a graphics processor beside this package's engine on all cores of the same machine.
+"""Grain steps per second of a graphics processor, and of this package's engine on all cores of the same machine.
 
     python -m benchmarks device [ROUNDS]
 
-It first compares the bits of a short run with those of the same functions on this processor. Then batches of sheared
-gouge run on the device and, in turn, one system per core with the engine; the best of several rounds counts. Large
-samples are tiles of a small one, side by side.
+First, the results of a short run are compared bitwise with those of the same functions on the CPU. Then batches of
+sheared gouge run on the device, alternating with one system per core on the engine; the best of several rounds counts.
+Large samples are side-by-side copies of a small sample.
 """
 
 import time
@@ -22,12 +22,12 @@ from stickslip.wings.papers.gouge.protocol import slide_leg
 from stickslip.wings.papers.gouge.sample import BOTTOM, TOP, Gouge, prepare_sample
 from stickslip.wings.papers.gouge.scenario import GougeScenario
 
-CASES = ((3, 1), (3, 8), (3, 24), (3, 48), (1, 80), (1, 800))  # tiles along each side, and systems
+CASES = ((3, 1), (3, 8), (3, 24), (3, 48), (1, 80), (1, 800))  # copies along each side, and number of systems
 STEPS, OWN_STEPS, VELOCITY = 10_000, 1000, 0.02
 
 
 def scenario() -> GougeScenario:
-    """Small sample of the grains of the paper."""
+    """Small sample with the paper's grains."""
     return ss.scenario(
         experiment="gouge", dt=2e-7, sample_every=1000, grains={"number": 450, "diameter": (1e-3, 5e-3)},
         cell={"length": 0.03, "width": 0.02}, law={"restitution": 0.98, "reading": "eq8", "size": 3e-3, "speed": 25.0},
@@ -56,7 +56,7 @@ def tiled(gouge: Gouge, sides: int) -> Gouge:
 
 
 def device_rate(device: Device, legs: list[Leg]) -> float:
-    """Grain steps per second, without packing."""
+    """Grain steps per second on the device, without the preparation of samples."""
     inside, run = 0.0, device.run
 
     def timed(steps: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Which sign of failure comes first on a biaxial path: the table and the figure of `docs/directions_of_failure.md`.
+"""First signs of failure on a biaxial path: the table and the figure of `docs/directions_of_failure.md`.
 
 python -m benchmarks directions_of_failure     # about five minutes, one process
 """
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "docs/reference/directions_of_failure", ROOT / "docs/directions_of_failure.md"
 DISKS, PRESSURE, MU, SEEDS = 100, 1e-3, 0.3, range(1, 9)
 STEP, STEPS, EVERY, DIRECTIONS = 2e-4, 160, 10, 72
-SHOWN = 0.5, 0.9, 1.0  # shares of the strain of the first cone at which the figure shows seed 1
+SHOWN = 0.5, 0.9, 1.0  # strains at which the figure shows seed 1, as fractions of that of the first cone
 SIGNS = {
     "flutter, strain": "a complex pair grows at fixed strain",
     "flutter, stress": "a complex pair grows under fixed stress",
@@ -32,10 +32,10 @@ SIGNS = {
 class Look(NamedTuple):
     """Signs of failure of one state."""
 
-    strain: float  # axial
-    ratio: float  # (σ_yy − σ_xx)/(σ_yy + σ_xx), sin φ
-    least_work: float  # least normalised second-order work
-    determinant: float  # least of the acoustic tensors
+    strain: float  # axial strain
+    ratio: float  # (σ_yy − σ_xx)/(σ_yy + σ_xx) = sin φ
+    least_work: float  # smallest normalised second-order work
+    determinant: float  # smallest determinant of an acoustic tensor
     signs: dict[str, bool]
     envelope: object
 
@@ -80,12 +80,12 @@ def follow(seed: int, disks: int = DISKS, steps: int = STEPS) -> tuple[list[Look
 
 
 def first(looks: list[Look], sign: str) -> float:
-    """Strain of the first state with a sign, NaN without."""
+    """Strain of the first state with a sign; NaN if there is none."""
     return next((one.strain for one in looks if one.signs[sign]), np.nan)
 
 
 def table(paths: dict[int, tuple[list[Look], float]]) -> str:
-    """Markdown table: for each sample the strain at which each sign was first seen, and that of the rearrangement."""
+    """Markdown table: for each sample, the strains of the first appearance of each sign and of the rearrangement."""
     lines = [f"| sample | {' | '.join(SIGNS)} | first rearrangement | sin φ there |", "|---" * (len(SIGNS) + 3) + "|"]
     for seed, (looks, end) in paths.items():
         cells = [f"{first(looks, sign):.3f}" if np.isfinite(first(looks, sign)) else "–" for sign in SIGNS]

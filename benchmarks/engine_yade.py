@@ -1,7 +1,7 @@
 # ruff: noqa: F405
 """Run the scene of `engine_runner.py` in YADE, `yade -j1 -n -x engine_yade.py SCENE STEPS`; print seconds per step.
 
-E is chosen such that 4/3 E* is k_n = 2; YADE derives k_t from E and ν by Mindlin's formula.
+E is chosen so that 4/3 E* is k_n = 2; YADE derives k_t from E and ν by Mindlin's formula.
 """
 
 import sys

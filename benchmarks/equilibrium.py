@@ -1,10 +1,10 @@
-"""Reliability of verdicts off equilibrium: three measurements that justify `BALANCED_BELOW`; ten minutes.
+"""Reliability of verdicts off equilibrium: three measurements that justify `BALANCED_BELOW`; takes ten minutes.
 
     python -m benchmarks equilibrium
 
-Packings of 15 to 60 disks and spheres are jammed without friction and then sheared quasi-statically with friction, by
-smooth and sharp laws with a friction coefficient of 0.3 and 10. For the first table grains are moved at random. For the
-second the slips are removed, also for 500 disks. For the third positions and slips are rounded as in text files.
+Packings of 15 to 60 disks and spheres are jammed without friction and then sheared quasi-statically with friction, with
+smooth and sharp laws and friction coefficients of 0.3 and 10. For the first table, grains are moved at random. For the
+second, slips are removed, also for 500 disks. For the third, positions and slips are rounded as in text files.
 """
 
 import itertools
@@ -22,7 +22,7 @@ DIGITS = (6, 7, 8, 10)
 
 
 def packings(seconds: float, sizes=(15, 61), strains=(-5, -2), dims=(2, 3)):
-    """Yield packings at rest under friction, with their laws, for some seconds; `strains` are decimal logarithms."""
+    """Yield packings at rest under friction, with their laws, for a number of seconds; `strains` are log10."""
     rng, end, seed = np.random.default_rng(0), time.monotonic() + seconds, 0
     while time.monotonic() < end:
         seed += 1
@@ -39,7 +39,7 @@ def packings(seconds: float, sizes=(15, 61), strains=(-5, -2), dims=(2, 3)):
 
 
 def stirred(state, law, level: float, rng):
-    """Return the state with grains moved at random until its residual is about `level`, and its memory committed."""
+    """Return the state with grains moved at random until the residual is about `level`, and with memory committed."""
     move, grains, tiny = rng.normal(size=state.grains.position.shape), state.grains, 1e-9
     move[:, state.cell.dim :] = 0
 
@@ -57,7 +57,7 @@ def bare(state):
 
 
 def rounded(state, law, digits: int):
-    """Return the state after its positions and slips were written and read as text."""
+    """Return the state after its positions and slips have been written and read as text."""
 
     def text(values):
         return np.reshape([float(f"{v:.{digits}g}") for v in values.ravel()], values.shape)
@@ -71,7 +71,7 @@ def rounded(state, law, digits: int):
 
 
 def without_slips(found):
-    """Lines with the shares of packings unstable with and without their slips, by the residual without slips."""
+    """Lines with fractions of packings unstable with and without slips, by the residual without slips."""
     residual, with_them, forgotten = np.array(found, float).reshape(-1, 3).T
     for low, high in itertools.pairwise(STEPS):
         here = (residual >= low) & (residual < high)
@@ -82,7 +82,7 @@ def without_slips(found):
 
 
 def rows(seconds: str = "300", *, smallest: bool = False):
-    """Measure; takes `seconds` twice."""
+    """Measure everything; takes twice `seconds`."""
     seconds = 0.01 if smallest else float(seconds)
     warnings.simplefilter("ignore", ss.packings.PackingWarning)
     moved, small, large, texts = {level: [] for level in LEVELS}, [], [], {digits: [] for digits in DIGITS}
@@ -95,7 +95,7 @@ def rows(seconds: str = "300", *, smallest: bool = False):
         for digits in DIGITS:
             try:
                 texts[digits].append(ss.measure.imbalance(rounded(state, law, digits), law))
-            except ss.packings.PackingError:  # a contact was rounded away
+            except ss.packings.PackingError:  # rounding has removed a contact
                 texts[digits].append(np.inf)
     for state, law, _ in packings(0 if smallest else seconds, (500, 501), (-4.6, -3.6), (2,)):
         forgotten = ss.stability(bare(state), law)

@@ -1,12 +1,13 @@
-"""The fastest pair of large packings: processor time, and checks against dense spectra and against runs.
+"""Fastest pair of large packings: processor time, and checks against dense spectra and runs.
 
     python -m benchmarks fastest_pair [1000] [4000] [10000] [100000] [crystal]
 
-Sheared packings of 1000, 4000 and 10,000 spheres, and 100,000 as ten copies of the last one side by side, for which
-factors do not fit into memory; also the time of a quasi-static strain step of these. From a start on the mode that was
-found, the engine runs for one e-folding time.
-`crystal`: 10,000 spheres as 200 copies of a small cell, searched as 100,000 are, without factors. By Bloch's theorem
-their spectrum is that of 200 small matrices, A(k) = Σ_R A_0R exp(ik·R), which LAPACK computes in full.
+Sheared packings have 1000, 4000 and 10,000 spheres, or 100,000 spheres as ten side-by-side copies of the last, for
+which factors do not fit into memory. The time of a quasi-static strain step is measured as well. The engine then runs
+for one e-folding time, starting on the mode found.
+
+`crystal` consists of 10,000 spheres as 200 copies of a small cell, searched without factors, as 100,000 spheres are. By
+Bloch's theorem their spectrum is that of 200 small matrices, A(k) = Σ_R A_0R exp(ik·R), which LAPACK computes in full.
 """
 
 import resource
@@ -31,7 +32,7 @@ BUDGETS = {10_000: 120.0, 100_000: 3600.0}  # seconds
 
 
 def tiled(state, times):
-    """Return copies of a periodic packing side by side, as one packing; copies are counted with the last axis first."""
+    """Return side-by-side copies of a periodic packing as one packing, counted with the last axis first."""
     times, contacts, rows = np.array(times), state.contacts, ss.measure.touching(state)
     cells = np.stack(np.meshgrid(*map(np.arange, times), indexing="ij"), -1).reshape(-1, 3)
     count, n = len(cells), len(state.grains.radius)
@@ -48,7 +49,7 @@ def tiled(state, times):
 
 
 def bloch_spectrum(matrix, times) -> np.ndarray:
-    """All eigenvalues with Im λ > 0 of a matrix A of `tiled`, from its rows of the first copy."""
+    """All eigenvalues with Im λ > 0 of the matrix A of a `tiled` packing, from the rows of its first copy."""
     size = matrix.shape[0] // int(np.prod(times))
     first = sparse.coo_array(matrix[:size])
     cell = np.stack(np.unravel_index(first.col // size, times))
@@ -65,7 +66,7 @@ def bloch_spectrum(matrix, times) -> np.ndarray:
 
 
 def growth_in_a_run(state, found) -> float:
-    """Growth rate [1/time] from the engine: a start on the mode, and an e-folding time of whole periods."""
+    """Growth rate in a run of the engine from the mode, over an e-folding time of whole periods [1/time]."""
     s, size = found.growth_rate - 1j * found.frequency, 1e-6 / np.abs(found.mode).max()
     start = displaced(moving(state, found.free, (s * size * found.mode).real), found.free, (size * found.mode).real)
     duration = max(1, round(found.frequency / found.growth_rate / (2 * np.pi))) * 2 * np.pi / found.frequency
@@ -107,7 +108,7 @@ def times(n: int):
 
 
 def crystal(smallest: bool):
-    """Ten thousand spheres, all eigenvalues of which are known."""
+    """Ten thousand spheres with known eigenvalues."""
     copies = (2, 2, 1) if smallest else (10, 5, 4)
     cell, protocol = jammed(30 if smallest else 50, packing_fraction=0.68, seed=0)[0], aqs(LAW)
     with warnings.catch_warnings():
@@ -129,6 +130,6 @@ def crystal(smallest: bool):
 
 
 def rows(*parts: str, smallest: bool = False):
-    """Rows of the parts that are named, by default of all."""
+    """Rows of the named parts; default: all."""
     for part in parts or (("100", "crystal") if smallest else ("1000", "4000", "10000", "100000", "crystal")):
         yield from crystal(smallest) if part == "crystal" else times(int(part))

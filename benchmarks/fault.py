@@ -1,11 +1,12 @@
-"""Time steppers for earthquake cycles: processor time against the error of the second event's time; a few minutes.
+"""Time steppers for earthquake cycles: processor time against the error in the time of the second event.
 
     python -m benchmarks fault
 
 The benchmark problem BP1-QD with cells of 100 m is run for 280 years with our stepper and with `scipy.integrate`
-(RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Ours is DOP853, too, with compiled stages
-and a step size that also depends on the previous error. Tolerances of SciPy's solvers are absolute ones of the same
-unknowns, slip over D_c and ln θ. The error is the difference from our stepper with tolerance 1e-9.
+(RK23, RK45, DOP853, LSODA), all with the same compiled rates and one thread. Our stepper is also DOP853, but with
+compiled stages and a step size that depends on the previous error, too. Tolerances of SciPy's solvers are absolute and
+refer to the same unknowns, slip/D_c and ln θ. The error is the difference from our stepper with a tolerance of 1e-9. It
+takes a few minutes.
 """
 
 import time
@@ -23,7 +24,7 @@ TOLERANCES = {"RK23": (1e-3, 1e-4), "RK45": (1e-4, 1e-5), "LSODA": (1e-4,)}
 
 
 def benchmark_fault(cell: float = 100.0):
-    """The fault of BP1-QD."""
+    """Fault of BP1-QD."""
     return friction.line_fault(
         40e3, cell, a=[(15e3, 0.010), (18e3, 0.025)], b=0.015, dc=8e-3, normal=50e6, shear_modulus=2670 * 3464.0**2
     )
@@ -37,7 +38,7 @@ def ours(fault, tolerance: float) -> tuple[float, float, int]:
 
 
 def scipys(fault, name: str, tolerance: float) -> tuple[float, float, int]:
-    """The same with one of SciPy's solvers."""
+    """Likewise with a SciPy solver."""
     state = initial_state(fault)
     machine, n, w = Machine(fault, state.prestress), len(fault.depth), state.log_velocity.copy()
     out, power = np.empty((2, n)), np.empty(3)
@@ -65,7 +66,7 @@ def scipys(fault, name: str, tolerance: float) -> tuple[float, float, int]:
 
 
 def rows(*, smallest: bool = False):
-    """A table; the processor time is the least of three rounds in which the steppers alternate."""
+    """Table; processor times are the shortest of three rounds in which steppers alternate."""
     fault = benchmark_fault()
     exact = ours(fault, 1e-2 if smallest else 1e-9)[0]
     yield f"second event after {exact / YEAR:.6f} years"

@@ -1,6 +1,6 @@
-"""Seconds to the first result: of the first start of each command, and of the fastest of three more.
+"""Time to the first result: for the first start of each command, and for the fastest of three further starts.
 
-A run has its first result when it first reports a physical quantity.
+The first result of a run is its first report of a physical quantity.
 """
 
 import os
@@ -13,8 +13,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 PACKING = str(ROOT / "examples" / "sheared_spheres.npz")
-FLOORS = {"column_collapse": 4, "gouge": 5, "biaxial": 5}  # [s] of the first start, of the runs in `examples`
-QUANTITIES = "unbalanced", "kinetic", "stress", "friction"  # words that come with the first result of each example
+FLOORS = {"column_collapse": 4, "gouge": 5, "biaxial": 5}  # limits for the first start of runs in `examples` [s]
+QUANTITIES = "unbalanced", "kinetic", "stress", "friction"  # words that mark the first result of each example
 EXAMPLES = "disk_array", "sphere_shear", "biaxial", "column_collapse", "plane_shear", "gouge", "rate_state"
 
 
@@ -35,7 +35,7 @@ def first_result(example: str) -> None:
 
 
 def _time(words: list[str]) -> float:
-    with tempfile.TemporaryDirectory() as folder:  # for what the command writes
+    with tempfile.TemporaryDirectory() as folder:  # for files written by the command
         env = os.environ | {"PYTHONPATH": str(ROOT)}
         start = time.perf_counter()
         run = subprocess.run([sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True)

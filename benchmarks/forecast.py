@@ -1,12 +1,12 @@
-"""Record of the forecasts of `shear_to_failure`: how often their intervals hold, beside naive forecasts; minutes.
+"""Record of the forecasts of `shear_to_failure`: hit rates of their intervals, and comparison with naive forecasts.
 
     python -m benchmarks forecast [TIMES] [calibrate]
 
-Packings of 30 disks are sheared, and each forecast along the path is compared with what came next. The naive forecasts
-are that the next event, or pair, comes after the mean spacing of those so far, and after the last spacing; they need
-two earlier ones. TIMES as many packings are sheared, by default 1. `calibrate` prints the quantiles of
-`loading.event_path.CALIBRATED`, from other packings, instead. Saddle nodes of the reference catalogue are also used,
-whose eigenvalues are known at small distances.
+Packings of 30 disks are sheared, and each forecast along the path is compared with the next event or pair. Naive
+forecasts are that the next event, or pair, comes after the mean spacing of the previous ones, or after the last
+spacing; they require two earlier ones. TIMES (default: 1) as many packings are sheared. `calibrate` instead prints the
+quantiles of `loading.event_path.CALIBRATED`, from other packings. Saddle nodes of the reference catalogue, whose
+eigenvalues are known at small distances, are used as well. It takes minutes.
 """
 
 from itertools import pairwise
@@ -30,7 +30,7 @@ ENDS = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)
 
 
 class Case(NamedTuple):
-    """A law with the packings that are sheared."""
+    """A law, and its sheared packings."""
 
     law: ss.Law
     fraction: float
@@ -46,21 +46,21 @@ CASES = {
 
 
 class Made(NamedTuple):
-    """One forecast, and what came."""
+    """One forecast and its outcome."""
 
     basis: str
-    left: float  # forecast strain that is left
+    left: float  # forecast remaining strain
     low: float
     high: float
-    came: float  # strain that was left; infinite if nothing came before the end of the path
+    came: float  # true remaining strain; infinite if nothing came before the end of the path
     rest: float  # strain to the end of the path
-    mean: float  # forecast of the mean spacing, NaN with fewer than two earlier events
-    last: float  # and of the last one
-    raw: float  # extrapolated strain that is left
+    mean: float  # forecast from the mean spacing; NaN with fewer than two earlier events
+    last: float  # forecast from the last spacing; likewise
+    raw: float  # extrapolated remaining strain
 
 
 def made_along(steps) -> list[Made]:
-    """Forecasts along a path that can be judged: the event came, or the path is longer than the interval."""
+    """Forecasts along a path that can be judged, as the event came or the path is longer than the interval."""
     events = np.array([event.strain for step in steps for event in step.events])
     births = np.array([b.strain for a, b in pairwise(steps) if b.pairs > a.pairs])
     births = births - 0.5 * STEP  # middle of the step
@@ -77,14 +77,14 @@ def made_along(steps) -> list[Made]:
             spacing = np.diff(so_far)
             naive = (spacing.mean(), spacing[-1]) if len(spacing) else (np.nan, np.nan)
             elapsed = now - so_far[-1] if len(so_far) else 0.0
-            naive = [x - elapsed if x > elapsed else x for x in naive]  # one that is overdue: from now on
+            naive = [x - elapsed if x > elapsed else x for x in naive]  # if overdue, counted from now
             raw = float(np.median(extrapolations(signs, one.basis)[1]))
             out.append(Made(one.basis, one.strain - now, one.low - now, one.high - now, came, rest, *naive, raw))
     return out
 
 
 def path(case: Case, seed: int, strain: float) -> list:
-    """Steps of one packing; fewer if there is no equilibrium, none if it does not jam."""
+    """Steps of one packing: fewer if no equilibrium exists, none if it does not jam."""
     steps = []
     try:
         state, _ = ss.packings.jammed(30, packing_fraction=case.fraction, dim=2, law=case.law, seed=seed)
@@ -102,17 +102,17 @@ class Judged(NamedTuple):
     """Record of the forecasts of one basis."""
 
     made: int
-    came: int  # forecasts whose event came before the end of the path
-    inside: int  # of these, those whose interval contains it
-    error: float  # median |ln(forecast/true)| of the strain that was left, where the event came
-    several: int  # forecasts with two earlier events
-    beside: float  # median error of these,
-    mean: float  # of the mean spacing,
-    last: float  # and of the last spacing
+    came: int  # number of forecasts whose event came before the end of the path
+    inside: int  # number of those whose interval contains the event
+    error: float  # median |ln(forecast/true)| of the remaining strain, where the event came
+    several: int  # number of forecasts with two earlier events
+    beside: float  # median error of these
+    mean: float  # median error of the mean spacing
+    last: float  # median error of the last spacing
 
 
 def judge(made: list[Made]) -> Judged:
-    """Record of some forecasts."""
+    """Judge a number of forecasts."""
     came = [one for one in made if np.isfinite(one.came)]
     several = [one for one in came if np.isfinite(one.mean)]
 
@@ -125,12 +125,13 @@ def judge(made: list[Made]) -> Judged:
 
 
 def saddle_nodes(odd: int) -> np.ndarray:
-    """Saddle nodes of half of the catalogue, from eigenvalues at three distances.
+    """Saddle nodes of half of the catalogue, extrapolated from eigenvalues at three distances.
 
     Returns
     -------
     (K, 3)
-        strain that is left at the nearest; ln(this over that extrapolated), NaN without one; the same from λ² alone
+        remaining strain at the nearest distance; ln of its ratio to the extrapolated strain, NaN without one; the same
+        from λ² alone
     """
     table, out = read_table(CATALOGUE), []
     rows = (table["kind"] == "saddle_node") & (table["sample"] % 2 == odd)
@@ -145,7 +146,7 @@ def saddle_nodes(odd: int) -> np.ndarray:
 
 
 def catalogue_table(found: np.ndarray) -> list[str]:
-    """Lines of the table of saddle nodes."""
+    """Lines of the saddle node table."""
     out = ["| strain left | saddle nodes | extrapolated | in the interval | median error | from λ² alone |", _rule(6)]
     low, shift, high = CALIBRATED[SADDLE]
     for left in sorted({float(x) for x in found[:, 0]}, reverse=True):
@@ -187,7 +188,7 @@ def forecasts_of(first: int, times: int, smallest: bool) -> dict[str, list[Made]
 
 
 def calibrated(made: dict[str, list[Made]]):
-    """Quantiles from which `CALIBRATED` is chosen."""
+    """Quantiles on which `CALIBRATED` is based."""
     for basis in CALIBRATED:
         every = [one for several in made.values() for one in several if one.basis == basis and np.isfinite(one.came)]
         values = [np.log(one.came / one.raw) for one in every]
@@ -200,7 +201,7 @@ def calibrated(made: dict[str, list[Made]]):
 
 
 def rows(*words: str, smallest: bool = False):
-    """Write the tables of the page, or calibrate."""
+    """Write the tables of the page, or print the calibration."""
     times = next((int(word) for word in words if word.isdigit()), 1)
     if "calibrate" in words:
         yield from calibrated(forecasts_of(0, times, smallest))

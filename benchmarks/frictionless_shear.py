@@ -1,13 +1,13 @@
-"""Angle of friction of spheres without friction in slow simple shear, against a published value; about fifteen minutes.
+"""Friction angle of frictionless spheres in slow simple shear, compared with a published value.
 
     python -m benchmarks frictionless_shear [GRAINS [SAMPLES]]
 
-Spheres without friction have an angle of friction all the same: 5.76 ± 0.22 degrees in the limit of rigid grains and
-slow shear (Peyneau and Roux 2008, doi:10.1103/PhysRevE.78.011307, abstract; docs/reference/element_tests). Element
+Even without friction between grains, spheres have a friction angle: 5.76 ± 0.22 degrees in the limit of rigid grains
+and slow shear (Peyneau and Roux 2008, doi:10.1103/PhysRevE.78.011307, abstract; docs/reference/element_tests). Element
 tests shear samples at constant σ_yy at several inertial numbers I. tan φ = |σ_xy|/σ_yy is averaged over γ > 0.15 and
-extrapolated by tan φ = A + B I^n with n = 0.4; n = 0.3 and 0.5 show what that assumption does. Tolerance, chosen before
-the first run: 10 % of the published value, or twice both errors together if that is more. The table is for
-docs/element_tests.md.
+extrapolated by tan φ = A + B I^n with n = 0.4; n = 0.3 and 0.5 show the influence of that assumption. The tolerance,
+chosen before the first run, is 10 % of the published value, or twice the combined error if that is larger. The table is
+for docs/element_tests.md. It takes about fifteen minutes.
 """
 
 from pathlib import Path
@@ -20,13 +20,13 @@ from stickslip.core.tables import read_table
 from .records import number
 
 PUBLISHED = Path(__file__).parents[1] / "docs" / "reference" / "element_tests" / "frictionless_shear.csv"
-RATES, POWERS = (1e-3, 3e-4, 1e-4), (0.4, 0.3, 0.5)  # inertial numbers; powers n, the first of them assumed
-STRAIN, STEADY = 0.4, 0.15  # shear strain, and that from which averages are taken
-BLOCKS = 5  # parts of the steady series whose scatter gives the error of a single sample
+RATES, POWERS = (1e-3, 3e-4, 1e-4), (0.4, 0.3, 0.5)  # inertial numbers; powers n, the first of which is assumed
+STRAIN, STEADY = 0.4, 0.15  # shear strain, and strain from which averages are computed
+BLOCKS = 5  # number of parts of the steady series whose scatter gives the error of a single sample
 
 
 def tangent(grains: int, samples: int, inertial_number: float, strain: float = STRAIN) -> tuple[float, float]:
-    """Mean of tan φ in steady shear, and its standard error from samples or, of one sample, from blocks."""
+    """Mean of tan φ in steady shear, and its standard error from samples or, with one sample, from blocks."""
     test = ss.scenario(
         experiment="element-test",
         realizations=samples,
@@ -55,7 +55,7 @@ def tangent(grains: int, samples: int, inertial_number: float, strain: float = S
 
 
 def extrapolate(mean: np.ndarray, scatter: np.ndarray, power: float) -> tuple[float, float]:
-    """Angle of friction for I → 0 and its standard error [degree], by weighted least squares."""
+    """Friction angle for I → 0 and its standard error [degree], by weighted least squares."""
     columns = np.stack([np.ones(len(RATES)), np.power(RATES, power)], axis=1) / scatter[:, None]
     inverse = np.linalg.inv(columns.T @ columns)
     limit, error = (inverse @ columns.T @ (mean / scatter))[0], np.sqrt(inverse[0, 0])
@@ -63,7 +63,7 @@ def extrapolate(mean: np.ndarray, scatter: np.ndarray, power: float) -> tuple[fl
 
 
 def rows(grains: str = "1000", samples: str = "1", *, smallest: bool = False):
-    """Tangent at each inertial number, its limit, and the verdict."""
+    """Rows with tan φ at each inertial number, its limit, and the verdict."""
     grains, samples = 40 if smallest else int(grains), int(samples)
     _, (_, (_, value, error, doi)) = read_table(PUBLISHED)
     yield f"{grains} spheres without friction, {samples} samples, γ from {STEADY:g} to {STRAIN:g}"

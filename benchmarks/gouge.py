@@ -1,8 +1,8 @@
 """Time steps of sliding fault gouge: stickslip and LAMMPS `gran/hertz/history` from the same state, alternating.
 
-The sample is settled and slid by one mean diameter with stickslip; the larger one consists of 3 × 3 copies of it. Both
+The sample is settled and slid by one mean diameter with stickslip; the larger sample consists of 3 × 3 copies. Both
 sides start without contact memory, with the same forces on the plate and the same time step, on one core. LAMMPS uses
-the fastest neighbour skin of `SKINS` on this machine; stickslip chooses its own.
+the skin of `SKINS` that is fastest on this machine; stickslip chooses its skin itself.
 """
 
 import pickle
@@ -19,12 +19,12 @@ from .engine import HERE, ROUNDS, STORE, console, row
 from .native_lammps import NATIVE, environment
 
 VELOCITY = 0.3  # velocity of the load point [m/s]
-SKINS = (0.005, 0.01, 0.02, 0.04)  # [D]
+SKINS = (0.005, 0.01, 0.02, 0.04)  # neighbour skins of LAMMPS [D]
 CELLS = {"gouge, 500 mobile grains": 1, "gouge, 4500 mobile grains": 3}  # copies along x and along z
 
 
 def scene(copies: int, small: bool = False) -> tuple[Path, int]:
-    """Return a file with a scenario and the state from which its legs start, and the number of grains."""
+    """Return a file with a scenario and the start of its legs, and the number of grains."""
     from stickslip import scenario
     from stickslip.core.dynamics.run import own_engine
     from stickslip.core.state import empty_contacts
@@ -58,7 +58,7 @@ def scene(copies: int, small: bool = False) -> tuple[Path, int]:
 
 
 def copied(gouge, copies: int):
-    """Copies of a sample, arranged along x and z, under one plate with one spring."""
+    """Copies of a sample along x and z, under one plate with one spring."""
     from stickslip.core.state import empty_contacts
 
     state, n = gouge.state, len(gouge.state.grains.radius)
@@ -85,7 +85,7 @@ def copied(gouge, copies: int):
 
 
 def measure(side: str, path: Path, steps: int, skin: float = 0.0) -> float:
-    """Return the seconds per step of a side, run in its own process; raise RuntimeError if it cannot run."""
+    """Return the seconds per step of a side, run in a separate process; raise RuntimeError if it cannot run."""
     env = environment(native=side.startswith(NATIVE)) | {"OMP_NUM_THREADS": "1"}
     words = [
         sys.executable,
@@ -117,7 +117,7 @@ def run_seconds(workers: int) -> float:
 
 
 def scaling() -> dict:
-    """Speed of two processes relative to one, for realizations and branches; 2 is ideal."""
+    """Speed of two processes relative to one, for realizations and branches; the ideal is 2."""
     run_seconds(2)
     one, two = zip(*((run_seconds(1), run_seconds(2)) for _ in range(2)), strict=True)
     name = "gouge, 4 realizations with 2 branches each, runs/s"
@@ -128,7 +128,7 @@ def scaling() -> dict:
 
 
 def rows(*, smallest: bool = False):
-    """One row per cell, and one for the scaling over processes."""
+    """One row per cell size, and one for the scaling over processes."""
     if not smallest:
         yield scaling()
     for name, copies in CELLS.items():

@@ -1,7 +1,7 @@
-"""Printed values and statements of Ferdowsi & Rubin 2021 beside the stored samples of the paper's own size.
+"""Printed values and statements of Ferdowsi & Rubin 2021, compared with stored samples of the paper's size.
 
-The samples in `docs/reference/gouge_paper_size` are evaluated, and the table of `docs/theory/gouge.md` is written. Both
-commands, of which the second draws the figures, are to be run after each new sample.
+The samples in `docs/reference/gouge_paper_size` are evaluated, and the table of `docs/theory/gouge.md` is written. Run
+both commands after each new sample; the second draws the figures.
 
 python -m benchmarks gouge_samples --store
 python docs/gallery.py gouge-paper-size
@@ -20,7 +20,7 @@ WORDS = {None: "–", True: "yes", False: "no"}
 
 
 def words(value, error: float | None = None, unit: str = "") -> str:
-    """A value with the half width of its 95 % interval between samples."""
+    """Value with the half width of its 95 % interval between samples."""
     if value is None or isinstance(value, bool):
         return WORDS[value]
     half = f" ± {2 * error:.2g}" if error and error == error else ""
@@ -28,7 +28,7 @@ def words(value, error: float | None = None, unit: str = "") -> str:
 
 
 def table(claims, tenth: dict[str, dict], count: int) -> str:
-    """Rows with a printed value or statement, at the paper's size and at a tenth of it."""
+    """Rows for printed values and statements, at the paper's size and at a tenth of it."""
     head = f"| claim | printed | {count} samples of the paper's size | verdict | at a tenth | verdict |"
     lines = [head, "|" + 6 * "---|"]
     for claim in claims:
@@ -43,7 +43,7 @@ def table(claims, tenth: dict[str, dict], count: int) -> str:
 
 
 def rows(*, smallest: bool = False):
-    """Values with half widths of 95 % intervals, and the table; it is not written for the smallest size."""
+    """Values with half widths of 95 % intervals, and the table, which is not written for the smallest size."""
     found = reproduce(paper_size=True, samples=DOCS / "reference/gouge_paper_size")
     counts = {name: len(result.realizations) for name, result in found.holds.items()}
     for name, count in counts.items():

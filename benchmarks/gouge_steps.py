@@ -1,8 +1,9 @@
-"""Design of the velocity steps of gouge at the paper's size: what separates b and D_c, and what it costs.
+"""Design of velocity steps of gouge at the paper's size: sequences that separate b and D_c, and their cost.
 
-For sequences of velocity steps, errors of rate-and-state parameters follow from the sensitivities of the slip law, with
-the a, b, D_c and stiffness of Ferdowsi & Rubin 2021, and the fluctuations of friction in steady sliding of the stored
-samples, whose correlation decays exponentially with slip. The cost is in samples of the protocol of the paper's size.
+For sequences of velocity steps, errors of rate-and-state parameters are computed from two inputs: the sensitivities of
+the slip law, with the a, b, D_c and stiffness of Ferdowsi & Rubin 2021, and the fluctuations of friction in steady
+sliding of the stored samples, whose correlation decays exponentially with slip. The unit of cost is one sample of the
+protocol of the paper's size.
 
 python -m benchmarks gouge_steps
 """
@@ -17,7 +18,7 @@ from stickslip.wings.papers.gouge.claims import DC, A, B
 from stickslip.wings.papers.gouge.paper import MAIN, PAPER, STEPS, paper_size_scenario, stored_samples
 from stickslip.wings.papers.gouge.sample import stiffness
 
-SAMPLES, POINTS = 8, 120  # samples to be run, and points of each leg
+SAMPLES, POINTS = 8, 120  # number of samples to run, and of points per leg
 STORED = Path(__file__).parents[1] / "docs/reference/gouge_paper_size"
 SEQUENCES = {  # slips [D] at the velocities [m/s]
     "1 D each": ((PAPER, 0.2, PAPER, 0.002, PAPER), (1, 1, 1, 1, 1)),
@@ -29,7 +30,7 @@ SEQUENCES = {  # slips [D] at the velocities [m/s]
 
 
 def fluctuations(size: float) -> tuple[float, float]:
-    """Standard deviation of friction in the slide before the steps, and its correlation length in slip [m]."""
+    """Standard deviation of friction in the slide before the steps, and its correlation length along slip [m]."""
     found = []
     for sample in stored_samples(STORED)[MAIN].values():
         slide = sample.realization.of("slide")[0].series
@@ -40,7 +41,7 @@ def fluctuations(size: float) -> tuple[float, float]:
 
 
 def model(legs, spring: float, values) -> np.ndarray:
-    """Friction at equally spaced slips of each leg, (velocity, slip [m]), for ln a, ln b, ln D_c and mu0."""
+    """Friction at equally spaced slips of each leg (velocity, slip [m]), for ln a, ln b, ln D_c and mu0."""
     a, b, dc = np.exp(values[:3])
     steps = [LoadStep(slip / velocity, velocity) for velocity, slip in legs]
     ends = np.cumsum([0.0, *(step.duration for step in steps)])
@@ -51,7 +52,7 @@ def model(legs, spring: float, values) -> np.ndarray:
 
 
 def errors(legs, spring: float, noise: tuple[float, float]) -> np.ndarray:
-    """Covariance of ln a, ln b, ln D_c and mu0 from a mean over `SAMPLES`."""
+    """Covariance of ln a, ln b, ln D_c and mu0 for a mean over `SAMPLES`."""
     middle, step = np.array([np.log(A), np.log(B), np.log(DC), 0.4]), 1e-3
     shifts = step * np.eye(4)
     columns = [(model(legs, spring, middle + d) - model(legs, spring, middle - d)) / (2 * step) for d in shifts]
@@ -65,7 +66,7 @@ def errors(legs, spring: float, noise: tuple[float, float]) -> np.ndarray:
 
 
 def rows(*, smallest: bool = False):
-    """The table; the smallest size has its first row."""
+    """Table; the smallest size has only its first row."""
     scenario = paper_size_scenario()
     size, spring = scenario.grains.mean, stiffness(scenario) / scenario.load.normal_stress
     noise = fluctuations(size)

@@ -1,7 +1,7 @@
-"""Does fault gouge depend on the thickness of the layer? One sample of 14 D beside the stored samples of 20 D.
+"""Effect of layer thickness on fault gouge: one sample of 14 D compared with the stored samples of 20 D.
 
-The cell, the distribution of diameters and the protocol are those of the paper's size; only the number of grains
-differs. The sample is run unless it is stored, which takes an hour of one core; a run that is stopped goes on.
+Cell, diameter distribution and protocol are those of the paper's size; only the number of grains differs. Unless the
+sample is stored, it is run, which takes an hour on one core; a stopped run resumes.
 
 python -m benchmarks gouge_thickness
 """
@@ -25,7 +25,7 @@ NUMBER = 2900  # mobile grains of a layer of 14 D
 
 
 def quantities(result: GougeResult) -> dict[str, float]:
-    """Numbers of one sample that the paper prints or shows."""
+    """Numbers of one sample that are printed or shown in the paper."""
     _, after, peaks, _ = reslides_after_longest(result, PAPER)
     return {
         "thickness [D]": result.realizations[0].range.thickness,
@@ -49,7 +49,7 @@ def thin_sample(thick) -> GougeResult:
 
 
 def rows(*, smallest: bool = False):
-    """The table; the smallest size has a stored sample of 20 D alone."""
+    """Table; the smallest size has only a stored sample of 20 D."""
     thick = paper_size_scenario(realizations=1)
     stored = list(stored_samples(STORED / "gouge_paper_size")[MAIN].values())[: 1 if smallest else None]
     others = [quantities(GougeResult(thick, (sample.realization,), (), 1)) for sample in stored]

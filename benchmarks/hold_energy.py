@@ -1,11 +1,11 @@
-"""Energy balance of vibrations in holds of fault gouge, for two tangential laws, several dampings and time steps.
+"""Energy balance of vibrations in holds of fault gouge for two tangential laws, and several dampings and time steps.
 
     python -m benchmarks hold_energy                # 16 ledgers of 10 ms (about a quarter of an hour on two cores)
     python -m benchmarks hold_energy --steps        # holds of 20 ms with time steps from 5e-8 to 4e-7 s
     python -m benchmarks hold_energy --lammps       # holds of 0.1 s of one scenario with stickslip and with LAMMPS
 
-One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. From some of its
-states the load point is held, with the law, damping and time step given in each row. Energies are means over the
+One sample of 300 mobile grains slides at 0.03 m/s with γ_n = 1e4 1/(m s) and the plain tangential law. From several of
+its states, the load point is held, with the law, damping and time step of each row. Energies are means over these
 states, in units of the elastic energy of the contacts at the start of the hold.
 """
 
@@ -33,7 +33,7 @@ COLUMNS = ("kinetic", "normal", "tangential", "external", "coulomb", "viscous", 
 
 
 def base(**more) -> GougeScenario:
-    """A scenario with holds from `STATES` states of one sample."""
+    """Scenario with holds from `STATES` states of one sample."""
     hold = {"kind": "slide-hold-slide", "before": [VELOCITY], "holds": [HOLD], "after": [], "approach": 1.5}
     tables = {
         "experiment": "gouge", "dt": 4e-7, "sample_every": 250, "grains": {"number": 300}, "cell": {"length": 0.024},
@@ -43,7 +43,7 @@ def base(**more) -> GougeScenario:
 
 
 def run_hold(place, law_table: dict, dt: float, seconds: float, ledger: bool):
-    """Change of friction in a hold, and its ledger in units of the initial elastic energy."""
+    """Change of friction in a hold, and the ledger in units of the initial elastic energy."""
     scenario = base(law=law_table)
     law = gouge_law(scenario, scenario.law.mu)
     stored, begin, ahead = elastic_energy(place.state, place.law), place.state.time, load_point_lead(place)
@@ -69,7 +69,7 @@ def places(scenario: GougeScenario):
 
 
 def holds(cases, starts, *, seconds: float, ledger: bool):
-    """One line per (name of a law, γ_n, dt)."""
+    """Yield one line per (name of a law, γ_n, dt)."""
     cases = list(cases)
     tasks = [
         (place, {"damping_n": gamma, "kind": LAWS[name]}, dt, seconds, ledger)
@@ -92,7 +92,7 @@ def holds(cases, starts, *, seconds: float, ledger: bool):
 
 
 def compare_engines():
-    """Compare the relaxation in 0.1 s between engines, for both tangential laws; each engine slides its own samples."""
+    """Compare relaxation in 0.1 s between engines, for both tangential laws; each engine slides its own samples."""
     protocol = [base().protocol[0].model_dump() | {"holds": (1e-2, 1e-1), "branches": 3}]
     for name, gamma in product(LAWS, (1e4, 6e7)):
         for engine in ("stickslip", "lammps"):
@@ -106,7 +106,7 @@ def compare_engines():
 
 
 def rows(*words: str, smallest: bool = False):
-    """The table that is asked for."""
+    """The requested table."""
     if smallest:
         starts = places(base(grains={"number": 40}, cell={"length": 0.017}, preparation={"slip": 0.01}))
         yield from holds([("plain", 1e4, STEPS[0])], starts[:1], seconds=1e-4, ledger=True)

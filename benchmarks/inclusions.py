@@ -1,7 +1,9 @@
-"""Inflated grains beside elasticity, with nothing fitted, and what fits prefer: `python -m benchmarks inclusions`.
+"""Inflated grains compared with elasticity, without fitted parameters, and models preferred by fits.
 
-A lattice, frictionless disks (single grains), and sheared disks with friction (every tenth grain; 13 of these in steps
-by 2 % and by 10 %). A number of disks, as `python -m benchmarks inclusions 300`, makes it shorter.
+python -m benchmarks inclusions [DISKS]
+
+Samples are a lattice, frictionless disks (single grains), and sheared disks with friction (every tenth grain; 13 of
+these in steps of 2 % and of 10 %). A smaller number of disks, such as 300, shortens it.
 """
 
 import warnings
@@ -11,8 +13,8 @@ import numpy as np
 import stickslip as ss
 
 SMOOTH, ROUGH = ss.laws.hertz_mindlin(mu=0.0), ss.laws.hertz_mindlin(mu=0.3)
-SHEARED = {0.95: 1e-4, 0.86: 2e-5, 0.845: 2e-5}  # by packing fraction: steps of shear strain
-CENTERS = 30  # single grains of each frictionless packing
+SHEARED = {0.95: 1e-4, 0.86: 2e-5, 0.845: 2e-5}  # steps of shear strain by packing fraction
+CENTERS = 30  # number of single grains of each frictionless packing
 OVERLAP = 1e-8
 
 
@@ -26,7 +28,7 @@ def lattice(law, across: int):
 
 
 def sheared(disks: int, fraction: float):
-    """Disks that have been sheared a little, so that friction has come into play."""
+    """Disks sheared slightly, so that friction is mobilised."""
     state, _ = ss.packings.jammed(disks, packing_fraction=fraction, dim=2, seed=3)
     for _ in range(3):
         state, outcome = ss.equilibrate(ss.packings.sheared(state, SHEARED[fraction]), ROUGH)
@@ -35,7 +37,7 @@ def sheared(disks: int, fraction: float):
 
 
 def describe(field) -> str:
-    """Amplitude over that of the moduli, κ_e², and the model that is preferred."""
+    """Amplitude over that of the moduli, κ_e², and the preferred model."""
     fits = field.fit()
     elastic, dipole = fits.models[:2]
     lame = np.mean(field.lame)
@@ -46,7 +48,7 @@ def describe(field) -> str:
 
 
 def rows(disks: str = "1000", *, smallest: bool = False):
-    """The rows."""
+    """All rows."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield from _rows(100 if smallest else int(disks), smallest)

@@ -1,7 +1,7 @@
-"""Strong scaling of LAMMPS over MPI ranks: the same 10,000 spheres on one core and more, alternating, best of rounds.
+"""Strong scaling of LAMMPS over MPI ranks: 10,000 spheres on one and more cores, alternating, best of several rounds.
 
-`python -m benchmarks lammps_ranks` measures on the cores at hand. `python -m benchmarks lammps_ranks log.lammps …`
-prints the same numbers from logs of other runs, such as those of a folder that `stickslip run --export` wrote.
+`python -m benchmarks lammps_ranks` measures on the available cores. `python -m benchmarks lammps_ranks log.lammps …`
+prints the same numbers from logs of other runs, such as those in a folder written by `stickslip run --export`.
 """
 
 import re
@@ -24,7 +24,7 @@ class Speed(NamedTuple):
 
 
 def speed(log: str) -> Speed:
-    """Speed of the longest run in a log of LAMMPS; ValueError if there is none."""
+    """Speed of the longest run in a LAMMPS log; ValueError if there is none."""
     found = [(float(s), int(p), int(steps), int(n)) for s, p, steps, n in LOOP.findall(log)]
     if not found:
         raise ValueError("the log contains no line with a loop time")
@@ -48,7 +48,7 @@ def dense():
 
 
 def rows(*logs: str, smallest: bool = False):
-    """One row per number of ranks above one, with the speed of one rank as the peer; or the speeds in logs."""
+    """One row per number of ranks above one, compared with the speed of one rank; or the speeds in logs."""
     import os
 
     from stickslip.core.dynamics.run import Leg
@@ -79,7 +79,7 @@ def rows(*logs: str, smallest: bool = False):
 
 
 def speeds(logs):
-    """Lines with the speeds in logs, and their ratios to that with the fewest ranks."""
+    """Lines with the speeds in logs, and their ratios to the speed with the fewest ranks."""
     found = sorted(speed(Path(path).read_text(errors="replace")) for path in logs)
     for one in found:
         ratio = one.rate / found[0].rate

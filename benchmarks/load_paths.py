@@ -1,11 +1,11 @@
-"""Ends of quasi-rigid paths: dependence on the increment, and comparison with slow dynamics.
+"""Ends of quasi-rigid paths: dependence on the load increment, and comparison with slow dynamics.
 
     python -m benchmarks load_paths                # 50 samples with four increments (about an hour on one core)
     python -m benchmarks load_paths --slow 20      # the first 20 samples of 60 disks, compared with slow dynamics
 
-A sample is a box of disks, complete or without its rattlers. The force on one wall grows to three times its initial
-value or falls to a tenth. Ends agree if they differ by 1 % at most. If they do not, at least one path must have
-reported other consistent choices, or that it is undecided.
+A sample is a box of disks, with or without its rattlers. The force on one wall grows to three times its initial value
+or falls to a tenth. Ends agree if they differ by at most 1 %. If they do not, at least one path must have reported
+other consistent choices, or that it is undecided.
 """
 
 import time
@@ -23,13 +23,13 @@ from .records import number
 
 INCREMENTS = (0.01, 0.005, 0.002, 0.0005)
 DIRECTIONS = {"lid down": (TOP, 3.0), "side in": (RIGHT, 3.0), "lid up": (TOP, 0.1), "side out": (RIGHT, 0.1)}
-SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # samples of each size
-FIRST_SEED = 101  # not used by any test
-AGREE = 0.01  # relative difference of the ends
+SIZES = {60: 20, 100: 14, 200: 10, 400: 6}  # number of samples of each size
+FIRST_SEED = 101  # seeds from here on are not used by any test
+AGREE = 0.01  # largest relative difference between ends that agree
 PRESSURE = 1e-4
-TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of the whole load, drag, and range beyond the end of the path
-BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # over the median kinetic energy; over that of the faster run; steps in a median
-ASTRAY = 0.02  # distance of the wall from the path, over its last shift, too large to be a lag of the dynamics
+TIMES, DRAG, BEYOND = (3e5, 1e6), 0.02, 1.3  # ramp times of the whole load, drag, and end of runs over that of the path
+BURST, ALIKE, BEFORE = 30.0, 0.5, 10  # kinetic energy over its median, and over the faster run's; steps in a median
+ASTRAY = 0.02  # distance of the wall from the path, over its last shift, that cannot be a lag of the dynamics
 
 
 class Sample(NamedTuple):
@@ -54,11 +54,11 @@ class PathEnd(NamedTuple):
     forks: int  # number of reported alternatives
     unchecked: int
     seconds: float
-    undecided: bool  # the path does not know how to continue
+    undecided: bool  # True if the path cannot decide how to continue
 
 
 def samples(sizes: dict[int, int] = SIZES) -> list[Sample]:
-    """All samples, alternating in completeness and direction."""
+    """All samples, alternately complete and without rattlers, with alternating directions."""
     out = []
     for n, count in sizes.items():
         for k in range(count):
@@ -97,13 +97,13 @@ def follow_path(state: State, law, end: Control, increment: float) -> tuple[Path
 
 
 def agree(ends: list[PathEnd]) -> bool:
-    """True if the last loads differ by 1 % at most."""
+    """Return True if the last loads differ by at most 1 %."""
     loads = [one.load for one in ends]
     return max(loads) - min(loads) <= AGREE * max(loads)
 
 
 def compare(sample: Sample, increments=INCREMENTS) -> tuple[str, list[PathEnd]]:
-    """A line with the ends for all increments, and the ends."""
+    """Line with the ends for all increments, and the ends themselves."""
     state, law, end = prepare(sample)
     ends = [follow_path(state, law, end, increment)[0] for increment in increments]
     line = f"{sample.name:44s}" + "".join(f" {one.load:8.5f}" for one in ends)
@@ -114,18 +114,18 @@ def compare(sample: Sample, increments=INCREMENTS) -> tuple[str, list[PathEnd]]:
 
 
 def shift(states, sample: Sample) -> np.ndarray:
-    """Displacement of the loaded wall [length], (T,)."""
+    """Displacement of the loaded wall (T,) [length]."""
     wall = DIRECTIONS[sample.direction][0]
     at = np.array([s.walls.point[wall] @ s.walls.normal[wall] for s in states])
     return at - at[0]
 
 
 def slow_end(sample: Sample, state: State, law, end: Control, path: LoadPath) -> float | None:
-    """Load at which slow dynamics collapses, None if it does not up to 1.3 times the last load of the path.
+    """Load at which slow dynamics collapses; None if it does not up to 1.3 times the last load of the path.
 
-    The kinetic energy of slow motion scales as the square of the rate. A load step in which the slower of two runs
-    has more than half of the kinetic energy of the faster one, and thirty times its own median, is a burst. A burst is
-    a collapse if the wall deviates from the path from there on, or if the path has ended.
+    The kinetic energy of slow motion scales as the square of the rate. A load step is a burst if the slower of two runs
+    has more than half of the kinetic energy of the faster run, and thirty times its own median. A burst is a collapse
+    if the wall deviates from the path from then on, or if the path has ended.
     """
     last = path.points[-1].load
     until = min(1.0, BEYOND * last)
@@ -169,7 +169,7 @@ def compare_with_dynamics(some: list[Sample]):
 
 
 def summary(results: list[list[PathEnd]]):
-    """How many samples agree and how many report an alternative."""
+    """Numbers of samples that agree, and of samples that report an alternative."""
     same = [agree(ends) for ends in results]
     reported = [any(one.forks or one.undecided for one in ends) for ends in results]
     neither = sum(not a and not t for a, t in zip(same, reported, strict=True))
@@ -185,7 +185,7 @@ def summary(results: list[list[PathEnd]]):
 
 
 def rows(*words: str, smallest: bool = False):
-    """All samples with all increments; or, with `--slow N`, N samples of 60 disks compared with slow dynamics."""
+    """All samples with all increments or, with `--slow N`, N samples of 60 disks compared with slow dynamics."""
     if words:
         yield from compare_with_dynamics(samples({60: int(words[1])}))
         return

@@ -1,6 +1,7 @@
-"""How often measured forces, balanced, have the verdict of the true packing: `python -m benchmarks measured_forces`.
+"""Agreement of verdicts from measured, balanced forces with those of the true packing.
 
-`python -m benchmarks measured_forces example` writes examples/measured_disks.csv and measured_forces.csv.
+python -m benchmarks measured_forces           # the table
+python -m benchmarks measured_forces example   # writes examples/measured_disks.csv and measured_forces.csv
 """
 
 import warnings
@@ -12,7 +13,7 @@ import stickslip as ss
 from stickslip.core.contacts.jacobian import linearise
 
 LAW = ss.laws.hertz_mindlin(1.0, 2 / 7, 0.3)
-ERRORS = ((1e-2, 0.1), (1e-2, 1e-2), (1e-3, 1e-2), (1e-4, 1e-3))  # of positions in radii, of forces in mean forces
+ERRORS = ((1e-2, 0.1), (1e-2, 1e-2), (1e-3, 1e-2), (1e-4, 1e-3))  # of positions [radii], of forces [mean forces]
 PACKINGS, DRAWS, DISKS = 10, 4, 40
 
 
@@ -28,7 +29,7 @@ def sheared(n, fraction, strain, seed):
 
 
 def cut(state, law=LAW):
-    """Packing without its periodic sides, and the grains that touched across them, which are held."""
+    """Packing without periodic sides, and the grains that touched across them, which are held."""
     rows, contacts, grains = ss.measure.touching(state), state.contacts, state.grains
     across = contacts.image[rows].any(axis=1)
     held = np.unique([contacts.i[rows[across]], contacts.j[rows[across]]])
@@ -50,7 +51,7 @@ def forces_of(state, law=LAW):
 
 
 def measured(truth, held, *, move, push, seed=0, law=LAW, errors=True):
-    """Forces of a state with errors of positions over the mean radius, and of forces over the mean force."""
+    """Forces of a state, with errors of positions over the mean radius and errors of forces over the mean force."""
     rng, (i, j, along, across) = np.random.default_rng(seed), forces_of(truth, law)
     place, radius = truth.grains.position[:, :2], truth.grains.radius
     move, push = move * radius.mean(), push * along.mean()
@@ -77,7 +78,7 @@ def write_example() -> None:
 
 
 def rows(*words: str, smallest: bool = False):
-    """A row for each pair of errors; with the word `example`, write the example instead."""
+    """One row per pair of errors; with the word `example`, write the example instead."""
     if words == ("example",):
         write_example()
         return

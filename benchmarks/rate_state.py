@@ -1,7 +1,7 @@
-"""The integrator of the spring-slider and compiled LSODA (numbalsoda) on the same equations, alternating.
+"""Spring-slider integrator and compiled LSODA (numbalsoda) on the same equations, alternating.
 
 Both restart at every leg and are called once per history. They are compared at equal tolerances, and with a smaller
-tolerance for LSODA that makes errors about equal. Errors are relative to our integrator at 1e-13.
+tolerance of LSODA that makes errors about equal. Errors are relative to our integrator at a tolerance of 1e-13.
 """
 
 import time
@@ -27,7 +27,7 @@ def ours(duration, velocity, times, tolerance=TOLERANCE) -> np.ndarray:
 
 
 def compiled_lsoda():
-    """Return the same function using LSODA in C++ with compiled equations as callback; may raise ImportError."""
+    """Return the same function with LSODA in C++ and compiled equations as callback; may raise ImportError."""
     from numba import carray, cfunc, njit
     from numbalsoda import lsoda, lsoda_sig
 
@@ -63,7 +63,7 @@ def compiled_lsoda():
 
 
 def rows(*, smallest: bool = False):
-    """Solutions per second of both integrators, and their errors; ours alone without LSODA."""
+    """Solutions per second of both integrators, and their errors; only ours without LSODA."""
     try:
         theirs = compiled_lsoda()
     except ImportError:

@@ -1,12 +1,12 @@
-"""Numbers in README and documentation: where they come from, and which of them are older than the code.
+"""Numbers in README and documentation: their sources, and their age relative to the code.
 
-`docs/numbers/NAME.json` holds the numbers of one command, with commit, date, processor and a hash of each room of
+`docs/numbers/NAME.json` contains the numbers of one command, with commit, date, processor and a hash of each room of
 `src/stickslip` on which they depend. Pages show a number as a link, `[2.3](numbers.md#NAME "key")`, whose text is
 written from the store. Text between `<!-- measured by NAME -->` and `<!-- end -->` was transcribed by hand, and is
 stored as a hash; text after `<!-- written by python -m benchmarks NAME -->` is written by the benchmark.
 
     python -m benchmarks.records                 # numbers older than their rooms, and the time to measure them again
-    python -m benchmarks.records --rerun 10m     # measure again those that fit into ten minutes, cheapest first
+    python -m benchmarks.records --rerun 10m     # measure again, cheapest first, as many as fit into ten minutes
     python -m benchmarks.records --write         # only write the numbers into the pages
     python -m benchmarks.records --transcribed NAME   # text measured by NAME now has the numbers of the stored run
 """
@@ -33,14 +33,14 @@ CODE = {".py", ".cpp", ".h", ".cu"}
 LINK = re.compile(r'\[([^\]]*)\]\(((?:[\w./]*/)?numbers\.md)#([\w-]+) "([^"]+)"\)')
 BLOCK = re.compile(r"<!-- (measured by|written by python -m benchmarks) (\w+)[^>]*-->(.*?)<!-- end -->", re.S)
 COMMON = ("command", "commit", "date", "processor", "rooms")
-NOT_RECORDED = "not recorded"  # processor of a number that was in the documentation before these records
-DIGITS = 2  # significant ones, unless an entry has others
+NOT_RECORDED = "not recorded"  # processor of a number that is older than these records
+DIGITS = 2  # significant digits, unless an entry states others
 console = Console()
 
 
 @cache
 def _code(path: Path, _modified: int) -> str:
-    """Text of a source file without comments, docstrings and blank lines; indentation is kept in Python only."""
+    """Text of a source file without comments, docstrings and blank lines; indentation is kept only in Python."""
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".py":
         return " ".join(re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.S).split())
@@ -68,18 +68,18 @@ def folder(root: Path = ROOT) -> Path:
 
 
 def read(root: Path = ROOT) -> dict[str, dict]:
-    """Records of all commands by name."""
+    """Read the records of all commands by name."""
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder(root).glob("*.json"))}
 
 
 def entries(record: dict) -> dict[str, dict]:
-    """Each number of a record, with what it has in common with the others, unless it has its own."""
+    """Entries of a record by key; each number inherits the common fields that it does not have itself."""
     common = {key: record[key] for key in COMMON}
     return {key: common | one for key, one in record["values"].items()}
 
 
 def changed(rooms: dict[str, str | None], root: Path = ROOT) -> list[str]:
-    """Rooms whose code differs from that which was measured, or is not known; those that are gone are marked so."""
+    """Rooms whose measured code is different or unknown; missing rooms are marked."""
     out = []
     for room, known in rooms.items():
         try:
@@ -90,7 +90,7 @@ def changed(rooms: dict[str, str | None], root: Path = ROOT) -> list[str]:
 
 
 def stale(record: dict, root: Path = ROOT) -> dict[str, list[str]]:
-    """Changed rooms by key of a number that is older than them."""
+    """Changed rooms of each outdated number, by key."""
     found = {key: changed(one["rooms"], root) for key, one in entries(record).items()}
     return {key: rooms for key, rooms in found.items() if rooms}
 
@@ -105,7 +105,7 @@ def processor() -> str:
 
 
 def commit(root: Path = ROOT) -> str:
-    """Commit of the code, with `-dirty` if package or benchmarks differ from it."""
+    """Commit of the code, with `-dirty` if the package or the benchmarks differ from it."""
 
     def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True).stdout.strip()
@@ -114,7 +114,7 @@ def commit(root: Path = ROOT) -> str:
 
 
 def texts(name: str, root: Path = ROOT, *, kind: str = "") -> dict[str, dict]:
-    """Hashes of the text of pages that a command measured, by the words `text of PAGE`; `kind` as in the marks."""
+    """Hashes of page text measured by a command, under the key `text of PAGE`; `kind` as in the marks."""
     found: dict[str, list[str]] = {}
     for path in pages(root):
         for how, one, body in BLOCK.findall(path.read_text(encoding="utf-8")):
@@ -124,7 +124,7 @@ def texts(name: str, root: Path = ROOT, *, kind: str = "") -> dict[str, dict]:
 
 
 def store(name: str, command: str, rooms, values: dict[str, dict], seconds: float, lines=(), root: Path = ROOT) -> Path:
-    """Write the numbers and lines of a run. Numbers that it does not have keep their date; digits shown are kept."""
+    """Write the numbers and lines of a run; other numbers keep their dates, and all keep the digits shown."""
     path = folder(root) / f"{name}.json"
     values = values | texts(name, root, kind="written")
     old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"values": {}}
@@ -145,7 +145,7 @@ def store(name: str, command: str, rooms, values: dict[str, dict], seconds: floa
 
 
 def transcribed(name: str, root: Path = ROOT) -> Path:
-    """Date the text of pages that a command measured as the stored run of the command."""
+    """Give page text measured by a command the date of the stored run of that command."""
     record = read(root)[name]
     return _save(folder(root) / f"{name}.json", record | {"values": record["values"] | texts(name, root)})
 
@@ -157,7 +157,7 @@ def _save(path: Path, record: dict) -> Path:
 
 
 def measured(row: dict) -> dict[str, dict]:
-    """Numbers of a row of a benchmark by key: its value, and its ratio to a peer."""
+    """Numbers in a benchmark row by key: the value, and its ratio to a peer."""
     if "value" in row:
         return {row["case"]: {k: v for k, v in row.items() if k != "case" and v is not None}}
     many = (f", {row['n']:,}" if row["n"] >= 1e4 else f", {row['n']}") if row["n"] else ""
@@ -169,7 +169,7 @@ def measured(row: dict) -> dict[str, dict]:
 
 
 def number(case: str, value: float, unit: str = "", error: float | None = None) -> dict:
-    """Row of a benchmark: a number with its unit and error."""
+    """Benchmark row: a number with unit and error."""
     more = {} if error is None else {"error": _rounded(error)}
     return {"case": case, "value": _rounded(value), "unit": unit} | more
 
@@ -179,7 +179,7 @@ def _rounded(value: float) -> float:
 
 
 def shown(one: dict) -> str:
-    """A number as pages show it, without its unit."""
+    """Number as shown on pages, without unit."""
     value, digits = one["value"], one.get("digits", DIGITS)
     size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}")))) if value else 0
     if not -4 < size < 7:
@@ -193,7 +193,7 @@ def shown(one: dict) -> str:
 
 
 def pages(root: Path = ROOT) -> list[Path]:
-    """README, paper and pages that people write, in which numbers stand."""
+    """Hand-written pages that contain numbers: README, paper and documentation."""
     made = {"numbers.md"}
     found = [p for p in sorted((root / "docs").rglob("*.md")) if not {"_build", "api", "reference"} & {*p.parts}]
     first = [path for path in (root / "README.md", root / "paper" / "paper.md") if path.exists()]
@@ -201,7 +201,7 @@ def pages(root: Path = ROOT) -> list[Path]:
 
 
 def with_numbers(text: str, records: dict[str, dict]) -> str:
-    """Text of a page with the numbers of the store; KeyError names one that the store does not have."""
+    """Text of a page with stored numbers; KeyError names a number that is not stored."""
 
     def link(found: re.Match) -> str:
         _, page, name, key = found.groups()
@@ -237,7 +237,7 @@ def overview(records: dict[str, dict]) -> str:
 
 
 def _line(key: str, one: dict) -> str:
-    """A number in the overview; text of a page of the documentation links to it."""
+    """Line of a number in the overview; text of a page is a link to the page."""
     if "text" in one:
         page = key.removeprefix("text of ")
         place = page.removeprefix("docs/")
@@ -246,7 +246,7 @@ def _line(key: str, one: dict) -> str:
 
 
 def older(records: dict[str, dict], root: Path = ROOT) -> str:
-    """Section of the page that names the numbers older than the code."""
+    """Section of the page that lists numbers older than the code."""
     lines = ["", "## Older than the code", "", "Code on which these numbers depend has changed since:", ""]
     for name, record in records.items():
         if found := stale(record, root):
@@ -257,7 +257,7 @@ def older(records: dict[str, dict], root: Path = ROOT) -> str:
 
 
 def write_block(page: Path, name: str, text: str) -> None:
-    """Replace the text of a page that a benchmark writes."""
+    """Replace page text written by a benchmark."""
     mark = f"<!-- written by python -m benchmarks {name} -->\n"
     head, begin, rest = page.read_text(encoding="utf-8").partition(mark)
     if not begin:
@@ -267,7 +267,7 @@ def write_block(page: Path, name: str, text: str) -> None:
 
 
 def write(root: Path = ROOT) -> list[Path]:
-    """Write the numbers of the store into all pages; return the pages that changed."""
+    """Write stored numbers into all pages; return the changed pages."""
     records, out = read(root), []
     texts = {path: with_numbers(path.read_text(encoding="utf-8"), records) for path in pages(root)}
     for path, text in (texts | {root / "docs" / "numbers.md": overview(records)}).items():
@@ -278,7 +278,7 @@ def write(root: Path = ROOT) -> list[Path]:
 
 
 def stale_in_readme(root: Path = ROOT) -> list[str]:
-    """One sentence for each number in the README that is older than the code; the release needs an empty list."""
+    """One sentence per number in the README that is older than the code; a release requires an empty list."""
     records, out = read(root), []
     for text, _, name, key in LINK.findall((root / "README.md").read_text(encoding="utf-8")):
         if rooms := stale(records[name], root).get(key):
@@ -288,7 +288,7 @@ def stale_in_readme(root: Path = ROOT) -> list[str]:
 
 
 def seconds_of(words: str) -> float:
-    """Seconds of a time such as 10m, 90s or 1.5h; ValueError if it is not one."""
+    """Seconds in a time such as 10m, 90s or 1.5h; ValueError for other text."""
     found = re.fullmatch(r"([\d.]+)([smh])", words)
     if not found:
         raise ValueError(f"the time was {words!r}: write it as in 90s, 10m or 2h")
@@ -296,7 +296,7 @@ def seconds_of(words: str) -> float:
 
 
 def affordable(costs: dict[str, float], limit: float) -> list[str]:
-    """Names whose costs fit into a limit together, cheapest first."""
+    """Names whose total cost is within a limit, cheapest first."""
     out = []
     for name, cost in sorted(costs.items(), key=lambda one: one[1]):
         if cost > limit:
@@ -333,7 +333,7 @@ def main() -> None:
         count = f"{len(found[name])} of {len(record['values'])}"
         table.add_row(record["command"], count, ", ".join(rooms), f"{record['seconds']:,.0f}")
     console.print(table if found else "No number is older than the code.")
-    ours = {  # others are commands of users, or wait for somebody to transcribe text
+    ours = {  # other commands belong to users, or require transcription by hand
         name: records[name]["seconds"]
         for name in found
         if records[name]["command"].startswith("python -m ") and changed(records[name]["rooms"])

@@ -1,4 +1,4 @@
-"""Rigid clusters by linear algebra and by the pebble game: large lattices with holes, and a load path with its pairs.
+"""Rigid clusters by linear algebra and by the pebble game: large lattices with holes, and a load path with pairs.
 
 python -m benchmarks rigid_clusters
 """
@@ -14,7 +14,7 @@ SIDE, SLIDING = 100, 0.3
 
 
 def lattice(holes: float, law, across: int = SIDE):
-    """Triangular lattice of disks with holes; a share SLIDING of the contacts slides."""
+    """Triangular lattice of disks with holes, in which a fraction SLIDING of the contacts slides."""
     rng = np.random.default_rng(0)
     sites = np.array([(x + 0.5 * y, y * 0.75**0.5) for y in range(across) for x in range(across)])
     places = 0.99 * sites[rng.random(len(sites)) > holes]
@@ -24,7 +24,7 @@ def lattice(holes: float, law, across: int = SIDE):
 
 
 def report(name: str, state, law, more: str = ""):
-    """Lines with what both methods say about a state."""
+    """Lines with the results of both methods for a state."""
     for method in METHODS:
         start = time.process_time()
         clusters = ss.quasirigid.rigid_clusters(state, law, method=method)
@@ -36,7 +36,7 @@ def report(name: str, state, law, more: str = ""):
 
 
 def rows(*, smallest: bool = False):
-    """The numbers of docs/quasi_rigid.md."""
+    """Numbers for docs/quasi_rigid.md."""
     law = ss.laws.linear(kn=1.0, kt=0.5, mu=0.4)
     across = 10 if smallest else SIDE
     for holes in (0.1, 0.2, 0.3):

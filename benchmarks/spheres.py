@@ -1,4 +1,4 @@
-"""Strain steps of sphere packings compared with damped dynamics, and spectra of large packings with LAPACK."""
+"""Strain steps of sphere packings compared with damped dynamics, and spectra of large packings with LAPACK's."""
 
 import pickle
 import time
@@ -25,8 +25,8 @@ STORE = Path("results") / "benchmark-packings"  # large packings take minutes an
 
 
 def packing(n: int, strain: float = 2e-4):
-    """A packing at φ = 0.68, slightly sheared so that its contacts carry slip."""
-    path = STORE / f"{n}-{SCHEMA}.pkl"  # specific to this layout of states
+    """Packing at φ = 0.68, sheared slightly so that contacts carry slip."""
+    path = STORE / f"{n}-{SCHEMA}.pkl"  # depends on the layout of states
     if path.exists():
         return pickle.loads(path.read_bytes())
     state, _ = jammed(n, packing_fraction=0.68, seed=0)
@@ -66,7 +66,7 @@ def newton_steps(state, count: int, check: str = "buckling", step: float = STEP)
 
 
 def long_steps(n: int, count: int) -> list[dict]:
-    """Steps of 1e-5 and of 1e-4 from the same packing, alternating; long steps refactorise and rearrange."""
+    """Alternating steps of 1e-5 and 1e-4 from the same packing; long steps refactorise and rearrange."""
     state, found = packing(n), {}
     for _ in range(3):
         for step in (STEP, 10 * STEP):
@@ -79,7 +79,7 @@ def long_steps(n: int, count: int) -> list[dict]:
 
 
 def strain_steps() -> list[dict]:
-    """N = 100: Newton with a reused factorisation, the paper's drag, and strong drag, alternating, best of three."""
+    """Newton with a reused factorisation, the paper's drag and strong drag for N = 100, alternating, best of three."""
     state = packing(100)
     run(state, LAW, 200, 0.1, drag=0.1)
     newton_steps(state, 3)
@@ -110,7 +110,7 @@ def strain_steps() -> list[dict]:
 
 
 def row(case: str, n: int, ours: float, peer: float | None, peer_name: str, unit: str = "s") -> dict:
-    """One row of the table; the ratio is our time over a budget, or the time of a peer over ours."""
+    """One row of the table; the ratio is our time over a budget, or a peer's time over ours."""
     ratio = ours / peer if peer else None
     return {
         "case": case, "n": n, "threads": 2, "ours": ours, "peer": peer, "peer_name": peer_name, "ratio": ratio,
@@ -137,7 +137,7 @@ def steps_at_size(sizes) -> list[dict]:
 
 
 def pairs_at_size() -> list[dict]:
-    """All complex pairs at N = 1000 compared with dense LAPACK, both in this run."""
+    """All complex pairs at N = 1000 compared with dense LAPACK, both measured in this run."""
     from stickslip.solve.pairs import complex_pairs
 
     protocol, state = aqs(LAW), packing(1000)
@@ -159,7 +159,7 @@ def pairs_at_size() -> list[dict]:
 
 
 def sheared_packing(n: int):
-    """The packing at a strain of 8e-4, where it has pairs, of 10,000 spheres at 4e-4; saved as `packing` is."""
+    """Packing at a strain of 8e-4 (4e-4 with 10,000 spheres), where it has pairs; saved like `packing`."""
     path = STORE / f"{n}-sheared-{SCHEMA}.pkl"
     if path.exists():
         return pickle.loads(path.read_bytes())
@@ -171,7 +171,7 @@ def sheared_packing(n: int):
 
 
 def pairs_by_size(sizes):
-    """All complex pairs compared with LAPACK, without and with eigenvectors, in processor seconds on one thread."""
+    """All complex pairs compared with LAPACK with and without eigenvectors, in processor seconds on one thread."""
     from stickslip.solve.pairs import complex_pairs
 
     for n in sizes:
@@ -189,7 +189,7 @@ def pairs_by_size(sizes):
 
 
 def spectra(*, smallest: bool = False):
-    """Spectra at size: all pairs; the fastest pair has a benchmark of its own."""
+    """Spectra of large packings: all pairs; the fastest pair has a separate benchmark."""
     yield from pairs_by_size([100] if smallest else [300, 600, 1000])
 
 
@@ -212,7 +212,7 @@ def robustness(n: int, steps: int, seeds) -> list[dict]:
 
 
 def rows(*, smallest: bool = False):
-    """All rows; `spectra` is a benchmark of its own."""
+    """All rows; `spectra` is a separate benchmark."""
     if smallest:
         yield from long_steps(30, 2)
         yield from robustness(30, 2, [(0, 0.68)])

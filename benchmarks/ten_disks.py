@@ -1,6 +1,6 @@
 """Steps per second of the ten-disk array with the sharp law, compared with LAMMPS.
 
-Each side runs in its own process. The sides alternate, and the best of several rounds counts.
+Each side runs in its own process; sides alternate, and the best of several rounds counts.
 """
 
 import subprocess
@@ -22,7 +22,7 @@ def run_python(*words: str, native: bool = False) -> str:
 
 
 def rows(*, smallest: bool = False):
-    """One row beside each build of LAMMPS; without LAMMPS our speed alone."""
+    """One row per LAMMPS build; only our speed without LAMMPS."""
     sides = {"ours": "array_stickslip.py", "": "array_lammps.py", NATIVE: "array_lammps.py"}
     found, steps = {side: [] for side in sides}, str(100 if smallest else STEPS)
     for _ in range(1 if smallest else ROUNDS):

@@ -1,9 +1,9 @@
-"""What unresolved events of packings without friction have in common, for `docs/catalogue.md`.
+"""Common feature of unresolved events in frictionless packings, for `docs/catalogue.md`.
 
     python -m benchmarks unresolved_events        # 32 packings of the catalogue: a quarter of an hour, one process
 
-For each event, the contact or gap that is nearest to touching in the last stable state is sought, and whether one of
-its grains almost floats, so that it is not among the grains whose eigenvalues count. The table of the page is written.
+For each event, the contact or gap nearest to touching in the last stable state is found. One of its grains may almost
+float, so that it is not among the grains whose eigenvalues count. The table of the page is written.
 """
 
 from unittest.mock import patch
@@ -20,11 +20,11 @@ from .catalogue import PAGE, RUNS
 from .records import write_block
 
 PACKINGS, PER_PART = 32, 4
-NEAR = 1e-8  # distance from touching, in units of the mean diameter, that a strain of the last bracket covers
+NEAR = 1e-8  # distance from touching, in mean diameters, covered by the strain of the last bracket
 
 
 def nearest(found: Break) -> tuple[float, bool]:
-    """Distance from touching of the nearest contact or gap before an event, and whether one of its grains floats."""
+    """Distance from touching of the nearest contact or gap before an event, and True if one of its grains floats."""
     state, supported = found.last.state, found.last.response.support.grains
     contacts, overlap = state.contacts, ss.measure.overlaps(state)[: int(state.contacts.count[0])]
     row = int(np.argmin(np.abs(overlap)))
@@ -60,7 +60,7 @@ def table(rows: list[tuple[EventKind, float, bool]]) -> str:
 
 
 def rows(*, smallest: bool = False):
-    """Write and return the table of the page; the smallest size follows one packing and writes nothing."""
+    """Write and return the table of the page; the smallest size runs one packing and writes nothing."""
     if smallest:
         yield table(collect(1, 1))
         return

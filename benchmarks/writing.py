@@ -1,6 +1,6 @@
-"""Seconds of processor time and sizes of what is written: frames of archives, movies and reports.
+"""Processor time and size of output: archive frames, movies and reports.
 
-A frame is also written with HDF5's own filter gzip, alternating. Times do not include waiting for the disk.
+For comparison, frames are also written with HDF5's gzip filter, alternating. Times do not include disk waits.
 """
 
 import os
@@ -21,7 +21,7 @@ from .engine_runner import WARM, load_scene, warm_up
 
 PACKINGS = {"disks": (2, 0.86), "spheres": (3, 0.66)}
 ROUNDS, FRAMES = 5, 20
-BUDGET, LARGEST = 0.4, 120.0  # [s] of a frame of 100,000 grains; of a movie (200 frames) or a report of 10,000
+BUDGET, LARGEST = 0.4, 120.0  # for a frame of 100,000 grains, and a movie (200 frames) or report of 10,000 [s]
 
 
 def packing(kind: str, n: int):
@@ -62,7 +62,7 @@ def frames(kind: str, n: int) -> list[dict]:
 
 
 def pages(kind: str, n: int) -> list[dict]:
-    """Seconds of the commands `movie` and `report`, and sizes of what they write."""
+    """Seconds of the commands `movie` and `report`, and sizes of their output."""
     state, law, dt = packing(kind, n)
     out = []
     with tempfile.TemporaryDirectory() as folder:

@@ -1,8 +1,8 @@
 """Plastic contacts: stiffness kn as the overlap grows, k_unload as it decreases.
 
 Walton & Braun, doi:10.1122/1.549893: the force vanishes at the plastic overlap
-(1 − kn/k_unload) deepest, and is again kn overlap beyond the deepest one. Spheres
-rebound with the fraction √(kn/k_unload) of their speed.
+(1 − kn/k_unload) deepest. Beyond the deepest overlap it is again kn overlap.
+Spheres rebound with the fraction √(kn/k_unload) of their speed.
 """
 
 parameters = {"kn": 1.0, "kt": 0.8, "mu": 0.5, "k_unload": 2.0}

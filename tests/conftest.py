@@ -1,4 +1,4 @@
-"""Shared assemblies, and a process in which NaN cannot pass unnoticed and no test takes a minute."""
+"""Shared assemblies, and a process in which NaN raises errors and no test takes a minute."""
 
 import contextlib
 import gc
@@ -11,7 +11,7 @@ import warnings
 from functools import wraps
 from types import SimpleNamespace
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one process tests on each core
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one test process runs on each core
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ settings.load_profile("ci")
 
 pytest_plugins = ("tests.durations",)
 
-# folders of `make quick`, without files that start other processes or prepare samples for long
+# folders of `make quick`, without files that start other processes or have a long preparation
 QUICK = ("unit", "derivatives", "laws", "faults", "exchange")
 
 
@@ -51,7 +51,7 @@ def _is_quick(path) -> bool:
 
 
 def pytest_collection_modifyitems(config, items):
-    """Slow tests have an hour; with --quick only quick files are run."""
+    """Give slow tests an hour; with --quick, run only quick files."""
     if config.getoption("--quick"):
         quick = {path: _is_quick(path) for path in {item.path for item in items}}
         config.hook.pytest_deselected(items=[item for item in items if not quick[item.path]])
@@ -63,9 +63,9 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Collect garbage rarely, and none of what modules hold: it takes a tenth of the time of the tests.
+    """Collect garbage rarely, and exclude objects held by modules: collection takes a tenth of the time of the tests.
 
-    Rewriting the assertions of all modules makes objects by the million, and a third of its time was spent on them.
+    Rewriting the assertions of all modules creates millions of objects, on which a third of its time was spent.
     """
     gc.disable()
     try:
@@ -81,7 +81,7 @@ _get_command, _commands = typer.main.get_command, {}
 
 
 def get_command_once(app):
-    """Parse the signatures of all commands once for all tests that call the command line: 0.03 s for each call."""
+    """Parse the signatures of all commands once for all tests that call the command line, to save 0.03 s per call."""
     state = app, *app.registered_commands
     if state not in _commands:
         _commands[state] = _get_command(app)
@@ -96,10 +96,10 @@ _birth_form, _forms = birth.birth_form, {}
 
 @wraps(_birth_form)
 def birth_form_once(state, law, **how):
-    """Find the normal form of a state once for all tests: every page of the same packing states it, 1 s each."""
+    """Find the normal form of a state once for all tests: every page of the same packing states it, at 1 s each."""
     try:
         key = pickle.dumps((state, law, how))
-    except Exception:  # what cannot be pickled is no state
+    except Exception:  # an object that cannot be pickled is no state
         return _birth_form(state, law, **how)
     if key not in _forms:
         _forms[key] = _birth_form(state, law, **how)
@@ -107,7 +107,7 @@ def birth_form_once(state, law, **how):
 
 
 birth.birth_form = birth_form_once
-os.fsync = lambda file: None  # each waits 10 ms for a disk, and no test can cut its power
+os.fsync = lambda file: None  # each call waits 10 ms for a disk, and no test can cut the power
 
 
 @pytest.fixture(autouse=True)
@@ -116,7 +116,7 @@ def _loud_floating_point():
         yield
 
 
-# folders and files without tests of figures; those of flows, faults and sliders are drawn in test_axes_of_figures.py
+# folders and files without figure tests; figures of flows, faults and sliders are drawn in test_axes_of_figures.py
 PLAIN = {
     "hardening", "restart", "ensemble", "laws", "peers", "exchange", "lammps", "reports", "test_cli", "test_output",
     "test_lock", "test_help", "test_flow", "test_fault_experiment", "test_rate_state_cli", "test_noisy_records",
@@ -126,7 +126,7 @@ _savefig = Figure.savefig
 
 
 def save_noise(figure, path, format=None, **options):
-    """Save noise of the size of a figure, which takes a second to draw; frames of movies are drawn."""
+    """Save noise of the size of a figure, as drawing takes a second; frames of movies are drawn."""
     if format == "rgba":
         return _savefig(figure, path, format=format, **options)
     return Image.effect_noise((300, 300), 100).save(path, format)
@@ -134,7 +134,7 @@ def save_noise(figure, path, format=None, **options):
 
 @pytest.fixture
 def plain_figures(monkeypatch):
-    """For a test that writes figures without looking at them."""
+    """Skip drawing in a test that writes figures without checking them."""
     monkeypatch.setattr(Figure, "savefig", save_noise)
 
 
@@ -146,7 +146,7 @@ def _plain_figures(request):
 
 @pytest.fixture(scope="session")
 def few_spheres(tmp_path_factory):
-    """A sheared packing with a complex pair, smaller than that of the examples: a file of the same arrays."""
+    """File of a sheared packing with a complex pair, smaller than that of the examples, with the same arrays."""
     law = ss.laws.hertz_mindlin(kn=1.0, kt=2 / 7, mu=10.0, coulomb="smooth")
     packing, _ = ss.packings.jammed(18, packing_fraction=0.7, seed=1)
     state = ss.protocols.ramp(packing, np.arange(0, 5e-3, 2.5e-4), ss.protocols.aqs(law))[-1].state
@@ -155,12 +155,12 @@ def few_spheres(tmp_path_factory):
 
 
 def make_law(name, coulomb, mu=0.4, **more):
-    """A law whose grain–wall friction differs from its grain–grain friction."""
+    """Law whose grain–wall friction differs from its grain–grain friction."""
     return for_pair(LAWS[name](1.0, 2 / 7, mu, coulomb=coulomb, **more), 0, 1, mu=0.7 * mu, kn=1.3, kt=0.5)
 
 
 def make_packing(dim, seed=0, n=7, wall=True, overlap=0.05):
-    """Grains of unlike radii in a periodic box so small that some touch through two images, on a floor."""
+    """Grains of different radii on a floor, in a periodic box so small that some touch through two images."""
     rng = np.random.default_rng(seed)
     radius = rng.uniform(0.4, 0.6, n)
     axes = [0] if dim == 2 else [0, 1]
@@ -180,7 +180,7 @@ def make_packing(dim, seed=0, n=7, wall=True, overlap=0.05):
 
 
 def stirred(state, law, rng, size=0.02, times=3):
-    """The state after some random displacements, each committed, so that contacts carry slip and some slide."""
+    """State after several random displacements, each committed, so that contacts carry slip and some slide."""
     dim, n = state.cell.dim, len(state.grains.radius)
     for _ in range(times):
         _, trial = forces(state, law)
@@ -195,13 +195,13 @@ def stirred(state, law, rng, size=0.02, times=3):
 
 
 def stickslip_process(*arguments, cwd=None):
-    """What the command line says and returns, in a process of its own."""
+    """Output and exit status of the command line in a separate process."""
     call = [sys.executable, "-c", "from stickslip.cli import main; main()", *map(str, arguments)]
     return subprocess.run(call, capture_output=True, text=True, cwd=cwd)
 
 
 def stickslip_here(*arguments, cwd=None):
-    """What the command line says and returns, in this process: a second less than in one of its own."""
+    """Output and exit status of the command line in this process, a second faster than in a separate one."""
     from stickslip.cli import main
 
     out, err, argv = io.StringIO(), io.StringIO(), sys.argv

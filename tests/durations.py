@@ -1,9 +1,9 @@
 """Durations of tests: `make durations` measures them, stores them in durations.json, and prints the slowest.
 
-Seconds of processor time include those of child processes that have ended. Files start in the order of their stored
-durations, the longest first, so that no worker is left with a long one at the end. `--shard 3/8` runs the third of
-eight parts of about equal duration, which together are all tests; `make slow` stores the durations of its part. Parts
-are cut by what was stored at the last commit, so that those of one series fit together.
+Processor time includes that of child processes that have ended. Files start in the order of their stored durations,
+longest first, so that no worker is left with a long file at the end. `--shard 3/8` runs the third of eight parts of
+about equal duration, which together contain all tests; `make slow` stores the durations of its part. Parts follow from
+the durations stored at the last commit, so that the parts of one series fit together.
 """
 
 import argparse
@@ -18,14 +18,14 @@ from pathlib import Path
 import pytest
 
 STORE = Path(__file__).with_name("durations.json")
-LEAST, SHOWN = 0.2, 10  # shortest test that is stored on its own [s], and number of tests printed for each folder
+LEAST, SHOWN = 0.2, 10  # shortest test stored individually [s], and number of tests printed per folder
 _SPENT = pytest.StashKey[float]()
 KINDS = "seconds", "slow"
-UNKNOWN = 1.0  # seconds of a test that was never measured, if no test was
+UNKNOWN = 1.0  # assumed duration of a test if no test has been measured [s]
 
 
 def shard(text: str) -> tuple[int, int]:
-    """Number of a part, and how many parts there are."""
+    """Number of a part, and number of all parts."""
     part, of, parts = text.partition("/")
     if not (of and part.isdecimal() and parts.isdecimal() and 1 <= int(part) <= int(parts)):
         raise argparse.ArgumentTypeError(f"{text!r} is no shard: the third of eight is 3/8")
@@ -43,19 +43,19 @@ def _kind(config) -> str:
 
 
 def stored(kind: str = "seconds") -> dict[str, float]:
-    """Processor time of tests, or of slow ones, and of the remaining tests of each file together [s]."""
+    """Processor time of all tests or of slow tests, and of the remaining tests of each file together [s]."""
     return json.loads(STORE.read_text()).get(kind, {}) if STORE.exists() else {}
 
 
 def committed(kind: str) -> dict[str, float]:
-    """Durations as of the last commit, or those stored now if there is no repository [s]."""
+    """Durations at the last commit, or those stored now if there is no repository [s]."""
     call = ["git", "show", f"HEAD:./{STORE.name}"]
     done = subprocess.run(call, cwd=STORE.parent, capture_output=True, text=True) if shutil.which("git") else None
     return json.loads(done.stdout).get(kind, {}) if done and not done.returncode else stored(kind)
 
 
 def expected(names: list[str], durations: dict[str, float]) -> list[float]:
-    """Duration of each test [s]. Those that are not stored share the rest of their file, or take the mean time."""
+    """Duration of each test [s]; unstored tests share the rest of their file, or have the mean duration."""
     rest = Counter(name.partition("::")[0] for name in names if name not in durations)
     measured = [seconds for name, seconds in durations.items() if "::" in name]
     usual = sum(measured) / len(measured) if measured else UNKNOWN
@@ -67,7 +67,7 @@ def expected(names: list[str], durations: dict[str, float]) -> list[float]:
 
 
 def cut(names: list[str], durations: dict[str, float], parts: int) -> list[int]:
-    """Part of each test, from 0: parts are contiguous, and take about the same time."""
+    """Part of each test, from 0; parts are contiguous and take about the same time."""
     spent = expected(names, durations)
     ends = list(accumulate(spent))
     return [min(parts - 1, int((end - own / 2) / ends[-1] * parts)) for end, own in zip(ends, spent, strict=True)]
@@ -75,7 +75,7 @@ def cut(names: list[str], durations: dict[str, float], parts: int) -> list[int]:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """Sort files by their stored durations, and keep one shard of what markers have left."""
+    """Sort files by stored durations, and keep one shard of the tests left by markers."""
     durations = (committed if config.option.shard else stored)(_kind(config))
     files = defaultdict(float)
     for name, seconds in durations.items():
@@ -127,13 +127,13 @@ def pytest_configure(config):
 
 
 class _Store:
-    """Collect the reports of all workers."""
+    """Collects the reports of all workers."""
 
     def __init__(self, kind, shard):
         self.kind, self.shard, self.seconds = kind, shard, defaultdict(float)
 
     def _is_kept(self, name):
-        """Whether a duration stays: that of a file that was not run, or of another shard."""
+        """Return True if a duration is kept, as its file was not run or belongs to another shard."""
         file = name.partition("::")[0]
         ran = {ran.partition("::")[0] for ran in self.seconds}
         return (STORE.parents[1] / file).exists() and (

@@ -1,6 +1,6 @@
-"""Tests without a wing: `python -m tests.hidden status tests/unit` hides its folder and its entry point.
+"""Tests without a wing: `python -m tests.hidden status tests/unit` hides its folder and entry point.
 
-`all` hides every wing. Processes that tests start are not affected.
+`all` hides every wing. Processes started by tests are not affected.
 """
 
 import importlib.abc
@@ -15,7 +15,7 @@ NAMES = sorted(path.parent.name for path in rooms.PACKAGE.glob("wings/*/wing.py"
 
 
 class Hidden(importlib.abc.MetaPathFinder):
-    """Finder that finds no package of these names."""
+    """Finder that raises an error for packages of these names."""
 
     def __init__(self, packages):
         self.packages = packages
@@ -26,7 +26,7 @@ class Hidden(importlib.abc.MetaPathFinder):
 
 
 def hide(names) -> None:
-    """Hide wings in this process, which has not imported them."""
+    """Hide wings in this process, which has not imported them yet."""
     sys.meta_path.insert(0, Hidden({f"stickslip.wings.{name}" for name in names}))
     found = wing.entry_points
     wing.entry_points = lambda group: [entry for entry in found(group=group) if entry.name not in names]

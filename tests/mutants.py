@@ -1,9 +1,9 @@
-"""Faults put into copies of the tree, to see whether a test notices: `make mutants` prints the share that is noticed.
+"""Faults in copies of the tree, to check if tests notice them: `make mutants` prints the share that is noticed.
 
-The faults are in mutants.toml. Each names a file, a line by its text, and the faulty line; a fault whose line is not
-found, or found more than once, is an error of the list. `--record` runs the suite once and stores which tests execute
-which lines. The tests of a fault are those that execute its statement, or without a record those of the room of the
-file (see `rooms.py`); for the compiled core, those of `CORE`. The fastest run first, slow tests not at all.
+The faults are in mutants.toml. Each names a file, the text of a line, and the faulty line; a line that is not found, or
+found more than once, is an error of the list. `--record` runs the suite once and stores the lines executed by each
+test. The tests of a fault are those that execute its statement. Without a record, they are the tests of the room of the
+file (see `rooms.py`); for the compiled core, those of `CORE`. The fastest tests run first, slow tests not at all.
 
 python -m tests.mutants [--record] [--room solve] [--sample 20] [--again] [--workers 2] [--check]
 """
@@ -33,13 +33,13 @@ from tests import rooms
 ROOT = rooms.ROOT
 LIST, RESULTS = Path(__file__).with_name("mutants.toml"), ROOT / "results" / "mutants.json"
 RECORD = RESULTS.with_suffix(".coverage")
-CORE = (  # folders with tests of the compiled core, those that are most likely to notice a fault first
+CORE = (  # folders with tests of the compiled core; those most likely to notice a fault come first
     ("tests/derivatives", "tests/laws", "tests/orders", "tests/device", "tests/properties", "tests/wings/faults"),
     ("tests/unit",),
 )
 COPIED = ("src", "tests", "docs", "examples", "benchmarks", "release", "paper")
-LONGEST = 1800  # seconds for the tests of one fault
-EXIT = "exit code "  # how tests end that were not run
+LONGEST = 1800  # limit for the tests of one fault [s]
+EXIT = "exit code "  # prefix of the outcome of tests that were not run
 
 
 class Mutant(NamedTuple):
@@ -57,16 +57,16 @@ class Mutant(NamedTuple):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether it is a fault of the compiled core."""
+        """Return True for a fault of the compiled core."""
         return self.file.endswith((".h", ".cpp"))
 
     def line(self, root: Path) -> int:
-        """Number of the line, from 0.
+        """Number of the line, counted from 0.
 
         Raises
         ------
         ValueError
-            If the line is not there, or there more than once.
+            If the line is missing or occurs more than once.
         """
         path = root / self.file
         lines = path.read_text(encoding="utf-8").split("\n") if path.is_file() else []
@@ -77,7 +77,7 @@ class Mutant(NamedTuple):
 
     @contextmanager
     def applied(self, root: Path):
-        """Put the fault into a copy of the tree for a while."""
+        """Put the fault into a copy of the tree temporarily."""
         place, path = self.line(root), root / self.file
         right = path.read_text(encoding="utf-8")
         lines = right.split("\n")
@@ -96,7 +96,7 @@ def read() -> list[Mutant]:
 
 
 def record() -> None:
-    """Run the suite, and store which tests execute which lines."""
+    """Run the suite, and store the lines executed by each test."""
     RECORD.parent.mkdir(exist_ok=True)
     words = "-n", str(os.cpu_count()), "--dist", "loadfile", "--timeout", "600"
     cover = "--cov", "--cov-context=test", "--cov-report="
@@ -119,7 +119,7 @@ def _spans(tree: ast.AST, line: int) -> list[range]:
 
 
 def tests_of(mutant: Mutant) -> list[list[str]]:
-    """Tests that may notice a fault, in groups: those that execute its statement, or those of its room."""
+    """Groups of tests that may notice a fault: those that execute its statement, or those of its room."""
     if mutant.is_compiled:
         groups = [[path for name in names for path in sorted((ROOT / name).glob("test_*.py"))] for names in CORE]
     else:
@@ -137,7 +137,7 @@ def tests_of(mutant: Mutant) -> list[list[str]]:
 
 
 def _copy(folder: Path) -> Path:
-    """Copy the tree, with the core of this machine alone."""
+    """Copy the tree, with only the core of this machine."""
     for part in COPIED:
         shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", "_build"))
     for path in ROOT.iterdir():
@@ -153,7 +153,7 @@ def _environment(root: Path) -> dict[str, str]:
 
 
 def is_noticed(mutant: Mutant, root: Path, groups: list[list[str]], right: Path) -> str:
-    """Return the first test that fails with the fault and passes without it, or what else stops them; "" if none."""
+    """Return the first test that fails only with the fault, or another reason for an early end; "" if there is none."""
     broken: list[str] = []
     try:
         with mutant.applied(root):
@@ -163,13 +163,13 @@ def is_noticed(mutant: Mutant, root: Path, groups: list[list[str]], right: Path)
                 while "::" in (failed := _first_failure(root, [*tests, *broken])):
                     if _first_failure(right, [failed]) != failed:
                         break
-                    broken.append(f"--deselect={failed}")  # without the fault as well
+                    broken.append(f"--deselect={failed}")  # it fails without the fault as well
                 if failed and (not failed.startswith(EXIT) or _first_failure(right, tests) != failed):
                     return failed
             return ""
     finally:
         if mutant.is_compiled:
-            _compiles(root)  # the core of the right sources, for the next fault
+            _compiles(root)  # restore the core of the correct sources for the next fault
 
 
 def _compiles(root: Path) -> bool:
@@ -178,7 +178,7 @@ def _compiles(root: Path) -> bool:
 
 
 def _first_failure(root: Path, tests: list[str]) -> str:
-    """Name of the first test that fails, or how the tests ended; "" if all pass."""
+    """Name of the first test that fails, or the outcome of the tests; "" if all pass."""
     call = [sys.executable, "-m", "pytest", "-x", "--fastest-first", "-p", "no:cacheprovider", *tests]
     try:
         done = subprocess.run(call, cwd=root, env=_environment(root), capture_output=True, text=True, timeout=LONGEST)
@@ -189,7 +189,7 @@ def _first_failure(root: Path, tests: list[str]) -> str:
 
 
 def main() -> None:
-    """Run faults and print those that no test notices."""
+    """Run faults, and print those that no test notices."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--room", help="only faults of this room")
     parser.add_argument("--sample", type=int, help="this many faults, drawn at random")

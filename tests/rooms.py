@@ -1,6 +1,6 @@
-"""Tests of one room of the package: `python -m tests.rooms solve` prints the files that use it, for `make test-solve`.
+"""Tests of one room of the package: `python -m tests.rooms solve` prints test files that use it, for `make test-solve`.
 
-A test file belongs to a room if it imports from it, or uses a public name that is defined there.
+A test file belongs to a room if it imports from the room, or uses a public name defined there.
 """
 
 import ast
@@ -17,7 +17,7 @@ SPACES = ("control", "io", "laws", "measure", "modes", "packings", "protocols", 
 
 
 def rooms() -> list[str]:
-    """Names of all rooms, and of wings."""
+    """Names of all rooms and wings."""
     folders = [path.parent.name for glob in ("*/__init__.py", "wings/*/__init__.py") for path in PACKAGE.glob(glob)]
     return sorted({*folders} - {"wings"})
 
@@ -34,7 +34,7 @@ def _tree(path: Path) -> ast.AST:
 
 
 def _imports(path: Path) -> dict[str, str]:
-    """Rooms of the names that a file imports."""
+    """Rooms of the names imported by a file."""
     values = {}
     for node in ast.walk(_tree(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
@@ -67,7 +67,7 @@ def used(path: Path) -> frozenset[str]:
 
 
 def files(room: str) -> list[Path]:
-    """Test files of a room: those that use it, and all in the folder of its name."""
+    """Test files of a room: those that use it, and all files in the folder of its name."""
     return [
         path
         for path in sorted((ROOT / "tests").rglob("test_*.py"))
@@ -77,7 +77,7 @@ def files(room: str) -> list[Path]:
 
 @cache
 def _words_of_wings() -> re.Pattern:
-    """Words with which a test names a wing: its package, its experiments, tests of it."""
+    """Words that identify a wing in a test: its package, its experiments, its tests."""
     names = {name for wing in installed().values() for name in wing.experiments} - {"flow", "fault"}
     words = [
         r"\"(?:watch|fit)\"",
@@ -91,7 +91,7 @@ def _words_of_wings() -> re.Pattern:
 
 
 def of_laboratory() -> list[Path]:
-    """Test files that name no wing, nor an experiment or a public name of one, and use none that do."""
+    """Test files that do not refer to any wing, its experiments or public names, and use no such files."""
     wings = {"friction", "quasirigid", "experiments", *(path.parent.name for path in PACKAGE.glob("wings/*/wing.py"))}
     folders = {"wings", "peers", "published", "device", "structure"}
 

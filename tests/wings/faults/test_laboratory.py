@@ -303,7 +303,7 @@ def test_a_displacement_that_is_counted_backwards_is_turned_round(tmp_path):
     turned = LAB | {"vdcdt_um": 300 - LAB["vdcdt_um"]}
     turned.pop("hstress_mpa")
     (tmp_path / "a.txt").write_text(as_text(turned, ","))
-    with pytest.warns(UserWarning, match="load_point is counted backwards: its sign was turned round"):
+    with pytest.warns(UserWarning, match="load_point is counted backwards: its sign was reversed"):
         record = read_record(tmp_path / "a.txt")
     assert np.allclose(np.diff(record.load_point), 1e-5)
 

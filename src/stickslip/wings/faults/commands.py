@@ -22,7 +22,7 @@ FIT = examples(
 
 
 class ModelOptions(NamedTuple):
-    """Options of the law that is fitted."""
+    """Options of the fitted law."""
 
     law: Annotated[str, typer.Option("--law", help="aging, slip or both.", autocompletion=complete_from(LAWS))] = "both"
     stiffness: Annotated[
@@ -47,11 +47,11 @@ class ModelOptions(NamedTuple):
     ] = None
 
     def fixed_values(self) -> dict[str, float]:
-        """Parameters that are given, by name."""
+        """Values of the fixed parameters, by name."""
         return {name: getattr(self, name) for name in ("stiffness", "v0") if getattr(self, name) is not None}
 
     def free_names(self) -> tuple[str, ...]:
-        """Names of the parameters that are fitted in addition to the usual ones."""
+        """Names of the parameters fitted in addition to the usual ones."""
         names = ["stiffness"] * self.free_stiffness + ["trend"] * self.detrend
         names += [name.strip() for name in self.free.split(",")] if self.free else []
         return tuple(dict.fromkeys(names))

@@ -1,4 +1,4 @@
-"""Head of the wing of faults, which needs no grains."""
+"""Definition of the faults wing, which needs no grains."""
 
 from ...wing import Wing
 

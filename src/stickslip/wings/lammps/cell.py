@@ -1,15 +1,16 @@
-"""A leg in terms of LAMMPS: atom types, rigid groups, and formulas for a cell that follows a stress or deforms.
+"""A leg in terms of LAMMPS: atom types, rigid groups, and formulas for a cell that deforms or follows a stress.
 
 LAMMPS evaluates the formulas at each step, unless the cell is in simple shear. LAMMPS moves grains with their
 laboratory velocities u = v + L x at mid-step, where v are the velocities used here. The effect of the cell on the
-grains is therefore a force of `fix addforce`. With T and K = (1 − ½ dt L)⁻¹ of `core.dynamics.cell_motion`, κ = 1 − ½
-dt ν and σ = 1/(1 + ½ dt ν) of the drag ν, it takes u of one step to that of the next (⁺) by way of v at the end of the
-step:
+grains is therefore a force of `fix addforce`, which changes u of one step to that of the next (⁺) by way of v at the
+end of the step:
 
-    v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x).
+    v = σ (T ((1 + ½ dt L) u − L x) + ½ dt F/m),    u⁺ = K⁺ (T⁺ (κ v + ½ dt F/m) + L⁺ x),
 
-Free components of L are internal variables, which `fix controller` increases by dt L̇. Only as the energy of another
-`fix addforce`, one without force, is Σ m v² still known at the end of the step, when `fix deform` changes the cell.
+with T and K = (1 − ½ dt L)⁻¹ of `core.dynamics.cell_motion`, and κ = 1 − ½ dt ν and σ = 1/(1 + ½ dt ν) for the drag ν.
+
+Free components of L are internal variables, which `fix controller` increases by dt L̇. Σ m v² must be known at the end
+of the step, when `fix deform` changes the cell; it is computed as the energy of another `fix addforce`, without force.
 """
 
 from typing import NamedTuple
@@ -19,16 +20,16 @@ import numpy as np
 from ... import State
 from ...kit import Leg, cell_mass, driven_bodies
 
-LOOSE = 1  # atom type of grains that belong to no rigid group; group g has type g + 2
+LOOSE = 1  # atom type of grains outside rigid groups; group g has type g + 2
 
 
 def warm_up(leg: Leg) -> int:
-    """Return the number of steps of zero duration before the first one."""
+    """Return the number of steps of zero duration before the first step."""
     return 2 if leg.state.control.cell_rate.any() or leg.state.control.cell_free.any() else 0
 
 
 def digits(*numbers: float) -> str:
-    """Numbers with seventeen digits, from which they are read back exactly."""
+    """Numbers with seventeen digits, which are read back exactly."""
     return " ".join(f"{number:.17g}" for number in numbers)
 
 
@@ -50,14 +51,14 @@ def is_held(state: State, members: np.ndarray) -> bool:
 
 
 def leg_course(leg: Leg, column: int, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the knots of a varying velocity from the start of a leg, with both ends, and its values there."""
+    """Knots of a varying velocity, with both ends of the leg: times from the start of the leg, and values."""
     control, begin, end = leg.state.control, leg.state.time, leg.state.time + elapsed
     times = np.array([begin, *control.knots[(control.knots > begin) & (control.knots < end)], end])
     return times, np.interp(times, control.knots, control.course[:, column])
 
 
 def inertia_factor(state: State) -> float:
-    """I0 of the grains that turn, NaN if they differ."""
+    """I0 of the grains that rotate; NaN if it differs between them."""
     grains, loose = state.grains, state.control.group[: len(state.grains.radius)] < 0
     i0 = (grains.inertia / (grains.mass * grains.radius**2))[loose]
     if not len(i0):
@@ -65,7 +66,7 @@ def inertia_factor(state: State) -> float:
     return float(i0[0]) if np.allclose(i0, i0[0], rtol=1e-9) else np.nan
 
 
-INSTANT = 1e-200  # duration of a step in which nothing moves; with zero, `fix langevin` gives NaN [time]
+INSTANT = 1e-200  # duration of a step without motion; with zero, `fix langevin` gives NaN [time]
 AXES = "xyz"
 BOX = {(0, 0): "lx", (1, 1): "ly", (2, 2): "lz", (0, 1): "xy", (0, 2): "xz", (1, 2): "yz"}
 Matrix = dict[tuple[int, int], str]  # upper triangular: formulas of the entries that are not zero
@@ -73,7 +74,7 @@ ONE = {(k, k): "1" for k in range(3)}
 
 
 class CellCommands(NamedTuple):
-    """Commands for the cell and its grains: before the run, and after its first and second step of duration zero."""
+    """Commands for the cell and its grains: before the run, and after the first and second step of zero duration."""
 
     before: list[str]
     first: list[str]
@@ -81,13 +82,13 @@ class CellCommands(NamedTuple):
 
 
 def needs_forces(leg: Leg) -> bool:
-    """Return True if the cell deforms other than by simple shear at a constant rate, or if there is drag in it."""
+    """Return True if the cell deforms other than by simple shear at a constant rate, or deforms with drag."""
     rate = leg.state.control.cell_rate
     return bool(leg.state.control.cell_free.any() or (rate @ rate).any() or (rate.any() and leg.drag))
 
 
 def tilts_of(state: State) -> np.ndarray:
-    """Components of the cell vectors that become nonzero by deformation, and those that change, (3, 3) bool."""
+    """Masks of the cell vector components that become nonzero by deformation, and of those that change (3, 3)."""
     step = np.eye(3) + (state.control.cell_rate != 0)
     return step @ step @ (state.cell.vectors.T != 0) > 0
 
@@ -98,7 +99,7 @@ def free_axes(state: State) -> str:
 
 
 def rates_in_log(state: State) -> str:
-    """Rates of the cell during the step that follows and the one that ended, for the log."""
+    """Log columns of the cell rates during the following and the previous step."""
     return "".join(f" v_cell_rate_{x} v_cell_old_{x}" for x in free_axes(state))
 
 
@@ -167,7 +168,7 @@ def _turn(rate: Matrix, dt: float) -> Matrix:
 
 
 def _stress_commands(leg: Leg) -> list[str]:
-    """Variables of L̇, from contacts and from the energy of fixes of which each has Σ m v² along an axis."""
+    """Variables for L̇, from contacts and from the energies of fixes, each of which is Σ m v² along an axis."""
     state, lines = leg.state, []
     for x in free_axes(state):
         k = AXES.index(x)
@@ -179,7 +180,7 @@ def _stress_commands(leg: Leg) -> list[str]:
 
 
 def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, first: bool = False):
-    """Coefficients, fixes of Σ m v², and the fix of the forces on grains; `first`: velocities are at the start."""
+    """Coefficients, fixes for Σ m v², and the fix for forces on grains; `first`: velocities are those at the start."""
     dt, h = leg.dt, 0.5 * leg.dt
     keep, slow = 1 - h * leg.drag, 1 / (1 + h * leg.drag)  # κ and σ
     half, turn = _inverse(_sum((1, ONE), (-h, later))), _turn(rate, dt)
@@ -216,7 +217,7 @@ def _grain_commands(leg: Leg, rate: Matrix, later: Matrix, turning: float, *, fi
 
 
 def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]) -> str:
-    """Row of matrices times velocity, position or force of a grain, with variables as coefficients."""
+    """Row of matrices times the velocity, position or force of a grain, with variables as coefficients."""
     parts = []
     for letter, matrix in terms.items():
         for b in range(k, leg.state.cell.dim):
@@ -227,7 +228,7 @@ def _row(name: str, k: int, terms: dict[str, Matrix], leg: Leg, lines: list[str]
 
 
 def _shape_commands(leg: Leg, rate: Matrix, now: np.ndarray) -> tuple[list[str], list[str], str]:
-    """Variables of the cell's lengths and tilts at the start, in the next step, and `fix deform`."""
+    """Variables for the cell's lengths and tilts at the start and in the next step, and `fix deform`."""
     dt, h, start, words = leg.dt, 0.5 * leg.dt, leg.state.cell.vectors.T, []
     tilts = tilts_of(leg.state)
     stretch = _product(_inverse(_sum((1, ONE), (-h, rate))), _sum((1, ONE), (h, rate)))
@@ -249,7 +250,7 @@ def _shape_commands(leg: Leg, rate: Matrix, now: np.ndarray) -> tuple[list[str],
 
 
 def read_cell(leg: Leg, following: np.ndarray, rates: np.ndarray, table):
-    """Return cell, positions and velocities from the next step's vectors, the rates in the log, and a dump."""
+    """Return cell, positions and velocities from the next step's cell vectors, the rates in the log, and a dump."""
     one, h, mass = np.eye(3), 0.5 * leg.dt, leg.state.grains.mass[:, None]
     later, before = driven_bodies(leg.state).rate, driven_bodies(leg.state).rate
     for n, axis in enumerate(free_axes(leg.state)):

@@ -35,7 +35,7 @@ NAME = "watch.csv"
 def watch(
     *,
     place: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the dumps, or one dump of grains in it.")],
-    once: Annotated[bool, typer.Option("--once", help="Compute the frames that are there, and end.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Compute the frames present, and end.")] = False,
     until_idle: Annotated[
         float | None,
         typer.Option("--until-idle", min=0, metavar="SECONDS", help="End when nothing has been written for this time."),

@@ -1,4 +1,4 @@
-"""Legs run by LAMMPS: states are read as they are written, with the memory of their contacts."""
+"""Legs run by LAMMPS; states are read as soon as they are written, with their contact memory."""
 
 import os
 import re
@@ -82,7 +82,7 @@ def require_lammps(ranks: int = 1) -> None:
 def load_error() -> str:
     """Return the error raised when the LAMMPS library is loaded, for example if MPI is missing.
 
-    Empty if there is none.
+    Empty without an error.
     """
     loaded = run_lammps()
     return error_line(loaded) if loaded.returncode else ""
@@ -94,7 +94,7 @@ def run_lammps(*inputs: str, folder: Path | None = None, ranks: int = 1) -> subp
 
 
 def start_lammps(*inputs: str, folder: Path, ranks: int = 1) -> subprocess.Popen:
-    """Start LAMMPS in a folder; its words go to the files out.txt and err.txt there."""
+    """Start LAMMPS in a folder; its output goes to the files out.txt and err.txt there."""
     with (folder / "out.txt").open("w") as out, (folder / "err.txt").open("w") as err:
         return subprocess.Popen(_command(inputs, ranks), cwd=folder, stdout=out, stderr=err, env=_environment())
 
@@ -102,8 +102,8 @@ def start_lammps(*inputs: str, folder: Path, ranks: int = 1) -> subprocess.Popen
 def _command(inputs, ranks: int) -> list[str]:
     """Command of a process that runs LAMMPS.
 
-    LAMMPS cannot run in this process. There, a second LAMMPS instance would not find the contact memory in a restart
-    file, because it looks for that memory under a number that counts all pair styles created in the process.
+    LAMMPS cannot run in this process: a second instance would not find the contact memory in a restart file, because it
+    looks for that memory under a number that counts all pair styles created in the process.
     """
     before = [find_mpirun(), "-np", str(ranks)] if ranks > 1 else []
     return [*before, sys.executable, "-P", "-c", CHILD, *inputs]
@@ -121,18 +121,18 @@ def find_mpirun() -> str | None:
 
 
 def error_line(run: subprocess.CompletedProcess) -> str:
-    """Return the last line about an error in the output of a process."""
+    """Return the last error line in the output of a process."""
     return last_error(run.stderr, run.stdout) or f"exit status {run.returncode}, without a message"
 
 
 def last_error(*texts: str) -> str:
-    """Return the last line about an error, or else the last line; empty if there is none."""
+    """Return the last error line, or else the last line; empty without any."""
     lines = [line.strip() for text in texts for line in text.splitlines() if line.strip()]
     wrong = [line for line in lines if "ERROR" in line or "Error" in line or "Exception" in line]
     return (wrong or lines or [""])[-1][:SHOWN]
 
 
-WAIT = 0.02  # between looks at the log [s]
+WAIT = 0.02  # time between two checks of the log [s]
 LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of thermodynamic output
 
 
@@ -140,22 +140,22 @@ LINE = re.compile(r"^\s*\d+(?:\s+[-+.\deE]+){9,}\s*$")  # pattern of a line of t
 def run_in_lammps(
     state: State, law: Law, steps: int, dt: float, *, drag: float = 0.0, samples: int = 1, ranks: int = 1
 ) -> tuple[State, ...]:
-    """Run a state in LAMMPS, with its contact memory, and return states with theirs, the last one at the end.
+    """Run a state with its contact memory in LAMMPS; return states with theirs, the last of which is the end.
 
-    Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic, in
-    shear, or have lengths that follow a stress. LAMMPS integrates the slip as `run` does with ``slip_update="rate"``.
-    It does not track angles.
+    Walls may be fixed or driven, and rigid groups held, driven, loaded or pulled by springs. Cells may be periodic,
+    sheared, or have lengths that follow a stress. LAMMPS integrates slip as `run` does with ``slip_update="rate"``; it
+    does not track angles.
 
     Parameters
     ----------
     steps : int; dt : float [time]
-    drag : float, of free grains and plates [1/time]
+    drag : float, drag of free grains and plates [1/time]
     samples : int, number of states, evenly spaced in time
-    ranks : int, MPI processes
+    ranks : int, number of MPI processes
 
-    Raises
-    ------
-    ScenarioError
+        Raises
+        ------
+        ScenarioError
         if LAMMPS cannot run these conditions exactly, or if there are fewer cores than ranks
     MissingExtraError
         if LAMMPS, its package GRANULAR or mpirun is missing
@@ -183,11 +183,11 @@ def lammps_engine(ranks: int = 1) -> Engine:
 
     Parameters
     ----------
-    ranks : int, MPI processes
+    ranks : int, number of MPI processes
 
-    Raises
-    ------
-    MissingExtraError
+        Raises
+        ------
+        MissingExtraError
         if LAMMPS, its package GRANULAR or mpirun is missing
     ScenarioError
         if there are fewer cores than ranks
@@ -216,7 +216,7 @@ def _pieces(ranks: int, leg: Leg) -> Iterator[tuple[State, Record]]:
 
 
 def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Record]]:
-    """Yield the results of an engine from the states at the samples of a leg."""
+    """Yield engine results from the states at the samples of a leg."""
     if not leg.every:
         nothing = join_samples([], leg)
         yield from ((state, nothing) for state in states)
@@ -230,7 +230,7 @@ def with_records(leg: Leg, states: Iterator[State]) -> Iterator[tuple[State, Rec
 def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
     """Run a leg in a folder, and yield its states as they are written; closing the iterator ends LAMMPS."""
     path = write_start(leg, folder)
-    for old in (*folder.glob(SAMPLE), *folder.glob(PLACES), folder / LOG):  # of an earlier run of the same leg
+    for old in (*folder.glob(SAMPLE), *folder.glob(PLACES), folder / LOG):  # files of an earlier run of the same leg
         old.unlink(missing_ok=True)
     child = start_lammps(path.name, folder=folder, ranks=leg.ranks)
     try:
@@ -242,7 +242,7 @@ def run_leg(leg: Leg, folder: Path) -> Iterator[State]:
 
 
 def write_start(leg: Leg, folder: Path) -> Path:
-    """Write the input of a leg that starts from its state; if there is contact memory, LAMMPS makes a restart file."""
+    """Write the input of a leg that starts from its state; with contact memory, LAMMPS prepares a restart file."""
     path = write_input(leg, folder)
     contacts = leg.state.contacts
     count = int(contacts.count[0])
@@ -278,7 +278,7 @@ def _follow(leg: Leg, folder: Path, child) -> Iterator[State]:
 
 
 def read_leg(leg: Leg, folder: Path) -> Iterator[State]:
-    """Yield the states of a leg that LAMMPS has run elsewhere; raise ScenarioError if one is missing."""
+    """Yield the states of a leg that LAMMPS ran elsewhere; raise ScenarioError if one is missing."""
     boxes = written_boxes(leg, folder)
     for step in leg.sample_steps:
         if step not in boxes:
@@ -288,7 +288,7 @@ def read_leg(leg: Leg, folder: Path) -> Iterator[State]:
 
 
 def written_boxes(leg: Leg, folder: Path) -> dict[int, np.ndarray]:
-    """Bounds and tilts of the box at the steps that the log contains."""
+    """Bounds and tilts of the box at the steps in the log."""
     if not (folder / LOG).is_file():
         return {}
     text = (folder / LOG).read_text(errors="replace")
@@ -302,7 +302,7 @@ def restart_path(leg: Leg, folder: Path, step: int) -> Path:
 
 
 def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
-    """Read the state at a step, with the memory of its contacts; angles are those at the start of the leg."""
+    """Read the state at a step, with its contact memory; angles are those at the start of the leg."""
     state, path = leg.state, restart_path(leg, folder, step)
     try:
         places = lammps_restart.Places.of(leg.law)
@@ -330,7 +330,7 @@ def read_state(leg: Leg, folder: Path, step: int, box: np.ndarray) -> State:
 def _read_motion(
     leg: Leg, folder: Path, step: int, restart: lammps_restart.Restart, following: np.ndarray, rates: np.ndarray
 ):
-    """Cell, positions and velocities; `following` is the box in the log, that of the next step."""
+    """Cell, positions and velocities; `following` is the box in the log, which is that of the next step."""
     state, rate = leg.state, leg.state.control.cell_rate
     dumped = folder / PLACES.replace("*", str(step + warm_up(leg)))
     if needs_forces(leg):
@@ -360,7 +360,7 @@ def walls_at(leg: Leg, elapsed: float):
 
 
 def _course(leg: Leg, column: int, elapsed: float) -> tuple[float, float]:
-    """Integral of a varying velocity from the start of the leg, and its value."""
+    """Varying velocity: its integral from the start of the leg, and its value."""
     begin = leg.state.time
     if column < 0:
         return elapsed, 1.0
@@ -393,14 +393,14 @@ sh run.sh "srun lmp"
 
 
 def leg_folder(folder: Path, number: int) -> Path:
-    """Folder of a leg in a folder written for a queue."""
+    """Leg folder within a folder written for a queue."""
     return folder / LEGS / f"leg-{number + 1:02d}"
 
 
 def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
-    """Write the input of legs, each starting where the previous one ends, a script that runs them, and a job for SLURM.
+    """Write the input of consecutive legs, a script that runs them, and a SLURM job.
 
-    The first leg starts without contact memory; errors as in `clear_legs`.
+    The first leg starts without contact memory. Errors are those of `clear_legs`.
     """
     clear_legs(folder)
     paths, ends, begin = [], [], DATA
@@ -413,7 +413,7 @@ def write_job(folder: Path, legs: list[Leg], ranks: int) -> list[Path]:
 
 
 def clear_legs(folder: Path) -> None:
-    """Remove legs that were written before; raise ScenarioError if LAMMPS has already run some in this folder."""
+    """Remove legs written earlier; raise ScenarioError if LAMMPS has already run some of them."""
     if any((folder / LEGS).rglob(SAMPLE)):
         raise ScenarioError(
             f"{folder} contains states that LAMMPS wrote: continue with {run_files.resume_command(folder)}, or choose "
@@ -423,7 +423,7 @@ def clear_legs(folder: Path) -> None:
 
 
 def write_scripts(folder: Path, ends: list[Path], ranks: int) -> list[Path]:
-    """Write a script that runs legs one after the other, and a job for SLURM; `ends` are the states that end them."""
+    """Write a script that runs legs one after the other, and a SLURM job; `ends` are the files of their end states."""
     runs = [ONE.format(leg=end.parent.name, last=end.name, input=INPUT) for end in ends]
     texts = {SCRIPT: RUN.format(ranks=ranks, legs=LEGS, runs="\n".join(runs)), JOB: SLURM.format(ranks=ranks)}
     for name, text in texts.items():

@@ -1,4 +1,4 @@
-"""Input of LAMMPS for a leg: a data file of its grains, and commands for its law, walls, plates, loads and output."""
+"""LAMMPS input for a leg: a data file of its grains, and commands for law, walls, plates, loads and output."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from .supported import is_granular, is_linear, lacks_radius, name_with_radius, p
 INPUT, DATA, BEFORE, PREPARE = "in.lammps", "grains.data", "before.restart", "in.prepare"
 SAMPLE, PLACES = "sample.*.restart", "places.*.dump"
 ROTATION = 10 / 3  # LAMMPS's `fix langevin` damps the rotation of spheres by this multiple of the drag
-SPHERE = 0.4  # I0 with which it does so
+SPHERE = 0.4  # I0 assumed by `fix langevin`
 
 
 def format_data(leg: Leg) -> str:
@@ -53,7 +53,7 @@ def format_data(leg: Leg) -> str:
 
 
 def _box(leg: Leg):
-    """Positions inside the box, whole periods that were taken away, and the box's corner and lengths."""
+    """Positions inside the box, the whole periods subtracted, and the box's corner and lengths."""
     state, grains = leg.state, leg.state.grains
     periodic, vectors = state.cell.periodic, state.cell.vectors.copy()
     corner = np.zeros(3)
@@ -73,7 +73,7 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 
     Parameters
     ----------
-    begin : the data file, which is then written, or a restart file from which the leg starts
+    begin : the data file, which is written too, or a restart file from which the leg starts
     """
     folder.mkdir(parents=True, exist_ok=True)
     if begin == DATA:
@@ -84,7 +84,7 @@ def write_input(leg: Leg, folder: Path, *, begin: str = DATA) -> Path:
 
 
 def format_input(leg: Leg, begin: str = DATA) -> str:
-    """Commands of a leg, output and `run` included."""
+    """Commands of a leg, including output and `run`."""
     first = warm_up(leg)
     times = f"every {leg.every} steps, and at the end" if leg.every else f"at {leg.samples} times"
     return f"""{contact_commands(leg, begin)}
@@ -111,19 +111,19 @@ def _next_sample(leg: Leg, step: str) -> str:
 
 
 def _warm_up(leg: Leg) -> str:
-    """Two steps of zero duration, so that the forces of the first step depend on the rate of the cell and its start."""
+    """Two steps of zero duration, so that the first forces depend on the initial rate and vectors of the cell."""
     moving = _moving_cell(leg)
     between = "\n".join(["run 1", *moving.first, "run 1 pre no", *moving.second]) if moving.before else "run 2"
     return f"timestep {INSTANT}\n{between}\ntimestep {digits(leg.dt)}\n"
 
 
 def _moving_cell(leg: Leg) -> CellCommands:
-    """Commands for a cell that deforms otherwise than in simple shear; empty for others."""
+    """Commands for a cell that deforms other than in simple shear; empty for other cells."""
     return cell_commands(leg, _rotation_drag(leg)) if needs_forces(leg) else CellCommands([], [], [])
 
 
 def format_preparation(leg: Leg) -> str:
-    """Commands that turn the data file into a restart file, whose memory `lammps_restart` then fills."""
+    """Commands that convert the data file to a restart file, to which `lammps_restart` then adds the memory."""
     return f"{contact_commands(leg)}\nfix move all nve/sphere\nrun 0\nwrite_restart {BEFORE}\n"
 
 
@@ -138,7 +138,7 @@ def contact_commands(leg: Leg, begin: str = DATA) -> str:
         else f"# {state.cell.dim} dimensions"
     )
     load = f"read_data {DATA}" if new else f"read_restart {begin}"
-    order = "atom_modify sort 0 0\n" if leg.law.properties & builtin.ROLLING else ""  # memory would be reversed
+    order = "atom_modify sort 0 0\n" if leg.law.properties & builtin.ROLLING else ""  # sorting would reverse the memory
     exclude = "".join(f" exclude type {g + 2} {g + 2}" for g in members_of(state))
     return f"""{read}
 {order}newton off
@@ -153,14 +153,14 @@ neigh_modify delay 0 every 1 check yes{exclude}
 
 
 def _coefficients(law: Law, q, radius: float) -> dict[str, float]:
-    """Parameters by name, k_n and k_t as LAMMPS multiplies them, by √R_eff for Hertz's law."""
+    """Parameters by name, with k_n and k_t before LAMMPS's factor, √R_eff for Hertz's law."""
     share = np.sqrt(radius) if lacks_radius(law) else 1.0
     values = dict(zip(builtin.parameter_names(law), q.tolist(), strict=True))
     return values | {"kn": values["kn"] / share, "kt": values["kt"] / share}
 
 
 def pair_commands(law: Law, leg: Leg) -> str:
-    """Pair style of a law: `gran/hooke/history`, `gran/hertz/history`, or `granular` for all others."""
+    """Pair style of a law: `gran/hooke/history`, `gran/hertz/history`, or `granular` for all other laws."""
     radius = 0.5 * float(leg.state.grains.radius[0])
     values = _coefficients(law, parameters_of(law, leg.state), radius)
     if is_granular(law):
@@ -190,7 +190,7 @@ def _wall_commands(leg: Leg) -> str:
 
 
 def granular_style(law: Law, values: dict[str, float]) -> str:
-    """Law in the words of `pair_style granular`, in which γ_t is a multiple of γ_n and E that of grains with ν = 0."""
+    """Law as `pair_style granular`, where γ_t is a multiple of γ_n and E applies to grains with ν = 0."""
     name = name_with_radius(law)
     (normal, tangential), damping_n, share = lammps_laws.MODELS[name], values["damping_n"], values["damping_t"]
     damping = next(word for word, model in builtin.DAMPING.items() if model == law.damping & ~builtin.NO_TENSION)
@@ -213,7 +213,7 @@ def granular_style(law: Law, values: dict[str, float]) -> str:
 
 
 def _course_commands(leg: Leg, body: int, name: str) -> dict[str, tuple[str, str]]:
-    """Variables of the displacement and velocity of a driven body along each axis on which it moves.
+    """Variables for the displacement and velocity of a driven body along each axis of its motion.
 
     The velocity is the mean over the step.
     """
@@ -254,12 +254,12 @@ def displacement_formula(leg: Leg, rate: float, column: int, step: str = "step")
 
 
 def motion_commands(leg: Leg) -> str:
-    """Commands for gravity, drag, plates, springs, the cell and the integration of loose grains."""
+    """Commands for gravity, drag, plates, springs, the cell, and the integration of loose grains."""
     lines = [f"group loose type {LOOSE}"]
     gravity = leg.state.control.gravity
     if gravity.any():
         lines.append(f"fix gravity all gravity {digits(np.linalg.norm(gravity))} vector {digits(*gravity)}")
-    lines += _moving_cell(leg).before  # its forces on grains are those of contacts and gravity only
+    lines += _moving_cell(leg).before  # must come first: its forces on grains are those of contacts and gravity only
     lines += _drag_commands(leg) if leg.drag else []
     lines += _plate_commands(leg)
     disc = " disc" if leg.state.cell.dim == 2 and abs(inertia_factor(leg.state) - SPHERE) > 1e-6 else ""
@@ -274,7 +274,7 @@ def motion_commands(leg: Leg) -> str:
 
 
 def _rotation_drag(leg: Leg) -> float:
-    """Drag of `fix langevin`, with which rotations have the drag of the leg."""
+    """Drag of `fix langevin` for which rotations have the drag of the leg."""
     return leg.drag * inertia_factor(leg.state) / (ROTATION * SPHERE)
 
 
@@ -297,7 +297,7 @@ def _drag_commands(leg: Leg) -> list[str]:
 
 
 def _plate_commands(leg: Leg) -> list[str]:
-    """Held plates are frozen, which makes them infinitely heavy, and moved; others are rigid bodies under forces."""
+    """Commands for plates: held ones are frozen (infinitely heavy) and moved; others are rigid bodies under forces."""
     state = leg.state
     lines, held, moving = [], [], []
     for g, members in members_of(state).items():
@@ -340,7 +340,7 @@ def _held_commands(leg: Leg, name: str, body: int) -> list[str]:
 
 
 def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
-    """Velocity along driven axes, and forces and springs along free ones, each grain bearing an equal share."""
+    """Velocity along driven axes, and forces and springs along free axes; each grain bears an equal share."""
     control, body, n = leg.state.control, members[0], len(members)
     free = control.free[body, :3] & (np.arange(3) < leg.state.cell.dim)
     lines, parts = [], []
@@ -364,7 +364,7 @@ def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
 
 
 def lead_formula(leg: Leg, column: int) -> str:
-    """Displacement of a spring's load point, which is linear between knots."""
+    """Displacement of a spring's load point, linear between knots."""
     if column < 0:
         return "0.0"
     time, begin, (edges, values) = "(step*dt)", leg.state.time, leg_course(leg, column, leg.steps * leg.dt)
@@ -376,7 +376,7 @@ def lead_formula(leg: Leg, column: int) -> str:
 
 
 def _place_commands(leg: Leg) -> str:
-    """Dump of unwrapped positions, if the cell deforms: restart files then have positions wrapped, but not images."""
+    """Dump of unwrapped positions if the cell deforms: restart files then have wrapped positions without images."""
     if not warm_up(leg):
         return ""
     columns = "x y z ix iy iz vx vy vz fx fy fz" if needs_forces(leg) else "xu yu zu"
@@ -385,10 +385,10 @@ def _place_commands(leg: Leg) -> str:
 
 
 def _cell_commands(leg: Leg) -> list[str]:
-    """Simple shear of the cell by `fix deform`; grains that cross a boundary change their velocity.
+    """Simple shear of the cell by `fix deform`; the velocity of grains that cross a boundary changes.
 
-    The fix deforms the cell at the end of a step, after its forces: its input is the tilt of the next step. Two steps
-    of zero duration come first, so that the forces of the first step depend on the initial rate and tilt of the cell.
+    The fix deforms the cell at the end of a step, after the forces: its input is the tilt of the next step. Two steps
+    of zero duration come first, so that the first forces depend on the initial rate and tilt of the cell.
     """
     rate, lines, arguments = leg.state.control.cell_rate, [], []
     for a, b in zip(*np.nonzero(rate), strict=True):

@@ -1,4 +1,4 @@
-"""Conditions that LAMMPS can run, and a one-sentence message for each one that it cannot."""
+"""Conditions that LAMMPS can run, and a one-sentence message for each that it cannot."""
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def name_with_radius(law: Law) -> str:
 
 
 def _check_memory(law: Law) -> None:
-    """Raise ScenarioError if LAMMPS treats the memory of contacts otherwise."""
+    """Raise ScenarioError if LAMMPS treats contact memory differently."""
     if BUILTIN_LAWS[law.kind].bonds:
         raise ScenarioError(
             f"LAMMPS separates contacts of {BUILTIN_LAWS[law.kind].name} at 0.48 of the pull-off gap: {STAY[3:]}"
@@ -77,7 +77,7 @@ def _check_memory(law: Law) -> None:
 
 
 def _check_moments(law: Law, q: np.ndarray) -> None:
-    """Raise ScenarioError if LAMMPS has no such rolling moments."""
+    """Raise ScenarioError if LAMMPS lacks these rolling moments."""
     values = dict(zip(builtin.parameter_names(law), q.tolist(), strict=True))
     if law.properties & builtin.ROLLING and (law.properties & builtin.VISCOUS or not values["k_roll"]):
         raise ScenarioError(f'LAMMPS does not have rolling moments without a spring: use rolling = "spring", {STAY}')
@@ -86,7 +86,7 @@ def _check_moments(law: Law, q: np.ndarray) -> None:
 
 
 def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
-    """Raise ScenarioError if LAMMPS has no such dashpots, from the parameters of contacts between grains."""
+    """Raise ScenarioError if LAMMPS lacks these dashpots, given the parameters of contacts between grains."""
     model, own = builtin.damping_model(law) & ~builtin.NO_TENSION, BUILTIN_LAWS[law.kind]
     rest, general = (builtin.TSUJI, builtin.RESTITUTION), (builtin.VELOCITY, builtin.MASS, builtin.VISCOELASTIC)
     usual = builtin.MASS if is_linear(law) else builtin.VISCOELASTIC
@@ -113,7 +113,7 @@ def _check_dashpots(law: Law, q: np.ndarray, *, walls: bool) -> None:
 
 
 def is_granular(law: Law) -> bool:
-    """Return True if only `pair_style granular` of LAMMPS has a law, with lever arms R − δ/2."""
+    """Return True if LAMMPS has a law only in `pair_style granular`, with lever arms R − δ/2."""
     return bool(builtin.rescales(law) or law.properties)
 
 

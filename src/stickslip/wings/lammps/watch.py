@@ -1,4 +1,4 @@
-"""A running LAMMPS simulation, watched: measures of each frame, the newest first, so that it never falls behind."""
+"""Watching a running LAMMPS simulation: measures of each frame, newest first, to keep up with the simulation."""
 
 import time
 from collections.abc import Iterator
@@ -32,12 +32,12 @@ TENSOR = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 
 
 class Row(NamedTuple):
-    """Measures of a frame, in the units of the simulation; None where there is none."""
+    """Measures of a frame, in the units of the simulation; None if unavailable."""
 
     step: int
-    digest: str = ""  # digest of the frame; a frame with another one is computed again
+    digest: str = ""  # digest of the frame; if it changes, the frame is computed again
     grains: int | None = None
-    contacts: int | None = None  # that touch
+    contacts: int | None = None  # number of touching contacts
     rattlers: int | None = None
     coordination: float | None = None  # contacts per grain, without rattlers
     sliding: int | None = None  # contacts at the Coulomb limit; unknown without memory
@@ -55,10 +55,10 @@ class Row(NamedTuple):
     residual: float | None = None  # largest unbalanced force over the mean normal contact force
     softest: float | None = None  # smallest real part of an eigenvalue λ, without zero modes [1/time²]
     zero_modes: int | None = None
-    pairs: int | None = None  # that grow
+    pairs: int | None = None  # number of growing pairs
     growth_rate: float | None = None  # growth rate of the fastest pair [1/time]
-    omega: float | None = None  # its frequency [1/time]
-    buckling: int | None = None  # motions that grow without oscillation
+    omega: float | None = None  # frequency of the fastest pair [1/time]
+    buckling: int | None = None  # number of motions that grow without oscillation
     stable: bool | None = None  # None without a verdict
     balanced: bool | None = None
     verdict: str = ""
@@ -79,9 +79,9 @@ def measure_frame(
 
     Parameters
     ----------
-    memory : whether the slip of its contacts is known
+    memory : True if the slip of its contacts is known
     method : one of `METHODS`; with "auto", the spectrum of more than 1500 coordinates is computed only in equilibrium
-    notes : notes on the frame; actions on its grains that were not taken over leave the verdict undecided
+    notes : notes on the frame; if they mention actions on grains that were not imported, the verdict is undecided
     report : called as report(stage, share done, text)
     """
     here, mode = linearised(state, law), state.contacts.mode[: state.contacts.count[0]]
@@ -121,7 +121,7 @@ def _add_stress(row: Row, state: State, law: Law) -> Row:
 
 
 def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
-    """Row with the numbers of a spectrum, as `stickslip stability --json` has them."""
+    """Row with the numbers of a spectrum, as in `stickslip stability --json`."""
     known = to_dict(result, notes=notes)
     grow = known["pairs"]
     negative = known["negative"] if "negative" in known else known["growing"]
@@ -136,7 +136,7 @@ def _add_spectrum(row: Row, result: Stability, softest: complex, notes) -> Row:
 
 
 def verdict_word(row: Row) -> str:
-    """Verdict in one word."""
+    """Verdict as one word."""
     if not row.computed:
         return "damaged"
     if row.stable is not None:
@@ -156,9 +156,9 @@ class Progress(NamedTuple):
     rows: dict[int, Row]
     notes: tuple[str, ...]
     left: int  # complete frames not computed yet
-    fresh: Row | None = None  # row that was computed last, if it is new
-    at: int | None = None  # step that is computed next
-    live: bool = True  # whether the simulation may still be running
+    fresh: Row | None = None  # last row computed, if it is new
+    at: int | None = None  # step to be computed next
+    live: bool = True  # True if the simulation may still be running
 
     @property
     def any_computed(self) -> bool:
@@ -170,14 +170,14 @@ def watch(
     source: lammps_series.Source, known: dict[int, Row], *, method: str = "auto", once: bool = False,
     until_idle: float | None = None, interval: float = lammps_series.INTERVAL, report: Report = silent,
 ) -> Iterator[Progress]:  # fmt: skip
-    """Compute every frame that is not `known`, and yield the results before and after each.
+    """Compute every frame that is not in `known`, and yield the progress before and after each.
 
-    While a simulation writes, its newest frame is computed first. The others follow while it does not write.
+    The newest frame is computed first, the others while the simulation is not writing.
 
     Parameters
     ----------
     once : end after the frames present at the beginning, in the order of their steps
-    until_idle : end when all frames are computed and nothing has been written for this time [s]; None: never
+    until_idle : end when all frames are computed and no output has appeared for this time [s]; None: never
 
     Raises
     ------
@@ -191,7 +191,7 @@ def watch(
         if not (once and seen):
             before, seen = seen, lammps_series.look(source, seen)
             last = time.monotonic() if before is None or before.sizes != seen.sizes else last
-        # frames that are not in the table, or have changed since
+        # frames missing from the table, or changed since
         left = [p for p in seen.ready if key_of(p) != getattr(rows.get(p.grains.step), "digest", None)]
         notes = (*said, *seen.notes)
         if left:

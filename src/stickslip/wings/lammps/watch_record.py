@@ -1,7 +1,7 @@
 """Watching a simulation with its table, its page and the terminal.
 
-The table is a CSV file with a comment that states how it was computed. The terminal shows a live table, or one line for
-each frame if it cannot draw again.
+The table is a CSV file with a comment that states how it was computed. The terminal shows a live table, or one line per
+frame if it cannot redraw.
 """
 
 import json
@@ -41,7 +41,7 @@ from ...measure import BALANCED_BELOW
 from .watch import Progress, Row, verdict_word, watch
 
 Column = Annotated[Any, Array((1,), finite=False)]  # NaN for unknown quantities
-COLOURS = {"stable": style.GREEN, "unstable": style.RED}  # colours of verdicts; others have none
+COLOURS = {"stable": style.GREEN, "unstable": style.RED}  # colours of verdicts; other verdicts have none
 
 
 def _line(axes, step, values, color, label=None, quantity=None):
@@ -78,12 +78,12 @@ def watched_contacts(step: Column, coordination: Column, sliding: Column):
 
 @style.styled
 def watched_spectrum(step: Column, softest: Column, growth: Column, verdicts: list[str]):
-    """Softest eigenvalue, and growth rate of the fastest pair, against the time step; filled where there is a verdict.
+    """Softest eigenvalue and growth rate of the fastest pair against the time step; marks with a verdict are filled.
 
     Parameters
     ----------
-    growth : growth rates, zero if no pair grows, NaN without a spectrum
-    verdicts : for each frame, stable, unstable, or another word
+    growth : growth rates, 0 if no pair grows, NaN without a spectrum
+    verdicts : for each frame stable, unstable or another word
     """
     figure, (above, below) = style.column_axes(2, 2.8, sharex=True)
     _line(above, step, softest, style.BLUE, quantity=(r"softest $\lambda$", "1/time$^2$"))
@@ -119,7 +119,7 @@ def watched_balance(step: Column, residual: Column, limit: float):
     return figure
 
 
-RELOAD = 10  # time after which the page is loaded again [s]
+RELOAD = 10  # time after which the page reloads [s]
 ROWS = 60  # largest number of rows of the table of frames
 HEADINGS = (
     "step", "contacts", "per grain", "sliding", "pressure", "shear/pressure", "unbalanced", "softest λ", "pairs",
@@ -189,7 +189,7 @@ def _series(rows: list[Row], name: str) -> np.ndarray:
 
 
 def cells(row: Row) -> list[str]:
-    """Numbers of a row as text, a dash where there is none."""
+    """Numbers of a row as text, with a dash for missing ones."""
 
     def text(value, form: str) -> str:
         return "–" if value is None else format(value, form)
@@ -208,7 +208,7 @@ NUMBERS = {name: kind for name, kind in Row.__annotations__.items() if kind is n
 
 
 def describe(source: lammps_series.Source, method: str) -> dict:
-    """Settings that determine the numbers of a row in addition to its frame."""
+    """Settings that, together with the frame, determine the numbers of a row."""
     law = source.law
     return {
         "law": describe_law(law), "parameters": law.table.tolist(), "kind": str(law.kind),
@@ -218,19 +218,19 @@ def describe(source: lammps_series.Source, method: str) -> dict:
 
 
 def write_rows(path: Path, rows: dict[int, Row], how: dict) -> None:
-    """Write all rows, by step, all or nothing."""
+    """Write all rows, ordered by step, atomically."""
     ordered = [row for _, row in sorted(rows.items())]
     comment = f"{MARK}{__version__}: {json.dumps(how)}"
     write_atomically(path, format_table(Row._fields, ordered, digits=None, comments=[comment]).encode())
 
 
 def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Row]:
-    """Rows of an earlier watch, without those that could not be computed; none if there is no table.
+    """Rows of an earlier watch, except those that could not be computed; empty without a table.
 
     Raises
     ------
     ValueError
-        if the file is not such a table, or was computed with other settings; the message is one sentence.
+        if the file is not a watch table, or was computed with other settings; the message is one sentence.
     """
     if not path.exists() or overwrite:
         return {}
@@ -266,7 +266,7 @@ def _number(text: str) -> int | float | bool | None:
 
 
 NARROW = 78  # terminal width below which lines replace the table
-AROUND = 9  # lines of the terminal not used by rows of the table
+AROUND = 9  # terminal lines not used by table rows
 COLORS = {"stable": "green", "unstable": "bold red", "damaged": "red"}
 COLUMNS = {"step": 9, "pressure": 9, "shear/p": 7, "Z": 5, "sliding": 7, "softest λ": 9, "growth": 8, "verdict": 10}
 
@@ -279,7 +279,7 @@ def _words(row: Row) -> list[str]:
 
 @contextmanager
 def screen() -> "Iterator[_Live | _Lines]":
-    """Context manager for functions that show the progress: `show(done)`, and `report` for one frame."""
+    """Context manager for display of progress: `show(done)`, and `report` for one frame."""
     if terminal.can_redraw() and console.width >= NARROW:
         with Live(console=console, refresh_per_second=4) as live:
             yield _Live(live)
@@ -288,7 +288,7 @@ def screen() -> "Iterator[_Live | _Lines]":
 
 
 class _Live:
-    """A table that is drawn again and again, below the notes."""
+    """A table below the notes, redrawn after each change."""
 
     def __init__(self, live: Live):
         self.live, self.said, self.done, self.stage = live, 0, Progress({}, (), 0), ""
@@ -320,7 +320,7 @@ def _table(done: Progress) -> Table:
 
 
 def _state(done: Progress) -> str:
-    """Present activity, in a few words."""
+    """Current activity in a few words."""
     computed = sum(row.computed for row in done.rows.values())
     parts = [f"{computed} frame{'s' * (computed != 1)}"]
     if done.at is not None:
@@ -334,7 +334,7 @@ def _state(done: Progress) -> str:
 
 
 class _Lines:
-    """A line for each frame that was computed."""
+    """One line per computed frame."""
 
     def __init__(self):
         self.said, self.begun = 0, False
@@ -350,7 +350,7 @@ class _Lines:
             console.print(_align(_words(done.fresh)), soft_wrap=True)
 
     def report(self, stage: str, share: float, text: str) -> None:
-        """Nothing: a frame has one line."""
+        """Print nothing, as a frame has one line."""
 
 
 def _align(columns: list[str]) -> str:
@@ -358,8 +358,8 @@ def _align(columns: list[str]) -> str:
     return "  ".join([*numbers, last.strip()])
 
 
-SAVE_EVERY = 3.0  # least time between two writes of table and page [s]
-REST = 5.0  # interval between writes, over the time that a write takes
+SAVE_EVERY = 3.0  # minimum time between two writes of table and page [s]
+REST = 5.0  # interval between writes, over the duration of a write
 
 
 def watch_and_record(

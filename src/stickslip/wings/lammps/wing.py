@@ -1,4 +1,4 @@
-"""Head of the wing of LAMMPS as an engine."""
+"""Definition of the LAMMPS wing: LAMMPS as an engine."""
 
 from ...wing import Wing
 

@@ -1,1 +1,1 @@
-"""Disk arrays, sheared spheres, quasi-rigid packings and gouge: four papers, with their claims."""
+"""Four papers and their claims: disk arrays, sheared spheres, quasi-rigid packings and gouge."""

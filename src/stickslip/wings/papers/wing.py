@@ -1,4 +1,4 @@
-"""Head of the wing of papers."""
+"""Definition of the papers wing."""
 
 from ...wing import Wing
 

@@ -1,4 +1,4 @@
-"""Head of the wing of soils."""
+"""Definition of the soils wing."""
 
 from ...wing import Wing
 

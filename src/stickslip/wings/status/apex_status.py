@@ -1,6 +1,6 @@
-"""Contact status under a load rate, also with contacts that carry no force because they open or have just closed.
+"""Contact status under a load rate, including contacts without force that open or have just closed.
 
-A disk with no force at any contact is released as a body. It stays released if all of its contacts open in the least
+A disk without force at any contact is released as a body. It stays released if all of its contacts open in the smallest
 motion with which it follows its neighbours. Otherwise it carries load again.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, which leaves the question open.

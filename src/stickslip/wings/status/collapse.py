@@ -1,9 +1,9 @@
 """Collapse at the end of a load path: damped dynamics under the load reached, to the next equilibrium.
 
-Where no stable equilibrium continues, the load is raised slightly and then held while the packing moves under a stated
-drag. A dead load is constant; a body pulled by a spring moves relative to a fixed load point, so that a stiff spring
-fixes the displacement and a soft one the force. The energy released, the work of the load less the change in stored
-energy, is dissipated by friction, dashpots and drag.
+Where no stable equilibrium continues the path, the load is raised slightly and then held while the packing moves under
+a given drag. A dead load is constant. A body pulled by a spring moves relative to a fixed load point, so that a stiff
+spring fixes the displacement and a soft one the force. The energy released, the work of the load less the change in
+stored energy, is dissipated by friction, dashpots and drag.
 """
 
 from typing import NamedTuple
@@ -33,66 +33,64 @@ from .matrices import linear_system, stiffness_matrix
 from .system import pinned_coordinates, roll_springs
 
 TIME_STEP = 0.1  # time step of dynamics, in units of the longest stable one, as in `slow_dynamics`
-RAMP, GENTLY = 25, 200  # stages in which the load is raised, and steps of each
-BLOCK, SAMPLE = 5000, 25  # steps between two looks at the packing, and between samples of its energy
-DURATION, TRAVEL = 1e5, 5.0  # defaults of the longest time, in natural units, and of the farthest, in mean diameters
-RESTING = (1e-6, 1e-8)  # residuals at which Newton's method is tried, over the mean normal force
-BALANCED = 5e-11  # its tolerance, likewise
-ROUND_OFF = 1e-15  # round-off of the force of a stiff spring, over that of an elongation of the size of the packing
-FAR = 1e3  # distance to which it may move grains, over the overlap that changes a force by the residual
-NULL = 1e-9  # fraction of the largest stiffness up to which an eigenvalue belongs to an unresisted motion
-RANK = 1e-8  # singular value up to which modes are parallel
-DENSE_BELOW, NEAREST = 1200, 12  # coordinates up to which all modes are computed, and number of modes beyond
+RAMP, GENTLY = 25, 200  # number of stages in which the load is raised, and steps per stage
+BLOCK, SAMPLE = 5000, 25  # steps between checks of the packing, and between samples of its energy
+DURATION, TRAVEL = 1e5, 5.0  # default limits of time, in natural units, and of displacement, in mean diameters
+RESTING = (1e-6, 1e-8)  # residuals over the mean normal force at which Newton's method is tried
+BALANCED = 5e-11  # tolerance of Newton's method, over the mean normal force
+ROUND_OFF = 1e-15  # round-off of a stiff spring's force, over its force at an elongation of the size of the packing
+FAR = 1e3  # largest distance by which it may move grains, over the overlap that changes a force by the residual
+NULL = 1e-9  # fraction of the largest stiffness below which an eigenvalue belongs to an unresisted motion
+RANK = 1e-8  # singular value below which modes are parallel
+DENSE_BELOW, NEAREST = 1200, 12  # most coordinates for which all modes are computed, and number of modes beyond
 
 
 @readable(
     head=lambda event: f"collapse at load {event.load:.6g}: {event.largest:.3g} along, {event.released:.3g} released"
 )
 class Collapse(NamedTuple):
-    """Motion from the end of a load path to the next equilibrium, under a load that is held.
+    """Motion from the end of a load path to the next equilibrium, under a constant load.
 
     Vectors have the coordinates of `freedom(state)`: displacements, R·angle, and ℓ times the strain of a free cell.
     """
 
-    load: float  # at which the path ended, in legs
-    reason: str  # why it ended
-    held: float  # load during the motion, slightly above, in legs
-    quiet: (
-        bool  # True if the motion is not larger than before for this change of the load, so that there was no collapse
-    )
-    rests: bool  # whether an equilibrium was found; otherwise the numbers are those of the state where dynamics ended
+    load: float  # load at which the path ended, in legs
+    reason: str  # reason for the end of the path
+    held: float  # load during the motion, slightly higher, in legs
+    quiet: bool  # True if the motion is no larger than before for this load change: there was no collapse
+    rests: bool  # True if an equilibrium was found; otherwise numbers are those of the state where dynamics ended
     duration: float  # [time]
     steps: int  # number of steps of dynamics
     largest: float  # displacement of a grain, relative to the deformation of the cell [length]
     total: float  # root of the sum of squares of these displacements [length]
-    motion: float  # along the load, over all coordinates: of the wall that is loaded, or ℓ times the strain [length]
+    motion: float  # motion along the load over all coordinates: of the loaded wall, or ℓ times the strain [length]
     strain: np.ndarray  # (3, 3) change of the displacement gradient of the cell
     work: float  # work of the loads and springs during the motion [energy]
     released: float  # work less the change in stored energy, which is dissipated [energy]
-    kinetic_energy: float  # largest [energy]
-    direction: np.ndarray  # (n,) displacement, of unit length, zero for rattlers
+    kinetic_energy: float  # largest kinetic energy [energy]
+    direction: np.ndarray  # (n,) displacement, normalised to unit length, zero for rattlers
     participation: float  # participation of the displacement, (Σ u²)²/(N Σ u⁴) over grains, from 1/N to 1
     eigenvalue: float  # smallest real part of the eigenvalues of k where the path ended [force/length]
-    modes: int  # number of unresisted modes there, or 1 for the softest
-    overlap: float  # overlap of the direction with them: length of its projection on their span
-    lost: int  # lost contacts between grains that were not rattlers
-    gained: int  # gained contacts of this kind
+    modes: int  # number of unresisted modes there, or 1 for the softest mode
+    overlap: float  # overlap of the direction with these modes: length of its projection on their span
+    lost: int  # number of contacts lost between grains that were not rattlers
+    gained: int  # number of such contacts gained
     sliding: tuple[int, int]  # number of contacts at the Coulomb limit before and after
 
 
 class Motion(NamedTuple):
     """Damped dynamics from a state."""
 
-    state: State  # at the end, without velocities
+    state: State  # state at the end, without velocities
     rests: bool
     steps: int
     time: float  # [time]
-    kinetic_energy: float  # largest [energy]
+    kinetic_energy: float  # largest kinetic energy [energy]
     work: float  # work of loads, springs and the stress on a free cell [energy]
 
 
 class _Dynamics:
-    """State that moves under a drag, with the measurements so far."""
+    """State that moves under drag, with the measurements so far."""
 
     def __init__(self, state: State, law: Law, drag: float):
         self.start, self.law, self.drag, self.held = state, law, drag, _held_bodies(state)
@@ -100,7 +98,7 @@ class _Dynamics:
         self.steps, self.energy, self.work = 0, 0.0, 0.0
 
     def run(self, steps: int, tolerance: float = 0.0) -> Status:
-        """Run; return how the run ended."""
+        """Run the dynamics; return the outcome."""
         before, (self.state, record, outcome) = self.state, run(
             self.state, self.law, steps, self.dt, drag=self.drag, every=SAMPLE, tolerance=tolerance
         )  # fmt: skip
@@ -122,16 +120,16 @@ class _Dynamics:
 def run_to_rest(
     state: State, law: Law, control: Control, drag: float, duration: float | None = None, travel: float | None = None
 ) -> Motion:
-    """Damped dynamics under a control until the packing is at rest, or beyond a time or a displacement.
+    """Damped dynamics under a control until the packing is at rest, or a limit of time or displacement is exceeded.
 
-    Loads change to those of the control slowly enough that a stiff spring does not push. Newton's method only removes
-    the remaining unbalanced forces.
+    Loads change to those of the control so slowly that a stiff spring causes no jolt. Newton's method only removes the
+    remaining unbalanced forces.
 
     Parameters
     ----------
-    drag : on translations and rotations [1/time]
+    drag : drag on translations and rotations [1/time]
     duration : longest time; default: 1e5 natural units [time]
-    travel : largest displacement of a body that is not a rattler; default: 5 mean diameters [length]
+    travel : largest displacement of a body other than a rattler; default: 5 mean diameters [length]
     """
     duration = DURATION * natural_scales(state, law).time if duration is None else duration
     travel = TRAVEL * 2 * float(state.grains.radius.mean()) if travel is None else travel
@@ -158,14 +156,14 @@ def run_to_rest(
 
 
 def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray, predicted: float, **known) -> Collapse:
-    """Collapse between two states.
+    """Describe the collapse between two states.
 
     Parameters
     ----------
-    before : at the end of the path
+    before : state at the end of the path
     pull : (n,) rate of the load on the coordinates of `freedom(before)`, up to a factor
-    predicted : displacement below which the motion is quiet [length]
-    known : load, reason and held of the event
+    predicted : displacement below which the motion is no collapse [length]
+    known : values of load, reason and held
     """
     after, free, loose = motion.state, freedom(before), rattlers(before, 2)
     strain = _strain(before, after)
@@ -191,9 +189,9 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
 
 
 def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray, int]:
-    """Smallest real part of the eigenvalues of k(S), and the unresisted modes, or the softest one.
+    """Smallest real part of the eigenvalues of k(S), and the unresisted modes, or the softest mode.
 
-    S: all contacts at the limit slide, and those without force are open.
+    In S, all contacts at the limit slide, and those without force are open.
 
     Returns
     -------
@@ -249,7 +247,7 @@ def _work_on_cell(cells: np.ndarray, state: State) -> float:
 
 
 def displacements(before: State, after: State) -> np.ndarray:
-    """(B, 6) displacements and R·angle of all bodies, relative to the deformation of the cell [length]."""
+    """Displacements and R·angle of all bodies (B, 6), relative to the deformation of the cell [length]."""
     a, b = before.grains, after.grains
     moved = b.position - a.position - a.position @ _strain(before, after).T
     grains = np.concatenate([moved, (b.angle - a.angle) * a.radius[:, None]], axis=1)
@@ -258,7 +256,7 @@ def displacements(before: State, after: State) -> np.ndarray:
 
 
 def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
-    """(B, 6) displacements, zero for rattlers, and without the mean of the others along unsupported axes."""
+    """Displacements (B, 6), zero for rattlers, and without the mean of other bodies along unsupported axes."""
     held = _held_bodies(state)
     moved = moved * held[:, None]
     if not len(state.walls.mass) and held.any():
@@ -268,17 +266,17 @@ def without_drift(state: State, moved: np.ndarray) -> np.ndarray:
 
 
 def _strain(before: State, after: State) -> np.ndarray:
-    """(3, 3) displacement gradient of the cell between two states."""
+    """Displacement gradient of the cell between two states (3, 3)."""
     return np.linalg.solve(before.cell.vectors, after.cell.vectors).T - np.eye(3)
 
 
 def _held_bodies(state: State) -> np.ndarray:
-    """(B,) mask of walls and of grains that are not rattlers."""
+    """Mask of walls and of grains that are not rattlers (B,)."""
     return np.append(~rattlers(state, 2), np.ones(len(state.walls.mass), bool))
 
 
 def _loaded_contacts(state: State) -> dict[int, bool]:
-    """Keys of the contacts between bodies that are not rattlers, and whether they slide."""
+    """Keys of the contacts between bodies that are not rattlers, and a mask of those that slide."""
     rows, held, contacts = touching(state), _held_bodies(state), state.contacts
     rows = rows[held[contacts.i[rows]] & held[contacts.j[rows]]]
     return dict(zip(contacts.key[rows].tolist(), (contacts.mode[rows] == SLIDE).tolist(), strict=True))

@@ -1,14 +1,13 @@
-"""The complementarity problem of the critical contacts: its data with round-off bounds, two solvers, and enumeration.
+"""Complementarity problem of the critical contacts: data with round-off bounds, two solvers, and enumeration.
 
     w = A λ + q ≥ 0,   λ ≥ 0,   wᵀ λ = 0,      A = 1 − Gᵀ k₀⁻¹ H,   q = −Gᵀ k₀⁻¹ b.
 
-Decisions on signs and ranks take the round-off of A and q into account, and are made in units in which the entries of A
-and q are about 1. Rows and columns are scaled by powers of two, which changes neither the sign of a minor nor any
-status.
+Decisions on signs and ranks allow for the round-off of A and q, and are made in units in which the entries of A and q
+are about 1. Rows and columns are scaled by powers of two, which changes neither the sign of a minor nor any status.
 
-The statuses of a few contacts are enumerated. A status is regular if A_SS has full rank to within the errors in its
-entries; it then has exactly one solution. A singular status may have no solution, or a whole face of solutions, whose
-ends are returned. Rays are motions that need no load.
+For few contacts, all statuses are enumerated. A status is regular if A_SS has full rank to within the errors of its
+entries; it then has exactly one solution. A singular status may have no solution, or a face of solutions, whose ends
+are returned. Rays are motions that require no load.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992); Ruiz, RAL-TR-2001-034, for the
 scaling.
@@ -25,7 +24,7 @@ from .matrices import LinearSystem
 from .system import StatusSolver
 
 SLACK = 1e-9  # fraction of the largest rate below which a rate may have either sign
-ROUND_OFF = 1e-14  # relative error of an entry: 45 units in the last place, for sums of a few dozen terms
+ROUND_OFF = 1e-14  # relative error of an entry: 45 units in the last place, as in sums of a few dozen terms
 SPARE = 10.0  # safety factor on errors estimated from two right-hand sides
 SWEEPS = 6  # scaling sweeps; each halves the logarithms of the largest entries
 
@@ -36,8 +35,8 @@ class Complementarity(NamedTuple):
 
     matrix: np.ndarray  # (Mc, Mc) A
     vector: np.ndarray  # (Mc,) q
-    matrix_error: float = 0.0  # error of an entry of A beyond its own round-off, such as that of solving with k₀
-    vector_error: float = 0.0  # likewise of q
+    matrix_error: float = 0.0  # error of entries of A beyond their round-off, such as that of solving with k₀
+    vector_error: float = 0.0  # likewise for q
 
 
 class ScaledProblem(NamedTuple):
@@ -47,8 +46,8 @@ class ScaledProblem(NamedTuple):
     vector: np.ndarray  # (Mc,)
     error: np.ndarray  # (Mc, Mc) error bounds of the matrix
     vector_error: np.ndarray  # (Mc,) error bounds of the vector
-    slip_unit: np.ndarray  # (Mc,) λ = slip_unit · its value here
-    gap_unit: np.ndarray  # (Mc,) w = gap_unit · its value here
+    slip_unit: np.ndarray  # (Mc,) unit of λ
+    gap_unit: np.ndarray  # (Mc,) unit of w
 
     def submatrix(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A_SS with its error bounds."""
@@ -98,7 +97,7 @@ def critical_numbers(matrix: LinearSystem, critical) -> np.ndarray:
 
 
 def complementarity_of_system(system: StatusSolver) -> Complementarity:
-    """A and q with errors, which are estimated by one refinement step for two columns and for the load."""
+    """A and q with errors, estimated by one refinement step for two columns and for the load."""
     size = len(system.critical)
     stuck = np.zeros(size, bool)
     system.factorise(stuck)
@@ -110,7 +109,7 @@ def complementarity_of_system(system: StatusSolver) -> Complementarity:
     missed = np.column_stack([pull @ probes, system.right]) - system.stuck @ answers
     error = np.abs(system.sees.T @ system.solve_columns(missed))
     drawn = system.sees.T @ reach
-    # the difference 1 − Gᵀ k₀⁻¹ H may be far smaller than both terms
+    # the difference 1 − Gᵀ k₀⁻¹ H may be far smaller than either term
     lost = ROUND_OFF * np.abs(drawn).max(initial=1.0)
     matrix_error = SPARE * error[:, :2].max(initial=0.0) + lost
     vector_error = SPARE * error[:, 2].max(initial=0.0) + system.round_off(velocity).max(initial=0.0)
@@ -123,7 +122,7 @@ def scale_problem(problem: Complementarity) -> ScaledProblem:
     if not (np.isfinite(a).all() and np.isfinite(q).all()):
         raise ValueError("A or q is not finite: every entry must be a number; look for NaN in positions and forces")
     error = problem.matrix_error + ROUND_OFF * np.abs(a)
-    # entries that may be zero must not become the unit of a row or column
+    # an entry that may be zero must not become the unit of a row or column
     nothing = np.abs(a) <= error
     a, error = np.where(nothing, 0.0, a), np.where(nothing, error + np.abs(a), error)
     rows, columns = np.ones(len(q)), np.ones(len(q))
@@ -142,7 +141,7 @@ def scale_problem(problem: Complementarity) -> ScaledProblem:
 
 
 def sign_slack(rate: np.ndarray, slack=0.0):
-    """Magnitude below which a rate may have either sign: a fraction of the largest rate, but at least `slack`."""
+    """Magnitude below which a rate may have either sign: a fraction of the largest rate, at least `slack`."""
     return np.maximum(slack, SLACK * np.abs(rate).max(initial=0.0))
 
 
@@ -153,7 +152,7 @@ def inconsistent(slides: np.ndarray, rate: np.ndarray, slack=0.0) -> np.ndarray:
 
 
 def principal_pivoting(problem: Complementarity) -> tuple[np.ndarray | None, int]:
-    """Solve by Murty's principal pivoting, which flips the inconsistent contact with the largest index.
+    """Solve by Murty's principal pivoting, which flips the inconsistent contact with the highest index.
 
     Returns
     -------
@@ -188,10 +187,10 @@ def _rates_of_status(problem: Complementarity, slides: np.ndarray) -> np.ndarray
 
 
 def lemke(problem: Complementarity) -> np.ndarray | None:
-    """Solve for λ by Lemke's algorithm with covering vector 1; None if it ends on a ray.
+    """Solve for λ by Lemke's algorithm with the covering vector 1; None if it ends on a ray.
 
-    A ray proves nothing: a solution may still exist. The algorithm uses the units of `ScaledProblem`, in which the size
-    of a pivot is meaningful.
+    A ray proves nothing, as a solution may still exist. The algorithm uses the units of `ScaledProblem`, in which the
+    size of a pivot is meaningful.
     """
     here = scale_problem(problem)
     size, q = len(here.vector), here.vector
@@ -212,7 +211,7 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
             return here.slip_unit * slip[size : 2 * size]
         entering = leaving + size if leaving < size else leaving - size
         column = table[:, entering]
-        able = column > 1e-11 * max(1.0, np.abs(column).max())  # for entries of about 1, after a few hundred pivots
+        able = column > 1e-11 * max(1.0, np.abs(column).max())  # round-off of entries near 1 after a few hundred pivots
         if not able.any():
             return None
         ratio = np.where(able, table[:, -1] / np.where(able, column, 1.0), np.inf)
@@ -223,10 +222,10 @@ def lemke(problem: Complementarity) -> np.ndarray | None:
     return None
 
 
-MAPPED = 14  # contacts up to which all statuses are enumerated: 16,384
-AT_ONCE = 2048  # statuses solved together; more do not fit into the cache
-SURE = 0.1  # largest errors of the entries of A_SS, over those that would make it singular
-SAME = 1e-6  # fraction of the largest rate up to which two solutions are equal: half of the digits
+MAPPED = 14  # largest number of contacts for enumeration of all statuses (16,384)
+AT_ONCE = 2048  # statuses solved together; more would not fit into the cache
+SURE = 0.1  # largest error of the entries of A_SS over that which would make it singular
+SAME = 1e-6  # fraction of the largest rate within which two solutions are equal: half of the digits
 BLUR = 10.0  # factor on the error bounds for null vectors and quantities derived from them
 
 
@@ -236,7 +235,7 @@ class AllStatusRates(NamedTuple):
     slides: np.ndarray  # (2^Mc, Mc) bool
     rate: np.ndarray  # (2^Mc, Mc) Ṽ: λ of sliding contacts, −w of the others
     error: np.ndarray  # (2^Mc, Mc) error bound of Ṽ
-    sign: np.ndarray  # (2^Mc,) of det A_SS; 0 where it is singular to round-off
+    sign: np.ndarray  # (2^Mc,) sign of det A_SS; 0 where it is singular to round-off
     minor: np.ndarray  # (2^Mc,) det A_SS
 
     @property
@@ -257,16 +256,16 @@ class Solution(NamedTuple):
 
 
 class Ray(NamedTuple):
-    """Slip rates x ≥ 0 of a singular status without load: A_SS x = 0, and no contact leaves the cone."""
+    """Slip rates x ≥ 0 of a singular status without load: A_SS x = 0, while no contact leaves the cone."""
 
     slides: np.ndarray  # (Mc,) bool
     slip: np.ndarray  # (Mc,) x
     left: np.ndarray  # (Mc,) y with yᵀA = 0 on the sliding contacts
-    drive: float  # yᵀq: not zero if the load drives the motion
+    drive: float  # yᵀq, nonzero if the load drives the motion
 
 
 class AllSolutions(NamedTuple):
-    """All distinct solutions and rays of a complementarity problem; each end of a face is a solution."""
+    """All distinct solutions and rays of a complementarity problem, including both ends of each face."""
 
     solutions: tuple[Solution, ...]
     rays: tuple[Ray, ...]
@@ -287,14 +286,14 @@ def enumerate_rates(problem: ScaledProblem) -> AllStatusRates:
 
 
 def _solve_statuses(problem: ScaledProblem, slides: np.ndarray, k: int):
-    """Ṽ with error bounds, and sign and value of the minor, for statuses with k sliding contacts each."""
+    """Ṽ with error bounds, and sign and value of the minor, for statuses with k sliding contacts."""
     chosen = np.nonzero(slides)[1].reshape(len(slides), k)
     square = (chosen[:, :, None], chosen[:, None, :])
     a, error, q = problem.matrix[square], problem.error[square], problem.vector[chosen]
     sign, size = np.linalg.slogdet(a)
     a = np.where((sign == 0)[:, None, None], np.eye(k), a)
     inverse = np.linalg.inv(a)
-    # A_SS stays regular for all changes E of its entries with a largest row sum of |A_SS⁻¹| |E| below 1
+    # A_SS stays regular for all changes E of its entries for which the largest row sum of |A_SS⁻¹| |E| is below 1
     blurred = (np.abs(inverse) @ error).sum(axis=2).max(axis=1, initial=0.0)
     slip = -_batched_matvec(inverse, q)
     slip -= _batched_matvec(inverse, _batched_matvec(a, slip) + q)
@@ -309,15 +308,15 @@ def _solve_statuses(problem: ScaledProblem, slides: np.ndarray, k: int):
 
 
 def _batched_matvec(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(m, k) products of (m, k, k) matrices and (m, k) vectors."""
+    """Products (m, k) of matrices (m, k, k) and vectors (m, k)."""
     return np.einsum("mij,mj->mi", matrices, vectors)
 
 
 def enumerate_solutions(problem: Complementarity, again: Callable | None = None) -> AllSolutions:
     """Find all solutions and rays, for at most 14 critical contacts.
 
-    Of several statuses with the same rates (a contact is then on a boundary), only one is returned, preferably one with
-    det A_SS > 0.
+    Of several statuses with the same rates, for which a contact is on a boundary, only one is returned, preferably one
+    with det A_SS > 0.
 
     Parameters
     ----------
@@ -362,13 +361,13 @@ def _solution_in_units(problem: ScaledProblem, end: Solution) -> Solution:
 
 
 class SolutionFace(NamedTuple):
-    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of the sliding contacts, w of the others."""
+    """Quantities at + turn t ≥ 0 on the null space of a singular status: λ of sliding contacts, w of the others."""
 
     slides: np.ndarray  # (Mc,) bool
     at: np.ndarray  # (Mc,)
     turn: np.ndarray  # (Mc, d)
     left: np.ndarray  # (k, d) left null vectors of A_SS
-    missed: np.ndarray  # (d,) their products with q; if not zero, no slip rates balance the load
+    missed: np.ndarray  # (d,) their products with q; if nonzero, no slip rates balance the load
     at_error: np.ndarray  # (Mc,) error bounds of `at`, of `turn` and of `missed`
     turn_error: np.ndarray
     missed_error: np.ndarray
@@ -384,7 +383,7 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
     at = np.where(slides, 0.0, a @ slip + q)
     turn = np.where(slides[:, None], 0.0, a @ right)
     at[slides], turn[slides] = slip, right
-    # errors of null vectors are those of A over the next singular value
+    # errors of null vectors are the errors of A over the next singular value
     spread = BLUR * max(1.0, np.linalg.norm(inverse))
     at_error = spread * (error @ np.abs(slip) + problem.vector_error + error.max())
     missed_error = BLUR * np.abs(left.T) @ problem.vector_error[slides]
@@ -394,7 +393,7 @@ def _solution_face(problem: ScaledProblem, slides: np.ndarray) -> SolutionFace:
 
 
 def _face_ends(face: SolutionFace) -> list[Solution]:
-    """Ends of the solution set {t: at + turn t ≥ 0}, or none; an end at infinity is replaced by a finite point."""
+    """Ends of the solution set {t: at + turn t ≥ 0}, if any; an end at infinity is replaced by a finite point."""
     still = (np.abs(face.turn) <= face.turn_error[:, None]).all(axis=1)
     if (face.missed > face.missed_error).any() or (face.at[still] < -face.at_error[still]).any():
         return []
@@ -450,7 +449,7 @@ def _find_rays(problem: ScaledProblem, face: SolutionFace) -> list[Ray]:
 
 @readable
 class StatusMap(NamedTuple):
-    """Map C: S ↦ C(S). Bits of S mark the critical contacts that slide; bits of C(S) mark those that are consistent."""
+    """Map C: S ↦ C(S). Bits of S mark critical contacts that slide; bits of C(S) mark consistent ones."""
 
     image: np.ndarray  # (2^Mc,) C(S) for S = 0 … 2^Mc − 1; −1 where k(S) is singular
 

@@ -1,20 +1,20 @@
-"""Contacts that open and close: four statuses at the apex of the Coulomb cone, as one piecewise-linear map.
+"""Contacts that open and close: the four statuses at the apex of the Coulomb cone, as one piecewise-linear map.
 
 A contact without force responds to the relative velocity V of its bodies in one of four ways. The cells of V are
-disjoint and cover the plane, and the force rate −K S V is continuous across their boundaries:
+disjoint and cover the plane; the force rate −K S V is continuous across their boundaries:
 
     opens            V_n > 0                              S = 0
     slides with s    V_n < 0,  m V_n + s V_t > 0          S = ((1, 0), (−m s, 0)),  s = ±1
     sticks           V_n < 0,  m V_n ± V_t ≤ 0            S = 1
 
-A contact that carries a force at the limit has only the two statuses of the principle of minimum sliding. With V₀ the
-velocities if all these contacts stick, Z = Cᵀ k₀⁻¹ C their compliance and Δ(σ) = K (S(σ) − 1), the statuses obey
+A contact with a force at the limit has only the two statuses of the principle of minimum sliding. With V₀ the
+velocities if all these contacts stick, Z = Cᵀ k₀⁻¹ C their compliance, and Δ(σ) = K (S(σ) − 1), the statuses obey
 
     g(V) = V + Z Δ(σ(V)) V = V₀,        det(1 + Z Δ(σ)) = det k(σ) / det k₀.
 
 At most four cells meet in a face of codimension two. Hence g is one-to-one, and the statuses are unique for every load,
 if and only if det k(σ) has the same sign for all σ: the four statuses are mutually exclusive as long as no combination
-of them has lost its stability. The paper leaves this question open.
+of them has lost stability. The paper leaves this question open.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, for the question; Kuhn and Löwen's
 Theorem 5.3, as quoted by Ralph (Cornell University TR 92-1283), and Scholtes, doi:10.1287/moor.21.4.955, for the
@@ -31,25 +31,25 @@ from ...kit import check_types, checked, readable, require_shape
 STICKS, SLIDES, SLIDES_BACK, OPENS = range(4)  # SLIDES has s = +1, SLIDES_BACK has s = −1
 STATUS_NAMES = ("sticks", "slides", "slides back", "opens")
 SIDE = np.array([0.0, 1.0, -1.0, 0.0])  # s of each status
-ROUNDS = 60  # largest number of iterations before the pieces are followed one by one
+ROUNDS = 60  # largest number of iterations before pieces are followed one by one
 PIECES = 4000  # largest number of pieces followed
 ENUMERATED = 4096  # largest number of combinations of statuses enumerated
-HELPING = 1e-4  # fraction of their springs that disks keep while pieces without support are followed
+HELPING = 1e-4  # fraction of their spring stiffness that disks keep while pieces without support are followed
 SINGULAR = 1e12  # condition number of a piece beyond which it is treated as singular
-SAME = 1e-6  # fraction of the largest velocity up to which two velocities are equal
+SAME = 1e-6  # fraction of the largest velocity within which two velocities are equal
 SLACK = 1e-9  # fraction of the largest velocity below which a velocity may have either sign
 
 
 @readable
 class Apex(NamedTuple):
-    """Map of E contacts that may change their status; V is (E, d), d = 2 in a plane, where g is piecewise linear."""
+    """Map for E contacts that may change status; V is (E, d), with d = 2 in a plane, where g is piecewise linear."""
 
     compliance: np.ndarray  # (dE, dE) Z [length/force]
-    velocity: np.ndarray  # (E, d) V₀, the velocities if all of them stick
+    velocity: np.ndarray  # (E, d) V₀, the velocities if all contacts stick
     springs: np.ndarray  # (E, d, d) K [force/length]
     slope: np.ndarray  # (E,) m
     sign: np.ndarray  # (E,) s of a contact with a force; 0 at the apex, where all four statuses are possible
-    alone: np.ndarray  # (E,) bool: contacts of disks without others, which lose their support if all open or slide
+    alone: np.ndarray  # (E,) bool, contacts of disks that have no others, and lose support if all open or slide
 
     def check_entries(self) -> None:
         """Raise ValueError with a one-sentence message if an entry has a wrong type, shape or value."""
@@ -75,7 +75,7 @@ class StatusSolution(NamedTuple):
 
 
 def piece_matrix(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(..., 2E, 2E) matrix 1 + Z Δ(σ) of the piece with the statuses (..., E)."""
+    """Matrix 1 + Z Δ(σ) (..., 2E, 2E) of the piece with the statuses (..., E)."""
     size = status.shape[-1]
     columns = apex.compliance.reshape(2 * size, size, 2)
     turned = np.einsum("aeb,...ebc->...aec", columns, stiffness_change(apex, status, helped))
@@ -83,7 +83,7 @@ def piece_matrix(apex: Apex, status: np.ndarray, helped: bool = False) -> np.nda
 
 
 def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np.ndarray:
-    """(..., E, 2, 2) Δ(σ) = K (S(σ) − 1); with `helped`, disks without other support keep a small stiffness."""
+    """Δ(σ) = K (S(σ) − 1) (..., E, 2, 2); with `helped`, disks without other support keep a small stiffness."""
     change = np.zeros((*status.shape, 2, 2))
     slides = (status == SLIDES) | (status == SLIDES_BACK)
     change[slides, 1, 0], change[slides, 1, 1] = -(apex.slope * SIDE[status])[slides], -1.0
@@ -92,7 +92,7 @@ def stiffness_change(apex: Apex, status: np.ndarray, helped: bool = False) -> np
 
 
 def status_of_velocity(apex: Apex, velocity: np.ndarray, now: np.ndarray, slack: float = 0.0) -> np.ndarray:
-    """(E,) status whose cell contains V; within `slack` of a boundary, the present status of the contact."""
+    """Status (E,) whose cell contains V; within `slack` of a boundary, the current status of the contact."""
     normal, along = velocity.T
     forward, back = apex.slope * normal + along, apex.slope * normal - along
     touches = apex.sign == 0
@@ -121,17 +121,17 @@ def _in_cell(apex: Apex, forward, back, normal, status, slack: float):
 def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
     """Find consistent statuses by iteration, then by following the pieces, then by enumeration.
 
-    Each iteration gives every contact the status of its cell.
+    Each iteration assigns every contact the status of its cell.
 
     Parameters
     ----------
-    starts : (E,) initial statuses, tried one after the other; default: all stick
+    starts : initial statuses (E,), tried one after the other; default: all stick
 
     Returns
     -------
     StatusSolution
-        verified: V solves the piece of the statuses and lies in its cell. If nothing is found and there are at most
-        4096 combinations, none is consistent; if there are more, the search along the pieces found none.
+        verified: V solves the piece of the statuses and lies in its cell. If nothing is found, none of up to 4096
+        combinations is consistent; with more combinations, it is only known that the search along pieces found none.
     """
     for start in starts or (np.full(len(apex.sign), STICKS),):
         solution = _iterate_statuses(apex, np.asarray(start))
@@ -146,7 +146,7 @@ def statuses_at_apex(apex: Apex, *starts: np.ndarray) -> StatusSolution:
 
 
 def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
-    """Give every contact the status of its cell until convergence; None if this does not converge."""
+    """Assign every contact the status of its cell until convergence; None without convergence."""
     seen = set()
     for _ in range(ROUNDS):
         if now.tobytes() in seen:
@@ -163,13 +163,13 @@ def _iterate_statuses(apex: Apex, now: np.ndarray) -> StatusSolution | None:
 
 
 def _velocity(apex: Apex, status: np.ndarray) -> np.ndarray | None:
-    """(E, 2) V for given statuses, or None if their piece is singular."""
+    """V (E, 2) for given statuses, or None if their piece is singular."""
     out = solve_piece(piece_matrix(apex, status), apex.velocity.ravel())
     return None if out is None else out.reshape(-1, 2)
 
 
 def solve_piece(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-    """Solution; None if the matrix is singular to within round-off, as for a disk whose contacts all slide or open."""
+    """Solve a piece; None if its matrix is singular to round-off, as for a disk whose contacts all slide or open."""
     if not len(matrix):
         return right
     if not np.linalg.cond(matrix) < SINGULAR:
@@ -178,9 +178,9 @@ def solve_piece(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
 
 
 def follow_pieces(apex: Apex) -> StatusSolution:
-    """Follow the pieces from g(V₀) towards V₀ in the image of g; where det k changes sign, the path turns back.
+    """Follow pieces from g(V₀) towards V₀ in the image of g; where det k changes sign, the path turns back.
 
-    Nothing is found if the path goes to infinity: no consistent combination of statuses lies on it.
+    Nothing is found if the path runs to infinity, without a consistent combination of statuses on it.
     """
     nothing = StatusSolution(None, None, "along the pieces")
     here, size = apex.velocity.copy(), apex.velocity.size
@@ -188,7 +188,7 @@ def follow_pieces(apex: Apex) -> StatusSolution:
     aim = apex.velocity.ravel() - piece_matrix(apex, now, True) @ here.ravel()
     share, inwards = 0.0, None
     for _ in range(PIECES):
-        # the line on which g(V) − g(V₀) is a share of the aim, even if a piece is singular
+        # line on which g(V) − g(V₀) is a fraction of the target, even if a piece is singular
         line = np.linalg.svd(np.hstack([piece_matrix(apex, now, True), -aim[:, None]]))[2][-1]
         forward = line[-1] if inwards is None else _crossing_rate(inwards, line[:size].reshape(-1, 2))
         move, gain = np.sign(forward) * line[:size].reshape(-1, 2), np.sign(forward) * line[-1]
@@ -213,7 +213,7 @@ def _crossing_rate(bound, move: np.ndarray) -> float:
 
 
 def _next_crossing(apex: Apex, here: np.ndarray, move: np.ndarray, now: np.ndarray):
-    """Length of a move until the first contact leaves its cell, with that contact, its new cell and the boundary."""
+    """Length of a move until the first contact leaves its cell; that contact, its new cell and the boundary."""
     best, contact, to, crossed = np.inf, -1, STICKS, None
     slack = 1e-12 * np.abs(move).max(initial=0.0)
     for k, status in enumerate(now):
@@ -240,11 +240,11 @@ def count_choices(apex: Apex) -> int:
 
 
 class AllStatuses(NamedTuple):
-    """All K consistent combinations of statuses with different velocities, and properties of all combinations."""
+    """The K consistent combinations of statuses with distinct velocities, and properties of all combinations."""
 
     status: np.ndarray  # (K, E)
     velocity: np.ndarray  # (K, E, 2)
-    stable: np.ndarray  # (K,) bool: det k has the same sign as if all stick
+    stable: np.ndarray  # (K,) bool, det k has the same sign as if all stick
     coherent: bool  # det k has that sign for all combinations
     decided: bool  # no combination with singular k can be consistent, so there are no others
 
@@ -266,10 +266,10 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
     good.sort(key=lambda k: (sign[k] < 0, np.abs(velocity[k]).max(initial=0.0)))
     kept = []
     for k in good:
-        same = SAME * np.abs(velocity[k]).max(initial=0.0)  # as for statuses on either side of a cell boundary
+        same = SAME * np.abs(velocity[k]).max(initial=0.0)  # equal for statuses on either side of a cell boundary
         if not any(np.abs(velocity[k] - velocity[other]).max(initial=0.0) <= same for other in kept):
             kept.append(k)
-    # a disk that slides or opens at two contacts and has no others is free: `apex_status` releases it as a body
+    # a disk that slides or opens at its only two contacts is free: `apex_status` releases it as a body
     free = (status[:, apex.alone] != STICKS).sum(axis=1) >= 2
     open_ends = any(_has_solution(matrix[k], apex.velocity.ravel()) for k in np.flatnonzero(~regular & ~free))
     return AllStatuses(
@@ -278,7 +278,7 @@ def enumerate_statuses(apex: Apex) -> AllStatuses:
 
 
 def _all_velocities(apex: Apex, status: np.ndarray):
-    """Matrices (K, 2E, 2E) of pieces, signs of det k, a mask of the regular ones, and their velocities V (K, E, 2)."""
+    """Matrices of pieces (K, 2E, 2E), signs of det k, mask of regular pieces, and their velocities V (K, E, 2)."""
     matrix = piece_matrix(apex, status)
     sign = np.linalg.slogdet(matrix)[0]
     sound = np.where((sign == 0)[:, None, None], np.eye(matrix.shape[1]), matrix)
@@ -293,16 +293,16 @@ def _all_velocities(apex: Apex, status: np.ndarray):
 
 
 def _has_solution(matrix: np.ndarray, right: np.ndarray) -> bool:
-    """Return True if the equation of a singular piece has a solution to half the significant digits."""
+    """Return True if the equation of a singular piece has a solution to half of the significant digits."""
     rest = matrix @ np.linalg.lstsq(matrix, right, rcond=1 / SINGULAR)[0] - right
     return bool(np.abs(rest).max(initial=0.0) <= SAME * np.abs(right).max(initial=0.0))
 
 
 @checked
 def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
-    """Find all consistent statuses by enumeration, and test whether det k has the same sign for all combinations.
+    """Find all consistent statuses by enumeration, and test if det k has the same sign for all combinations.
 
-    Combinations with the same velocities, which lie on a boundary of their cells, count once. At most 4096 are allowed.
+    Combinations with the same velocities, which lie on a boundary of their cells, count once. The limit is 4096.
 
     Returns
     -------
@@ -313,17 +313,17 @@ def consistent_statuses(apex: Apex) -> tuple[np.ndarray, bool]:
 
 
 def force_change(apex: Apex, solution: StatusSolution) -> np.ndarray:
-    """(E, d) K (S − 1) V, the change of force rates due to the statuses."""
+    """Change of force rates due to the statuses, K (S − 1) V (E, d)."""
     if apex.velocity.shape[1] == 2:
         return np.einsum("eab,eb->ea", stiffness_change(apex, solution.status), solution.velocity)
     return np.einsum("eab,eb->ea", apex.springs, round_cone_stretch(apex, solution.velocity)[0] - solution.velocity)
 
 
 def round_cone_stretch(apex: Apex, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stretching of the springs at velocities in space: (E, 3) S V, its derivatives (E, 3, 3), and statuses (E,).
+    """Spring stretching in space, S V (E, 3), its derivatives (E, 3, 3), and statuses (E,).
 
-    This is the rate of the return mapping: V_t is shortened to −m V_n at a contact without force, and its component
-    along the force to −m V_n at a contact on the cone.
+    This is the rate of the return mapping: at a contact without force, V_t is shortened to −m V_n; at a contact on the
+    cone, the component of V_t along the force is shortened to −m V_n.
     """
     touches, slope = apex.sign == 0, apex.slope
     normal, size = velocity[:, 0], np.linalg.norm(velocity[:, 1:], axis=1)
@@ -348,7 +348,7 @@ def status_on_round_cones(apex: Apex) -> tuple[StatusSolution, int]:
     Returns
     -------
     StatusSolution, int
-        verified: S V is the rate of the return mapping. The sign of the determinant of the derivative of g, which is
+        verified: S V is the rate of the return mapping. Sign of the determinant of the derivative of g, which equals
         that of det k/det k₀; 0 if nothing is found, which proves nothing
     """
     count, touches = len(apex.sign), apex.sign == 0
@@ -368,7 +368,7 @@ def status_on_round_cones(apex: Apex) -> tuple[StatusSolution, int]:
 
 
 def _derivative(apex: Apex, by: np.ndarray) -> np.ndarray:
-    """(3E, 3E) 1 + Z K (S′ − 1)."""
+    """Derivative 1 + Z K (S′ − 1) (3E, 3E)."""
     size = apex.velocity.size
     change = np.einsum("eab,ebc->eac", apex.springs, by - np.eye(3))
     columns = apex.compliance.reshape(size, -1, 3)
@@ -376,7 +376,7 @@ def _derivative(apex: Apex, by: np.ndarray) -> np.ndarray:
 
 
 def _newton_on_round_cones(apex: Apex, velocity: np.ndarray) -> np.ndarray | None:
-    """V with g(V) = V₀ by Newton's method with shorter steps where the residual would not fall; None if it fails."""
+    """V with g(V) = V₀ by Newton's method, with shorter steps where the residual would not fall; None on failure."""
 
     def rest(v: np.ndarray) -> np.ndarray:
         lost = np.einsum("eab,eb->ea", apex.springs, round_cone_stretch(apex, v)[0] - v)

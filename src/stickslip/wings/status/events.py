@@ -1,15 +1,15 @@
-"""Events at the end of a linear piece of a path, and rattlers, which other grains push aside.
+"""Events at the end of a linear piece of a path, and rattlers that other grains push aside.
 
 Within a piece, forces and positions are linear in the load, until a contact reaches the cone or its apex, or a pair
-closes. If the nonlinearity of the packing matters, an event is approached in several steps. Otherwise the two
-contacts of a disk, whose forces vanish together, would seem to reach the cone just before the forces are zero.
+closes. If the nonlinearity of the packing matters, an event is approached in several steps. Otherwise two contacts of a
+disk, whose forces vanish together, would appear to reach the cone just before the forces are zero.
 
-Rattlers carry no load, so no force balance determines their positions. A grain that presses into a rattler moves it by
-the least distance that makes room. If the contacts that push a rattler can hold it by friction, they drag it along with
-as little slip as possible. If that does not make room either, the rattler is wedged and is an ordinary grain from then
-on.
+Rattlers carry no load, so that no force balance determines their positions. A grain that presses into a rattler moves
+it by the smallest distance that makes room. If the contacts that push a rattler can hold it by friction, they drag it
+along with the least possible slip. If that does not make room either, the rattler is wedged and counts as an ordinary
+grain from then on.
 
-Source for the least distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
+Source for the smallest distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
 """One increment of a load path, linear in the load until a contact reaches the cone, opens, or closes.
 
-c, K and the geometric stiffness are frozen. Events that only change the statuses at the cone are processed within the
-increment. If a contact opens or closes, the increment ends, and the status of the contact is decided at the start of
-the next one, together with those of all contacts without force.
+c, K and the geometric stiffness are frozen. Events that only change statuses at the cone are processed within the
+increment. If a contact opens or closes, the increment ends. The status of this contact is determined at the start of
+the next increment, together with those of all contacts without force.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A and III D.
 """

@@ -1,10 +1,10 @@
 """Piecewise-linear path of a packing under a slowly changing load, from event to event.
 
-Between events, velocities are proportional to the load rate (k(S) dq = df_ext) and every contact force changes
-linearly, so the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event the
-statuses are determined again by the principle of minimum sliding. c, K and the geometric stiffness are frozen within an
-increment of load and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to
-the rotation of contacts.
+Between events, velocities are proportional to the load rate (k(S) dq = df_ext) and contact forces change linearly, so
+that the loads at which a contact reaches the Coulomb cone, opens, or closes are exact. At each event, statuses are
+determined anew by the principle of minimum sliding. c, K and the geometric stiffness are frozen within a load increment
+and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to the rotation of
+contacts.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """

@@ -1,15 +1,15 @@
 """Unresisted motions: null modes of the stiffness matrix, and rigid clusters of a frictional packing.
 
-Clusters follow from linear algebra or from the (3,3) pebble game, generic rigidity of bodies in a plane that are joined
-by bars. In the game a body has three pebbles, its degrees of freedom. An independent bar takes one pebble of one of its
-two bodies, and a bar is independent if four pebbles can be collected at its ends. A tight block holds 3n − 3
-independent bars among its n bodies: it is rigid. Blocks that share a body form one block, so that rigid blocks are
-contracted to a single body as soon as they appear: a bar within a block is then redundant, any other bar is
+Clusters follow from linear algebra, or from the (3,3) pebble game for generic rigidity of bodies in a plane joined by
+bars. In the game, a body has three pebbles, its degrees of freedom. An independent bar takes one pebble from one of its
+two bodies; a bar is independent if four pebbles can be collected at its ends. A block of n bodies with 3n − 3
+independent bars is tight, and thus rigid. Blocks that share a body form one block; rigid blocks can therefore be
+contracted to a single body as soon as they appear. A bar within a block is then redundant, and any other bar is
 independent.
 
 Source: Jacobs and Hendrickson (1997), doi:10.1006/jcph.1997.5809; Lee and Streinu (2008), pebble game algorithms and
 sparse graphs, doi:10.1016/j.disc.2007.07.104; McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. III
-E, for the classes of null modes, motions that the quasi-static balance leaves undetermined.
+E, for the classes of null modes, which are motions that quasi-static balance leaves undetermined.
 """
 
 from typing import Literal, NamedTuple
@@ -27,24 +27,24 @@ from ...results import Freedom
 from .matrices import LinearSystem, linear_system, stiffness_matrix
 from .system import elimination_order, load_of
 
-SHIFT, MORE = 1e-12, 100.0  # added to squared singular values, so that none is zero; a larger one by this factor
-REPEATS = 4  # number of solves; each one reduces other components by SHIFT over their squared singular value
-SAMPLES = 4  # random vectors of the null space
-STILL = 1e-7  # fraction of the largest motion or self-stress, below which one is zero
+SHIFT, MORE = 1e-12, 100.0  # shift of squared singular values, so that none is zero, and ratio of a larger shift
+REPEATS = 4  # number of solves; each reduces other components by SHIFT over their squared singular value
+SAMPLES = 4  # number of random vectors of the null space
+STILL = 1e-7  # fraction of the largest motion or self-stress below which it is zero
 PLANE = (0, 1, 5)  # x, y and rotation
 
 
 @readable(head=lambda value: f"{len(value.sizes)} rigid clusters, the largest of {value.sizes.max(initial=0)} bodies")
 class RigidClusters(NamedTuple):
-    """Rigid clusters of B bodies with M contacts, numbered from 0 by decreasing size; −1 stands for none."""
+    """Rigid clusters of B bodies with M contacts, numbered from 0 by decreasing size; −1 denotes none."""
 
-    body: np.ndarray  # (B,) cluster of each grain, then of each wall; −1 if nothing moves with it
-    contact: np.ndarray  # (M,) cluster of each contact; −1 for a hinge, whose bodies may move against each other
+    body: np.ndarray  # (B,) cluster of each grain, then of each wall; −1 if no other body moves with it
+    contact: np.ndarray  # (M,) cluster of each contact; −1 for a hinge, whose bodies may move relative to each other
     sizes: np.ndarray  # (K,) number of bodies
-    overconstrained: np.ndarray  # (M,) bool: contacts that bear a self-stress
-    floppy: int  # number of independent motions that no contact resists, with those of rattlers and of the whole
-    constraints: int  # two for a sticking contact of disks, three for one of spheres, one for a sliding contact
-    redundant: int  # constraints without which the motions were the same
+    overconstrained: np.ndarray  # (M,) bool, contacts that bear a self-stress
+    floppy: int  # number of independent unresisted motions, including those of rattlers and of the whole packing
+    constraints: int  # two per sticking contact of disks, three per sticking one of spheres, one per sliding contact
+    redundant: int  # number of constraints that could be removed without adding a motion
     rows: np.ndarray  # (M,) rows of the contacts in the contact list
     sliding: np.ndarray  # (M,) bool
 
@@ -53,22 +53,22 @@ class RigidClusters(NamedTuple):
 def rigid_clusters(
     state: Committed, law: Law, *, method: Literal["null-space", "pebbles"] = "null-space"
 ) -> RigidClusters:
-    """Decompose a packing into clusters that every motion without resistance moves as rigid bodies.
+    """Decompose a packing into clusters that move as rigid bodies in every unresisted motion.
 
-    A contact below its Coulomb limit resists any relative velocity of the two surfaces, a sliding one only that along
-    its normal. Walls, rigid groups and fixed bodies are bodies like grains, and everything held in place is one more
-    body; the cell is fixed. Springs are no constraints. Grains touch where the line of centres is shared in proportion
-    to the radii, so that a rigid rotation of disks or spheres that overlap does not count as slip: their arms are R
-    |r|/(R_i + R_j), and R − δ at a wall.
+    A contact below its Coulomb limit resists any relative velocity of the two surfaces; a sliding contact resists only
+    the velocity along its normal. Walls, rigid groups and fixed bodies are bodies like grains. Everything held in place
+    is one additional body; the cell is fixed. Springs are not constraints. Contact points divide the line of centres in
+    proportion to the radii, so that a rigid rotation of overlapping disks or spheres does not count as slip: their
+    lever arms are R |r|/(R_i + R_j), and R − δ at a wall.
 
     Parameters
     ----------
     state : accepted state of disks or spheres
     law : Law with sharp Coulomb friction
-    method : "null-space" uses the positions and takes disks and spheres; 10,000 disks take 2 s, 1000 spheres 2 s, and
-        3000 spheres 40 s. "pebbles" is the (3,3) pebble game of disks, which only counts: it takes the lines of contact
-        forces for arbitrary ones. It overlooks the spins of disks all of whose contacts slide, the counter-rotation of
-        disks in networks without odd loops, and that a cluster around a periodic cell cannot rotate
+    method : "null-space" uses the positions of disks or spheres; 10,000 disks need 2 s, 1000 spheres 2 s, and 3000
+        spheres 40 s. "pebbles" is the (3,3) pebble game for disks, which only counts constraints and treats the lines
+        of contact forces as generic. It overlooks the spins of disks whose contacts all slide, the counter-rotation of
+        disks in networks without odd loops, and the fact that a cluster around a periodic cell cannot rotate
 
     Returns
     -------
@@ -82,18 +82,18 @@ def rigid_clusters(
 
     Notes
     -----
-    The null space of the constraint matrix A is sampled by random vectors, on which (AᵀA + εI)⁻¹ acts four times, with
-    ε = 1e-12 and a sparse factor; how det(AᵀA + εI) grows with ε gives the rank. Two bodies move as one in all motions
-    if they do in such samples. A contact is overconstrained if a random vector of the left null space, a self-stress,
-    has a component there. Motions that distort contacts by less than about 1e-4 of their amplitude cannot be
-    distinguished from floppy ones.
+    The null space of the constraint matrix A is sampled by random vectors, to which (AᵀA + εI)⁻¹ is applied four times
+    with ε = 1e-12 and a sparse factor. The rank follows from the growth of det(AᵀA + εI) with ε. Two bodies move as one
+    in all motions if they do in these samples. A contact is overconstrained if a random vector of the left null space,
+    a self-stress, has a component at that contact. Motions that distort contacts by less than about 1e-4 of their
+    amplitude cannot be distinguished from floppy ones.
 
     Sources: Henkes, Quint, Fily & Schwarz (2016), doi:10.1103/PhysRevLett.116.028001, for the game with friction; Liu,
     Kollmer, Daniels, Schwarz & Henkes (2021), doi:10.1103/PhysRevLett.126.088002, for its comparison with motions.
 
     Examples
     --------
-    Three disks that touch each other are rigid, a fourth rolls on one of them:
+    Three disks that touch each other are rigid; a fourth disk rolls on one of them:
 
     >>> import numpy as np
     >>> import stickslip as ss
@@ -120,7 +120,7 @@ def _sliding(matrix: LinearSystem) -> np.ndarray:
 
 
 def _by_pebbles(state: State, matrix: LinearSystem) -> RigidClusters:
-    """Clusters by the pebble game; fixed components are joined by bars to a fixed body."""
+    """Find clusters by the pebble game; bars join fixed components to a fixed body."""
     unit, sliding, ground = supports(state)[0], _sliding(matrix), state.n_bodies
     places = matrix.free.place[:-9].reshape(-1, 6)[:, PLANE]
     leads = np.unique(unit)
@@ -142,7 +142,7 @@ def _by_pebbles(state: State, matrix: LinearSystem) -> RigidClusters:
 
 
 def _by_null_space(state: State, matrix: LinearSystem) -> RigidClusters:
-    """Clusters by samples of the right and left null spaces of the constraint matrix."""
+    """Find clusters from samples of the right and left null spaces of the constraint matrix."""
     constraints, of_contact = _constraint_matrix(state, matrix)
     rank, motions, stresses = _null_samples(constraints, elimination_order(matrix.c, matrix.free.body, matrix.width))
     moves = np.array([matrix.free.spread(motion) for motion in motions.T])
@@ -169,7 +169,7 @@ def _by_null_space(state: State, matrix: LinearSystem) -> RigidClusters:
 
 
 def _constraint_matrix(state: State, matrix: LinearSystem):
-    """Relative velocities that contacts resist, sparse (constraints, n), and the contact of each one (constraints,)."""
+    """Sparse matrix (constraints, n) of relative velocities that contacts resist, and their contacts (constraints,)."""
     i, j = state.contacts.i[matrix.rows], state.contacts.j[matrix.rows]
     radius = np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
     reach = np.linalg.norm(branch_vectors(state)[matrix.rows], axis=1) / (radius[i] + radius[j])
@@ -182,9 +182,9 @@ def _constraint_matrix(state: State, matrix: LinearSystem):
 
 
 def _null_samples(a, order: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """Rank of a sparse (m, n) matrix, and random vectors of its right and left null spaces, (n, k) and (m, k).
+    """Rank of a sparse matrix (m, n), and random vectors of its right and left null spaces, (n, k) and (m, k).
 
-    Each vector has a largest component of one, or is zero.
+    Each vector is zero or has a largest component of 1.
     """
     random = np.random.default_rng(0)
     stresses = random.normal(size=(a.shape[0], SAMPLES))
@@ -192,7 +192,7 @@ def _null_samples(a, order: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
         return 0, np.zeros((0, SAMPLES)), _scaled(stresses)
     a = sparse.csc_array(a)[:, order]
     factor, lifted = _shifted_factor(a, SHIFT), _shifted_factor(a, MORE * SHIFT)
-    # det(AᵀA + ε) is the product of all σ² + ε, and therefore proportional to ε to the power of the nullity
+    # det(AᵀA + ε) is the product of all σ² + ε, and therefore proportional to ε^nullity
     growth = np.log(lifted.U.diagonal() / factor.U.diagonal()).sum()
     rank = len(order) - round(float(growth / np.log(MORE)))
     motions = random.normal(size=(len(order), SAMPLES))
@@ -216,7 +216,7 @@ def _scaled(vectors: np.ndarray) -> np.ndarray:
 
 
 def _numbered(block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cluster of every body from a label of every body, and the sizes of clusters, by decreasing size."""
+    """Cluster of each body, from labels of bodies, and sizes of clusters, by decreasing size."""
     _, label, size = np.unique(block, return_inverse=True, return_counts=True)
     order = np.argsort(-size, kind="stable")
     number = np.empty(len(size), int)
@@ -228,9 +228,9 @@ PEBBLES = 3
 
 
 class PebbleGame:
-    """Play the game for bodies 0 … `bodies` − 1 and a list `bars` of pairs of them; parallel bars are allowed.
+    """Play the game for bodies 0 … `bodies` − 1 and a list `bars` of pairs of bodies; parallel bars are allowed.
 
-    Afterwards, `redundant` lists the bars that are not independent, and `block` gives the rigid block of a body.
+    Afterwards, `redundant` lists the dependent bars, and `block` returns the rigid block of a body.
     """
 
     def __init__(self, bodies: int, bars: list[tuple[int, int]]):
@@ -238,7 +238,7 @@ class PebbleGame:
         self.free, self.out = [PEBBLES] * bodies, [[] for _ in range(bodies)]  # of blocks: pebbles, bars they pay for
         self.touching: list[list[int]] = [[] for _ in range(bodies)]  # of blocks: independent bars at their bodies
         self.head = [0] * len(bars)  # end of each independent bar that does not pay for it
-        # union by size without shortcuts: a step towards the root knows the contraction that made it
+        # union by size without shortcuts: each step towards the root records the contraction that made it
         self.parent, self.size, self.when = list(range(bodies)), [1] * bodies, [len(bars)] * bodies
         self.events: list[list[int]] = []  # independent bars among the blocks of each contraction
         for number in range(len(bars)):
@@ -270,7 +270,7 @@ class PebbleGame:
                 self._grow(list(reached))
 
     def _search(self, u: int, v: int) -> tuple[dict, int | None]:
-        """Blocks reached along bars from u and v, each with the bar and the block before; and one with a pebble."""
+        """Blocks reached along bars from u and v, each with its bar and previous block, and a block with a pebble."""
         reached: dict = {u: None, v: None}
         queue = [u, v]
         for block in queue:
@@ -299,9 +299,10 @@ class PebbleGame:
         self.free[block] += 1
 
     def _grow(self, blocks: list[int]) -> None:
-        """Contract blocks, and then all that has become rigid with them, the smallest part first.
+        """Contract blocks, and then everything that has become rigid with them, the smallest part first.
 
-        Such a part pays for a bar into a block that is new to the largest one; if not, it was rigid with that before.
+        Such a part pays for a bar into a block that is new to the largest block; otherwise, it was rigid with that
+        block before.
         """
         suspects = self._contract(blocks)
         while suspects:
@@ -313,7 +314,7 @@ class PebbleGame:
                 suspects.pop()
 
     def _smallest(self, reached: dict, root: int) -> list[int]:
-        """Smallest part of the blocks `reached` that pays for no bar but its own and those into the root."""
+        """Smallest part of the blocks `reached` that pays only for internal bars and bars into the root."""
         blocks = [block for block in reached if block != root]
         number = {block: k for k, block in enumerate(blocks)}
         ends = [(number[b], self.block(self.head[bar])) for b in blocks for bar in self.out[b]]
@@ -327,7 +328,7 @@ class PebbleGame:
         return [block for k, block in enumerate(blocks) if part[k] == part[~leaves][0]]
 
     def _contract(self, blocks: list[int]) -> list[int]:
-        """Contract blocks to one; return blocks that pay for bars into any of them but the largest."""
+        """Contract blocks to one; return the blocks that pay for bars into any of them except the largest."""
         root = max(blocks, key=self.size.__getitem__)
         event = len(self.events)
         self.events.append([bar for block in blocks for bar in self.out[block]])
@@ -344,11 +345,11 @@ class PebbleGame:
         return [end for end in ends if end != root]
 
     def stressed(self) -> set[int]:
-        """Bars that bear a self-stress: the redundant ones, and those without which one of them were independent.
+        """Bars that bear a self-stress: redundant bars, and bars whose removal would make a redundant bar independent.
 
-        The latter are those of the smallest tight block that has both ends of a redundant bar. A contraction joins
-        smaller blocks; if a self-stress crosses it, then all of its bars are stressed, and so are those of the smallest
-        blocks that connect their ends within each of the joined blocks.
+        The latter are the bars of the smallest tight block that contains both ends of a redundant bar. A contraction
+        joins smaller blocks. If a self-stress crosses it, all of its bars are stressed, and so are those of the
+        smallest blocks that connect their ends within each of the joined blocks.
         """
         marked, joined, crossed = set(self.redundant), _Sets(len(self.parent)), {}
         tasks: list = [self.bars[bar] for bar in self.redundant]
@@ -369,7 +370,7 @@ class PebbleGame:
         return marked
 
     def _meeting(self, x: int, y: int) -> int:
-        """Contraction by which two bodies came into one block."""
+        """Contraction that joined two bodies in one block."""
         event = -1
         while x != y:
             x, y = (x, y) if self.when[x] <= self.when[y] else (y, x)
@@ -392,9 +393,9 @@ class _Sets:
         self.parent[self.root(x)] = self.root(y)
 
 
-ZERO = 1e-10  # share of the largest singular value below which one is zero
-ALIKE = 0.9  # share of the rigid rotation in the null modes above which it is counted as one of them
-DENSE_UP_TO = 6000  # coordinates up to which singular values are computed
+ZERO = 1e-10  # fraction of the largest singular value below which a singular value is zero
+ALIKE = 0.9  # fraction of the rigid rotation in the null modes above which it counts as one of them
+DENSE_UP_TO = 6000  # largest number of coordinates for singular values
 RIGID, RATTLER, IDLE, DRIVEN = (
     "a rigid motion of the apparatus",
     "a rattler, which supports nothing",
@@ -408,10 +409,10 @@ class Mechanism(NamedTuple):
     """Null mode of k, an unresisted motion."""
 
     kind: str  # RIGID, RATTLER, IDLE or DRIVEN
-    vector: np.ndarray  # (n,) of unit length, in the coordinates of `linear_system(state, law, rattlers=True)`
-    power: float  # |load · left null vector| over |load|; the balance has a solution if it is zero
-    deforms: bool  # whether some contact moves, which then slides; otherwise no contact is affected
-    quotient: float = 0.0  # vᵀkv, zero except for the rigid rotation, which slips by the overlaps [force/length]
+    vector: np.ndarray  # (n,) mode of unit length, in the coordinates of `linear_system(state, law, rattlers=True)`
+    power: float  # |load · left null vector| over |load|; balance is possible if it is zero
+    deforms: bool  # True if a contact moves, and thus slides; otherwise no contact is affected
+    quotient: float = 0.0  # vᵀkv; nonzero only for a rigid rotation, which causes slip at overlaps [force/length]
 
     def __str__(self):
         return self.kind
@@ -426,26 +427,24 @@ def mechanisms(
     *,
     wall_arm: Positive | None = None,
 ) -> list[Mechanism]:
-    """Find all null modes of k, each in one of the classes of Sec. III E.
+    """Find all null modes of k, with their classes of Sec. III E.
 
     Parameters
     ----------
-    load : (n,) rate of the external load on all free coordinates, including those of rattlers [force/time]; default:
-        none
-    sliding : (M,) bool, statuses of the contacts of `linear_system(state, law, rattlers=True)`; default: those at
-        the limit
-    wall_arm : if given, walls may also rotate, as in `linear_system`; then the rotation of the whole packing about one
-        point is also RIGID if only the overlaps resist it, and has a correspondingly small `quotient`
+    load : (n,) rate of the external load on all free coordinates, including rattlers [force/time]; default: no load
+    sliding : (M,) bool, sliding contacts of `linear_system(state, law, rattlers=True)`; default: those at the limit
+    wall_arm : arm of walls that may also rotate, as in `linear_system`; the rotation of the whole packing about a point
+        is then also RIGID if only overlaps resist it, with a correspondingly small `quotient`
 
     Returns
     -------
     list of Mechanism
-        rigid motions, then rattlers, then mechanisms that the load does not excite, then those that it drives
+        rigid motions, rattlers, mechanisms that the load does not excite, mechanisms that it drives, in this order
 
     Raises
     ------
     ValueError
-        beyond 6000 coordinates, where singular values take too long to compute.
+        if there are more than 6000 coordinates, for which singular values take too long.
 
     Examples
     --------
@@ -462,7 +461,7 @@ def mechanisms(
     load = np.zeros(size) if load is None else load_of(matrix, load)
     k = stiffness_matrix(matrix, sliding, geometric=False).toarray()
     rigid = _rigid_motions(matrix)
-    turn = np.zeros((size, 0))  # the rotation of the whole packing, if only the overlaps resist it
+    turn = np.zeros((size, 0))  # rotation of the whole packing, if only overlaps resist it
     if wall_arm is not None:
         move = rigid_rotation(state, matrix.free, wall_arm)
         if not resists_turning(state, matrix.rows, (matrix.c.T @ move).reshape(-1, 2)):
@@ -482,7 +481,7 @@ def _load_share(load: np.ndarray, vector: np.ndarray) -> float:
 
 
 def _rigid_motions(matrix: LinearSystem) -> np.ndarray:
-    """(n, r) orthonormal translations of the whole packing that no contact and no fixed body resists."""
+    """Orthonormal translations (n, r) of the whole packing that no contact and no fixed body resists."""
     moves = []
     for axis in range(matrix.free.dim):
         move = (matrix.free.axis == axis).astype(float)
@@ -492,7 +491,7 @@ def _rigid_motions(matrix: LinearSystem) -> np.ndarray:
 
 
 def _find_mechanisms(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[Mechanism]:
-    """Null modes of the coordinates `rest` without rigid motions, idle ones first, then those driven by the load."""
+    """Null modes of the coordinates `rest` without rigid motions: idle modes, then modes driven by the load."""
     if not len(rest):
         return []
     part = k[np.ix_(rest, rest)]
@@ -502,17 +501,17 @@ def _find_mechanisms(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[M
     if rigid.shape[1]:
         base = qr(rigid, mode="economic")[0]
         null, co = _complement(null, base), _complement(co, base)
-    if turn.shape[1]:  # with very small overlaps k has it as a null mode, which must not be counted again
+    if turn.shape[1]:  # with very small overlaps it is a null mode of k, which must not be counted twice
         null, co = _without_rotation(null, turn, rigid), _without_rotation(co, turn, rigid)
     if not null.shape[1]:
         return []
-    # one direction of the left null space takes all of the load; the corresponding motion is the driven one
+    # one direction of the left null space contains the whole load; the corresponding motion is driven
     taken = co.T @ load[rest]
     size = np.linalg.norm(load)
     power = float(np.linalg.norm(taken) / size) if size else 0.0
     driven = []
     if power > 1e-9:
-        along = null.T @ load[rest]  # the first mode is driven if the load is orthogonal to all of them
+        along = null.T @ load[rest]  # if the load is orthogonal to all modes, the first is driven
         answer = null @ (along if np.linalg.norm(along) > 1e-12 * np.linalg.norm(load[rest]) else np.eye(len(along))[0])
         driven = [_make_mechanism(DRIVEN, matrix, rest, answer, power)]
         null = _complement(null, (answer / np.linalg.norm(answer))[:, None])
@@ -520,13 +519,13 @@ def _find_mechanisms(matrix: LinearSystem, k, rest, rigid, turn, load) -> list[M
 
 
 def _complement(vectors: np.ndarray, base: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the part of the span of `vectors` that is orthogonal to `base`."""
+    """Orthonormal basis of the part of the span of `vectors` orthogonal to `base`."""
     inside = null_space(base.T @ vectors, rcond=1e-8) if vectors.shape[1] else np.zeros((0, 0))
     return vectors @ inside
 
 
 def _without_rotation(vectors: np.ndarray, turn: np.ndarray, rigid: np.ndarray) -> np.ndarray:
-    """Null vectors without the rigid rotation, if it is among them."""
+    """Null vectors without the rigid rotation, if they contain it."""
     base = qr(rigid, mode="economic")[0]
     turn = turn - base @ (base.T @ turn)
     inside = vectors @ (vectors.T @ turn) / np.linalg.norm(turn)
@@ -540,7 +539,7 @@ def _make_mechanism(kind: str, matrix: LinearSystem, rest, vector, power: float)
 
 
 def rigid_rotation(state: State, free: Freedom, arm: float) -> np.ndarray:
-    """(n,) velocities of a rigid rotation with unit angular velocity about the mean position of all moving bodies.
+    """Velocities (n,) in a rigid rotation with unit angular velocity about the mean position of all moving bodies.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Solutions of k(S) v = b for a changing contact status S, with one factor that is corrected for small changes."""
+"""Solutions of k(S) v = b for a changing contact status S, with one factorisation corrected for small changes."""
 
 import numpy as np
 from scipy import sparse

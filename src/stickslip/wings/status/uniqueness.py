@@ -1,12 +1,12 @@
-"""Proofs: the status is unique for every load, or no status balances a given one.
+"""Proofs that the status is unique for every load, or that no status balances a given load.
 
 The status is unique for every load if and only if A is a P-matrix: all principal minors, det A_SS = det k(S)/det k₀,
-are positive. Signs are decided to within the errors in the entries of A: a minor that may be zero within these errors
-counts as zero, and A is then reported as singular rather than as being or not being a P-matrix.
+are positive. Signs are decided to within the errors of the entries of A. A minor that may be zero within these errors
+counts as zero; A is then reported as singular, and not as being or not being a P-matrix.
 
 If y ≥ 0, Aᵀ y ≤ 0 and qᵀ y < 0, then no λ ≥ 0 has w = A λ + q ≥ 0, since 0 ≤ yᵀ w = (Aᵀ y)ᵀ λ + qᵀ y < 0. A linear
-programme proposes such a Farkas certificate y. The inequalities are then verified, allowing for the errors in A and q.
-An unresisted motion proves the same.
+programme proposes such a Farkas certificate y; the inequalities are then verified, allowing for the errors of A and q.
+An unresisted motion that the load drives proves the same.
 
 Source: Cottle, Pang, Stone, The Linear Complementarity Problem (Academic Press 1992), Theorem 3.3.7 and Sec. 3.3.
 """
@@ -42,13 +42,13 @@ class Uniqueness(NamedTuple):
 
     verdict: UniquenessVerdict
     reason: str
-    contacts: np.ndarray  # numbers among the critical contacts
+    contacts: np.ndarray  # indices among the critical contacts
     value: float = np.nan  # det A_SS; its smallest singular value if singular; the margin of a sufficient condition
     vector: np.ndarray | None = None  # x with A_SS x = 0 if singular; weights that make A diagonally dominant
 
     @property
     def unique(self) -> bool | None:
-        """True, False, or None if unknown."""
+        """True or False; None if unknown."""
         return {UniquenessVerdict.UNIQUE: True, UniquenessVerdict.UNDECIDED: None}.get(self.verdict, False)
 
     def __str__(self):
@@ -57,11 +57,11 @@ class Uniqueness(NamedTuple):
 
 @checked
 def certificate(problem: Complementarity) -> Uniqueness:
-    """Test whether the status is unique for every load, by the fastest criterion that holds beyond round-off.
+    """Test if the status is unique for every load, by the fastest criterion that holds beyond round-off.
 
     A is a P-matrix if its symmetric part is positive definite, or if it is an H-matrix with a positive diagonal.
-    Otherwise all principal minors are computed for up to 14 contacts. Beyond that, the minors of one and two contacts
-    and of all contacts may still show that A is not a P-matrix.
+    Otherwise, for up to 14 contacts, all principal minors are computed. For more contacts, the minors of one, two and
+    all contacts may still show that A is not a P-matrix.
     """
     size = len(problem.vector)
     if not size:
@@ -79,7 +79,7 @@ def certificate(problem: Complementarity) -> Uniqueness:
 def _sufficient_condition(here: ScaledProblem) -> Uniqueness | None:
     """Sufficient condition for a P-matrix, tested without minors; None if it does not hold."""
     a, everything = here.matrix, np.arange(len(here.vector))
-    # no change within the error bounds moves an eigenvalue of the symmetric part by more than their norm
+    # no change within the error bounds moves an eigenvalue of the symmetric part by more than the norm of the bounds
     margin = float(np.linalg.eigvalsh(0.5 * (a + a.T))[0] - np.linalg.norm(here.error))
     if margin > 0:
         return Uniqueness(
@@ -148,7 +148,7 @@ def is_regular(here: ScaledProblem, chosen: np.ndarray) -> bool:
 
 
 def sign_of_minor(here: ScaledProblem, chosen: np.ndarray) -> int:
-    """Sign of det A_SS, 0 if it is singular to round-off."""
+    """Sign of det A_SS; 0 if it is singular to round-off."""
     return int(np.linalg.slogdet(here.submatrix(chosen)[0])[0]) if is_regular(here, chosen) else 0
 
 
@@ -169,7 +169,7 @@ def _make_singular(here: ScaledProblem, chosen: np.ndarray, minors: str) -> Uniq
 
 
 def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(Mc,) minors of one contact, (Mc, Mc) of two with infinite diagonal, and error bounds for the latter."""
+    """Minors of one contact (Mc,) and of two (Mc, Mc), with infinite diagonal, and error bounds for the latter."""
     a, error = here.matrix, here.error
     diagonal, own = np.diag(a), np.diag(error)
     pair = np.outer(diagonal, diagonal) - a * a.T
@@ -181,21 +181,21 @@ def minors_of_one_and_two(here: ScaledProblem) -> tuple[np.ndarray, np.ndarray, 
 def may_be_p_matrix(problem: Complementarity) -> bool:
     """Return False if a minor of one or two contacts is not positive.
 
-    Principal pivoting may then cycle for a long time.
+    If one is not, principal pivoting may cycle for a long time.
     """
     diagonal, pair, _ = minors_of_one_and_two(scale_problem(problem))
     return bool((diagonal > 0).all() and (pair > 0).all())
 
 
-FAR = 1e9  # in units of q: a certificate is valid if a consistent status would need larger slip rates
-TIGHT = 1e-6  # ten times the tolerance of HiGHS; inequalities tight to within it are turned into equations
-DENSE_UP_TO = 3000  # coordinates up to which null vectors are computed, which takes seconds
+FAR = 1e9  # in units of q: a certificate is valid if a consistent status would require larger slip rates
+TIGHT = 1e-6  # ten times the tolerance of HiGHS; inequalities this tight are turned into equations
+DENSE_UP_TO = 3000  # largest number of coordinates for null vectors, which take seconds
 ZERO = 1e-11  # fraction of the largest entry of k below which a pivot is zero
 NULL = 1e-9  # residual of a null vector of unit size, over the largest entry of k
 
 
 class Absence(NamedTuple):
-    """Proof that no status is consistent, by "enumeration" or by a "Farkas" vector."""
+    """Proof that no status is consistent, by "enumeration" or a "Farkas" vector."""
 
     by: str
     statuses: int  # number of statuses enumerated
@@ -207,7 +207,7 @@ class UnresistedMotion(NamedTuple):
     """Unresisted motion driven by the load."""
 
     velocity: np.ndarray  # (n,) v of unit length, k(S) v = 0
-    balance: np.ndarray  # (n,) u of unit length, uᵀ k(S) = 0; since uᵀ b is not zero, S cannot balance the load b
+    balance: np.ndarray  # (n,) u of unit length, uᵀ k(S) = 0; as uᵀ b is nonzero, S cannot balance the load b
     power: float  # uᵀ b over |b|
     sliding: np.ndarray  # (Mc,) bool, S; all False for a motion that moves no contact
 
@@ -235,7 +235,7 @@ def farkas(problem: Complementarity) -> Absence | None:
 
 
 def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
-    """y with nearly tight inequalities turned into equations, as for an unresisted motion."""
+    """Vector y with nearly tight inequalities turned into equations, as for an unresisted motion."""
     held = y > TIGHT
     tight = np.abs(here.matrix.T @ y) <= TIGHT
     a = here.matrix[np.ix_(held, tight)].T
@@ -245,7 +245,7 @@ def _sharpen(here: ScaledProblem, y: np.ndarray) -> np.ndarray:
 
 
 def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
-    """Sum of slip rates that any λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
+    """Sum of slip rates that every λ ≥ 0 with A λ + q ≥ 0 would exceed; 0 if y proves nothing."""
     short = -(here.vector @ y) - here.vector_error @ y
     if not (np.isfinite(y).all() and short > 0):
         return 0.0
@@ -254,7 +254,7 @@ def _required_slip(here: ScaledProblem, y: np.ndarray) -> float:
 
 
 def farkas_ray(problem: Complementarity, absence: Absence) -> Ray | None:
-    """Slip rates, without load, of the contacts in a Farkas vector; None if this motion is resisted."""
+    """Slip rates of the contacts in a Farkas vector, without load; None if this motion is resisted."""
     here = scale_problem(problem)
     y = absence.vector * here.gap_unit
     slides = y > TIGHT * y.max()
@@ -300,10 +300,10 @@ def _verify_motion(
 
 
 class IdleMotions(NamedTuple):
-    """Motions that are unresisted although all contacts stick, and that do not move any critical contact."""
+    """Motions that are unresisted even if all contacts stick, and do not move any critical contact."""
 
     coordinates: np.ndarray  # coordinates that may be held fixed to exclude these motions
-    motion: UnresistedMotion | None  # motion driven by the load, if any; then no status balances the load
+    motion: UnresistedMotion | None  # motion driven by the load, if any; no status then balances the load
 
 
 def find_idle_motions(system: StatusSolver) -> IdleMotions | None:

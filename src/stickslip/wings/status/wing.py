@@ -1,4 +1,4 @@
-"""Head of the wing of contact status."""
+"""Definition of the contact status wing."""
 
 from ...wing import Wing
 

@@ -1,1 +1,1 @@
-"""Granular flows, static and kinetic friction of a sample, and a catalogue of events."""
+"""Granular flows, static and kinetic friction, a catalogue of events, and failure of a packing."""

@@ -96,7 +96,7 @@ def shear(
             "limit": limit, "drag": drag,
         },
     )  # fmt: skip
-    trust_law_files(chosen.model_dump())  # the user has typed its name
+    trust_law_files(chosen.model_dump())  # the user typed its name
     packed = read_input(chosen)
     chosen = chosen.model_copy(update={"packing": chosen.packing.model_copy(update={"digest": digest_of(packed)})})
     run_scenario(
@@ -115,7 +115,7 @@ def _strain(word: str) -> float:
 
 
 def _tables(file: Path, options: PackingOptions, settle: bool) -> dict:
-    """Tables of a scenario from the options of all commands that read a packing."""
+    """Scenario tables from the options shared by all commands that read a packing."""
     from ...kit import current_units
 
     given = {name: value for name, value in options.values().items() if value is not None}

@@ -1,4 +1,4 @@
-"""Head of the wing of studies. They may use the samples of papers."""
+"""Definition of the studies wing, which may use samples of the papers wing."""
 
 from ...wing import Wing
 

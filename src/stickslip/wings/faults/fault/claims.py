@@ -1,10 +1,10 @@
 """Reproduction of the SEAS benchmark problem BP1-QD, and its claims.
 
-Erickson et al. 2020, doi:10.1785/0220190248; description by B. Erickson and J. Jiang, 13 April 2018. It prints rough
+Erickson et al. 2020, doi:10.1785/0220190248; description by B. Erickson and J. Jiang, 13 April 2018, which prints rough
 numbers as a "sanity check". Recurrence is compared with the time series that three groups uploaded to the SEAS
-platform, from the times of two events in each that are 11, 28 and 30 intervals apart: HBI (S. Ozawa, 2024, boundary
-elements of 10 m in a half-space) 78.34 years, tandem (C. Uphoff, 2021, discontinuous Galerkin method) 78.28 years,
-BICyclE (J. Jiang, 2018, spectral boundary elements of 25 m, periodic) 78.85 years.
+platform: HBI (S. Ozawa, 2024, boundary elements of 10 m in a half-space) 78.34 years, tandem (C. Uphoff, 2021,
+discontinuous Galerkin method) 78.28 years, BICyclE (J. Jiang, 2018, spectral boundary elements of 25 m, periodic) 78.85
+years. Each value follows from the times of two events, which are 11, 28 and 30 intervals apart.
 """
 
 from pathlib import Path
@@ -19,15 +19,15 @@ from .simulate import SETTLING, FaultResult, simulate_cycles
 
 
 class Reproduction(NamedTuple):
-    """Result of the benchmark, results with longer cells, and the evaluated claims."""
+    """Benchmark result, results with longer cells, and evaluated claims."""
 
     main: FaultResult
-    coarser: tuple[FaultResult, ...]  # cells of twice the length, and so on
+    coarser: tuple[FaultResult, ...]  # with cells twice as long, four times as long …
     claims: list[Claim]
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0, cell: float | None = None) -> FaultScenario:
-    """Return the scenario: cells of 25 m and 1200 of the 3000 years, which are periodic from the fifth event on."""
+    """Return the scenario: 25 m cells and 1200 of the 3000 years; events are periodic from the fifth on."""
     cell = cell or (50.0 if quick else 25.0)
     return validate_scenario(FaultScenario, seed=seed, line={"cell": cell}, run={"years": 700.0 if quick else 1200.0})
 
@@ -63,7 +63,7 @@ HBI_FOURTH = 428.069  # year of the fourth event in the series of HBI
 
 
 def evaluate_claims(main: FaultResult, coarser: tuple[FaultResult, ...]) -> list[Claim]:
-    """Evaluate all claims; the error of a number is its change when cells are twice as long."""
+    """Evaluate all claims; the error of a value is its change when cells are twice as long."""
     return _initial_claims(main) + _recurrence_claims(main, coarser) + _event_claims(main, coarser)
 
 

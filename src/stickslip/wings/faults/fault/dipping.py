@@ -1,8 +1,8 @@
-"""Reproduction of the SEAS benchmark problem BP3-QD: earthquakes on a thrust or normal fault that dips.
+"""Reproduction of the SEAS benchmark problem BP3-QD: earthquakes on a dipping thrust or normal fault.
 
-Erickson et al. 2023, doi:10.1785/0120220066; description by B. Erickson, J. Jiang and E. Dunham, 1 October 2021. Series
-of FDRA (C. Cattania and Y. Sun, 2020 and 2021, boundary elements of 25 m) are in a public copy for a thrust of 60° and
-a normal fault of 30°: 7.5 km down dip, and at the surface. No published series were found for the other dips.
+Erickson et al. 2023, doi:10.1785/0120220066; description by B. Erickson, J. Jiang and E. Dunham, 1 October 2021. Public
+FDRA time series (C. Cattania and Y. Sun, 2020 and 2021, boundary elements of 25 m) exist for a thrust dipping 60° and a
+normal fault dipping 30°, at a point 7.5 km down dip and at the surface. None were found for the other dips.
 """
 
 import numpy as np
@@ -13,14 +13,14 @@ from .claims import Reproduction
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
 
-STATION = 7500.0  # position of the series, down dip [m]
+STATION = 7500.0  # distance of the series down dip [m]
 SURFACE = (-32e3, -16e3, -8e3, -0.01, 0.01, 8e3, 16e3, 32e3)  # [m]
-FINE, QUICK = (25.0, 50.0), (50.0, 62.5)  # cell lengths, and coarser ones for errors [m]
-YEARS = (250.0, 490.0)  # years of the compared slip [m], shear and normal stress [MPa]
+FINE, QUICK = (25.0, 50.0), (50.0, 62.5)  # cell lengths: main runs, and coarser runs for errors [m]
+YEARS = (250.0, 490.0)  # years at which slip [m], shear stress and normal stress [MPa] are compared
 PUBLISHED = {
     (60.0, "thrust"): {
         "events": (177.100, 277.342, 334.302, 421.255),  # years
-        "cycle": (4, 338.993),  # intervals, and years from the last event but four to the last
+        "cycle": (4, 338.993),  # number of last intervals, and their total in years
         "fault": ((1.05925, 30.01822, 50.50724), (9.40878, 30.69542, 50.65259)),
         "surface": (
             (-16e3, 2.2623, 6.1174),
@@ -38,8 +38,8 @@ PUBLISHED = {
 OTHERS = ((30.0, "thrust"), (60.0, "normal"), (90.0, "thrust"))
 TOLERANCE = {
     "state": 1e-6,  # a closed form
-    "event": 2e-3,  # of the time since the start
-    "cycle": 5e-3,  # as of BP1-QD, where codes differ by 0.7 %
+    "event": 2e-3,  # relative to the time since the start
+    "cycle": 5e-3,  # as for BP1-QD, where codes differ by 0.7 %
     "slip": 5e-3,
     "stress": 2e-3,
     "normal": 1e-3,
@@ -51,7 +51,7 @@ SHOWS = {"Sec 3": ("initial conditions", "initial-stress"), "Series": ("time ser
 def paper_scenario(
     *, quick: bool = False, seed: int = 0, dip: float = 60.0, slip: str = "thrust", cell: float | None = None
 ) -> FaultScenario:
-    """Return the scenario of one dip and direction of slip."""
+    """Return the scenario for one dip and direction of slip."""
     return validate_scenario(
         FaultScenario, seed=seed, run={"years": 500.0 if quick else 1500.0, "surface": SURFACE},
         line={"cell": cell or (QUICK if quick else FINE)[0], "shear": "in-plane", "dip": dip, "slip": slip},
@@ -61,7 +61,7 @@ def paper_scenario(
 def reproduce(
     *, quick: bool = False, seed: int = 0, folder=None, workers=None, report: Report = silent
 ) -> Reproduction:
-    """Run the benchmark: dips with published series at two cell lengths, others with the coarser cells only."""
+    """Run the benchmark: dips with published series at both cell lengths, others with the coarser cells only."""
     fine, coarse = QUICK if quick else FINE
     cases = [(dip, slip, cell) for cell in (fine, coarse) for dip, slip in PUBLISHED]
     cases += [] if quick else [(dip, slip, coarse) for dip, slip in OTHERS]
@@ -79,10 +79,10 @@ def reproduce(
 
 
 def evaluate_claims(fine: list[FaultResult], coarse: list[FaultResult]) -> list[Claim]:
-    """Evaluate the claims with published series, for runs in their order.
+    """Evaluate the claims about published series and recurrence, for runs in the order of `reproduce`.
 
-    The error of a number is its change with coarser cells, or more if these are less than √2 times as long, as the
-    method is of second order.
+    The error of a value is its change with coarser cells. If these are less than √2 times as long, the error is larger
+    than the change, because the method is of second order.
     """
     state = fine[0].history.state
     theta = float(np.log10(fine[0].history.theta[0, 0]))
@@ -110,7 +110,7 @@ def evaluate_claims(fine: list[FaultResult], coarse: list[FaultResult]) -> list[
 
 
 def _numbers(run: FaultResult, published: dict):
-    """Yield name, kind, unit, published value and measured value of each number that the run is long enough for."""
+    """Yield name, kind, unit, published value and measured value of each number within the duration of the run."""
     history, start, (intervals, length) = run.history, run.history.events.start / YEAR, published["cycle"]
     for k, year in enumerate(published["events"]):
         yield f"event-{k + 1}", "event", "years", year, float(start[k]) if k < len(start) else np.nan
@@ -134,7 +134,7 @@ def _numbers(run: FaultResult, published: dict):
 
 
 def _recurrence_claim(run: FaultResult) -> Claim:
-    """Make a claim about the recurrence of a fault of which no series is published."""
+    """Make a claim about the recurrence of a fault without published series."""
     fault = run.history.fault
     times = ", ".join(f"{time:.2f}" for time in run.history.events.recurrence[-6:] / YEAR)
     note = f"cells of {fault.cell:g} m; last intervals: {times} years"

@@ -18,17 +18,17 @@ from ..friction.fault_cycles import FaultHistory
 from ..friction.fault_record import points
 
 YEAR = 365.25 * 86400.0
-MOST_CURVES = 6  # stations that are drawn
+MOST_CURVES = 6  # largest number of stations drawn
 
 
 @styled
 def slip_contours(history: FaultHistory, events: int | None = None):
-    """Slip against depth: blue lines at the interval of quiet profiles, red ones at that of events.
+    """Slip against depth: blue profiles at the interval between events, red ones at the interval within events.
 
     Parameters
     ----------
     history : FaultHistory
-    events : number of the last events to show; default: all
+    events : number of events to show, counted from the last; default: all
     """
     require_not_negative(events=events)
     figure, axes = column_axes(1, 2.7)
@@ -52,7 +52,7 @@ def slip_contours(history: FaultHistory, events: int | None = None):
 
 
 def _interval(times, seismic: bool) -> str:
-    """Time between profiles, in words."""
+    """Time between profiles, as text."""
     gap = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     if gap <= 0:
         return ""
@@ -102,7 +102,7 @@ def station_series(history: FaultHistory):
 
 @styled
 def surface_series(history: FaultHistory):
-    """Horizontal and vertical displacement, upwards, at stations at the surface beside a dipping fault against time."""
+    """Horizontal and upward displacement against time, at surface stations beside a dipping fault."""
     require_filled("history.surface", history.surface)
     figure, axes = column_axes(2, 3.6, sharex=True)
     for k, color in _shown(len(history.surface)):
@@ -120,7 +120,7 @@ def surface_series(history: FaultHistory):
 
 @styled
 def normal_stress_series(history: FaultHistory):
-    """Change of the normal stress and slip at stations, and the part of the fault that creeps, against time."""
+    """Normal stress change and slip at stations, and the creeping part of the fault, against time."""
     figure, (top, middle, bottom) = column_axes(3, 4.8, sharex=True)
     years, fault = history.time / YEAR, history.fault
     change = history.normal - points(fault, history.station)(fault.normal)
@@ -148,7 +148,7 @@ def _axis_of(history: FaultHistory) -> str:
 
 
 def _shown(number: int):
-    """Numbers of the stations that are drawn, with colours."""
+    """Indices of the stations to draw, with colours."""
     shown = np.unique(np.linspace(0, number - 1, min(number, MOST_CURVES)).round().astype(int))
     return zip(shown, COLORS, strict=False)
 

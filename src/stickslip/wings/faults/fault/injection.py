@@ -1,8 +1,9 @@
 """Reproduction of the SEAS benchmark problem BP6-QD: aseismic slip due to fluid injected into a fault.
 
 Lambert et al. 2025, doi:10.1029/2024JB030601. The parameters are those of the public inputs of tandem, RSFaultZ and
-QDBIM, which agree. Series of CYCLAPS (P. Dublanchet, 2024, aging law), from a public copy: their pressures show that "z
-= 0" is the cell beside the source, 9.77 m away, and "z = 0.5 km" is 50 cells away. It has none of the slip law.
+QDBIM, which agree. Results are compared with a public copy of the CYCLAPS series (P. Dublanchet, 2024), which are for
+the aging law only. Their pressures show that "z = 0" is the cell beside the source, 9.77 m away, and "z = 0.5 km" is 50
+cells away.
 """
 
 import numpy as np
@@ -12,10 +13,10 @@ from .claims import Reproduction
 from .scenario import FaultScenario
 from .simulate import FaultResult, simulate_cycles
 
-HALF, BESIDE = 20e3, 9.765625  # length of one side of the fault, distance of the first station: a cell of CYCLAPS [m]
+HALF, BESIDE = 20e3, 9.765625  # half length of the fault; distance of the first station, one CYCLAPS cell [m]
 FINE, COARSE = 3072, 1024  # numbers of cells
 DAY = 86400.0
-# time [s], slip [m], log10 of the slip velocity, shear stress and pressure [MPa] at the stations of CYCLAPS
+# time [s], slip [m], log10 of the slip velocity, shear stress and pressure [MPa] at the CYCLAPS stations
 PUBLISHED = {
     BESIDE: (
         (112597.63, 2.46491e-7, -11.49413, 29.19997, 0.688495),
@@ -40,7 +41,7 @@ SHOWS = {
 
 
 def paper_scenario(*, quick: bool = False, seed: int = 0, cells: int = FINE, law: str = "aging") -> FaultScenario:
-    """Return the scenario: one half of the fault, as slip is even about the source, and as at a free surface.
+    """Return the scenario: one half of the fault, with a free surface at the source, about which slip is even.
 
     The number of cells is an odd multiple of 1024, so that a cell centre lies at the station beside the source.
     """
@@ -72,7 +73,7 @@ def reproduce(
 
 
 def evaluate_claims(main: FaultResult, slip: FaultResult, coarse: FaultResult) -> list[Claim]:
-    """Evaluate all claims; the error of a number is its change when cells are three times as long."""
+    """Evaluate all claims; the error of a value is its change when cells are three times as long."""
     state = float(np.log10(main.history.theta[0, 0]))
     claims = [
         claim(

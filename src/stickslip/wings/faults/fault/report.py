@@ -1,8 +1,8 @@
 """Output of earthquake cycles: files of the SEAS platform, figures, archive, terminal summary and measures.
 
-The format is that of sections 4 and 5 of the description of BP1-QD (B. Erickson and J. Jiang, 2018), and for dipping
-faults of section 4 of that of BP3-QD (B. Erickson, J. Jiang and E. Dunham, 2021). There, slip and shear stress of
-normal faults are negative.
+Files follow sections 4 and 5 of the description of BP1-QD (B. Erickson and J. Jiang, 2018). Those of dipping faults
+follow section 4 of the description of BP3-QD (B. Erickson, J. Jiang and E. Dunham, 2021), in which slip and shear
+stress of normal faults are negative.
 """
 
 from functools import partial
@@ -38,17 +38,17 @@ QUANTITIES = {"slip": "Slip (m)", "stress": "Shear stress (MPa)", "normal": "Nor
 
 
 def station_file(depth: float) -> str:
-    """Return the name of the time series at a depth: its number is in units of 100 m."""
+    """Return the file name of the time series at a depth, with the depth in units of 100 m."""
     return f"fltst_dp{_padded(depth / 100, 3)}.txt"
 
 
 def surface_file(place: float) -> str:
-    """Return the name of the time series at the surface: its number is in km, negative on the foot wall."""
+    """Return the file name of a time series at the surface, with the distance in km, negative on the foot wall."""
     return f"srfst_fn{'-' if place < 0 else '+'}{_padded(abs(place) / 1e3, 2)}.txt"
 
 
 def profiles(fault: Fault) -> dict[str, str]:
-    """Return the names of the files of profiles, each with its quantity."""
+    """Return the names of the profile files, each with its quantity."""
     names = {"slip.dat": "slip", "shear_stress.dat": "stress", "normal_stress.dat": "normal"}
     return names if fault.dips else {"devol.dat": "slip"}
 
@@ -101,7 +101,7 @@ def write_station(history: FaultHistory, number: int, path: Path) -> None:
 
 
 def write_surface_station(history: FaultHistory, number: int, path: Path) -> None:
-    """Write the time series at one station at the surface: horizontal and downward displacement and velocity."""
+    """Write the time series at one surface station: horizontal and downward displacement and velocity."""
     series = history.horizontal, history.down, history.horizontal_velocity, history.down_velocity
     location = (f"location=on surface, {surface_file(history.surface[number])[8:-4]} km distance off-fault",)
     columns = {name: values[:, number] for name, values in zip(SURFACE_COLUMNS, series, strict=True)}
@@ -109,7 +109,9 @@ def write_surface_station(history: FaultHistory, number: int, path: Path) -> Non
 
 
 def write_profiles(history: FaultHistory, quantity: str, path: Path) -> None:
-    """Write profiles of slip or stress: a row of two zeros and depths; rows of time, log10 of max slip rate and values.
+    """Write profiles of slip or stress.
+
+    The first row contains two zeros and the depths; the others contain time, log10 of the largest slip rate and values.
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def event_table(result: FaultResult) -> dict[str, np.ndarray]:
 
 
 def write_events(result: FaultResult, path: Path) -> None:
-    """Write the table of events: a row for each, with units in the headings; without any, comments and headings."""
+    """Write the event table: one row per event, units in the headings; without events, comments and headings only."""
     run, length, units = result.scenario.run, result.scenario.line.strike_length, units_of(FaultEvents) | EVENT_UNITS
     table = event_table(result) | {"first": result.history.events.first.astype(int)}
     columns = [heading_of(name, units.get(name, "1")) for name in table]
@@ -303,7 +305,7 @@ def compare(members: list[SweepMember]) -> Comparison:
 
 
 def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
-    """Return slip at times since an event, at the station that slips most in steps; None without a cycle."""
+    """Return slip since an event at the station with the largest coseismic slip; None without a cycle."""
     series = tree["series"]
     time, slip = series["time"], series["slip"]
     uneven = np.std(slip - np.outer(time / time[-1], slip[-1]), axis=0)
@@ -311,7 +313,7 @@ def _cycles(tree: dict, since: np.ndarray) -> np.ndarray | None:
 
 
 def _of_events(name: str, unit: str, meaning: str, of=None) -> Quantity:
-    """Mean over settled events; NaN without any."""
+    """Mean over settled events; NaN if there are none."""
 
     def mean(result: FaultResult) -> float:
         values = of(result.late_events) if of else getattr(result.late_events, name)

@@ -50,7 +50,7 @@ class Medium(ScenarioTable):
 
 
 class FaultFriction(ScenarioTable):
-    """Friction; a, b, dc, b2, dc2 and normal are numbers, or pairs [depth, value] between which they vary linearly."""
+    """Friction; a, b, dc, b2, dc2 and normal are numbers, or pairs [depth, value], interpolated linearly."""
 
     law: Literal["aging", "slip"] = Field("aging", description="evolution law of the state θ")
     form: Literal["regularized", "logarithmic"] = Field(
@@ -76,7 +76,7 @@ class FaultFriction(ScenarioTable):
 
 
 class FluidInjection(ScenarioTable):
-    """Fluid injected into the fault at one depth, which spreads along it and lowers the normal stress."""
+    """Fluid injected into the fault at one depth; it spreads along the fault and lowers the normal stress."""
 
     flux: NotNegative = Field(
         0.0, description="volume per time and cross-section of the fault, half of it to each side; 0: none [m/s]"
@@ -89,7 +89,7 @@ class FluidInjection(ScenarioTable):
 
 
 class NormalStress(ScenarioTable):
-    """Changes that are added to the effective normal stress: an oscillation, a table, or both."""
+    """Changes added to the effective normal stress: an oscillation, a table, or both."""
 
     amplitude: NotNegative = Field(0.0, description="of an oscillation with the sine of time; 0: none [Pa]")
     period: Positive = Field(44714.0, description="of the oscillation; default: that of the main lunar tide [s]")
@@ -117,7 +117,7 @@ class NormalStress(ScenarioTable):
 
 
 class Loading(ScenarioTable):
-    """Plate motion and the start."""
+    """Plate motion and initial conditions."""
 
     plate_rate: NotNegative = Field(
         1e-9, description="slip velocity of the rest of the plane, or of the plates; 0: none [m/s]"
@@ -171,7 +171,7 @@ class FaultScenario(ScenarioBase):
     run: FaultRun = FaultRun()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over cells, points and profiles; events are assumed to last as long as a shear wave travels."""
+        """Iterate over cells, points and profiles; events are assumed to last for the transit of a shear wave."""
         line, run = self.line, self.run
         points, quiet = line.width / run.spacing, run.years / run.interval
         seismic = line.width / self.medium.wave_speed / run.seismic_interval

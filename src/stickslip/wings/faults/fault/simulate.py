@@ -1,4 +1,4 @@
-"""Simulation of earthquake cycles, in parts that are saved."""
+"""Simulation of earthquake cycles, saved in parts."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from ..friction.stress_transfer import KERNEL, Injection, Oscillation, StressTab
 from . import EXPERIMENT
 from .scenario import FaultScenario
 
-PART = 50.0  # years of simulated time between two saved parts
+PART = 50.0  # simulated years per saved part
 SETTLING = 3  # initial events excluded from averages
 
 
@@ -56,7 +56,7 @@ class FaultResult(NamedTuple):
 
     @property
     def crept_length(self) -> float:
-        """Length of cells that slipped by D_c or more beyond plate motion; NaN if normal stress is constant [m]."""
+        """Length of cells that slipped at least D_c more than the plates; NaN if normal stress is constant [m]."""
         fault, state = self.history.fault, self.history.state
         return fault.cell * int((state.excess_slip >= fault.dc).sum()) if fault.changes else np.nan
 
@@ -95,7 +95,7 @@ def simulate_cycles(
     nouns = FaultHistory, FaultEvents, Energy, FaultState, Fault, Injection, Oscillation, StressTable
     kept = checkpoint_in(folder, scenario, *nouns)
     if kept:
-        # a reproduction runs several lengths and laws in the same folder
+        # a reproduction runs several cell lengths and laws in the same folder
         dip = f"-{fault.slip}-{fault.dip:g}" if fault.dips else ""
         kept = kept.of(f"cells-of-{fault.cell:g}-m{dip}" + ("" if fault.law == "aging" else f"-{fault.law}"))
         kept.check()

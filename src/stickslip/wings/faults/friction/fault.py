@@ -24,9 +24,9 @@ from .stress_transfer import (
 SHEARS = ("antiplane", "in-plane")
 SENSES = {"thrust": 1, "normal": -1}  # sign of slip on a dipping fault
 MOST_CELLS = 1_000_000
-MOST_ENTRIES = 1e7  # size of a table of the effect of the surface on a dipping fault
-LONGEST_CELL = 1 / 3  # over the cohesive length
-SEISMIC = 1.0  # slip velocity of an earthquake [m/s]
+MOST_ENTRIES = 1e7  # largest table for the effect of the surface on a dipping fault
+LONGEST_CELL = 1 / 3  # relative to the cohesive length
+SEISMIC = 1.0  # slip velocity typical of an earthquake [m/s]
 
 
 def _head(fault) -> str:
@@ -38,7 +38,7 @@ def _head(fault) -> str:
 class Fault(NamedTuple):
     """A straight fault of N cells of equal length; see `line_fault`. Units are SI."""
 
-    depth: np.ndarray  # (N,) of the centres of the cells, their distances down dip, or positions along the fault [m]
+    depth: np.ndarray  # (N,) depths of cell centres, distances down dip, or positions along the fault [m]
     a: np.ndarray  # (N,) direct effect
     b: np.ndarray  # (N,) evolution effect
     dc: np.ndarray  # (N,) characteristic slip [m]
@@ -84,12 +84,12 @@ class Fault(NamedTuple):
 
     @property
     def cuts(self) -> tuple[float, float]:
-        """Reference velocity over the cut-off velocities; 0 without a cut-off."""
+        """Ratios of the reference velocity to the cut-off velocities; 0 without a cut-off."""
         return self.v0 / self.v1, self.v0 / self.v2
 
     @property
     def form_code(self) -> int:
-        """Code of the form of the law for kernels."""
+        """Code of the friction form, for kernels."""
         return form_code(self.form, *self.cuts)
 
     @property
@@ -104,11 +104,11 @@ class Fault(NamedTuple):
 
     @property
     def weakening(self) -> np.ndarray:
-        """Rate at which friction falls with slip behind the tip of a rupture, b/D_c + b2/D_c2 (N,) [1/m]."""
+        """Rate at which friction falls with slip behind a rupture tip, b/D_c + b2/D_c2 (N,) [1/m]."""
         return self.b / self.dc + self.b2 / np.asarray(self.dc2)
 
     def sliding_at(self, velocity: float) -> "Fault":
-        """Fault without cut-off velocities with the same slopes of friction in steady sliding at V [m/s].
+        """Equivalent fault without cut-off velocities: the same slopes of friction in steady sliding at V [m/s].
 
         Its direct effect is A = ∂μ/∂ln V = a/(1 + V/V1), its evolution effects are B = ∂μ/∂ln θ = b/(1 + V/V2) and
         b2/(1 + V/V2).
@@ -127,12 +127,12 @@ class Fault(NamedTuple):
         return SENSES[self.slip]
 
     def normal_at(self, time: float, excess_slip: np.ndarray | None = None) -> np.ndarray:
-        """Effective normal stress at a time [s] (N,) [Pa], with the change due to slip minus plate motion [m]."""
+        """Effective normal stress (N,) [Pa] at a time [s], with the effect of slip in excess of plate motion [m]."""
         slipped = 0.0 if excess_slip is None else self.transfer.tractions(excess_slip)[1]
         return sum((change.change(self.depth, time) for change in self.changes), self.normal + slipped)
 
     def state_shift(self, normal: np.ndarray) -> np.ndarray:
-        """Decrease of ln θ due to all changes of the normal stress until it has values σ (N,).
+        """Decrease of ln θ due to the change of normal stress from its initial values σ₀ to σ (N,).
 
         (α/b) ln(σ/σ₀), from θ' = … − (α/b) θ σ'/σ (Linker and Dieterich 1992, doi:10.1029/92JB00017).
         """
@@ -161,8 +161,8 @@ def line_fault(width: float, cell: float, *, a, b, dc, normal, b2=0.0, dc2=None,
 
     Parameters
     ----------
-    width : length of the part with rate-and-state friction; the rest of its plane slips at the plate rate [m]
-    cell : length of a cell; the width must be a whole number of them [m]
+    width : length of the part with rate-and-state friction; the rest of the plane slips at the plate rate [m]
+    cell : length of a cell; the width must be a multiple of it [m]
     a, b, dc, normal, b2, dc2 : a number, or pairs (depth, value) in order of depth, between which values are
         interpolated linearly; beyond the first and last depth they are constant. `dc` and `dc2` in m, `normal` in Pa;
         `b2` and `dc2`, which must be given together, belong to a second state variable, see `RateState`
@@ -233,7 +233,7 @@ def profile(name: str, value, depth: np.ndarray) -> np.ndarray:
 
 
 def check_fault(fault: Fault) -> None:
-    """Raise ValueError with a one-sentence message if a fault is invalid, or if its cells are too long."""
+    """Raise ValueError with a one-sentence message if a fault is invalid or its cells are too long."""
     fault.check_entries()
     for name in ("a", "dc", "normal", "dc2"):
         _check_values(name, getattr(fault, name), positive=True)
@@ -271,7 +271,7 @@ def _check_values(name: str, values, *, positive: bool) -> None:
 
 
 def check_normal(fault: Fault, until: float) -> None:
-    """Raise ValueError if the effective normal stress up to `until` [s] is not positive, or too large for the cells."""
+    """Raise ValueError if effective normal stress falls to 0, or grows too large for the cells, before `until` [s]."""
     breaks = [time for change in fault.changes for time in change.breaks if time <= until]
     for time in sorted([*np.linspace(0.0, until, INSTANTS), *breaks]) if fault.changes else ():
         normal = fault.normal_at(time)
@@ -308,7 +308,7 @@ def _check_geometry(fault: Fault) -> None:
 
 
 def _check_cells(fault: Fault) -> None:
-    """Reject cells that do not resolve the tip of a rupture where friction weakens with velocity, slow or fast.
+    """Reject cells that do not resolve the rupture tip where friction weakens with velocity, at low or high velocity.
 
     With cut-off velocities, A/B changes monotonically with velocity.
     """

@@ -1,6 +1,6 @@
 """Simulation of sequences of earthquakes and aseismic slip on a straight fault, and its history as a dataset.
 
-The time step follows from the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
+The time step is controlled by the embedded Runge–Kutta formula DOP853 of order 8, with compiled stages.
 `python -m benchmarks fault` compares it with the solvers of SciPy at equal error.
 """
 
@@ -17,11 +17,11 @@ from .fault_state import EXPONENT, NUMBER, STAGES, FaultState, Machine, check_st
 if TYPE_CHECKING:
     import xarray
 
-SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # factors of the step size
-TOLERANCE = 1e-4  # error of a step in slip over D_c, and in ln θ
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # safety factor, and limits of the change of step size
+TOLERANCE = 1e-4  # error per step of slip/D_c and of ln θ
 MOST_YEARS = 1e6  # some 10,000 earthquakes
 REPORTED = 2000  # steps between two reports
-# fields without M or P
+# fields without a dimension M or P
 ALONE = ("fault", "station", "surface", "profile_depth", "events", "energy", "state", "steps", "rejected")
 
 
@@ -36,7 +36,7 @@ class Energy(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Loading minus the other terms, over loading or dissipation: the integration error."""
+        """Loading minus the other terms, relative to loading or dissipation: the integration error."""
         largest = max(abs(self.loading), self.frictional + self.radiated)
         return (self.loading - self.frictional - self.radiated - self.elastic) / largest
 
@@ -49,15 +49,15 @@ class FaultHistory(NamedTuple):
     time: np.ndarray  # (M,) [s]
     max_velocity: np.ndarray  # (M,) over the fault [m/s]
     moment_rate: np.ndarray  # (M,) per length along strike [N/s]
-    station: np.ndarray  # (S,) depths, to which values are interpolated or extrapolated from centres of cells [m]
+    station: np.ndarray  # (S,) depths; values there are interpolated or extrapolated from cell centres [m]
     slip: np.ndarray  # (M, S) [m]
     velocity: np.ndarray  # (M, S) [m/s]
     stress: np.ndarray  # (M, S) frictional shear stress [Pa]
     normal: np.ndarray  # (M, S) effective normal stress [Pa]
     theta: np.ndarray  # (M, S) [s]
     theta2: np.ndarray | None  # (M, S) second state, if the fault has one [s]
-    surface: np.ndarray  # (Q,) stations beside a dipping fault, distances from its trace [m]
-    horizontal: np.ndarray  # (M, Q) displacement at them, positive from the foot wall to the hanging wall [m]
+    surface: np.ndarray  # (Q,) distances of stations beside a dipping fault from its trace [m]
+    horizontal: np.ndarray  # (M, Q) displacement at these stations, positive from the foot wall to the hanging wall [m]
     down: np.ndarray  # (M, Q) vertical displacement, positive downwards [m]
     horizontal_velocity: np.ndarray  # (M, Q) [m/s]
     down_velocity: np.ndarray  # (M, Q) [m/s]
@@ -94,10 +94,11 @@ def simulate_fault(
 
     Parameters
     ----------
-    years : the simulation ends with the first step after this time of 365.25 days that is not in an event
-    start : default: `initial_state(fault)`; with the `state` of a history, that simulation is continued bit for bit
+    years : duration in years of 365.25 days; the simulation ends with the first later step outside an event
+    start : initial state, default: `initial_state(fault)`; the `state` of a history continues that simulation bit for
+        bit
     recording : recorded quantities; default: no stations, profiles of slip every 5 years and every second during events
-    tolerance : error of each step in slip over D_c, and in ln θ
+    tolerance : error per step of slip/D_c and of ln θ
     report : called as report(stage, share done, text)
 
     Raises
@@ -126,7 +127,7 @@ def simulate_fault(
     recorder = Recorder(fault, recording, state)
     if start is None or not np.isfinite(state.sampled[0]):
         recorder.begin(_moment(fault, state))
-    with threadpool_limits(1, "blas"):  # products with tables of a few hundred rows
+    with threadpool_limits(1, "blas"):  # the products involve tables of only a few hundred rows
         end, steps, rejected = _integrate(fault, state, years * YEAR, recorder, tolerance, report)
     return _history(fault, recorder, state, end, steps, rejected)
 
@@ -154,7 +155,7 @@ def check_recording(fault: Fault, recording: Recording) -> None:
 
 
 def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder, tolerance: float, report):
-    """Integrate to the end; return the last state and the numbers of steps and of rejected steps."""
+    """Integrate to the end; return the last state and the numbers of accepted and rejected steps."""
     machine = Machine(fault, state.prestress)
     y, w = state.unknowns, state.log_velocity.copy()
     stages, powers = np.empty((NUMBER + 1, *y.shape)), np.zeros((NUMBER + 1, 3))
@@ -163,7 +164,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
     trial, w_trial = np.empty_like(y), w.copy()
     time, h, last, steps, rejected = state.time, state.step, state.error, 0, 0
     now = _moment(fault, state)
-    # times at which steps end because the normal stress is not smooth; the last one is infinite
+    # times at which a step must end because the normal stress is not smooth; the last is infinite
     breaks = np.array(sorted({np.inf, *(time for change in fault.changes for time in change.breaks)}))
     longest = recorder.wanted.quiet_sampling if fault.changes else np.inf
     while time < until or recorder.event is not None:
@@ -203,7 +204,7 @@ def _integrate(fault: Fault, state: FaultState, until: float, recorder: Recorder
 
 
 def _too_small(fault: Fault, time: float, excess_slip: np.ndarray) -> str:
-    """Sentence for a step that became too small."""
+    """Error message for a step that became too small."""
     normal = fault.normal_at(time, excess_slip)
     if normal.min() > 1e-3 * fault.normal.min():
         return f"the time step became too small at {time / YEAR:g} years: use shorter cells"
@@ -238,7 +239,7 @@ def _history(fault: Fault, recorder: Recorder, start: FaultState, end: FaultStat
 
 
 def join_histories(parts: list[FaultHistory]) -> FaultHistory:
-    """Join consecutive histories, each of which continues the previous one."""
+    """Join consecutive histories; each continues the previous one."""
     first, last = parts[0], parts[-1]
     along = {
         name: np.concatenate([getattr(part, name) for part in parts])
@@ -257,10 +258,10 @@ def join_histories(parts: list[FaultHistory]) -> FaultHistory:
 def fault_dataset(history: FaultHistory) -> "xarray.Dataset":
     """Convert a history to a dataset with units.
 
-    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station), theta2 with two
-    states; normal (time, station) if the normal stress changes; horizontal, down and their velocities (time, surface)
-    beside a dipping fault; profile_slip (profile_time, profile_depth); columns of the events, with the prefix `event_`
-    (event).
+    Variables are max_velocity and moment_rate (time); slip, velocity, stress and theta (time, station); with two states
+    theta2 (time, station); if the normal stress changes, normal (time, station); beside a dipping fault, horizontal,
+    down and their velocities (time, surface); profile_slip (profile_time, profile_depth); and the columns of the events
+    (event), with the prefix `event_`.
 
     Examples
     --------

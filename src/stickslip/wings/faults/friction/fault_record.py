@@ -1,9 +1,9 @@
 """Records of a simulated fault: samples at stations, slip profiles and events, with their sources.
 
-The source of an event is its moment, stress drops, speed of the rupture and energies. u is slip in excess of plate
-motion and K the stress transfer, so that the shear stress on the fault is τ = τ₀ + K u; it exceeds friction by
-radiation damping, η V. D is the slip of an event, −K Δu its static stress drop. All sums are over cells of length h,
-and all quantities are per unit length along strike, as the fault is two-dimensional.
+The source of an event comprises its moment, stress drops, rupture speed and energies. With u the slip in excess of
+plate motion and K the stress transfer, the shear stress on the fault is τ = τ₀ + K u; it exceeds friction by the
+radiation damping η V. D is the slip of an event and −K Δu its static stress drop. Sums are over cells of length h. All
+quantities are per unit length along strike, because the fault is two-dimensional.
 """
 
 from typing import NamedTuple
@@ -23,24 +23,24 @@ class FaultEvents(NamedTuple):
     start: np.ndarray  # [s]
     end: np.ndarray  # [s]
     depth: np.ndarray  # position of the fastest cell when the threshold is reached [m]
-    nucleation_length: np.ndarray  # around it, with at least a tenth of the largest slip velocity [m]
+    nucleation_length: np.ndarray  # length around that cell with at least a tenth of the largest slip velocity [m]
     top: np.ndarray  # shallowest and deepest points at which slip reached the threshold velocity [m]
     bottom: np.ndarray  # [m]
     max_velocity: np.ndarray  # [m/s]
-    surface_velocity: np.ndarray  # largest of the first cell [m/s]
+    surface_velocity: np.ndarray  # largest slip velocity of the first cell [m/s]
     max_slip: np.ndarray  # [m]
     surface_slip: np.ndarray  # slip of the first cell [m]
     moment: np.ndarray  # G × slip, integrated over depth: moment per length along strike [N]
     radiated: np.ndarray  # radiated energy, the work of radiation damping, per length along strike [J/m]
     rupture_length: np.ndarray  # length of the cells in which slip reached the threshold velocity [m]
-    rupture_speed: np.ndarray  # mean, from where slip first reached the threshold velocity to the farther end [m/s]
+    rupture_speed: np.ndarray  # mean, from the cell that first reached the threshold velocity to the farther end [m/s]
     stress_drop: np.ndarray  # mean of the static stress drop over the rupture [Pa]
-    slip_weighted_stress_drop: np.ndarray  # its mean weighted with slip, which is that of the energy [Pa]
-    seismological_stress_drop: np.ndarray  # stress drop of a crack with the moment and the length of the rupture [Pa]
+    slip_weighted_stress_drop: np.ndarray  # mean weighted with slip, which determines the energy released [Pa]
+    seismological_stress_drop: np.ndarray  # stress drop of a crack with the same moment and length [Pa]
     released: np.ndarray  # elastic energy released, per length along strike [J/m]
     loading: np.ndarray  # work of the plates during the event, per length along strike [J/m]
     frictional: np.ndarray  # work of friction, per length along strike [J/m]
-    fracture: np.ndarray  # part of the work of friction above slip × final shear stress [J/m]
+    fracture: np.ndarray  # work of friction in excess of slip × final shear stress [J/m]
     first: np.ndarray  # True for the first event after an artificial start, which depends on that start
 
     @property
@@ -50,7 +50,7 @@ class FaultEvents(NamedTuple):
 
     @property
     def energy_residual(self) -> np.ndarray:
-        """Rest of the ledger, released + loading − frictional − radiated, over the released energy (E,)."""
+        """Residual of the energy balance, released + loading − frictional − radiated, over the released energy (E,)."""
         return (self.released + self.loading - self.frictional - self.radiated) / self.released
 
 
@@ -77,12 +77,12 @@ def moment_magnitude(moment: Values):
 
 
 def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bool) -> float:
-    """Uniform stress drop of a crack with a moment M per length along strike and a length L, C (G*/G) M/L² [Pa].
+    """Uniform stress drop of a crack of length L with moment M per length along strike, C (G*/G) M/L² [Pa].
 
     A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so
-    that C = 4/π. One that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for antiplane
-    shear; a dipping fault that breaks the surface slips more, so that the result is 17 % too large for a dip of 30 or
-    60 degrees, and 26 % for 90 degrees.
+    that C = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for
+    antiplane shear. A dipping fault that breaks the surface slips more, so that the result is 17 % too large for a dip
+    of 30 or 60 degrees, and 26 % for 90 degrees.
 
     Source
     ------
@@ -92,7 +92,7 @@ def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bo
 
 
 def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.ndarray) -> dict[str, float]:
-    """Moment, stress drops, speed and energies of an event, by the names of `FaultEvents`.
+    """Moment, stress drops, rupture speed and energies of an event, by the field names of `FaultEvents`.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def measure_source(fault: Fault, prestress: np.ndarray, begin, end, arrival: np.
 
 
 def _rupture_speed(fault: Fault, arrival: np.ndarray) -> float:
-    """Distance from the first cell that ruptured to the farthest one, over the time between; NaN for one cell."""
+    """Distance from the first ruptured cell to the farthest, over the time between; NaN for a single cell."""
     first = int(np.argmin(arrival))
     distance = np.abs(fault.depth - fault.depth[first])
     if fault.boundary == "periodic":
@@ -135,7 +135,7 @@ def _rupture_speed(fault: Fault, arrival: np.ndarray) -> float:
 
 
 CHANGE = 0.05  # largest change of log10 of the maximum slip velocity between two samples
-ZONE = 0.1  # slip velocity at the edge of a nucleation zone, over the largest
+ZONE = 0.1  # slip velocity at the edge of a nucleation zone, relative to the largest
 
 
 @readable
@@ -143,11 +143,11 @@ class Recording(NamedTuple):
     """Choice of stations, intervals and thresholds of a recording."""
 
     stations: tuple[float, ...] = ()  # depths of the time series [m]
-    surface: tuple[float, ...] = ()  # stations at the surface, distances from the trace, > 0: hanging wall [m]
+    surface: tuple[float, ...] = ()  # surface stations: distances from the trace, > 0 on the hanging wall [m]
     threshold: float = 1e-3  # an event lasts while the maximum slip velocity is at least this [m/s]
-    quiet_sampling: float = 0.1 * YEAR  # between samples, and longest step if the normal stress changes [s]
-    seismic_sampling: float = 0.1  # within events [s]
-    quiet_profiles: float = 5 * YEAR  # time between profiles of slip, outside and within events [s]
+    quiet_sampling: float = 0.1 * YEAR  # time between samples, and longest step if the normal stress changes [s]
+    seismic_sampling: float = 0.1  # time between samples within events [s]
+    quiet_profiles: float = 5 * YEAR  # time between slip profiles, outside and within events [s]
     seismic_profiles: float = 1.0
     spacing: float = 500.0  # spacing of the points of a profile [m]
 
@@ -160,15 +160,15 @@ class Points(NamedTuple):
     weights: np.ndarray  # (P, 2)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Values (..., P) at the points, from those of the cells (..., N)."""
+        """Interpolate values of the cells (..., N) to the points (..., P)."""
         return (values[..., self.cells] * self.weights).sum(axis=-1)
 
 
 def points(fault: Fault, depths) -> Points:
     """Prepare the interpolation to points.
 
-    Values are even about a free surface, where two cells determine a parabola, or linear for in-plane shear; otherwise
-    they are constant beyond the last centres.
+    Beyond the first centre below a free surface, values follow the even parabola through two cells, or a straight line
+    for in-plane shear. Beyond other end centres they are constant.
     """
     depths = np.atleast_1d(np.asarray(depths, float))
     last = len(fault.depth) - 2
@@ -183,7 +183,7 @@ def points(fault: Fault, depths) -> Points:
 
 
 def origin_of_value(fault: Fault, depth: float) -> str:
-    """Description of the cells, and the interpolation, for values at a depth."""
+    """Description of the cells and the interpolation used for values at a depth."""
     at = points(fault, depth)
     places, weights = fault.depth[at.cells[0]], at.weights[0]
     cells = f"cells at {places[0]:g} and {places[1]:g} m"
@@ -197,9 +197,9 @@ def origin_of_value(fault: Fault, depth: float) -> str:
 
 
 class Surface:
-    """Displacement of Q stations at the surface beside a dipping fault, whose sides move apart at the plate rate.
+    """Displacement of Q surface stations beside a dipping fault whose sides slide past each other at the plate rate.
 
-    Both sides move as rigid bodies by half the plate motion each, and slip in excess of it deforms them (SEAS benchmark
+    Each side moves rigidly by half the plate motion; slip in excess of plate motion deforms both (SEAS benchmark
     problem BP3-QD, equation 4).
     """
 
@@ -210,7 +210,7 @@ class Surface:
         self._rigid = fault.sense * fault.plate_rate * side * np.exp(1j * np.radians(fault.dip))
 
     def __call__(self, excess_slip: np.ndarray, time: float) -> np.ndarray:
-        """Horizontal displacement, positive from foot to hanging wall, and i times the downward one (Q,)."""
+        """Horizontal displacement, positive from foot to hanging wall, plus i times the downward displacement (Q,)."""
         return self._moved @ excess_slip + self._rigid * time
 
 
@@ -220,14 +220,14 @@ class Moment(NamedTuple):
     time: float
     excess_slip: np.ndarray
     rate: np.ndarray  # rate of the excess slip
-    log_states: np.ndarray  # (S, N) of its one or two states, plus their shift
+    log_states: np.ndarray  # (S, N) of one or two states, plus their shift
     log_velocity: np.ndarray
     fastest: float  # maximum slip velocity
-    energy: np.ndarray  # (3,) work of the plates, of friction and of radiation damping since the start [J/m]
+    energy: np.ndarray  # (3,) work of plates, friction and radiation damping since the start [J/m]
 
 
 class Recorder:
-    """Lists that grow during a simulation."""
+    """Growing lists of samples, profiles and events of a simulation."""
 
     def __init__(self, fault: Fault, wanted: Recording, start: FaultState):
         self.fault, self.wanted, self.prestress = fault, wanted, start.prestress
@@ -270,7 +270,7 @@ class Recorder:
             self._sample(now)
 
     def _sample(self, now: Moment) -> None:
-        """Append values of the cells beside stations, and displacements of the surface."""
+        """Append the values of cells beside stations, and surface displacements."""
         fault, at, near = self.fault, self.stations, self._near
         clamped = fault.transfer.tractions(now.excess_slip)[1] if fault.dips else 0.0
         every = fault.normal_at(now.time) + clamped
@@ -310,7 +310,7 @@ class Recorder:
         return [time, fastest, rate, slip, fault.v0 * np.exp(at(w)), stress, normal, thetas, *moved]
 
     def _add_profile(self, time: float, seismic: bool, fastest: float, excess: np.ndarray, rate: np.ndarray) -> None:
-        """Append slip, and the stresses on a dipping fault."""
+        """Append a slip profile and, for a dipping fault, stress profiles."""
         fault, at = self.fault, self.profile
         stress, normal = np.zeros((2, 0))
         if fault.dips:
@@ -346,7 +346,7 @@ class Recorder:
         self._arrive(before, now)
 
     def _arrive(self, before: Moment, now: Moment) -> None:
-        """Note when cells first reach the threshold velocity, interpolated in ln V."""
+        """Record when cells first reach the threshold velocity, interpolated in ln V."""
         assert self.event is not None
         w, threshold = before.log_velocity, np.log(self.wanted.threshold / self.fault.v0)
         new = np.isinf(self.event["arrival"]) & (now.log_velocity >= threshold)
@@ -372,13 +372,13 @@ class Recorder:
 
 
 def hermite(before: Moment, now: Moment, x: float) -> np.ndarray:
-    """Excess slip within a step, from slip and its rate at both ends."""
+    """Interpolate the excess slip within a step from its values and rates at both ends."""
     h = now.time - before.time
     change = now.excess_slip - before.excess_slip
     return before.excess_slip + change * x * x * (3 - 2 * x) + h * x * (1 - x) * ((1 - x) * before.rate - x * now.rate)
 
 
 def hermite_rate(before: Moment, now: Moment, x: float) -> np.ndarray:
-    """Rate of the excess slip within a step: the derivative of `hermite` in time."""
+    """Rate of the excess slip within a step: the time derivative of `hermite`."""
     change = (now.excess_slip - before.excess_slip) / (now.time - before.time)
     return 6 * change * x * (1 - x) + (1 - x) * (1 - 3 * x) * before.rate + x * (3 * x - 2) * now.rate

@@ -1,4 +1,4 @@
-"""State of a fault between two steps, all that is needed to continue bit for bit, and the steps.
+"""State of a fault between steps, from which a simulation continues bit for bit, and the stepping itself.
 
 Steps are of order 8 with error estimates of order 5 and 3: Hairer, Nørsett and Wanner, Solving Ordinary Differential
 Equations I, section II.5, with the coefficients of SciPy.
@@ -15,13 +15,13 @@ from .laws import EVOLUTIONS, friction
 from .stress_transfer import KERNEL
 
 NUMBER = DOP853.n_stages
-STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of the earlier stages in each later one, and in the step
-TIMES = np.append(DOP853.C, 1.0)  # times of the stages, over the length of the step
-EXPONENT = 1 / 8  # of the error in the choice of the step
+STAGES = np.vstack([DOP853.A[1:], DOP853.B])  # weights of earlier stages in each stage, and in the step
+TIMES = np.append(DOP853.C, 1.0)  # times of the stages, as fractions of the step
+EXPONENT = 1 / 8  # exponent of the error in step size control
 
 
 class Machine:
-    """Evaluates rates and steps of a fault under its initial stress.
+    """Evaluation of rates and steps of a fault under its initial stress.
 
     The unknowns (1 + S, N) are u = δ − V_p t of each cell, and s = ln(V0 θ/D_c) of each of its S = 1 or 2 states.
     """
@@ -42,33 +42,33 @@ class Machine:
         self._fault = core.fill("Fault", values)
 
     def _image(self, slip, time: float) -> tuple[np.ndarray | None, bool]:
-        """Shear stress that the surface adds, after an update of the normal stress; False where it opens the fault."""
+        """Update the normal stress; return the shear stress that the surface adds, or False if slip opens the fault."""
         shear, clamped = self.transfer.of_image(slip)
         normal = self.fault.normal_at(time) + clamped
         self._cells[3], self._cells[7] = normal, self.fault.state_shift(normal)
         return shear, bool(normal.min() > 0)
 
     def rates(self, y, w, out, power, time: float = 0.0) -> bool:
-        """Rates of the unknowns, and powers per unit length; return False if a velocity cannot be found.
+        """Compute rates of the unknowns and powers per unit length; return False if no velocity is found.
 
         Parameters
         ----------
         y : (1 + S, N) unknowns
-        w : (N,) ln(V/V0), a guess that is replaced by the solution
+        w : (N,) ln(V/V0); the initial guess is overwritten by the solution
         out : (1 + S, N) rates of the unknowns, overwritten
         power : (3,) of loading τ V_p, friction σ μ V and radiation η V², overwritten
-        time : [s], for changes of the normal stress
+        time : time at which imposed changes of the normal stress are evaluated [s]
         """
         image, closed = self._image(y[0], time) if self._varies else (None, True)
         return closed and core.fault_rates(self._fault, image, y, w, out, power)
 
     def step(self, y, w, stages, powers, length: float, trial, time: float = 0.0) -> float:
-        """Take a step from y at a time to `trial`; return its estimated error, infinite if a stage fails.
+        """Take a step from y to `trial`; return its estimated error, infinite if a stage fails.
 
         Parameters
         ----------
-        stages, powers : (NUMBER + 1, 1 + S, N) and (NUMBER + 1, 3), rates and powers at the start and in each stage;
-            the last ones are those at the end
+        stages, powers : (NUMBER + 1, 1 + S, N) and (NUMBER + 1, 3), rates and powers at the start, in each stage and at
+            the end
         """
         values = {"y": y, "trial": trial, "w": w, "stages": stages, "powers": powers, "length": length, "image": None}
         step = core.fill("FaultStep", values)
@@ -84,7 +84,7 @@ class Machine:
         return core.fault_error(self._fault, step)
 
 
-LARGEST = 300.0  # greatest logarithm of a state
+LARGEST = 300.0  # largest logarithm of a state
 
 
 def _head(state) -> str:
@@ -94,28 +94,28 @@ def _head(state) -> str:
 
 @readable(head=_head)
 class FaultState(NamedTuple):
-    """A fault at one time. `simulate_fault` continues from it exactly as if it had not stopped."""
+    """A fault at one time, from which `simulate_fault` continues as if it had not stopped."""
 
     time: float  # [s]
     excess_slip: np.ndarray  # (N,) slip minus plate motion since the start, δ − V_p t [m]
-    log_state: np.ndarray  # (N,) ln(V0 θ/D_c), plus `Fault.state_shift` if the normal stress acts on the state
+    log_state: np.ndarray  # (N,) ln(V0 θ/D_c), plus `Fault.state_shift` if normal stress acts on the state
     log_velocity: np.ndarray  # (N,) ln(V/V0), with the reference velocity V0 = `fault.v0`
     prestress: np.ndarray  # (N,) shear stress at the start [Pa]
     rates: np.ndarray  # (V, N) time derivatives of excess_slip, and of log_state for S = 1 or 2 states
     power: np.ndarray  # (3,) of loading, friction and radiation, per length along strike [W/m]
-    energy: np.ndarray  # (3,) their integrals since the start [J/m]
-    step: float  # proposed for the next step [s]
-    error: float  # error of the last step, over the tolerance
+    energy: np.ndarray  # (3,) time integrals of `power` since the start [J/m]
+    step: float  # proposed length of the next step [s]
+    error: float  # error of the last step, relative to the tolerance
     sampled: np.ndarray  # (2,) time and log10 of the maximum slip velocity of the last sample
     log_state2: np.ndarray | None = None  # (N,) ln(V0 θ2/D_c2) of a second state, if the fault has one
-    events: int = 0  # number of events since an artificial start: 0 in a state that was not simulated
+    events: int = 0  # number of events since an artificial start; 0 in a state that was not simulated
     kernel: str = (
-        "uniform"  # slip between centres of cells: "band-limited"; saved by earlier versions: uniform in cells
+        "uniform"  # slip between cell centres: now "band-limited"; earlier versions saved uniform slip in cells
     )
 
     @property
     def unknowns(self) -> np.ndarray:
-        """Excess slip, and the logarithm of each state: the variables that are integrated (1 + S, N)."""
+        """Integrated variables: excess slip, and the logarithm of each state (1 + S, N)."""
         second = [] if self.log_state2 is None else [self.log_state2]
         return np.array([self.excess_slip, self.log_state, *second])
 
@@ -152,7 +152,7 @@ class FaultState(NamedTuple):
 
 
 def steady_stress(fault: Fault, velocity: float) -> np.ndarray:
-    """Shear stress of steady sliding at one velocity, with radiation damping (N,) [Pa]."""
+    """Shear stress in steady sliding at one velocity, with radiation damping (N,) [Pa]."""
     w = np.full(len(fault.depth), np.log(velocity / fault.v0))
     return fault.normal * friction_of(fault, w, np.array([-w, -w])) + fault.damping * velocity
 
@@ -173,15 +173,15 @@ def friction_of(fault: Fault, log_velocity: np.ndarray, log_states: np.ndarray, 
 
 @checked
 def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values | str | None = None) -> FaultState:
-    """State in which all cells slip at one velocity under a given shear stress; θ follows from the balance of stress.
+    """State in which all cells slip at one velocity under a given shear stress; θ follows from stress balance.
 
-    A second state is in the same ratio to its steady state as the first one.
+    A second state has the same ratio to its steady value as the first.
 
     Parameters
     ----------
     velocity : default: the plate rate [m/s]
-    stress : a number or (N,), or "steady" for that of steady sliding of each cell; default: the steady stress at that
-        velocity in the deepest cell, as in the SEAS benchmark problems [Pa]
+    stress : a number or (N,), or "steady" for steady sliding of each cell; default: the steady stress of the deepest
+        cell at that velocity, as in the SEAS benchmark problems [Pa]
 
     Raises
     ------
@@ -225,7 +225,7 @@ def initial_state(fault: Fault, *, velocity: float | None = None, stress: Values
 
 
 def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
-    """Sum of the terms of the states with which friction has a given value at a slip velocity (N,)."""
+    """Sum of the state terms for which friction has a given value at a slip velocity (N,)."""
     x, cut = friction / fault.a, fault.cuts[0]
     if fault.form == "regularized":
         x = x + np.log(-np.expm1(-2 * x))  # ln(2 sinh x)
@@ -233,7 +233,7 @@ def _state_terms(fault: Fault, w, friction: np.ndarray) -> np.ndarray:
 
 
 def _log_state(fault: Fault, term: np.ndarray, effect: np.ndarray, otherwise) -> np.ndarray:
-    """Logarithm of a state that adds `term` to friction (N,); NaN if none does, `otherwise` where it has no effect."""
+    """Logarithm of the state that adds `term` to friction (N,); NaN if none does; `otherwise` for inactive states."""
     cut2, acts = fault.cuts[1], effect > 0
     s = term / np.where(acts, effect, 1.0)
     if cut2:
@@ -262,9 +262,9 @@ def _check_balance(fault: Fault, s: np.ndarray, stress: np.ndarray, velocity: fl
 
 @checked
 def perturbed_state(fault: Fault, state: FaultState, log_velocity: Values) -> FaultState:
-    """Change slip velocities at constant stress, by a change of θ; for studies of nucleation.
+    """Change slip velocities at constant stress by changing θ, as in studies of nucleation.
 
-    The first state changes, and the second one where the first has no effect (b = 0).
+    The first state changes, or the second where the first has no effect (b = 0).
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def check_state(fault: Fault, state: FaultState) -> None:
 
 
 def with_rates(fault: Fault, state: FaultState) -> FaultState:
-    """Return the state with velocities and rates that follow from slip, θ and stress."""
+    """Return the state with velocities and rates computed from slip, θ and stress."""
     check_state(fault, state)
     machine, w = Machine(fault, state.prestress), state.log_velocity.copy()
     y, power = state.unknowns, np.zeros(3)

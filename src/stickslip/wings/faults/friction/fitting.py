@@ -1,8 +1,7 @@
-"""Fits of rate-and-state parameters to records: least squares with correlated noise, intervals, and identifiability.
+"""Least-squares fits of rate-and-state parameters to records, with correlated noise, intervals and identifiability.
 
-Correlation of the residuals between samples is modelled as an autoregressive process of an order selected by BIC, and
-filtered out of both data and model (generalised least squares). Intervals and likelihood are those of the filtered
-problem.
+Correlated residuals are modelled as an autoregressive process, whose order is selected by BIC. The correlation is
+filtered out of both data and model (generalised least squares). Intervals and likelihood refer to the filtered problem.
 """
 
 from collections.abc import Iterable
@@ -50,7 +49,7 @@ from .problem import (
 )
 from .ratestate import RateState
 
-MIN_INDEPENDENT = 3.0  # independent samples per parameter, below which residuals are not noise
+MIN_INDEPENDENT = 3.0  # independent samples per parameter; with fewer, residuals are not noise
 MISFIT = (
     "the residuals vary as slowly as the signal: either the law does not describe these data, or their noise is "
     "as slow, which the data cannot distinguish; the values are the best fit, but without intervals"
@@ -60,21 +59,21 @@ UNLIKE = (
     "the law, the stiffness or the motion of the load point does not describe these data; the values are the best fit, "
     "but intervals cannot be given"
 )
-# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 of a wrong law; with
-# noise that is correlated over much of a leg, it may be exceeded by the right law, too
+# excess of the sum of squares over m/n_eff: at most 0.54 in 240 fits of the right law, 1.4 to 3.7 with a wrong law;
+# with noise correlated over much of a leg, the right law may exceed it, too
 MAX_EXCESS = 1.0
-# filtered residuals over noise: 0.8 to 1.1 for the right law, also with correlated noise, and up to 1.31 with noise of
-# long tails (Student's t, 3 degrees of freedom); from 1.4 on if a stiffness is wrong by a factor of three
+# filtered residuals over noise: 0.8 to 1.1 for the right law, even with correlated noise, and up to 1.31 with
+# long-tailed noise (Student's t, 3 degrees of freedom); at least 1.4 if a stiffness is wrong by a factor of three
 MOST_REDUCED = 1.35
-SHARE_OF_SEARCH = 0.8  # fraction of the work of a fit before noise is modelled
+SHARE_OF_SEARCH = 0.8  # fraction of a fit's work done before noise is modelled
 ROUNDS = 3  # alternations between noise and parameters
-EXACT = 1e-7  # residuals over the scatter of friction, below which they are integration errors
+EXACT = 1e-7  # ratio of residuals to the scatter of friction below which they are integration errors
 TINY = 1e-15  # smallest size of noise
 
 
 @readable
 class Fit(NamedTuple):
-    """Fitted parameters of one law. Parameters that the data do not determine are NaN; `sentence` contains a remedy."""
+    """Fitted parameters of one law. Those that the data do not determine are NaN; `sentence` suggests a remedy."""
 
     law: str
     names: tuple[str, ...]  # names of the m free parameters; "mu0[2]" belongs to the second data set
@@ -85,19 +84,19 @@ class Fit(NamedTuple):
     fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
     identifiable: bool  # True if the data determine all parameters
-    adequate: bool  # True if the fit describes the record: residuals vary faster than the signal, and are as its noise
+    adequate: bool  # True if the fit describes the record: residuals vary faster than the signal, like its noise
     sentence: str
-    residuals: tuple[np.ndarray, ...]  # data − model, one array for each data set
+    residuals: tuple[np.ndarray, ...]  # data − model, one array per data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples
     sigma: float  # standard deviation of the noise, relative to sigma if given
     noise: np.ndarray  # autoregressive coefficients; empty for white noise
     effective: float  # number of independent samples
-    innovations: np.ndarray  # filtered residuals over their size, for `compare_laws`
+    innovations: np.ndarray  # filtered residuals divided by their size, for `compare_laws`
     log_likelihood: float
     aic: float
     bic: float
     evaluations: int
-    reduced: float = 1.0  # size of filtered residuals over that of the noise of the record
+    reduced: float = 1.0  # size of the filtered residuals over that of the record's noise
     form: str = "logarithmic"
     spikes: tuple[np.ndarray, ...] = ()  # indices of the samples excluded as spikes, for each data set
 
@@ -129,34 +128,34 @@ def fit(
 ) -> Fit:
     """Fit a, b, D_c, μ0 and other free parameters to one or several records.
 
-    Least-squares fit of a law of `RateState`, plus trend × displacement and drift × time, over complete records: slider
-    and state are integrated from the first leg to the last. Positive parameters are fitted as logarithms. Starting
-    values are found by a coarse search. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
+    The model is a law of `RateState`, plus trend × displacement and drift × time. Slider and state are integrated over
+    complete records, from the first leg to the last. Positive parameters are fitted as logarithms; starting values come
+    from a coarse search. Compare Reinen and Weeks 1993, doi:10.1029/93JB00780.
 
     Parameters
     ----------
     data : one record, or several that share all parameters except those in `own`
     law : "aging" or "slip"
     form : "logarithmic" or "regularized", see `RateState`
-    fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, b2, dc2 (a second state, default
-        none), v1, v2 (cut-off velocities, default none), stiffness, damping, alpha, theta (initial state over the
-        steady one, default 1), trend (default 0), trend_length, over which it decays (default: never), and drift
-        [1/time] (default 0)
+    fixed : known parameters, such as {"stiffness": 1e4}; any of a, b, dc, mu0, v0, b2 and dc2 (second state, default:
+        none), v1 and v2 (cut-off velocities, default: none), stiffness, damping, alpha, theta (ratio of initial to
+        steady state, default: 1), trend (default: 0), trend_length, over which the trend decays (default: it never
+        decays), and drift [1/time] (default: 0)
     free : parameters to fit in addition to a, b, dc and mu0, such as ("stiffness", "trend"), ("trend", "trend_length")
         for a trend that decays exponentially, or ("b2", "dc2") for two states
     own : parameters with a separate value for each of several records
-    windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them. None
-        for all samples
+    windows : pairs (start, end) of times; only samples within them are fitted, but slip continues between them.
+        None: all samples
     noise : "correlated", or "white" if neighbouring samples are known to be independent
     report : called as report(stage, share done, text with the misfit and the parameters)
 
     Returns
     -------
     Fit
-        with NaN and an explanation for parameters that these data do not determine. Spikes of the record, the same for
-        every law, are excluded. Without intervals if the fit does not describe the record (`Fit.adequate`): if the
-        residuals vary as slowly as the signal, or if filtered for their correlation they exceed 1.35 times the noise,
-        the larger of that between neighbouring samples of the record and that of the bulk of the residuals.
+        Parameters that the data do not determine are NaN, with an explanation. Spikes, the same for every law, are
+        excluded. Intervals are missing if the fit does not describe the record (`Fit.adequate`): residuals vary as
+        slowly as the signal, or, filtered for their correlation, exceed 1.35 times the noise. The noise is the larger
+        of that between neighbouring samples and that of the bulk of the residuals.
 
     Raises
     ------
@@ -225,19 +224,19 @@ def solve_fit(
 
 
 def _reduced_residual(task: Task, x, filters) -> float:
-    """Size of the filtered residuals over the noise between samples, or over that of their bulk if larger."""
+    """Size of the filtered residuals over the noise: that between samples, or that of their bulk if larger."""
     rest = filtered_residual(task, x, filters)
     noise = max(noise_level(task.cases), TO_DEVIATION * float(np.median(np.abs(rest))))
     return float(np.sqrt(np.mean(rest**2))) / max(noise, TINY)
 
 
 def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
-    """Estimate parameters and noise alternately; return x, filters, whether residuals are noise, and evaluations.
+    """Estimate parameters and noise alternately; return x, filters, True if residuals are noise, and evaluations.
 
-    Residuals are not noise if fewer than MIN_INDEPENDENT independent samples are left per parameter, or if filtering
-    has moved the estimate away from the least-squares one (under the correct law, the sum of squares exceeds its
-    minimum only by a fraction of order m/n_eff). The residuals then vary as slowly as the signal, and filtering them
-    removes the signal as well, so the ordinary least-squares estimate is returned.
+    Residuals are not noise if fewer than MIN_INDEPENDENT independent samples per parameter are left, or if filtering
+    moves the estimate away from that of least squares. (Under the correct law, the sum of squares exceeds its minimum
+    only by a fraction of order m/n_eff.) The residuals then vary as slowly as the signal. Filtering would remove the
+    signal as well, so the ordinary least-squares estimate is returned.
     """
     x, evaluations = start, 0
     rest = residual(task, x)
@@ -262,7 +261,7 @@ def _fit_correlated(task: Task, start) -> tuple[np.ndarray, tuple, bool, int]:
 
 
 def _absorbed_noise(task: Task, x, filters) -> np.ndarray:
-    """(m, N) rows g with Σ g gᵀ = J C Jᵀ, the noise absorbed by the fit; C = (JᵀΣ⁻¹J)⁻¹ is that of the parameters."""
+    """Rows g (m, N), Σ g gᵀ = J C Jᵀ: noise absorbed by the fit, with the covariance C = (JᵀΣ⁻¹J)⁻¹ of parameters."""
     rest, rows = filtered_residual(task, x, filters), jacobian(task, x)
     size, vectors = np.linalg.eigh(covariance(whitened(rows, filters, pieces(task)))[0])
     variance = float(rest @ rest) / (len(rest) - len(x))
@@ -328,9 +327,9 @@ def _build_task(cases, laws: tuple[str, str], names, fixed: dict, own) -> Task:
 
 
 def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
-    """Size of the filtered noise, its degrees of freedom, and a factor that widens intervals.
+    """Size of the filtered noise, its degrees of freedom, and a factor by which intervals are widened.
 
-    Degrees of freedom used by a fit are also missing in the estimate of slow noise.
+    Degrees of freedom used by a fit are missing in the estimate of slow noise as well.
     """
     rest, m = filtered_residual(task, x, filters), len(x)
     n, independent = len(rest), effective_samples(filters, len(rest))
@@ -340,7 +339,7 @@ def noise_size(task: Task, x, filters) -> tuple[float, float, float]:
 
 
 def _evaluate(task: Task, x, filters) -> Estimates:
-    """Values with intervals and identifiability, for the noise described by the filters."""
+    """Values with intervals and identifiability, given the noise described by the filters."""
     size, spare, widening = noise_size(task, x, filters)
     reach = float(stdtrit(spare, 0.975)) * widening
     inner, blind = covariance(whitened(jacobian(task, x, central=True), filters, pieces(task)) / size)
@@ -377,7 +376,7 @@ def build_fit(solution: Solution) -> Fit:
 
 
 def _fixed_values(task: Task) -> dict:
-    """Relevant fixed values: those of a spring, and of variants of the law."""
+    """Fixed values that apply: those of the spring and of the variant of the law."""
     spring = any(case.legs is not None for case in task.cases)
     plain = {k for k, v in PLAIN.items() if task.fixed.get(k) == v and (k != "dc2" or task.fixed.get("b2") == 0)}
     return {k: v for k, v in task.fixed.items() if k not in plain and (spring or k not in ("stiffness", "damping"))}

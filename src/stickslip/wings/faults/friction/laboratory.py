@@ -1,6 +1,6 @@
-"""Laboratory records, converted to metres, seconds and pascals on reading, and measurements on them without a model.
+"""Laboratory records, converted to metres, seconds and pascals on reading, and model-free measurements on them.
 
-These are steady means with standard errors, peaks after holds, healing and cycles.
+Measurements are steady means with standard errors, peaks after holds, healing and cycles.
 """
 
 import warnings
@@ -33,9 +33,9 @@ WANTED = laboratory_table.Wanted(
     ("time", "load_point", "friction", "shear_stress", "normal_stress", "pore_pressure", "slip", "velocity", "theta"),
     EXAMPLE, "column of a record", NUMBERED, ("pore_pressure",),
 )  # fmt: skip
-LEAST = 10  # rows
-LEAST_FRICTION, MOST_FRICTION = 0.005, 3.0  # beyond which a unit is doubted
-CROOKED = 0.2  # number of straight legs per sample above which a displacement counts as noisy
+LEAST = 10  # smallest number of rows
+LEAST_FRICTION, MOST_FRICTION = 0.005, 3.0  # range outside which the unit is doubtful
+CROOKED = 0.2  # straight legs per sample above which a displacement counts as noisy
 
 
 @readable
@@ -58,25 +58,27 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     """Read a record from a text table, or an HDF5, MATLAB or binary XLOOK file, detected from the content.
 
     Required columns are time; friction, or shear_stress and normal_stress; load_point, or velocity (of slip). Optional
-    columns are slip, theta and pore_pressure, from which the effective normal stress is computed unless it is named
-    effective_normal_stress; a friction column is used unchanged. `record_columns` lists unused columns, and a warning
-    names unknown ones. Units are in brackets (`time [s]`), after the name (`time_s`), in a row below the names, or in
-    the attribute `units` of an HDF5 dataset. Text may begin with any lines; separators are commas, semicolons, tabs or
-    white space; except with commas, numbers may have decimal commas. Lines that start with # or % are comments. Files
-    that are not UTF-8 are read as Windows-1252. Rows without a number (an empty cell, nan, or -9999 far from all
-    others) in a used column are skipped, and the sign of a decreasing displacement is reversed, each with a warning.
+    columns are slip, theta and pore_pressure. The pore pressure is subtracted from the normal stress, unless that is
+    named effective_normal_stress; a friction column is used unchanged. `record_columns` lists unused columns, and a
+    warning names unknown ones. Units are in brackets (`time [s]`), after the name (`time_s`), in a row below the names,
+    or in the attribute `units` of an HDF5 dataset.
+
+    Text files may begin with any lines. Separators are commas, semicolons, tabs or white space; unless they are commas,
+    numbers may have decimal commas. Lines that start with # or % are comments. Files that are not UTF-8 are read as
+    Windows-1252. Rows that lack a number in a used column (an empty cell, nan, or -9999 far from all others) are
+    skipped. If a displacement decreases, its sign is reversed. Both cause a warning.
 
     Parameters
     ----------
-    columns : column numbers, counted from 0, or headings, by standard name, as in
-        {"time": 0, "load_point [um]": "LVDT 2", "friction": 3}. A column without a unit has that of its heading; in a
-        file without headings it is in metres, seconds or pascals
+    columns : standard name → number of the column, counted from 0, or its heading, as in
+        {"time": 0, "load_point [um]": "LVDT 2", "friction": 3}. Without a unit here, that of the heading applies; in a
+        file without headings, metres, seconds or pascals
     motion : False if the record need not contain the motion of the load point, as with `record_data(…, velocity=…)`
 
     Raises
     ------
     ValueError
-        if a column, unit or line is not understood; the message names it, and the allowed ones
+        if a column, unit or line cannot be interpreted; the message names it, and the allowed ones
     """
     path = Path(path)
     table = _open_record(path, columns)
@@ -105,13 +107,13 @@ def read_record(path: str | Path, *, columns: dict[str, int | str] | None = None
     for name in ("load_point", "slip"):
         moved = np.diff(values.get(name, ()))
         if len(moved) and moved.sum() < 0 and (moved < 0).sum() > 2 * (moved > 0).sum():
-            warnings.warn(f"{path}: {name} is counted backwards: its sign was turned round", stacklevel=2)
+            warnings.warn(f"{path}: {name} is counted backwards: its sign was reversed", stacklevel=2)
             values[name] = -values[name]
     return LabRecord(**values)
 
 
 def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
-    """Warn of friction that no material has, as in per cent or of mixed units, or that differs from its stresses."""
+    """Warn of friction that no material has (per cent, mixed units) or that contradicts the recorded stresses."""
     usual = float(np.median(np.abs(values["friction"])))
     told = f"{path}: friction is about {usual:.3g}"
     if usual > MOST_FRICTION or 0 < usual < LEAST_FRICTION:
@@ -127,7 +129,7 @@ def _doubt_friction(path: Path, values: dict[str, np.ndarray]) -> None:
 
 
 def _doubt_time(table: laboratory_table.LaboratoryTable) -> None:
-    """Warn if a displacement over time is a velocity of the record times the ratio of two units of time."""
+    """Warn if displacement over time differs from the recorded velocity by the ratio of two units of time."""
     path, sheet, places = table.path, table.sheet, table.places
     units = [
         laboratory_table.unit_of(heading, (), {})[1] or unit
@@ -154,7 +156,7 @@ def _doubt_time(table: laboratory_table.LaboratoryTable) -> None:
 
 @checked
 def record_columns(path: str | Path, *, columns: dict[str, int | str] | None = None) -> dict[str, list[str]]:
-    """Headings of a record in three groups: used, without influence on forces, and unknown.
+    """Headings of a record in three groups: used, without effect, and unknown.
 
     Parameters
     ----------
@@ -169,7 +171,7 @@ def record_columns(path: str | Path, *, columns: dict[str, int | str] | None = N
 
 @checked
 def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = ()) -> Path:
-    """Write a record to a CSV file that `read_record` can read, in metres, seconds and pascals.
+    """Write a record to a CSV file in metres, seconds and pascals, which `read_record` can read.
 
     Parameters
     ----------
@@ -187,17 +189,17 @@ def write_csv(path: str | Path, record: LabRecord, comments: tuple[str, ...] = (
 def record_data(
     record: LabRecord, *, before: float | None = None, normal: bool = False, velocity: str | None = None
 ) -> Data:
-    """Data for `fit`: legs from the load-point displacement, or, if it was not recorded, the slip velocity.
+    """Data for `fit`, with legs from the load-point displacement or, if it was not recorded, the slip velocity.
 
-    If the displacement is so noisy that hardly any samples lie on straight lines, steps of constant velocity are found
-    in it, with a warning that states them in the syntax of `velocity`. If a stated velocity contradicts the recorded
-    displacement, it is used, with a warning.
+    If the displacement is so noisy that hardly any samples lie on straight lines, steps of constant velocity are fitted
+    to it, and a warning states them in the syntax of `velocity`. A stated velocity that contradicts the recorded
+    displacement is used, with a warning.
 
     Parameters
     ----------
-    velocity : velocities of the load point, such as "1e-6 until 120 s, then 1e-5", instead of its displacement
+    velocity : load-point velocities that replace the displacement, such as "1e-6 until 120 s, then 1e-5"
     before : slip velocity before the record, if it does not start with steady sliding [m/s]
-    normal : True to include changes in normal stress, relative to its initial value (alpha, after Linker and Dieterich)
+    normal : True to include changes of normal stress relative to its initial value (alpha of Linker and Dieterich)
     """
     require_filled("record.time", record.time)
     time = np.asarray(record.time, float) - record.time[0]
@@ -229,7 +231,7 @@ def record_data(
 
 
 def _open_record(path: Path, columns: dict[str, int | str] | None) -> laboratory_table.LaboratoryTable:
-    """Table of a record, without a pore pressure if there is no normal stress to correct."""
+    """Table of a record; the pore pressure is left out if there is no normal stress to correct."""
     table = laboratory_table.open_table(path, WANTED, columns)
     places = dict(table.places)
     units, aliases = laboratory_table.COLUMNS["normal_stress"]
@@ -286,7 +288,7 @@ class Mean(NamedTuple):
 
     mean: float
     error: float  # standard error
-    effective: float  # number of independent values with the same error
+    effective: float  # number of independent values that would give the same error
 
 
 @readable
@@ -305,7 +307,7 @@ class HoldResponse(NamedTuple):
 
     hold: np.ndarray  # duration [time]
     steady: np.ndarray  # friction before the hold
-    drop: np.ndarray  # decrease of friction at its end
+    drop: np.ndarray  # decrease of friction until the end of the hold
     excess: np.ndarray  # peak after the hold, above `steady`
 
 
@@ -354,7 +356,7 @@ def steady_start(values: Series, *, batch: int = 5) -> int:
     values : (N,), evenly sampled
     """
     require_positive(batch=batch)
-    batch = int(batch)  # True is 1
+    batch = int(batch)  # True becomes 1
     x = _check_series(values, least=4 * batch)
     means = x[: len(x) // batch * batch].reshape(-1, batch).mean(axis=1)[::-1]
     count = np.arange(1, len(means) + 1)
@@ -388,7 +390,7 @@ def healing(hold: Series, excess: Series) -> Healing:
 
 @checked
 def hold_response(time: Series, friction: Series, legs: Iterable[LoadStep], *, before: float = 0.2) -> HoldResponse:
-    """Drop in friction during every hold of a record, and the peak after it.
+    """Drop of friction during each hold of a record, and the peak after it.
 
     Parameters
     ----------
@@ -427,14 +429,14 @@ def _check_series(values, least: int) -> np.ndarray:
     return x
 
 
-CONTRAST = 100.0  # slip velocity of an event over the median one
-SKIPPED = 1  # first intervals between events, which depend on the start
+CONTRAST = 100.0  # slip velocity of an event over the median velocity
+SKIPPED = 1  # number of first intervals excluded, as they depend on the start
 
 
 def passing_velocity(time, slip, velocity) -> np.ndarray:
     """Slip velocity at samples, or the mean velocity up to the next sample if that is larger.
 
-    Events that begin and end between two samples appear in the mean velocity.
+    Events that begin and end between two samples show up in the mean velocity.
     """
     mean = np.append(np.diff(slip) / np.diff(time), velocity[-1])
     return np.maximum(velocity, mean)
@@ -453,11 +455,11 @@ def recurrence(time, velocity) -> float:
 
 
 def repeated_slip(time, velocity, slip, since) -> np.ndarray | None:
-    """Slip since the start of an event, as the last complete cycle repeated; None without one.
+    """Slip since the start of an event, with the last complete cycle repeated; None without a cycle.
 
     Parameters
     ----------
-    since : (N,) times since the start of the event; negative ones are before it
+    since : (N,) times since the start of the event; negative before it
     """
     starts = event_starts(velocity)
     if len(starts) < SKIPPED + 2:

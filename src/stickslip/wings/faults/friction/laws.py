@@ -1,8 +1,8 @@
-"""Laws of rate-and-state friction in logarithms of velocity and states, and a slider on a spring.
+"""Laws of rate-and-state friction in terms of the logarithms of velocity and states, and a slider on a spring.
 
 Rows (w, s, s2) contain w = ln(V/V0), s = ln(V0 θ/D_c), and s2 for a second state θ2 with D_c2. Rows (a, b, b2, mu0,
-cut, cut2) contain the parameters of a surface, with cut = V0/V1 and cut2 = V0/V2 for the cut-off velocities of the
-direct and the evolution effect; b2 = 0 with one state. The laws themselves are in `_core/rate_state.h`. `python -m
+cut, cut2) contain the parameters of a surface: cut = V0/V1 and cut2 = V0/V2, with the cut-off velocities V1 and V2 of
+the direct and the evolution effect; b2 = 0 with one state. The laws themselves are in `_core/rate_state.h`. `python -m
 benchmarks rate_state` compares the speed of the integrator with that of LSODA.
 """
 
@@ -19,12 +19,12 @@ CUT_OFF = 2
 
 
 def form_code(form: str, cut: float, cut2: float) -> int:
-    """Code of a form of the law, different with cut-off velocities."""
+    """Code of a form of the law, with or without cut-off velocities."""
     return CUT_OFF if cut > 0 or cut2 > 0 else FORMS[form]
 
 
 def friction(form: int, logs, surface) -> np.ndarray:
-    """Friction coefficient at rows of logarithms, for one surface or one for each row (N,)."""
+    """Friction coefficient for rows of logarithms (N,), with one surface or one per row."""
     return _evaluate(form, logs, surface, 0)
 
 
@@ -46,7 +46,7 @@ def _evaluate(form: int, logs, surface, order: int) -> np.ndarray:
     return out if order else out[:, 0]
 
 
-DONE = 0  # code of a complete history; the others are in the order of `ratestate.End`
+DONE = 0  # code of a complete history; other codes follow the order of `ratestate.End`
 
 
 class Slider(NamedTuple):
@@ -68,12 +68,12 @@ class Slider(NamedTuple):
     evolution: int
 
     def friction(self, logs) -> np.ndarray:
-        """Friction coefficient at rows of logarithms (N,)."""
+        """Friction coefficient for rows of logarithms (N,)."""
         return friction(self.form, logs, self[:6])
 
 
 def build_slider(values: dict, law: str, form: str) -> Slider:
-    """Slider with named values: a, b, b2, mu0, v1, v2, dc, dc2, v0, alpha, stiffness and damping."""
+    """Build a slider from named values: a, b, b2, mu0, v1, v2, dc, dc2, v0, alpha, stiffness and damping."""
     cuts = {"cut": values["v0"] / values["v1"], "cut2": values["v0"] / values["v2"]}
     codes = {"form": form_code(form, *cuts.values()), "evolution": EVOLUTIONS[law]}
     given = {name: values[name] for name in Slider._fields if name in values}
@@ -90,7 +90,7 @@ def history(slider: Slider, start, legs: np.ndarray, times: np.ndarray, toleranc
     Returns
     -------
     tuple
-        rows (N, 3), NaN after a failure; a code; the time reached. At the end of a leg, the values are those before the
+        rows (N, 3), NaN after a failure; a code; the time reached. At the end of a leg, values are those before the
         next leg begins.
     """
     out, reached = np.full((len(times), 3), np.nan), np.zeros(1)
@@ -103,7 +103,7 @@ def rates(slider: Slider, logs, velocity: float, normal: float) -> tuple[np.ndar
 
     Parameters
     ----------
-    velocity : of the load point
+    velocity : velocity of the load point
     normal : normal stress over its reference
     """
     out, jacobian = np.empty(3), np.empty((3, 3))
@@ -112,7 +112,7 @@ def rates(slider: Slider, logs, velocity: float, normal: float) -> tuple[np.ndar
 
 
 def state_history(start: float, duration, velocity, v0: float, dc: float, law: str) -> np.ndarray:
-    """Exact ln(V0 θ/D_c) at the ends of pieces of constant slip velocity, from its initial value."""
+    """Exact ln(V0 θ/D_c) at the ends of intervals of constant slip velocity, from its initial value."""
     duration, velocity = np.ascontiguousarray(duration, float), np.ascontiguousarray(velocity, float)
     out = np.empty(len(duration))
     core.state_history(EVOLUTIONS[law], start, len(out), duration, velocity, v0, dc, out)

@@ -1,4 +1,4 @@
-"""Load histories: legs of constant velocity and normal stress, stated or found in a displacement."""
+"""Load histories: legs of constant velocity and normal stress, stated or derived from a displacement."""
 
 import re
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ class LoadStep(NamedTuple):
 
 @checked
 def velocity_steps(velocities: Series, *, distance: float) -> tuple[LoadStep, ...]:
-    """Legs at successive velocities, each over the same load-point displacement.
+    """Legs at successive velocities with equal load-point displacements.
 
     Parameters
     ----------
     velocities : [length/time] (K,), positive
-    distance : [length] of each leg
+    distance : [length] displacement of each leg
 
     Examples
     --------
@@ -43,7 +43,7 @@ def velocity_steps(velocities: Series, *, distance: float) -> tuple[LoadStep, ..
 def slide_hold_slide(
     holds: Series, *, velocity: float, distance: float, reslide: float | None = None
 ) -> tuple[LoadStep, ...]:
-    """Legs of a slide-hold-slide test, which begins and ends with sliding.
+    """Legs of a slide-hold-slide test that begins and ends with sliding.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ def slide_hold_slide(
 def load_steps(
     time: Series, load_point: Series, normal: Series | None = None, *, roughness: float = 1e-3
 ) -> tuple[LoadStep, ...]:
-    """Legs of a measured load-point displacement, which is interpolated linearly between samples.
+    """Legs of a measured load-point displacement, interpolated linearly between samples.
 
-    Neighbouring intervals are merged into one leg as long as a straight line from its first sample passes all others to
-    within `roughness` times the median displacement between (moving) samples, so that a motor at constant velocity is
-    one leg.
+    Successive intervals are merged into one leg as long as a straight line from its first sample passes all others
+    within `roughness` times the median displacement between (moving) samples. A motor at constant velocity is thus one
+    leg.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def load_steps(
 
 
 def _end_of_line(time, place, factor, first: int, slack: float) -> int:
-    """Last sample that a straight line from sample `first` can reach within `slack` of every sample between them."""
+    """Last sample that a line from sample `first` can reach while staying within `slack` of every sample between."""
     low, high, last = -np.inf, np.inf, first + 1
     for k in range(first + 1, len(time)):
         span, rise = time[k] - time[first], place[k] - place[first]
@@ -145,30 +145,30 @@ def check_times(time) -> None:
         )
 
 
-CANDIDATES, SEARCHED = 400, 4000  # most trial times of a change of velocity, and most samples
-MOST, ROUNDS = 60, 40  # changes, and iterations of their times
-CERTAIN = 4.0  # gain in the sum of squares by a change, over σ² ln N; BIC requires 2, for white noise
+CANDIDATES, SEARCHED = 400, 4000  # largest numbers of trial times for a velocity change, and of samples
+MOST, ROUNDS = 60, 40  # largest numbers of changes, and of iterations of their times
+CERTAIN = 4.0  # required fall of the sum of squares per change, over σ² ln N; BIC requires 2, for white noise
 REST, EXACT = 4.0, 1e-9  # standard errors, and fraction of the largest velocity, below which a velocity counts as zero
-OFF, CLEARLY = 0.03, 6.0  # departure of a displacement from a stated leg: over its length, and over the noise
+OFF, CLEARLY = 0.03, 6.0  # departure from a stated leg that contradicts it, over its length and over the noise
 _LEG = re.compile(r"\s*(?:then\s+)?([-+.\deE]+)\s*([a-zµμ]*)(?:/(\w+))?\s*(?:until\s+([.\deE+-]+)\s*(\w*))?\s*")
 
 
 @readable
 class FoundSteps(NamedTuple):
-    """Steps of constant velocity that a noisy displacement contains."""
+    """Steps of constant velocity found in a noisy displacement."""
 
     legs: tuple[LoadStep, ...]
-    noise: float  # standard deviation of the displacement about them [length]
+    noise: float  # standard deviation of the displacement about these steps [length]
     sentence: str
 
 
 @checked
 def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
-    """Legs that the user states, as in "1e-6 until 120 s, then 1e-5"; the last ends with the record.
+    """Legs stated by the user, as in "1e-6 until 120 s, then 1e-5"; the last ends with the record.
 
     Parameters
     ----------
-    text : velocities of the load point, with a unit or in m/s, each except the last until a time of the record
+    text : load-point velocities, in m/s unless a unit is stated, each except the last until a time of the record
     time : (N,) times of the samples [s]
 
     Raises
@@ -212,9 +212,9 @@ def stated_steps(text: str, time: Series) -> tuple[LoadStep, ...]:
 def find_steps(time: Series, load_point: Series) -> FoundSteps:
     """Steps of constant velocity in a noisy displacement of the load point.
 
-    A continuous line of straight pieces is fitted by least squares; a change of velocity is added where it lowers the
-    sum of squares most, as long as the decrease is far larger than that due to noise. Then all times of change are
-    refined together. Velocities that are zero within their errors become holds.
+    A continuous, piecewise linear curve is fitted by least squares. Changes of velocity are added one by one where they
+    lower the sum of squares most, as long as the decrease is far larger than noise explains. All times of change are
+    then refined together. Velocities that are zero within their errors become holds.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def find_steps(time: Series, load_point: Series) -> FoundSteps:
 
 
 def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
-    """Legs as `stated_steps` reads them, on the clock of the samples."""
+    """Legs in the syntax of `stated_steps`, on the clock of the samples."""
     digits = max(0, 3 - int(np.floor(np.log10(np.median(np.diff(time))))))
     ends = time[0] + np.cumsum([leg.duration for leg in legs])[:-1]
     parts = [f"{leg.velocity:.6g} until {end:.{digits}f}" for leg, end in zip(legs, ends, strict=False)]
@@ -255,10 +255,10 @@ def steps_text(legs: Sequence[LoadStep], time: np.ndarray) -> str:
 
 
 def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray) -> str:
-    """Sentence on the stated leg that a measured displacement contradicts most; empty if it contradicts none.
+    """Sentence on the stated leg that a measured displacement contradicts most; empty if no leg is contradicted.
 
-    It does if the displacement within a leg departs from the stated line by more than 3 % of the way, and by more than
-    its noise.
+    A leg is contradicted if the displacement departs from the stated line by more than 3 % of the leg's length and by
+    more than its noise.
     """
     noise = float(np.sqrt(np.mean(np.diff(place, 2) ** 2) / 6)) if len(place) > 2 else 0.0
     start, worst, told = float(time[0]), OFF, ""
@@ -282,14 +282,14 @@ def contradiction(legs: Sequence[LoadStep], time: np.ndarray, place: np.ndarray)
 
 
 def _pieces(time: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Basis of continuous lines: the value at the start, and the time spent in each piece, (N, K + 2)."""
+    """Basis of piecewise linear curves: the value at the start, and the time spent in each piece (N, K + 2)."""
     edges = np.array([time[0], *changes, time[-1]])
     spent = [np.clip(time, low, high) - low for low, high in pairwise(edges)]
     return np.stack([np.ones(len(time)), *spent], axis=1)
 
 
 def _best_change(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> tuple[float, float]:
-    """Largest fall of the sum of squares by one more change of velocity, and its time."""
+    """Largest fall of the sum of squares due to one more change of velocity, and its time."""
     q, _ = np.linalg.qr(_pieces(time, changes))
     rest = place - q @ (q.T @ place)
     tried = time[np.unique(np.linspace(2, len(time) - 3, CANDIDATES).astype(int))]
@@ -301,7 +301,7 @@ def _best_change(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> tu
 
 
 def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, worth: float) -> np.ndarray:
-    """Changes of velocity without those that become unnecessary by shifting their neighbours."""
+    """Changes of velocity without those made unnecessary by shifting their neighbours."""
     while len(changes):
         fewer = [_refine(time, place, np.delete(changes, k)) for k in range(len(changes))]
         sums = [_misfit(time, place, rest) for rest in fewer]
@@ -313,18 +313,18 @@ def _without_needless(time: np.ndarray, place: np.ndarray, changes: np.ndarray, 
 
 
 def _misfit(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> float:
-    """Sum of squares about the best line with given times of change."""
+    """Sum of squares about the best curve with given times of change."""
     basis = _pieces(time, changes)
     basis /= np.abs(basis).max(axis=0)
-    square = np.einsum("ni,nj->ij", basis, basis)  # for so few columns, a QR decomposition takes many times longer
+    square = np.einsum("ni,nj->ij", basis, basis)  # for this few columns, QR decomposition takes many times longer
     rest = place - basis @ np.linalg.solve(square, np.einsum("ni,n->i", basis, place))
     return float(rest @ rest)
 
 
 def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Times of change at which the lines of neighbouring pieces meet, each fitted to its own samples.
+    """Times of change at which the lines fitted to neighbouring pieces meet.
 
-    They have the same limiting distribution as those of the best continuous line (Feder, doi:10.1214/aos/1176342999).
+    They have the same limiting distribution as those of the best continuous curve (Feder, doi:10.1214/aos/1176342999).
     """
     for _ in range(ROUNDS if len(changes) else 0):
         edges = np.array([time[0], *changes, time[-1]])
@@ -346,7 +346,7 @@ def _refine(time: np.ndarray, place: np.ndarray, changes: np.ndarray) -> np.ndar
 
 
 def with_normal(legs: tuple[LoadStep, ...], time: np.ndarray, factor: np.ndarray) -> tuple[LoadStep, ...]:
-    """Legs that are cut where the normal stress changes, which is held from each sample to the next.
+    """Legs, cut where the normal stress changes; it is held from each sample to the next.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Data for fits, model friction for given parameters, and noise: autoregressive models, whitening filters, spikes."""
+"""Data for fits, model friction, and noise: autoregressive models, whitening filters, spikes."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -30,7 +30,7 @@ NAMES = (
     "drift",
 )
 FIT = ("a", "b", "dc", "mu0")  # free unless fixed
-# one state, no cut-off velocities, and a linear trend
+# defaults: one state, no cut-off velocities, and a linear trend
 PLAIN = {"b2": 0.0, "dc2": 1.0, "v1": np.inf, "v2": np.inf, "trend_length": np.inf}
 DEFAULTS = {"damping": 0.0, "alpha": 0.0, "theta": 1.0, "trend": 0.0, "drift": 0.0, **PLAIN}
 LINEAR = ("mu0", "trend", "drift")
@@ -46,10 +46,10 @@ class Data(NamedTuple):
     friction: np.ndarray  # (N,)
     legs: (
         list[LoadStep] | tuple[LoadStep, ...]
-    ) = ()  # of the load point, see `LoadStep`; it pulls the surface through the spring
-    velocity: np.ndarray | None = None  # (N,) measured slip velocity, positive; instead of legs [length/time]
+    ) = ()  # legs of the load point, which pulls the slider through the spring, see `LoadStep`
+    velocity: np.ndarray | None = None  # (N,) measured, positive slip velocity instead of legs [length/time]
     sigma: np.ndarray | None = None  # (N,) relative size of the noise; None if it is uniform
-    before: float | None = None  # slip velocity before the start; None for that of the first leg [length/time]
+    before: float | None = None  # slip velocity before the start; None: that of the first leg [length/time]
 
     check_entries = check_types
 
@@ -59,7 +59,7 @@ class Prepared(NamedTuple):
 
     time: np.ndarray
     friction: np.ndarray
-    place: np.ndarray  # displacement of the load point (or slip), for the trend
+    place: np.ndarray  # displacement of the load point (or slip) that multiplies the trend
     legs: np.ndarray | None  # (3, L), see `leg_arrays`
     velocity: np.ndarray | None
     sigma: np.ndarray
@@ -80,7 +80,7 @@ def prepare(data: Data, windows=None) -> Prepared:
 
     Parameters
     ----------
-    windows : pairs of times; only samples within one of them are fitted. None for all
+    windows : pairs of times; only samples within one of them are fitted. None: all samples
     """
     time, friction = np.asarray(data.time, float), np.asarray(data.friction, float)
     check_times(time)
@@ -164,7 +164,7 @@ def linear_column(case: Prepared, name: str) -> np.ndarray:
 
 
 def _worn(place: np.ndarray, length: float) -> np.ndarray:
-    """Displacement that a trend counts: all of it, or L (1 − exp(−x/L)), as while a surface wears in."""
+    """Displacement that multiplies a trend: x, or L (1 − exp(−x/L)), as while a surface wears in."""
     return place if np.isinf(length) else -length * np.expm1(-place / length)
 
 
@@ -173,7 +173,7 @@ WHITE = (np.zeros(0), np.zeros((0, 0)))
 
 
 def autocovariance(pieces, lags: int) -> np.ndarray:
-    """γ_l = Σ r_i r_{i+l} / N over pieces of a series, (lags + 1,); the biased form, which is positive definite."""
+    """Autocovariance γ_l = Σ r_i r_{i+l} / N over pieces of a series (lags + 1,), biased and thus positive definite."""
     total = sum(len(r) for r in pieces)
     return (
         np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in pieces if len(r) > k) for k in range(lags + 1)]) / total
@@ -181,22 +181,22 @@ def autocovariance(pieces, lags: int) -> np.ndarray:
 
 
 def autoregression(pieces, most: int = MOST, *, taken=()) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, with order selected by BIC, and the head of the whitening filter.
+    """Coefficients φ of r_i = Σ φ_m r_{i−m} + e_i, of an order selected by BIC, and the head of the whitening filter.
 
-    Uses Levinson's recursion on the autocovariance (Yule and Walker). Noise absorbed by a fit is added: residuals of
-    generalised least squares have the covariance Σ − J C Jᵀ, where C is that of the parameters, so the noise looks
-    less correlated than it is.
+    The Yule–Walker equations are solved by Levinson's recursion on the autocovariance. Noise absorbed by a fit is
+    added: residuals of generalised least squares have the covariance Σ − J C Jᵀ, with C that of the parameters, so that
+    noise appears less correlated than it is.
 
     Parameters
     ----------
     pieces : residuals without gaps, each (n_i,)
-    taken : columns g, each in the same pieces, with Σ_k g_k g_kᵀ = J C Jᵀ; empty if the pieces are the noise itself
+    taken : columns g, cut into the same pieces, with Σ_k g_k g_kᵀ = J C Jᵀ; empty if the pieces are the noise itself
 
     Returns
     -------
     φ : (p,)
-    head : (p, p) lower triangular matrix that whitens the first p values: L⁻¹, with LLᵀ their covariance over the
-        variance of e
+    head : (p, p) lower triangular matrix L⁻¹ that whitens the first p values; LLᵀ is their covariance over the variance
+        of e
     """
     total = sum(len(r) for r in pieces)
     lags = min(most, max(total // 20, 0))
@@ -241,7 +241,7 @@ def whitened(rows, noise, pieces) -> np.ndarray:
 
 
 def effective_samples(noise, total: int) -> float:
-    """Number of independent samples that carry the same information about a mean as `total` samples with this noise."""
+    """Number of independent samples that determine a mean as well as `total` samples with this noise do."""
     phi, head = noise
     if len(phi) == 0:
         return float(total)
@@ -255,22 +255,22 @@ def log_head_volume(noise, pieces) -> float:
     return sum(float(logs[min(len(phi), piece.stop - piece.start) - 1]) for piece in pieces) if len(phi) else 0.0
 
 
-AROUND = 7  # samples of the running median with which each sample is compared
-FAR = 6.0  # standard deviations beyond which a sample is a spike, as is one Gaussian sample in 5e8
-MOST_SPIKES = 0.02  # largest fraction of spikes; more of them are noise with long tails
-LEAST_NOISE = 1e-6  # over the scatter of friction, below which a record has no noise but round-off
+AROUND = 7  # samples in the running median with which each sample is compared
+FAR = 6.0  # standard deviations beyond which a sample is a spike (one Gaussian sample in 5e8)
+MOST_SPIKES = 0.02  # largest fraction of spikes; more are long-tailed noise
+LEAST_NOISE = 1e-6  # noise over scatter of friction, below which a record has only round-off
 TO_DEVIATION = 1.4826  # standard deviation of Gaussian noise over its median absolute deviation
 SPREAD = np.sqrt(70.0)  # standard deviation of the fourth difference of white noise over its own
 ABRUPT, STEP = 0.5, 1e-2  # relative changes of the velocity and of the normal stress after which friction may peak
-BEFORE, AFTER = -1, 3  # number of samples next to such a change that cannot be spikes
+BEFORE, AFTER = -1, 3  # range of samples around such a change that cannot be spikes
 
 
 def find_spikes(case: Prepared) -> np.ndarray:
-    """Indices of the samples that are spikes, from the record alone and therefore the same for every law.
+    """Indices of samples that are spikes, found from the record alone and therefore the same for every law.
 
-    The distance of a spike from the median of its neighbours exceeds six standard deviations of the noise, and the
-    change of this median around it, so that neither a resolved peak nor a stress drop counts. At an abrupt change of
-    the load no sample is, because it may be the peak of the response.
+    The distance of a spike from the median of its neighbours exceeds both six standard deviations of the noise and the
+    change of this median around it, so that neither a resolved peak nor a stress drop counts. No sample at an abrupt
+    load change counts as a spike, because it may be the peak of the response.
     """
     middle = _middle(case)
     apart = np.abs(case.friction - middle)
@@ -283,23 +283,23 @@ def find_spikes(case: Prepared) -> np.ndarray:
 
 
 def noise_level(cases: list[Prepared]) -> float:
-    """Standard deviation of the noise between neighbouring samples over `sigma`, from fourth differences of friction.
+    """Noise between neighbouring samples: its standard deviation over `sigma`, from fourth differences of friction.
 
-    These vanish for smooth signals. It refers to the part of the noise that changes from sample to sample, which is
-    smaller for correlated noise.
+    Fourth differences vanish for smooth signals. They show the part of the noise that changes from sample to sample,
+    which is smaller for correlated noise.
     """
     runs = [(case.friction / case.sigma)[case.used][run] for case in cases for run in case.pieces]
     fourth = np.abs(np.concatenate([np.diff(run, 4) for run in runs]))
     if not len(fourth):
         return 0.0
     values = np.unique(np.concatenate(runs))
-    digit = np.diff(values).min(initial=np.inf) / np.sqrt(12.0)  # of numbers with few digits
+    digit = np.diff(values).min(initial=np.inf) / np.sqrt(12.0)  # rounding error of numbers with few digits
     size = max(TO_DEVIATION * float(np.median(fourth)) / SPREAD, digit if np.isfinite(digit) else 0.0)
     return max(size, LEAST_NOISE * float(np.std(np.concatenate(runs))))
 
 
 def _middle(case: Prepared) -> np.ndarray:
-    """Running median of friction within runs of samples that are fitted; friction itself elsewhere."""
+    """Running median of friction within runs of fitted samples; friction itself elsewhere."""
     out = case.friction.copy()
     rows = np.flatnonzero(case.used)
     for run in case.pieces:
@@ -308,7 +308,7 @@ def _middle(case: Prepared) -> np.ndarray:
 
 
 def _load_changes(case: Prepared) -> np.ndarray:
-    """Mask of samples at, or just after, an abrupt change of the load, where a peak may be as narrow."""
+    """Mask of samples at or just after an abrupt load change, where a true peak may be as narrow as a spike."""
     out = np.zeros(len(case.time), bool)
     if case.legs is None:
         first = np.flatnonzero(_abrupt(case.velocity)) + 1
@@ -322,13 +322,13 @@ def _load_changes(case: Prepared) -> np.ndarray:
 
 
 def _abrupt(velocity: np.ndarray) -> np.ndarray:
-    """Mask of velocities that differ much from the previous one."""
+    """Mask of velocities that differ strongly from the previous one."""
     size = np.abs(velocity)
     return np.abs(np.diff(velocity)) > ABRUPT * np.maximum(size[1:], size[:-1])
 
 
 def without(used: np.ndarray, spikes: np.ndarray) -> np.ndarray:
-    """Mask of the samples that are fitted, without spikes."""
+    """Mask of the fitted samples, without spikes."""
     kept = used.copy()
     kept[spikes] = False
     return kept

@@ -1,6 +1,6 @@
-"""Comparison of two fits to the same data, and remedies for fits that describe a record badly.
+"""Comparison of two fits to the same data, and remedies for poor fits.
 
-Remedies, such as a missing trend or a stiffness in another unit, are tested by a second fit of the record.
+Possible causes, such as a missing trend or a stiffness in another unit, are tested by fitting the record again.
 """
 
 from typing import NamedTuple
@@ -29,12 +29,11 @@ class LawComparison(NamedTuple):
 
 @checked
 def compare_laws(first: Fit, second: Fit) -> LawComparison:
-    """Test whether the data discriminate between two fits.
+    """Test if the data discriminate between two fits.
 
-    ΔAIC shows which fit is closer to the data. The laws are not nested and both may be wrong, so the difference must
-    also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference in log-likelihood per sample
-    (doi:10.2307/1912557). A preference requires ΔAIC ≥ 6 and |z| ≥ 1.96, and that the better fit describes the record
-    (`Fit.adequate`).
+    ΔAIC shows which fit is closer to the data. Because the laws are not nested and both may be wrong, the difference
+    must also exceed its own scatter: Vuong's z = Σ d/(√N s_d), with d the difference in log-likelihood per sample
+    (doi:10.2307/1912557). A fit is preferred if ΔAIC ≥ 6, |z| ≥ 1.96, and it describes the record (`Fit.adequate`).
 
     Raises
     ------
@@ -72,39 +71,39 @@ def compare_laws(first: Fit, second: Fit) -> LawComparison:
     )
 
 
-LEAST_FALL = 0.05  # fraction of the residuals below which a trend changes little
-SURE = 16.0  # χ² of the trends, four standard errors for one of them
-STEEP = 3.0  # ratio of a stiffness to the steepest rise of friction, either way, beyond which both are compared closely
-FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses beyond which they contradict each other, without and with an interval
-CLEAR = 2.0  # half widths of the 95 % interval beyond which a stiffness contradicts an adequate fit
-NEAR = 1.3  # ratio within which a unit explains a stiffness
+LEAST_FALL = 0.05  # relative fall of the residuals below which a trend matters little
+SURE = 16.0  # χ² of the trends: four standard errors for a single trend
+STEEP = 3.0  # ratio of stiffness to steepest rise of friction, or its inverse, beyond which the record is fitted again
+FAR, SURELY = 2.0, 1.1  # ratio of stiffnesses that contradict each other, without and with an interval
+CLEAR = 2.0  # distance in half widths of the 95 % interval at which a stiffness contradicts an adequate fit
+NEAR = 1.3  # largest ratio at which a unit still explains a stiffness
 BY_LENGTH = {"1/cm": 1e2, "1/mm": 1e3, "1/um": 1e6}  # in 1/m
 BY_STRESS = {"Pa/m": 1.0, "kPa/m": 1e3, "MPa/m": 1e6, "GPa/m": 1e9}  # in Pa/m; GPa/m = MPa/mm
-NORMAL = 1e4, 1e9  # normal stresses in laboratories [Pa]
-USUAL = 1e7  # [Pa]
+NORMAL = 1e4, 1e9  # range of normal stress in laboratories [Pa]
+USUAL = 1e7  # usual normal stress [Pa]
 PLAUSIBLE = 0.03, 3.0  # friction of faults
 
 
 class Gain(NamedTuple):
-    """Effect of an additional parameter for each record on a fit without it."""
+    """Effect of an additional parameter per record on a fit."""
 
-    values: tuple[float, ...]  # of the parameter, one for each record
-    shifts: dict[str, float]  # change of each other parameter, relative if it is positive
-    before: float  # root mean square of the residuals, without and with the parameter
+    values: tuple[float, ...]  # values of the parameter, one per record
+    shifts: dict[str, float]  # change of each other parameter, relative for positive parameters
+    before: float  # root mean square of the residuals without the parameter, and below with it
     after: float
-    helps: bool  # True if the residuals fall noticeably, and by more than noise explains
+    helps: bool  # True if the residuals fall noticeably and by more than noise explains
 
     @property
     def fall(self) -> float:
-        """Share by which the residuals fall."""
+        """Relative fall of the residuals."""
         return 1 - self.after / self.before
 
 
 def gain_by(name: str, solution: Solution) -> Gain:
-    """Fit an additional parameter of each record: "trend", or "theta" if it did not start in steady state.
+    """Fit an additional parameter of each record: "trend", or "theta" for a start away from steady state.
 
-    The fall of the sum of squares is compared with the number of independent samples in the residuals that remain, so
-    that slow noise is not mistaken for a trend.
+    The fall of the sum of squares is weighed by the number of independent samples in the remaining residuals, so that
+    slow noise is not mistaken for a trend.
     """
     task, start = solution.task, solution.x
     before = residual(task, start)
@@ -129,15 +128,15 @@ def gain_by(name: str, solution: Solution) -> Gain:
 
 
 class StiffnessDoubt(NamedTuple):
-    """A given stiffness that contradicts the record, and the unit that it may have."""
+    """A given stiffness that contradicts the record, and its probable unit."""
 
     given: float  # [1/m]
-    shown: float  # by the record, from a fit with the stiffness free [1/m]
+    shown: float  # stiffness that the record shows, from a fit with the stiffness free [1/m]
     interval: tuple[float, float]  # 95 %; NaN if unknown
-    unit: str  # a likelier unit of the given number; "" if none is known
-    value: float  # that number converted from it [1/m]
-    friction: float = np.nan  # median of the record
-    normal: float = np.nan  # normal stress with which `unit` would be right, if none was recorded [Pa]
+    unit: str  # likelier unit of the given number; "" if unknown
+    value: float  # the given number converted from that unit [1/m]
+    friction: float = np.nan  # median friction of the record
+    normal: float = np.nan  # normal stress for which `unit` would be right, if none was recorded [Pa]
 
     def __str__(self) -> str:
         low, high = self.interval
@@ -157,7 +156,7 @@ class StiffnessDoubt(NamedTuple):
         )
 
     def other_columns(self) -> str:
-        """Units of columns that explain the contradiction as well: a stiffness is friction over displacement."""
+        """Other explanations: as stiffness is friction over displacement, a column may have a wrong unit."""
         power = float(np.log10(self.shown / self.given))
         if round(power) == 0 or abs(power - round(power)) > np.log10(NEAR):
             return ""
@@ -172,11 +171,11 @@ class StiffnessDoubt(NamedTuple):
 
 
 def stiffness_doubt(data: Data, solution: Solution, normal: float | None = None) -> StiffnessDoubt | None:
-    """Compare a fixed stiffness with the record; None if they agree, or if the record does not show it.
+    """Compare a fixed stiffness with the record; None if they agree or the record does not determine it.
 
-    Friction rises with the displacement of the load point by at most k (1 − V/V_l), which is k after a hold or a large
-    step. If the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with
-    the stiffness free.
+    Per load-point displacement, friction rises by at most k (1 − V/V_l), which is k after a hold or a large step. If
+    the steepest rise is far from k, or the fit does not describe the record, the record is fitted again with the
+    stiffness free.
 
     Parameters
     ----------
@@ -216,14 +215,14 @@ def _is_near(value: float, other: float, ratio: float) -> bool:
 
 
 def _steepest_rise(case: Prepared) -> float:
-    """Steepest rise of friction over load-point displacement, over five samples to suppress noise."""
+    """Steepest rise of friction with load-point displacement, over five samples to suppress noise."""
     run, rise = case.place[4:] - case.place[:-4], case.friction[4:] - case.friction[:-4]
     slopes = rise[run > 0] / run[run > 0]
     return max(float(np.quantile(slopes, 0.98)), 1e-12) if len(slopes) else 1.0
 
 
 def _likelier_unit(given: float, shown: float, normal: float | None) -> tuple[str, float, float]:
-    """Unit in which the given number agrees with the record, its value [1/m], and the required normal stress."""
+    """Unit with which the given number agrees with the record, its value [1/m], and the normal stress required."""
     known = dict(BY_LENGTH) | ({} if normal is None else {unit: size / normal for unit, size in BY_STRESS.items()})
     unit = min(known, key=lambda symbol: abs(np.log(given * known[symbol] / shown)))
     if _is_near(given * known[unit], shown, NEAR):

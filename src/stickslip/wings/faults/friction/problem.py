@@ -9,12 +9,10 @@ from scipy.optimize import least_squares
 from ....kit import Report, silent, within
 from .model import DEFAULTS, LINEAR, LOGARITHMIC, PLAIN, WHITE, Prepared, linear_column, model_friction, whitened
 
-SEARCHED, FOUND = 0.5, 0.9  # fractions of the work after which guesses, and the best minimum, are found
-SINGULAR = (
-    1e-5  # singular value of the scaled Jacobian, over the largest, below which it is an error of finite differences
-)
-WIDEST = np.log(10.0)  # half width of the interval of a logarithm above which its parameter is not determined
-PART = 0.25  # component of a parameter in a direction, over the largest, above which it is named
+SEARCHED, FOUND = 0.5, 0.9  # fractions of the work after which the guesses and the best minimum are found
+SINGULAR = 1e-5  # relative singular value of the scaled Jacobian below which it is a finite-difference error
+WIDEST = np.log(10.0)  # half width of a logarithm's interval above which the parameter is not determined
+PART = 0.25  # relative component in a direction above which a parameter is named
 
 
 class Estimates(NamedTuple):
@@ -31,11 +29,11 @@ class Estimates(NamedTuple):
 
 
 def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (JᵀJ)⁻¹ from singular values, and the parameters involved in directions that do not change the model.
+    """Covariance (JᵀJ)⁻¹ from singular values, and the parameters in directions that do not change the model.
 
     Parameters
     ----------
-    jacobian : (N, m) of filtered residuals over their size
+    jacobian : (N, m) Jacobian of the filtered residuals over their size
     """
     size = np.linalg.norm(jacobian, axis=0)
     size = np.maximum(size, SINGULAR**2 * max(size.max(), 1e-300))
@@ -48,10 +46,10 @@ def covariance(jacobian) -> tuple[np.ndarray, np.ndarray]:
 
 
 def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Estimates:
-    """Values with intervals and identifiability.
+    """Estimate values with intervals and identifiability.
 
-    A parameter is not determined if it is involved in a direction that does not change the model, if the 95 % interval
-    of its logarithm is wider than a factor of 10 either way, or if values far beyond that interval fit equally well.
+    A parameter is not determined if it contributes to a direction that does not change the model, if the 95 % interval
+    of its logarithm extends beyond a factor of 10, or if values far beyond that interval fit equally well.
 
     Parameters
     ----------
@@ -81,7 +79,7 @@ def estimate(inner, blind, x, names, logs, reach: float, open_sides: dict) -> Es
 
 
 def without_intervals(estimates: Estimates, reason: str) -> Estimates:
-    """Return the same values without errors and intervals, which are unknown if the noise is unknown."""
+    """Return the same values without errors and intervals, for unknown noise."""
     nothing = dict.fromkeys(estimates.errors, np.nan)
     sentence = reason if estimates.identifiable else f"{reason}; {estimates.sentence.partition(':')[0]}"
     return estimates._replace(
@@ -91,7 +89,7 @@ def without_intervals(estimates: Estimates, reason: str) -> Estimates:
 
 
 def difference(names, raw, full, reach: float) -> tuple[float, float]:
-    """a − b of the free parameters (a fixed one counts as 0), and the half width of its interval."""
+    """Difference a − b of the free parameters (a fixed one counts as 0), and the half width of its interval."""
     weights = np.array([{"a": 1.0, "b": -1.0}.get(name, 0.0) for name in names])
     return float(weights @ raw), reach * float(np.sqrt(max(weights @ full @ weights, 0.0)))
 
@@ -119,12 +117,12 @@ def _sentence(names, unknown, inner, open_sides: dict, gap) -> str:
 
 RATIOS = (0.5, 0.8, 1.25, 2.0)  # b/a
 SIZES = (0.3, 1.0, 3.0)  # a over the estimate from the record's range
-LENGTHS = 9  # number of values of D_c from 1/300 of the length of a leg up to that length
-BEYOND = 10.0  # one more D_c over that length, for a state that hardly evolves
+LENGTHS = 9  # number of D_c values between 1/300 of a leg's length and its length
+BEYOND = 10.0  # another D_c over that length, for a state that hardly evolves
 STIFFNESSES = (0.6, 1.5, 4.0)  # stiffness over the steepest slope of the record
 SECOND = (10.0, 0.1)  # D_c of a second state over that of the first
 SHARE = 0.3  # fraction of a second state in the evolution effect
-FAST = 10.0  # cut-off velocities over the greatest velocity
+FAST = 10.0  # cut-off velocities over the largest velocity
 BEST = 5  # number of guesses that are returned
 
 
@@ -152,7 +150,7 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict, report: 
 
 
 def extended_guesses(guess: dict, cases: list[Prepared], free) -> list[dict]:
-    """Guesses for further parameters: a second state with a longer or a shorter D_c, and high cut-off velocities."""
+    """Guesses for further parameters: a second state with a longer or shorter D_c, and high cut-off velocities."""
     fastest = max(float(np.abs(case.velocity if case.legs is None else case.legs[1]).max()) for case in cases)
     more = {name: FAST * fastest for name in ("v1", "v2") if name in free}
     if "trend_length" in free:
@@ -232,16 +230,16 @@ def _steepest_slope(cases) -> float:
     return max(float(np.median(steepest)), 1e-12)
 
 
-BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # before the coarse search
+BLANK = {"a": 1.0, "b": 0.0, "dc": 1.0, "mu0": 0.0, "stiffness": 1.0, **DEFAULTS}  # values before the coarse search
 STEP = 1e-5  # step of logarithms for finite differences; the model is accurate to 1e-9
 RUNAWAY_RESIDUAL = 1e3  # residual over the record's scatter if the slider runs away
-SAME = 1e-4  # relative difference of sums of squares within one minimum
+SAME = 1e-4  # relative difference of sums of squares that belong to the same minimum
 MAX_SHIFT = 7.0  # largest change of a logarithm from its initial guess: a factor of a thousand
-WIDE = 0.3  # half width of the interval of a logarithm above which its ends are checked
+WIDE = 0.3  # half width of a logarithm's interval above which its ends are checked
 
 
 class Task(NamedTuple):
-    """A fit: records, law, and the mapping from the vector x to the parameters of each record."""
+    """Task of a fit: records, law, and the mapping from the vector x to the parameters of each record."""
 
     cases: list[Prepared]
     law: str
@@ -275,9 +273,9 @@ def residual(task: Task, x) -> np.ndarray:
 
 
 def jacobian(task: Task, x, *, central: bool = False) -> np.ndarray:
-    """Jacobian d residual/dx: exact for trend and drift, else by finite differences.
+    """Jacobian d residual/dx: exact for trend and drift, by finite differences otherwise.
 
-    It is also exact for μ0 at constant normal stress, of which friction in the logarithmic form is a linear function.
+    It is also exact for μ0 at constant normal stress in the logarithmic form, where friction is linear in μ0.
     """
     base = None if central else residual(task, x)
     out = np.zeros((sum(int(c.used.sum()) for c in task.cases), len(x)))
@@ -347,7 +345,7 @@ def solve(task: Task, x, filters, most: int = 60, held: int | None = None, close
 
 
 def describe(task: Task, x, rest) -> str:
-    """Misfit, the root mean square of the residuals, and the first parameters, for progress."""
+    """Progress text: misfit (root mean square of the residuals) and the first parameters."""
     values = parameters_of(task, x, 0)
     shown = (f"{name} {values[name]:.3g}" for name in ("a", "b", "dc", "stiffness") if name in task.slots[0])
     return ", ".join((f"misfit {np.sqrt(np.mean(rest**2)):.2e}", *shown))
@@ -372,7 +370,7 @@ def find_best(task: Task) -> tuple[np.ndarray, int]:
         again = any(abs(solved.cost - cost) < SAME * cost for cost, _ in minima)
         minima.append((solved.cost, solved.x))
         if again and solved.cost <= min(cost for cost, _ in minima) * (1 + SAME):
-            break  # two guesses led to the best minimum
+            break  # two guesses have led to the best minimum
     if not minima:
         raise RuntimeError("the slider runs away for all parameters tried: give the damping, or the stiffness")
     x = min(minima, key=lambda minimum: minimum[0])[1]
@@ -391,7 +389,7 @@ def _start_vector(task: Task, start: dict, free) -> np.ndarray:
 
 
 def with_states_in_order(task: Task, x) -> np.ndarray:
-    """Return x with D_c < D_c2, if both states are free and can be exchanged."""
+    """Return x with D_c < D_c2 if both states are free and can be exchanged."""
     pairs = (("b", "b2"), ("dc", "dc2"))
     if not {name for pair in pairs for name in pair} <= set(task.names):
         return x
@@ -405,8 +403,8 @@ def with_states_in_order(task: Task, x) -> np.ndarray:
 def find_open_sides(task: Task, x, filters, worst: float, half) -> dict:
     """Find unbounded sides of wide intervals, where distant values fit equally well after refitting other parameters.
 
-    Intervals follow from derivatives at the best point. As k → ∞, for example, the derivatives vanish while the sum of
-    squares stays finite.
+    Intervals derived from derivatives at the best point miss these: as k → ∞, for example, the derivatives vanish while
+    the sum of squares stays finite.
     """
     out, runs = {}, pieces(task)
     cost = float(np.sum(whitened(residual(task, x), filters, runs) ** 2))

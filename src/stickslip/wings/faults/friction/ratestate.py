@@ -16,7 +16,7 @@ from . import laws
 from .laws import EVOLUTIONS, FORMS
 from .loads import LoadStep, check_times, leg_arrays, slide_hold_slide
 
-EARLY, POINTS = 1e-5, 60  # default times of a leg: first fraction of it, and number on a logarithmic and a linear grid
+EARLY, POINTS = 1e-5, 60  # default times of a leg: first, as a fraction, and number on each grid (logarithmic, linear)
 
 
 @readable
@@ -27,11 +27,11 @@ class RateState(NamedTuple):
     stress σ changes, −(α/b) θ σ'/σ is added to both (Linker and Dieterich 1992, doi:10.1029/92JB00017).
 
     With b2, the term b2 ln(V0 θ2/D_c2) of a second state with the same evolution law is added (Ruina 1983; Gu et al.
-    1984, doi:10.1016/0022-5096(84)90007-3), and changes of σ act on both states, with α/(b + b2). With cut-off
-    velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2), so that the
-    direct effect ends above V1 and the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The
-    regularized form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith
-    2001, doi:10.1016/S0022-5096(01)00042-4).
+    1984, doi:10.1016/0022-5096(84)90007-3); changes of σ then act on both states, with α/(b + b2). With cut-off
+    velocities, a ln(V/V0) becomes −a ln(V0/V + V0/V1) and b ln(V0 θ/D_c) becomes b ln(V0 θ/D_c + V0/V2): the direct
+    effect ends above V1 and the evolution effect above V2 (Okubo 1989, doi:10.1029/JB094iB09p12321). The regularized
+    form is a arcsinh[V/(2 V0) exp((μ0 + b ln(V0 θ/D_c))/a)], which is 0 at rest (Rice, Lapusta and Ranjith 2001,
+    doi:10.1016/S0022-5096(01)00042-4).
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Spring(NamedTuple):
 
 
 class End(Enum):
-    """Reason why a history ended; each member is a sentence."""
+    """Reason for the end of a history; each member is a sentence."""
 
     DONE = "the history reached its end"
     RUNAWAY = "slip ran away, as it does below the critical stiffness: use a stiffer spring, or damping > 0"
@@ -82,7 +82,7 @@ class SlipHistory(NamedTuple):
     slip: np.ndarray  # [length]
     velocity: np.ndarray  # slip velocity [length/time]
     theta: np.ndarray  # [time]
-    friction: np.ndarray  # μ(V, θ); the spring force over n is this + η V/n [1]
+    friction: np.ndarray  # μ(V, θ); the spring force over n is μ + η V/n [1]
     normal: np.ndarray  # normal stress over its reference; at a jump, the value before it
     end: End = End.DONE
     reached: float = 0.0  # time at which the history ended
@@ -129,16 +129,16 @@ def spring_slider(
 ) -> SlipHistory:
     """History of a slider pulled by a spring.
 
-    (n A + η V) d ln V/dt = k (V_lp − V) − n B d ln θ/dt, with A = ∂μ/∂ln V and B = ∂μ/∂ln θ, which are a and b in the
-    usual law, and θ' given by the law. ln V and ln θ are integrated with a stiff method that restarts at every leg.
-    With η = 0, the motion is quasi-static, and slip may run away below the critical stiffness.
+    (n A + η V) d ln V/dt = k (V_lp − V) − n B d ln θ/dt, with θ' given by the law, A = ∂μ/∂ln V and B = ∂μ/∂ln θ, which
+    are a and b in the usual law. ln V and ln θ are integrated with a stiff method that restarts at every leg. With η =
+    0, the motion is quasi-static, and slip may run away below the critical stiffness.
 
     Parameters
     ----------
-    legs : of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
+    legs : legs of the load point, see `LoadStep`, `velocity_steps`, `slide_hold_slide` and `load_steps`
     times : (N,) ascending, within the legs; default: about 120 per leg, denser at its start [time]
     before : initial slip velocity; default: that of the first leg [length/time]
-    theta : initial state; default: the steady state D_c/V. A second state starts in the same ratio to its steady state
+    theta : initial state; default: the steady state D_c/V. A second state starts at the same ratio to its steady value
         [time]
     tolerance : error of ln V and ln θ in each step
 
@@ -179,7 +179,7 @@ def spring_slider(
 
 
 def slider_of(rs: RateState, spring: Spring) -> laws.Slider:
-    """Slider with a surface and a spring."""
+    """Build the slider of a surface and a spring."""
     return laws.build_slider({**rs._asdict(), **spring._asdict()}, rs.law, rs.form)
 
 
@@ -192,9 +192,9 @@ def check_spring(spring: Spring) -> None:
 
 
 def _build_history(rs, spring, time, place, out, normal) -> SlipHistory:
-    """Compute all columns from w, ln(V0 θ/D_c) and ln(V0 θ2/D_c2), whose first row is that of the start.
+    """Compute all columns from rows of w, ln(V0 θ/D_c) and ln(V0 θ2/D_c2), the first of which is the start.
 
-    Slip follows from the balance of spring and friction.
+    Slip follows from the balance of spring force and friction.
     """
     velocity, friction = rs.v0 * np.exp(out[:, 0]), slider_of(rs, spring).friction(out)
     force = normal[0] * friction[0] + spring.damping * velocity[0]
@@ -225,18 +225,18 @@ def _default_times(duration, ends) -> np.ndarray:
 
 @checked
 def prescribed(rs: RateState, time: Series, velocity: Series, *, theta: float | None = None) -> SlipHistory:
-    """Friction of a surface with prescribed, piecewise constant slip velocity.
+    """Friction of a surface under prescribed, piecewise constant slip velocity.
 
     Exact for each piece of constant V: aging law θ = D_c/V + (θ₀ − D_c/V) e^{−Vt/D_c}, or θ₀ + t for V = 0; slip law
-    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction of the logarithmic form is −∞ and returned as NaN,
-    and that of the regularized form is 0.
+    ln(Vθ/D_c) ∝ e^{−Vt/D_c}, or θ = θ₀ for V = 0. At rest, friction is −∞ in the logarithmic form, returned as NaN, and
+    0 in the regularized form.
 
     Parameters
     ----------
     time : (N + 1,) edges of the pieces, increasing [time]
     velocity : (N,) velocity of each piece, not negative [length/time]
-    theta : state at time[0]; default: the steady state of the first piece. A second state starts in the same ratio to
-        its steady state
+    theta : state at time[0]; default: the steady state of the first piece. A second state starts at the same ratio to
+        its steady value
 
     Returns
     -------
@@ -299,15 +299,15 @@ def steady_friction(rs: RateState, velocity):
 
 
 def stiff_step(rs: RateState, old: float, new: float, slip):
-    """Friction at slip x ≥ 0 after a step in slip velocity from V1 to V2, as with an infinitely stiff spring.
+    """Friction at slip x ≥ 0 after a step of slip velocity from V1 to V2, as with an infinitely stiff spring.
 
     Slip law: μ_ss(V2) + b ln(V2/V1) e^{−x/D_c}. Aging law: μ_ss(V2) + b ln[1 + (V2/V1 − 1) e^{−x/D_c}]. Both start at
-    μ_ss(V1) + a ln(V2/V1). In other forms, friction is that of the states, which relax in the same way.
+    μ_ss(V1) + a ln(V2/V1). In other forms the states relax in the same way, and friction follows from them.
 
     Parameters
     ----------
     old, new : velocities V1 and V2 [length/time]
-    slip : since the step [length]
+    slip : slip since the step [length]
     """
     if rs.form == "regularized" or not np.isinf(rs.v2):
         states = [dc / new * np.exp(_above(rs, old, new, slip, dc)) for dc in (rs.dc, rs.dc2)]
@@ -323,7 +323,7 @@ def _above(rs: RateState, old: float, new: float, slip, dc: float):
 
 
 def selfchecks() -> dict[str, Selfcheck]:
-    """Friction right after a hold, from the slip law with the parameters of Ferdowsi & Rubin 2021."""
+    """Check friction right after a hold, from the slip law with the parameters of Ferdowsi & Rubin 2021."""
     surface = RateState(a=0.0247, b=0.0178, dc=5.3e-3, mu0=0.4, v0=0.02, law="slip")
     legs = slide_hold_slide([1.0], velocity=0.02, distance=0.05)
     history = spring_slider(surface, Spring(200.0), legs, times=np.linspace(0, 5, 51))

@@ -1,13 +1,13 @@
-"""Posterior distribution of the parameters of a fit, sampled by Markov chains with emcee.
+"""Posterior distribution of fit parameters, sampled by Markov chains with emcee.
 
 The priors are uniform in the coordinates of the fit: logarithms of positive parameters, and the others themselves.
-The likelihood is that of the filtered residuals, with the autoregressive noise that the fit has found. The size of the
-noise is integrated out; with S the sum of squares of the filtered residuals, S₀ its minimum, m parameters and as many
-degrees of freedom ν and the same variance s² as the intervals of `fit`,
+The likelihood is that of the filtered residuals, with the autoregressive noise found by the fit. The size of the noise
+is integrated out. S is the sum of squares of the filtered residuals, S₀ its minimum and m the number of parameters;
+the degrees of freedom ν and the variance s² are those of the intervals of `fit`. Then
 
     p(x) ∝ [1 + (S(x) − S₀)/(ν s²)]^{−(ν + m)/2},
 
-which is Student's t distribution where friction is a linear function of x. Percentiles then agree with the intervals.
+which is Student's t distribution where friction is linear in x. Percentiles then agree with the intervals.
 """
 
 from collections.abc import Callable
@@ -21,12 +21,12 @@ from .model import Data, whitened
 from .problem import MAX_SHIFT, covariance, filtered_residual, jacobian, pieces, residual, solve, with_states_in_order
 
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)
-LONG = 50.0  # autocorrelation times that a chain must have
+LONG = 50.0  # required length of a chain in autocorrelation times
 BURN = 5.0  # number of initial autocorrelation times that are discarded
 FITTED = 0.1  # fraction of the work after which the best fit is known
-LEAST = 300  # steps of a chain, however short the autocorrelation time is
+LEAST = 300  # fewest steps of a chain, even for short autocorrelation times
 BLOCK = 50  # steps between two estimates of the autocorrelation time
-FREEDOM = 4.0  # degrees of freedom of the proposals, whose tails must be wider than those of the posterior
+FREEDOM = 4.0  # degrees of freedom of the proposals; their tails must be wider than those of the posterior
 MOST_DRAWS = 10_000
 
 
@@ -40,7 +40,7 @@ class Posterior(NamedTuple):
     percentiles: dict  # name → values at 2.5, 16, 50, 84 and 97.5 %
     times: dict  # name → integrated autocorrelation time [steps]
     steps: int  # length of the chain without its start
-    acceptance: float  # fraction of proposals that were accepted
+    acceptance: float  # fraction of proposals accepted
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
@@ -52,19 +52,19 @@ class Posterior(NamedTuple):
 def posterior(
     data: Data | list[Data], *, walkers: int = 32, steps: int = 4000, seed: Seed = 0, report: Report = silent, **options
 ) -> Posterior:
-    """Sample the posterior distribution of the parameters of a fit.
+    """Sample the posterior distribution of fit parameters.
 
-    Half of the steps propose points of Student's t distribution around the best fit, independent of the present point;
-    the others are stretch moves (Goodman and Weare 2010, doi:10.2140/camcos.2010.5.65; Foreman-Mackey et al. 2013,
-    doi:10.1086/670067). Sampling ends as soon as the chain has 50 autocorrelation times, and 300 steps, after its
-    start.
+    Half of the steps propose points from Student's t distribution around the best fit, independent of the current
+    point. The others are stretch moves (Goodman and Weare 2010, doi:10.2140/camcos.2010.5.65; Foreman-Mackey et al.
+    2013, doi:10.1086/670067). Sampling ends as soon as the chain, without its start, has 50 autocorrelation times and
+    at least 300 steps.
 
     Parameters
     ----------
     data, options : as for `fit`
     walkers : number of parallel chains, even and at least twice the number of parameters
     steps : largest number of steps of each chain
-    seed : of the proposals
+    seed : seed of the random numbers
     report : called as report(stage, share done, text with acceptance and autocorrelation time)
 
     Raises
@@ -73,7 +73,7 @@ def posterior(
         if the input is not valid.
     RuntimeError
         if the data do not determine all parameters, if residuals vary as slowly as the signal, or if the chain is
-        shorter than 50 autocorrelation times. No draws are returned then, as they would not represent the posterior.
+        shorter than 50 autocorrelation times; draws would not represent the posterior.
     MissingExtraError
         if emcee is not installed.
 
@@ -130,7 +130,7 @@ def posterior(
 
 
 def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
-    """Return three functions: logarithm of the density, proposal of the sampler with its log-ratio, and random points.
+    """Return three functions: log-density, proposal of the sampler with its log-ratio, and random points.
 
     Everything is relative to the best fit for the final noise.
     """
@@ -165,7 +165,7 @@ def _target(solution: Solution) -> tuple[Callable, Callable, Callable]:
 
 
 def _summary(fit: Fit, solution: Solution, chain: np.ndarray, tau: np.ndarray, acceptance: float) -> Posterior:
-    """Thin the chain and compute percentiles from all of it."""
+    """Thin the chain, and compute percentiles from the complete chain."""
     logs = solution.task.logs
     values = np.where(logs, np.exp(np.where(logs, chain, 0.0)), chain)
     steps, walkers = values.shape[:2]

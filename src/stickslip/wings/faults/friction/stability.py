@@ -12,11 +12,11 @@ from .ratestate import RateState, Spring, check, check_spring, slider_of
 
 @readable
 class Sliding(NamedTuple):
-    """Steady sliding at one velocity, and the evolution of small disturbances."""
+    """Stability of steady sliding at one velocity against small disturbances."""
 
     stable: bool
     critical: float  # stiffness below which it is unstable; not positive if it is always stable [1/length]
-    eigenvalues: np.ndarray  # (2,) complex, (3,) with two states: a disturbance is a sum of e^{λt} [1/time]
+    eigenvalues: np.ndarray  # (2,) complex, (3,) with two states; a disturbance is a sum of terms e^{λt} [1/time]
     growth_rate: float  # largest real part; negative if disturbances decay [1/time]
     frequency: float  # angular, 0 without oscillation [1/time]
     sentence: str
@@ -29,12 +29,12 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
     With one state, k_c = (B − A − η V)/D_c for both evolution laws (Ruina 1983, doi:10.1029/JB088iB12p10359; Rice and
     Ruina 1983, doi:10.1115/1.3167042), where A = ∂μ/∂ln V and B = ∂μ/∂ln θ in steady sliding at V; for the usual law
     A = a and B = b. Radiation damping η adds η V to A. With two states, k_c is the larger root of the quadratic
-    equation that follows from Hurwitz's criterion for the cubic characteristic polynomial (compare Gu et al. 1984,
+    equation from Hurwitz's criterion for the cubic characteristic polynomial (compare Gu et al. 1984,
     doi:10.1016/0022-5096(84)90007-3), and −∞ if there is none.
 
     Parameters
     ----------
-    velocity : V, relevant only with damping, cut-off velocities or the regularized form; 0: slopes are those at v0
+    velocity : V, relevant only with damping, cut-off velocities or the regularized form; 0: use the slopes at v0
         [length/time]
     damping : η over the normal stress [time/length]
 
@@ -49,7 +49,7 @@ def critical_stiffness(rs: RateState, velocity: float = 0.0, damping: float = 0.
     if rs.b2 == 0:
         return (slope - direct) / rs.dc
     first, second = rs.dc, rs.dc2
-    # of the cubic in λ/V: M D D2, D D2 k + p, (D + D2) k + q, k
+    # coefficients of the cubic in λ/V: M D D2, D D2 k + p, (D + D2) k + q, k
     p, q = direct * (first + second) - slope * second - slope2 * first, direct - slope - slope2
     roots = np.roots(
         [first * second * (first + second), first * second * q + (first + second) * p - direct * first * second, p * q]
@@ -150,9 +150,9 @@ def critical_wavelength(modulus: float, a: float, b: float, dc: float, normal: f
 def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal: float) -> float:
     """Half-length of the nucleation zone of the aging law; infinite if a ≥ b.
 
-    1.3774 L_b for a/b < 0.3781, where zones keep this length while they accelerate, otherwise the length L_b/[π (1 −
-    a/b)²] towards which they grow (Rubin and Ampuero 2005, doi:10.1029/2005JB003686, equations 13 and 31), but no less
-    than the former. With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
+    For a/b < 0.3781 it is 1.3774 L_b, and zones keep this length while they accelerate. Otherwise it is the length
+    L_b/[π (1 − a/b)²] towards which they grow, if that is larger (Rubin and Ampuero 2005, doi:10.1029/2005JB003686,
+    equations 13 and 31). With the slip law, zones become shorter as they accelerate (Ampuero and Rubin 2008,
     doi:10.1029/2007JB005082). With cut-off velocities, a and b are A = a/(1 + V/V1) and B = b/(1 + V/V2) at the slip
     velocity of the zone, see `Fault.sliding_at`.
 
@@ -166,10 +166,10 @@ def nucleation_half_length(modulus: float, a: float, b: float, dc: float, normal
 
 
 def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, normal: float) -> float:
-    """Half-length of the nucleation zone. With two states, b is the sum of both effects.
+    """Half-length of the nucleation zone. With two states, b is the sum of both evolution effects.
 
-    The characteristic slip is `fast` = b/(b1/D_1 + b2/D_2) at the tip of a rupture, where friction falls at the rate of
-    both states, and `mean` = (b1 D_1 + b2 D_2)/b in the fracture energy, from which the long zones follow.
+    The characteristic slip is `fast` = b/(b1/D_1 + b2/D_2) at a rupture tip, where friction falls at the combined rate
+    of both states. It is `mean` = (b1 D_1 + b2 D_2)/b in the fracture energy, which determines long zones.
     """
     if a >= b:
         return np.inf
@@ -182,7 +182,7 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Possibility that earthquakes nucleate on a fault. Lengths are the least over its velocity-weakening cells [m]."""
+    """Possibility of earthquake nucleation on a fault. Lengths are the least of all velocity-weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
@@ -193,17 +193,17 @@ class Nucleation(NamedTuple):
 
 @checked
 def nucleation(fault: Fault, velocity: float | None = None) -> Nucleation:
-    """Compare the velocity-weakening part of a fault with the length that an earthquake needs to nucleate.
+    """Compare the velocity-weakening part of a fault with the length required for nucleation of an earthquake.
 
     The comparison is a guide: it uses the length of nucleation zones in an infinite body, and counts a zone at the free
-    surface as half a zone. With two states, for which no theory was published, it is rough: the shortest of the zones
-    with both states and with each alone is used.
+    surface as half a zone. With two states, for which we know of no published theory, the estimate is rough: it is the
+    shortest of three zones, for both states and for each alone.
 
     With cut-off velocities, the effects are A = a/(1 + V/V1) and B = b/(1 + V/V2), those of steady sliding at the given
-    velocity. Whether slip at other velocities up to 1 m/s weakens or strengthens instead is part of the sentence:
-    earthquakes then also depend on disturbances of the plate motion, and slip may stay slow. Zones far above V1 become
-    shorter than with constant effects, 0.579 L_b instead of 1.3774 L_b, as without a direct effect (K. Uenishi and
-    J. R. Rice 2003, doi:10.1029/2001JB001681).
+    velocity. The sentence also states if the sign of the rate dependence changes at velocities up to 1 m/s: earthquakes
+    then also depend on disturbances of the plate motion, and slip may stay slow. Far above V1, zones are shorter than
+    with constant effects, 0.579 L_b instead of 1.3774 L_b, as without a direct effect (K. Uenishi and J. R. Rice 2003,
+    doi:10.1029/2001JB001681).
 
     Parameters
     ----------
@@ -247,14 +247,14 @@ class _Lengths(NamedTuple):
 
 
 def _lengths(fault: Fault) -> _Lengths:
-    """Lengths of a fault without cut-off velocities."""
+    """Lengths for a fault without cut-off velocities."""
     weak = fault.a < fault.evolution
     if not weak.any():
         return _Lengths(0.0)
     edges = np.flatnonzero(np.diff(np.r_[0, weak.astype(int), 0]))
     spans = (edges[1::2] - edges[::2]) * fault.cell
     if fault.boundary == "surface" and weak[0]:
-        spans[0] *= 2  # with its image
+        spans[0] *= 2  # including its image
     cohesive = float((fault.modulus / (fault.weakening * fault.normal)[weak]).min())
     return _Lengths(float(spans.max()), cohesive, _shortest_half_length(fault, weak))
 
@@ -285,7 +285,7 @@ def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
     b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
     rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
     half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())
-    if fault.states > 1:  # at slips shorter than its characteristic slip, a state hardly changes
+    if fault.states > 1:  # a state hardly changes during slip shorter than its characteristic slip
         first = fault.a, fault.b, fault.dc, fault.normal
         second = fault.a, *np.broadcast_arrays(fault.b2, fault.dc2, fault.normal)
         for rows in (np.stack(first), np.stack(second)):
@@ -295,7 +295,7 @@ def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
 
 
 def _transition(fault: Fault, of) -> float:
-    """Least or greatest velocity at which a cell turns between weakening and strengthening.
+    """Smallest or largest velocity at which a cell changes between weakening and strengthening.
 
     A = B at V = (B0 − a)/(a/V2 − B0/V1), with B0 = b + b2.
     """

@@ -1,27 +1,28 @@
-"""Stress on a straight fault: due to its own slip, with a free surface or without, and imposed normal stress in time.
+"""Stress on a straight fault: due to its slip, with or without a free surface, and imposed normal stress in time.
 
-Slip at the centres of N cells of length h continues between them as a band-limited function, the sum of
-sin(πx/h)/(πx/h): the function with these values and no wavelength below 2h. A sinusoid then has its exact stiffness
-G*|k|/2, with G* = G for antiplane and G/(1 − ν) for in-plane shear, and errors arise only from slip that such a sum
-cannot represent. Slip of 1 at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m,
-0 for even m]. A free surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log
-N) operations; `stress_matrix` returns the same as a dense matrix.
+Between the centres of N cells of length h, slip is a band-limited function, the sum of terms sin(πx/h)/(πx/h): the
+function with these values and no wavelength below 2h. A sinusoid then has its exact stiffness G*|k|/2, with G* = G for
+antiplane and G/(1 − ν) for in-plane shear, and errors arise only from slip that such a sum cannot represent. Slip of 1
+at one centre stresses the centre m cells away by (G*/πh) [−π²/4 for m = 0, 1/m² for odd m, 0 for even m]. A free
+surface mirrors slip. Stress is a discrete convolution, evaluated by Fourier transforms in O(N log N) operations;
+`stress_matrix` returns the same as a dense matrix.
 
 In a half-space, points are ζ = x + iz, with x horizontal and the depth z ≥ 0. The fault is ζ = ξ t with t = e^{iψ}, dip
-ψ and distance ξ down dip; its hanging wall is at larger x. Slip δ is that of a thrust: the foot wall moves along t,
+ψ and distance ξ down dip; its hanging wall is at larger x. Slip δ is that of a thrust: the foot wall moves along t
 relative to the hanging wall. A fault that slips by δ from the end s₁ down to s₂ has the potentials φ(s₁) − φ(s₂) and
 ψ(s₁) − ψ(s₂) of two edge dislocations (N. I. Muskhelishvili, Some Basic Problems of the Mathematical Theory of
 Elasticity, 1953),
 
     φ = γ ln(ζ − s) − γ ln(ζ − s*) − γ* (s* − s)/(ζ − s*),   γ = i G t δ/[4π (1 − ν)],
 
-with * for the conjugate and the first term for an infinite body; the others remove the tractions at the surface. The
-solution is that of A. K. Head, Proc. Phys. Soc. B 66, 793 (1953); P. Segall (2010), chapter 3, has it for faults.
-The contribution of the surface depends on ξ of the stressed cell and ξ' of the slipping one, and is smooth in ξ except
-at ξ = ξ' = 0. Between ξ and 2ξ it is a polynomial in ξ within round-off.
+where * denotes the conjugate. The first term is that of an infinite body; the others remove the tractions at the
+surface. The solution is due to A. K. Head, Proc. Phys. Soc. B 66, 793 (1953); P. Segall (2010), chapter 3, gives it for
+faults. The contribution of the surface depends on ξ of the stressed cell and ξ' of the slipping one, and is smooth in ξ
+except at ξ = ξ' = 0. Between ξ and 2ξ it is a polynomial in ξ to within round-off.
 
-Imposed changes of normal stress (injected fluid, an oscillation, a table) have `change(depth, time)`, which is added to
-the normal stress of the fault, and times `breaks` at which it is not smooth or extreme, where time steps end.
+Imposed changes of normal stress (injected fluid, an oscillation, a table) have a method `change(depth, time)`, which is
+added to the normal stress of the fault, and times `breaks`, at which the change is extreme or not smooth and time steps
+end.
 """
 
 import csv
@@ -45,7 +46,7 @@ def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.
     at : (P,) complex points x + iz
     ends : (N + 1,) distances down dip between which the N cells slip
     dip : ψ [degrees]
-    image : only the part that the free surface adds to the stress in an infinite body
+    image : True for only the part that the free surface adds to the stress in an infinite body
 
     Returns
     -------
@@ -73,7 +74,7 @@ def half_space_stress(at, ends, dip: float, *, image: bool = False) -> tuple[np.
 
 
 def surface_displacement(x, ends, dip: float) -> np.ndarray:
-    """Displacement of points of the surface due to unit slip of cells: horizontal, and i times downward (P, N).
+    """Displacement of surface points due to unit slip of cells: horizontal plus i times downward (P, N).
 
     It does not depend on Poisson's ratio.
 
@@ -84,7 +85,7 @@ def surface_displacement(x, ends, dip: float) -> np.ndarray:
 
     Examples
     --------
-    A vertical fault that slips by 1 down to a great depth moves both sides by a half:
+    A vertical fault that slips by 1 down to a great depth moves each side by a half:
 
     >>> print(np.round(surface_displacement([1.0, -1.0], [0.0, 1e9], 90.0).imag.ravel(), 3))
     [-0.5  0.5]
@@ -100,35 +101,35 @@ BOUNDARIES = ("surface", "infinite", "periodic")
 
 
 class StressTransfer(NamedTuple):
-    """Linear map from slip to shear stress for N cells: a convolution, and one with slip mirrored in the surface.
+    """Linear map from slip to shear stress for N cells: a convolution, plus one with slip mirrored in the surface.
 
-    The product of two polynomials, slip at cells and stress by lag, is that of their values at the L roots of x^L = i.
-    Powers outside of 0 to L − 1 become imaginary there, and L ≥ N values are enough. Mirrored slip has x⁻¹ for x: the
-    conjugate of its values.
+    The product of two polynomials, slip by cell and stress by lag, is evaluated at the L roots of x^L = i. Powers
+    outside the range 0 to L − 1 become imaginary there, so that L ≥ N values are enough. For mirrored slip, x is
+    replaced by x⁻¹, which conjugates the values.
     """
 
     number: int  # N
     phases: np.ndarray  # (2, N) cosine and sine of πj/(2L)
-    roots: np.ndarray  # (2, M) of −2πj/M, with M the greater one of the sides of the table of L = R × C places
+    roots: np.ndarray  # (2, M) cosine and sine of −2πj/M, with M the longer side of the table of L = R × C places
     turns: np.ndarray  # (2, R, C) factors between transforms along both sides of the table
     symbol: np.ndarray  # (L,) values for the convolution, over L, in the order of `_order_of_roots` [stress/length]
-    reflected: np.ndarray | None  # (2, L) real and imaginary values for mirrored slip, without a surface None
-    image: tuple | None = None  # of in-plane slip below a free surface, see `_image`
-    sense: int = 1  # −1 for slip of a normal fault
+    reflected: np.ndarray | None  # (2, L) real and imaginary values for mirrored slip; None without a surface
+    image: tuple | None = None  # effect of a free surface on in-plane slip, see `_image`
+    sense: int = 1  # −1 for a normal fault
 
     def __call__(self, slip: np.ndarray) -> np.ndarray:
         """Shear stress (N,) due to slip (N,)."""
         return self.tractions(slip)[0]
 
     def tractions(self, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
-        """Shear stress and normal stress (N,) due to slip (N,); compression is positive, zero without an image."""
+        """Shear and normal stress (N,) due to slip (N,); compression is positive, and 0 without an image."""
         shear = np.empty(self.number)
         core.fault_stress(self.struct(), np.ascontiguousarray(slip, float), shear)
         added, normal = self.of_image(slip)
         return shear if added is None else shear + added, normal
 
     def of_image(self, slip: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | float]:
-        """Shear stress (or None) and normal stress (N,) due to the surface, in addition to those of mirrored slip."""
+        """Shear stress (or None) and normal stress (N,) due to the surface, beyond those of mirrored slip."""
         if self.image is None:
             return None, 0.0
         spread, table = self.image
@@ -136,7 +137,7 @@ class StressTransfer(NamedTuple):
         return spread @ sheared, self.sense * (spread @ clamped)
 
     def struct(self):
-        """Struct for the compiled core, with separate working memory."""
+        """Struct for the compiled core, with its own working memory."""
         sides = dict(zip(("rows", "columns"), self.turns.shape[1:], strict=True))
         return core.fill("Transfer", self._asdict() | sides | {"work": np.empty(4 * len(self.symbol))})
 
@@ -154,8 +155,8 @@ def stress_transfer(
     cell : h [length]
     modulus : G* [stress]
     boundary : "surface": from a free surface downwards; "infinite": a segment in an infinite body; "periodic": period
-        N h, for which slip e^{ikz} gives the stress −(G*/2) |k| coth(|k| W) e^{ikz} between plates of thickness W whose
-        far sides do not move
+        N h, where slip e^{ikz} gives the stress −(G*/2) |k| coth(|k| W) e^{ikz} between plates of thickness W with
+        fixed far sides
     thickness : W of each plate, for a periodic fault [length]
     dip : for in-plane slip; with `boundary` "surface" [degrees]
     sense : 1 if positive slip is that of a thrust, −1 if it is that of a normal fault
@@ -172,7 +173,7 @@ def stress_transfer(
     ahead = np.where(np.arange(number) > 0, 2.0, 1.0) * kernel[:number]  # lags of both signs
     symbol = fft.fft(ahead * np.exp(phase[:number]), size).real[order] / size
     reflected = None
-    if boundary == "surface":  # mirrored cells are i + j + 1 cells away; powers from x^L on are i times lower ones
+    if boundary == "surface":  # mirrored cells are i + j + 1 cells away; x^(L + n) = i x^n
         away = np.append(kernel[1:], np.zeros(2 * (size - number) + 1)).reshape(2, size)
         values = fft.fft((away[0] + 1j * away[1]) * np.exp(phase))[order] / size
         reflected = np.array([values.real, values.imag])
@@ -189,7 +190,7 @@ def _parts(power: np.ndarray) -> np.ndarray:
 
 
 def _reversed_bits(number: int) -> np.ndarray:
-    """Order of frequencies after a transform of length a power of two (number,)."""
+    """Order of frequencies after a transform whose length is a power of two (number,)."""
     order = np.zeros(1, int)
     while len(order) < number:
         order = np.concatenate([2 * order, 2 * order + 1])
@@ -197,7 +198,7 @@ def _reversed_bits(number: int) -> np.ndarray:
 
 
 def _periodic(number: int, cell: float, modulus: float, thickness: float) -> np.ndarray:
-    """Stress by lag (N,) due to unit slip of every Nth cell between plates."""
+    """Stress by lag (N,) due to unit slip of every Nth cell of a fault between plates."""
     k = 2 * np.pi * np.arange(number // 2 + 1) / (number * cell)
     rest = np.divide(1.0, thickness)  # limit of k coth(kW) for k → 0
     with np.errstate(invalid="ignore"):
@@ -206,15 +207,15 @@ def _periodic(number: int, cell: float, modulus: float, thickness: float) -> np.
 
 
 def image_nodes(number: int, dip: float) -> int:
-    """Largest number of points down dip from which the effect of the surface is interpolated to N cells."""
+    """Largest number of points down dip from which the effect of the surface on N cells is interpolated."""
     order = min(_order(dip), number)
     return min(number, order * (2 + max(0, int(np.ceil(np.log2(number / (2 * order)))))))
 
 
 def _order(dip: float) -> int:
-    """Number of Chebyshev nodes between ξ and 2ξ with which the error ρ^−n is round-off.
+    """Number n of Chebyshev nodes between ξ and 2ξ with which the error ρ^−n is round-off.
 
-    ρ belongs to the ellipse about the interval through the nearest singularity, at ξ' e^{2iψ}.
+    ρ is the parameter of the ellipse about the interval through the nearest singularity, at ξ' e^{2iψ}.
     """
     poles = 2 * np.geomspace(0.2, 5.0, 200) * np.exp(2j * np.radians(dip)) - 3  # the interval is mapped to −1 to 1
     growth = np.log(np.abs(poles + np.sqrt(poles - 1) * np.sqrt(poles + 1)).min())
@@ -225,8 +226,8 @@ def _order(dip: float) -> int:
 def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse.csr_array, np.ndarray]:
     """Interpolation from R nodes to the cells (N, R), and shear and normal stress at the nodes due to slip (2R, N).
 
-    It is the stress that the surface adds, less that of slip mirrored in it, both of cells of uniform slip.
-    Between ξ and 2ξ the nodes are those of Chebyshev; near the surface they are the cells.
+    It is the stress that the surface adds, minus that of slip mirrored in it, both for uniform slip in cells. Between ξ
+    and 2ξ the nodes are Chebyshev nodes; near the surface they are the cells.
     """
     t, places, order = np.exp(1j * np.radians(dip)), np.arange(number) + 0.5, _order(dip)
     nodes, blocks, high = [], [], number
@@ -239,13 +240,13 @@ def _image(number: int, cell: float, modulus: float, dip: float) -> tuple[sparse
     at = np.concatenate([places[:high], *nodes])
     mean, deviator = half_space_stress(at * t * cell, np.arange(number + 1) * cell, dip, image=True)
     stress = modulus * (mean + t**2 * deviator)
-    stress -= 0.5j * modulus / (np.pi * cell) / ((at[:, None] + places) ** 2 - 0.25)  # of cells mirrored in the surface
+    stress -= 0.5j * modulus / (np.pi * cell) / ((at[:, None] + places) ** 2 - 0.25)  # mirrored cells
     spread = sparse.csr_array(sparse.block_diag([sparse.eye_array(high), *blocks]))
     return spread, np.concatenate([stress.imag, -stress.real])
 
 
 def _influence(lag: np.ndarray, cell: float, modulus: float) -> np.ndarray:
-    """Stress at the centre of a cell due to band-limited slip that is 1 at the centre `lag` cells away, else 0."""
+    """Stress at a cell centre due to band-limited slip that is 1 at the centre `lag` cells away and 0 at the others."""
     far = np.where(lag % 2 == 1, 1 / np.maximum(lag, 1) ** 2, 0.0)
     return modulus / (np.pi * cell) * np.where(lag == 0, -0.25 * np.pi**2, far)
 
@@ -273,9 +274,9 @@ INSTANTS = 400  # times at which the normal stress is checked before a simulatio
 class Injection(NamedTuple):
     """Fluid that enters a fault at one point at a constant rate, and spreads along it by one-dimensional diffusion.
 
-    For the fluid, the fault is infinitely long, with a constant diffusivity c and without losses. At a
-    distance x the pressure after a time t of injection is p = q √(t/c) ierfc[x/√(4ct)]/S, with ierfc(y) = exp(−y²)/√π −
-    y erfc(y); after the end, that of a second source of −q is added. This is the pressure of the SEAS benchmark
+    For the fluid, the fault is infinitely long, with a constant diffusivity c and without losses. At a distance x, the
+    pressure after a time t of injection is p = q √(t/c) ierfc[x/√(4ct)]/S, with ierfc(y) = exp(−y²)/√π − y erfc(y).
+    After the end of injection, the pressure of a second source −q is added. This is the pressure of the SEAS benchmark
     problem BP6-QD (Lambert et al. 2025, doi:10.1029/2024JB030601).
 
     Examples
@@ -285,7 +286,7 @@ class Injection(NamedTuple):
     6.555 MPa
     """
 
-    flux: float  # q, volume per time and area of the fault's cross-section; half of it goes to each side [m/s]
+    flux: float  # q, volume per time and per cross-section of the fault; half of it flows to each side [m/s]
     storage: float  # S = φ β, porosity × compressibility of pores and fluid [1/Pa]
     diffusivity: float  # c, hydraulic [m²/s]
     stop: float = np.inf  # end of the injection [s]
@@ -327,7 +328,7 @@ class Injection(NamedTuple):
 
 @readable
 class Oscillation(NamedTuple):
-    """Normal stress that oscillates everywhere, as under tides: A sin(2πt/T) is added."""
+    """Oscillation A sin(2πt/T) added to the normal stress everywhere, as under tides."""
 
     amplitude: float  # A [Pa]
     period: float  # T [s]
@@ -341,7 +342,7 @@ class Oscillation(NamedTuple):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Times of the first largest and least values [s]."""
+        """Times of the first maximum and minimum [s]."""
         return 0.25 * self.period, 0.75 * self.period
 
     def change(self, depth: np.ndarray, time: float) -> np.ndarray:
@@ -355,7 +356,7 @@ class StressTable(NamedTuple):
 
     Examples
     --------
-    A fall by 2 MPa at all depths within a day, after a year:
+    A fall by 2 MPa at all depths within one day, after a year:
 
     >>> table = StressTable([3.15e7, 3.15e7 + 86400], [0.0], [[0.0], [-2e6]])
     >>> table.change(np.array([5e3]), 3.2e7)
@@ -364,7 +365,7 @@ class StressTable(NamedTuple):
 
     time: Series  # (K,) increasing [s]
     depth: Series  # (D,) increasing [m]
-    values: Annotated[Any, Array((2,))]  # (K, D) added to the normal stress: minus a pore pressure [Pa]
+    values: Annotated[Any, Array((2,))]  # (K, D) added to the normal stress; minus a pore pressure [Pa]
 
     check_entries = check_types
 
@@ -402,12 +403,12 @@ def read_stress_table(path: str | Path) -> StressTable:
 
     Parameters
     ----------
-    path : CSV file; the content of the corner is ignored
+    path : CSV file; the content of the first cell is ignored
 
     Raises
     ------
     ValueError
-        with one sentence, if it is not such a table.
+        if the file is not such a table; the message is one sentence.
     """
     try:
         text = read_text(path, remedy="give a CSV file")

@@ -29,11 +29,11 @@ SYMBOLS = {
     "a": "$a$", "b": "$b$", "dc": "$D_c$", "mu0": r"$\mu_0$", "b2": "$b_2$", "dc2": "$D_{c2}$", "v1": "$V_1$",
     "v2": "$V_2$", "stiffness": "$k$", "damping": r"$\eta$", "alpha": r"$\alpha$", "theta": r"$\theta_0$",
 }  # fmt: skip
-NARROW = 1e-4  # range of draws over their median below which an axis counts from the median
+NARROW = 1e-4  # relative range of draws below which an axis shows differences from the median
 BINS, SMOOTH, SHARES = 28, 1.0, (0.95, 0.68)  # two-dimensional histograms: cells, width of the filter, contours
 UNITS = ((YEAR, "years"), (86400.0, "days"), (3600.0, "h"), (1.0, "s"))
 PERCENTS = (2.5, 16.0, 50.0, 84.0, 97.5)  # percentiles of the members of a sweep
-BOTTOM = 1e-12  # smallest velocity that is drawn, over the largest
+BOTTOM = 1e-12  # smallest velocity drawn, over the largest
 
 _History = Annotated[Any, Result("SlipHistory", ("time", "load_point", "friction", "velocity", "theta"))]
 _Leg = Annotated[Any, Result("LoadStep", ("duration", "velocity"))]
@@ -102,10 +102,10 @@ def fitted(data: _Data, fits: list[_Fit] | tuple[_Fit, ...]):
 
 @styled
 def corner(columns: dict, intervals: dict, units: dict):
-    """Histograms of draws for each parameter with the interval of the fit, and contours for each pair.
+    """Histograms of draws for each parameter, with the interval of the fit, and contours for each pair.
 
-    Parameters with a range too narrow for readable numbers, as of a record without noise, are drawn as differences Δ
-    from their medians.
+    A parameter whose range is too narrow for readable numbers, as for a record without noise, is drawn as difference Δ
+    from its median.
 
     Parameters
     ----------
@@ -170,9 +170,9 @@ def _abscissa(time, place, legs):
 
 @styled
 def cycles(since, curves, recurrence, *, without: int = 0):
-    """Slip against the time since an event, above a histogram of recurrence times.
+    """Slip against time since an event, above a histogram of recurrence times.
 
-    Bands contain 68 and 95 % of the members, and the line is their median.
+    Bands contain 68 and 95 % of the members; the line is their median.
 
     Parameters
     ----------

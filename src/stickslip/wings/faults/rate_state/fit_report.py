@@ -37,7 +37,7 @@ from . import figures as figures
 NUMBERS, FIGURE = "fit.json", "fit.png"
 DRAWS, CORNER = "posterior.csv", "posterior.png"
 FILES = (NUMBERS, DRAWS, *(name.replace("png", kind) for name in (FIGURE, CORNER) for kind in FORMATS))
-CREDIBLE = 1e-8, 0.1  # D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
+CREDIBLE = 1e-8, 0.1  # range of D_c [m] of rocks and gouge in experiments, with a margin of a factor of ten
 UNITS = {
     "dc": "m",
     "dc2": "m",
@@ -61,7 +61,7 @@ class RecordFits(NamedTuple):
     comparison: LawComparison | None
     posterior: Posterior | None = None
     remedies: tuple[str, ...] = ()  # possible faults of the input, tested by second fits
-    met: dict[str, list[str]] | None = None  # columns of the record: used, without influence, unknown
+    met: dict[str, list[str]] | None = None  # columns of the record: used, without effect, unknown
 
 
 def fit_record(
@@ -71,7 +71,7 @@ def fit_record(
 ) -> RecordFits:  # fmt: skip
     """Read a record and fit each law to it.
 
-    With a number of steps, the posterior of the law, or of the law that the data prefer, is sampled as well.
+    If `steps` is a number, the posterior of the law, or of the preferred law, is sampled as well.
     """
     if "stiffness" in fixed and "stiffness" in free:
         raise ValueError("--stiffness and --free-stiffness exclude each other: choose one")
@@ -106,7 +106,7 @@ def fit_record(
 
 
 def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Report = silent) -> tuple[str, ...]:
-    """Sentences on laws that are not rejected by the data: a missing trend, a contradictory stiffness."""
+    """Sentences on faults of the input (missing trend, wrong stiffness) for laws that the data do not reject."""
     out, normal = [], None if raw.normal_stress is None else float(np.median(raw.normal_stress))
     solutions = [
         solution._replace(task=solution.task._replace(report=within(tell, stage=f"doubts about the {law} law")))
@@ -116,7 +116,7 @@ def _remedies(raw: LabRecord, record: Data, solutions: list[Solution], tell: Rep
     found = [stiffness_doubt(record, solution, normal) for solution in solutions]
     some = any(doubt and np.isfinite(doubt.interval[0]) for doubt in found)
     for solution, doubt in zip(solutions, found, strict=True):
-        if doubt:  # a law that does not describe the record is irrelevant if another one does
+        if doubt:  # a law that does not describe the record is irrelevant if another law does
             out += [f"{solution.task.law} law: {doubt}"] if np.isfinite(doubt.interval[0]) or not some else []
             continue
         trend, state = gain_by("trend", solution), gain_by("theta", solution)
@@ -163,7 +163,7 @@ def _parse_columns(text: str | None) -> dict[str, int | str] | None:
 
 
 def check_folder(out: Path, overwrite: bool) -> None:
-    """Raise ValueError if a fit may not be written to a folder."""
+    """Raise ValueError if a fit must not be written to a folder."""
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file, not a folder: choose another --out")
     if overwrite:
@@ -320,15 +320,15 @@ def write(out: Path, result: RecordFits, look: Look = PLAIN) -> list[Path]:
         contents |= render_all(CORNER, figures.corner(sampled.columns, sampled.fit.intervals, UNITS), look)
     for name in FILES:
         if name not in (NUMBERS, *contents):
-            (out / name).unlink(missing_ok=True)  # of an earlier fit
+            (out / name).unlink(missing_ok=True)  # files of an earlier fit
     for name, data in contents.items():
         write_file(out, name, data)
-    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # last, since it marks the fit as complete
+    write_file(out, NUMBERS, f"{as_json(result)}\n".encode())  # last, as it marks the fit as complete
     return [out / name for name in (NUMBERS, *contents)]
 
 
 def _draws_csv(file: Path, result: Posterior) -> str:
-    """Return draws as CSV with units, which `stickslip run` reads as `draws` of a sweep."""
+    """Return draws as CSV text with units, which `stickslip run` reads as `draws` of a sweep."""
     fixed = ", ".join(f"{name} = {value:.6g}" for name, value in result.fit.fixed.items())
     notes = f"draws from the posterior of {file.name}, {result.fit.law} law, {result.fit.form} form", f"fixed: {fixed}"
     labels = [heading_of(name, UNITS.get(name, "1")) for name in result.names]

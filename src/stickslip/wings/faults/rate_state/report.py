@@ -12,8 +12,8 @@ from ..friction.ratestate import steady_friction
 from . import figures as figures_of
 from .simulate import SliderResult
 
-LEAST, MOST = 3, 500  # members with cycles that a figure needs, and those of which it draws slip
-BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # times of the figure, in median recurrence times, and their number
+LEAST, MOST = 3, 500  # fewest members with cycles for a figure, and most members whose slip it shows
+BEFORE, SPAN, POINTS = 0.1, 2.3, 1200  # range of times in a figure, in median recurrence times, and their number
 
 
 def figures(result: SliderResult):
@@ -63,7 +63,7 @@ def compare(members: list[SweepMember]) -> Comparison:
 
 
 def compare_cycles(members: list[SweepMember], cycles: Callable) -> Comparison:
-    """Slip since an event, and recurrence, of the members of a sweep, if at least three have cycles.
+    """Slip since an event, and recurrence times, of the members of a sweep if at least three have cycles.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def _moving_velocity(result: SliderResult) -> float:
 
 
 def _recurrence(result: SliderResult) -> float | None:
-    """Recurrence time of at least three events, else None."""
+    """Recurrence time from at least three events; None with fewer."""
     h = result.history
     period = recurrence(h.time, passing_velocity(h.time, h.slip, h.velocity))
     return period if np.isfinite(period) else None

@@ -12,7 +12,7 @@ from ..friction.stability import Sliding, steady_sliding
 from . import EXPERIMENT
 from .scenario import RateStateScenario
 
-EARLIEST = 1e-4  # first sample of each leg that is spaced evenly in ln t, as a fraction of the leg
+EARLIEST = 1e-4  # first sample of each leg on the logarithmic grid, as a fraction of the leg
 
 
 @result_of(EXPERIMENT)
@@ -23,7 +23,7 @@ class SliderResult(NamedTuple):
     legs: tuple[LoadStep, ...]
     history: SlipHistory
     recorded: np.ndarray  # friction with noise, (N,)
-    sliding: tuple[Sliding, ...]  # stability of steady sliding, one for each leg that moves
+    sliding: tuple[Sliding, ...]  # stability of steady sliding in each moving leg
 
 
 @checked
@@ -42,7 +42,7 @@ def simulate_slider(
 
 
 def _sample_times(legs, number: int) -> np.ndarray:
-    """Return sample times: in each leg, a third evenly spaced in ln t and the rest in t, including the leg's end."""
+    """Return sample times: in each leg, a third evenly spaced in ln t, the rest in t, including the leg's end."""
     few = number // 3
     share = np.unique(np.r_[np.geomspace(EARLIEST, 1.0, few), np.linspace(0, 1, number - few + 1)[1:]])
     ends = np.cumsum([leg.duration for leg in legs])

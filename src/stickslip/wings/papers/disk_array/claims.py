@@ -1,11 +1,12 @@
 """Reproduction of Charan et al. 2020: the transition from static to dynamic friction in an array of disks.
 
-Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724, with its supplement. Units: 2R = m =
-k_n = 1, forces in the paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), time in √(m/(k_n √(2R))).
+Charan, Chattoraj, Pica Ciamarra, Procaccia, doi:10.48550/arXiv.1908.11724, with its supplement. Units are 2R = m =
+k_n = 1. Forces are stated in the paper's numbers (a force of 1 is 1/2000 here, as k_n = 2000 there), and times in
+√(m/(k_n √(2R))).
 
 There are two scenarios. `main` is the printed model with I0 = 1/2, the value for a disk. `quarter` is a hypothesis
-found by a search, with no documented justification: the disk–disk normal stiffness is a quarter of the printed one, and
-I0 = 1. It is labelled as a hypothesis everywhere.
+found by a search, without documented justification: the disk–disk normal stiffness is a quarter of the printed value,
+and I0 = 1. It is labelled as a hypothesis everywhere.
 """
 
 from typing import NamedTuple
@@ -86,15 +87,15 @@ VARIED = (  # changes of the printed model, one at a time
     {"load": {"press": 1.0}},
 )  # fmt: skip
 PUSHES = np.arange(1, 81) / 40  # in units of F_y
-STEPS = 100_000  # largest number of steps of the search for an equilibrium; a tenth suffices if there is one
-BEFORE = 2e-6, 3.2e-5  # distances in F_x from a birth, at which Im λ and the gap of the real eigenvalues are compared
-SQUARE_ROOT = 0.05  # tolerance of the exponent 1/2: an eigenvalue that jumps has 0, two that cross have 1
+STEPS = 100_000  # largest number of steps in the search for an equilibrium; a tenth suffices if one exists
+BEFORE = 2e-6, 3.2e-5  # distances in F_x from a birth at which Im λ and the gap of the real eigenvalues are compared
+SQUARE_ROOT = 0.05  # tolerance of the exponent 1/2; it would be 0 for a jump and 1 for a crossing of eigenvalues
 PURE = 1 - TOLERANCE["share"]  # fraction in y above which a mode counts as a pure y mode
 UNIT = "sqrt(k_n (2R)^1/2/m)"
 
 
 def first_pair(**change) -> float | None:
-    """Push, in units of F_y, at which the first pair exists; 0 without equilibrium at any push, None without a pair."""
+    """Push, in units of F_y, at which the first pair exists; 0 without any equilibrium, None without a pair."""
     chosen = validate_scenario(DiskArrayScenario, dynamics={"loads": ()}, relaxation={"steps": STEPS}, **change)
     state, law = press(chosen)
     protocol = make_protocol(chosen, law)
@@ -130,7 +131,7 @@ def _variants() -> Claim:
 
 
 def _births(main: DiskArrayResult) -> list[Claim]:
-    """Claims about the number of births, about the death of the first pair, and about pairs above 0.082."""
+    """Claims about the number of births, the death of the first pair, and pairs above 0.082."""
     born = sorted((f for f in main.families if f.birth), key=lambda f: f.birth.load)
     events = [f.birth.load for f in born if f.birth.load <= LINE_TOP]
     quiet = not any(free.slid for load, free in main.free_runs.items() if load < STABLE_LOAD)
@@ -155,9 +156,9 @@ def _births(main: DiskArrayResult) -> list[Claim]:
 
 
 def birth_exponents(family: Family, main: DiskArrayResult) -> tuple[float, float]:
-    """Exponents of the gap of the two real eigenvalues before a birth, and of Im λ after it, against the distance.
+    """Exponents of the gap between two real eigenvalues before a birth, and of Im λ after it, against the distance.
 
-    The gap is that of the two neighbouring real eigenvalues which are nearest to the pair.
+    The two are the neighbouring real eigenvalues nearest to the pair.
     """
     start = max((p for p in main.path if p.load <= family.birth.below), key=lambda p: p.load).state
     protocol, gaps, heights = make_protocol(main.scenario, main.law), [], []
@@ -174,7 +175,7 @@ def birth_exponents(family: Family, main: DiskArrayResult) -> tuple[float, float
 
 
 def _coalescence(main: DiskArrayResult) -> Claim:
-    loads = np.array([p.load for p in main.path])  # a birth needs room after the point of the path before it
+    loads = np.array([p.load for p in main.path])  # a birth must be far enough from the previous point of the path
     born = [f for f in main.families if f.birth]
     room = [f for f in born if f.birth.below - loads[loads <= f.birth.below].max() > BEFORE[1]]
     exponents = np.array([birth_exponents(f, main) for f in room]).reshape(-1, 2)
@@ -189,7 +190,7 @@ def _coalescence(main: DiskArrayResult) -> Claim:
 
 
 def _growing(main: DiskArrayResult) -> Claim:
-    """Claim that Im λ grows with the push over the loads of the fronts."""
+    """Claim that Im λ grows with the push, over the loads of the fronts."""
     points = [p for p in main.path if p.load >= FRONT_LOADS[0]]
     largest = np.array([p.spectrum.im_lambda.max() for p in points])
     printed = np.array([p.load for p in points]) <= FRONT_LOADS[-1] + 1e-12
@@ -255,7 +256,7 @@ def evaluate_claims(
 
     Parameters
     ----------
-    arrests, threshold : of the main scenario
+    arrests, threshold : results for the main scenario
     report : called as report(stage, share done, text) during the ramps with other load steps
     """
     suffix = "@quarter"
@@ -303,7 +304,7 @@ def _spectrum_claims(result: DiskArrayResult, suffix: str, near: float, report: 
 
 
 def _sensitivity(fine, coarse) -> float | None:
-    """Largest difference between two load steps, but at least the bisection width; None if either has no value."""
+    """Largest difference between two load steps, at least the bisection width; None if either has no value."""
     return None if fine is None or coarse is None else max(BISECTED, float(np.abs(np.subtract(fine, coarse)).max()))
 
 
@@ -419,7 +420,7 @@ def _arrest_claims(arrest: Arrest) -> list[Claim]:
 
 
 def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
-    """Claims about the kinetic threshold, and that it separates the paper's loads of arrest and of sliding."""
+    """Claims about the kinetic threshold: its value, and that it separates the paper's loads of arrest and sliding."""
     at, (low, high), top = float(threshold.lasting_threshold[0]), threshold.lasting_interval[0], min(FRONT_LOADS)
     outcomes = zip(threshold.loads, threshold.probability[:, 0], threshold.lasting_probability[:, 0], strict=True)
     shares = ", ".join(f"{slid:.2g} and {lasting:.2g} at {load:g}" for load, slid, lasting in outcomes)
@@ -446,7 +447,7 @@ def _threshold_claims(threshold: KineticThreshold) -> list[Claim]:
     ]  # fmt: skip
 
 
-MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # the name of a stage
+MODELS, PUSHED = ("printed", "quarter"), "ramps and free runs"  # names of the models, and of a stage
 SHARES = {RAMP: (0.0, 0.6), BIRTHS: (0.6, 0.8), FREE: (0.8, 1.0)}  # fraction of the work before sliding, in a quick run
 
 
@@ -456,7 +457,7 @@ class Reproduction(NamedTuple):
     main: DiskArrayResult
     quarter: DiskArrayResult
     arrests: list[Arrest]  # arrests of the main scenario
-    threshold: KineticThreshold  # likewise
+    threshold: KineticThreshold  # of the main scenario
     claims: list[Claim]
 
 
@@ -476,7 +477,7 @@ def paper_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
 
 
 def quarter_scenario(*, quick: bool = False, seed: int = 0) -> DiskArrayScenario:
-    """Return the hypothetical scenario: disk–disk normal stiffness divided by four, I0 = 1, the rest as printed."""
+    """Return the hypothetical scenario: disk–disk normal stiffness divided by four, I0 = 1, otherwise as printed."""
     main = paper_scenario(quick=quick, seed=seed)
     return validate_scenario(
         DiskArrayScenario,
@@ -505,7 +506,7 @@ def reproduce(
     quick : use fewer realizations and shorter runs
     seed : seed of all random velocities
     workers : number of processes for the realizations, or the address of a Dask scheduler
-    device : "cuda": realizations of sliding run on a graphics processor; see `simulate_disk_array` for errors
+    device : "cuda" to run realizations of sliding on a graphics processor; errors as in `simulate_disk_array`
     report : called as report(stage, share done, text)
     """
     ones = paper_scenario(quick=quick, seed=seed), quarter_scenario(quick=quick, seed=seed)

@@ -1,4 +1,4 @@
-"""Statements of Charan et al. 2020 on fronts, on the way to the Coulomb limit and on sliding, with the printed numbers.
+"""Statements of Charan et al. 2020, with printed numbers, on fronts, the approach to the Coulomb limit, and sliding.
 
 Tolerances were fixed before anything was measured.
 """
@@ -25,13 +25,13 @@ FRONT_LOADS = (0.083, 0.087, 0.090)
 STABLE_LOAD = 0.062
 GROWTH_LOADS = (0.030, 0.040, 0.083, 0.087, 0.090)
 V2_THRESHOLD = 0.05
-LINE_TOP = 0.090  # largest load in the fit of Eq 10: that of the loads named in the paper
+LINE_TOP = 0.090  # largest load in the fit of Eq 10, the largest named in the paper
 MODE_LOAD = 0.083  # load at which the y mode is shown: the smallest push at which the paper's array slides
-COARSER = (5e-3, 2e-3, 1e-3)  # extra load steps; the difference from the last one is the error of a birth
+COARSER = (5e-3, 2e-3, 1e-3)  # extra load steps; the difference from the last is the error of a birth
 BISECTED = 1e-6  # width to which births and deaths are bisected [F_x]
 IM_LAMBDA = {0.083: 2.4e-4, 0.087: 7.7e-4, 0.090: 1.0e-3}
 V1 = {0.083: 0.0014, 0.087: 0.0022, 0.090: 0.0028}
-# growth of the mean M from the first to the last quarter of a run: beats of stable modes stay far below, pairs above
+# growth of mean M from first to last quarter of a run: far below for beats of stable modes, above for pairs
 RISE = 10.0
 SHOWS = {
     "Fig 2": ("complex pairs along the push", "late-pair-birth"),
@@ -50,7 +50,7 @@ TOLERANCE = {
     "saturation": 1.0,  # the paper prints "about" and a power of ten: a factor of two either way
     "threshold": 0.1,  # the paper's loads of arrest and of sliding differ by a factor of two
     "front": 0.25,  # nearly three times the largest error that the paper gives for V_1 with its 25 realizations, 9 %
-    "ratio": 1.5 / 4.3,  # the scatter that the paper prints: 4.3 ± 1.5
+    "ratio": 1.5 / 4.3,  # the scatter printed in the paper: 4.3 ± 1.5
     "exponent": 0.21,  # over Im λ from 2.4e-4 to 1.0e-3, this change of the power equals the ratio's scatter of 35 %
     "slope": 0.1,  # printed with two digits and no error: typical of a fit to a handful of velocities
     "intercept": 0.2,  # as for the slope, but the intercept extrapolates over nine tenths of the push
@@ -60,13 +60,13 @@ TOLERANCE = {
     "steady": 0.1,  # "fixed", "without growth": as visible in a plot
     "power": 0.1,  # t and t^1.1 differ by a quarter over a decade
     "independence": 0.25,  # tolerance of an exponent: from 0.083 to 0.12 the speed then changes by a tenth
-    "charging": 0.1,  # a smaller change of t_iw than this is none
+    "charging": 0.1,  # smaller changes of t_iw do not count
     "closed form": 1e-6,  # exact; the relaxation ends at a residual of 1e-14
 }
 
 
-CERTAIN = 3.0  # errors: of 27 steps between neighbours, one is as far below zero by chance in 4 % of all cases
-MUCH = 10.0  # "much faster": the paper's own numbers differ by a factor of 27 to 54
+CERTAIN = 3.0  # in errors: of 27 steps between neighbours, one is this far below zero by chance in 4 % of all cases
+MUCH = 10.0  # "much faster": the paper's numbers differ by a factor of 27 to 54
 
 
 def evaluate_fronts(main: DiskArrayResult) -> list[Claim]:
@@ -86,7 +86,7 @@ def _count_realizations(front: Front, result: DiskArrayResult, loads) -> str:
 
 
 def _speed_claims(name: str, suffix: str, source: str, paper: float, front: Front | None, note: str) -> list[Claim]:
-    """Claims about a front speed by both estimators: through the front's start (Eq 9), and with a free intercept."""
+    """Claims about a front speed with both estimators: through the front's start (Eq 9), and with a free intercept."""
     unit, tolerance = "length/time", TOLERANCE["front"]
     if not front:
         note = "no front: too few realizations in which the event happens at every disk before the run ends"
@@ -136,7 +136,7 @@ def _ratio_claims(main: DiskArrayResult) -> list[Claim]:
 
 
 def backward_claims(result: DiskArrayResult, suffix: str) -> list[Claim]:
-    """Claims about the speed of the backward front by both estimators."""
+    """Claims about the speed of the backward front with both estimators."""
     thresholds = result.scenario.sliding.thresholds
     fronts = {t: backward_front(result, t, FRONT_LOADS) for t in thresholds}
     middle, note = fronts[V2_THRESHOLD], ""
@@ -233,7 +233,7 @@ def _dependences(main: DiskArrayResult, forward: dict[float, Front | None]) -> l
             "v2-much-faster-than-v1", 'Fig 5: "the backward wave of sliding is much faster than V_1"',
             bool(low > MUCH) if len(ratios) == len(FRONT_LOADS) else None,
             f"V_2/V_1: {', '.join(f'{ratio:.0f} at {load:g}' for load, ratio in ratios.items())}; much faster: more "
-            f"than {MUCH:g} times, also two errors below",
+            f"than {MUCH:g} times, also at the mean minus two standard errors",
         ),
     ]  # fmt: skip
 
@@ -274,7 +274,7 @@ def evaluate_motion(main: DiskArrayResult, arrests: list[Arrest]) -> list[Claim]
 
 
 def _charging(arrest: Arrest) -> Claim:
-    """Claim that the slip at the substrate is charged; it must grow by more than the tolerance."""
+    """Claim that slip at the substrate is charged: it must grow by more than the tolerance."""
     mean, error = float(arrest.charge.mean()), standard_error(arrest.charge)
     return statement(
         f"charging-{arrest.load:.3f}", 'Fig 3: "static friction with charging of t_iw" at 0.03 and 0.04',
@@ -327,7 +327,7 @@ def _power(main: DiskArrayResult) -> Claim:
 
 
 def _spiral(main: DiskArrayResult) -> list[Claim]:
-    """Claims that disks are lifted before they reach the limit, and that this is so for each of them."""
+    """Claims that disks are lifted before they reach the limit, and that this holds for each of them."""
     left = main.sliding[TRANSITION].unloading
     reached, start = np.isfinite(left), point_at_load(main.path, TRANSITION).state
     lifted = left[reached] < 1
@@ -361,7 +361,7 @@ def _spiral(main: DiskArrayResult) -> list[Claim]:
 
 
 def _columns(values: np.ndarray, there: np.ndarray) -> list[np.ndarray]:
-    """The entries of each column that are there."""
+    """Present entries of each column."""
     return [column[mask] for column, mask in zip(values.T, there.T, strict=True)]
 
 
@@ -384,7 +384,7 @@ def _center(main: DiskArrayResult) -> list[Claim]:
 
 
 def _ratio(name: str, source: str, values: np.ndarray, tolerance: float, note: str) -> Claim:
-    """Claim that the mean of the second column equals that of the first one; its error is a jackknife's."""
+    """Claim that the mean of the second column equals that of the first, with a jackknife error."""
     before, after = values[np.isfinite(values).all(axis=1)].T
     n = len(before)
     left_out = (after.sum() - after) / (before.sum() - before) if n > 1 else np.zeros(0)

@@ -21,7 +21,7 @@ _Line = Annotated[Any, Result("fit of velocities", ("push", "velocity", "error",
 LOAD = r"push $F_x$"
 DIAMETER = "diameters"
 SPEED = "diameters / time unit"
-STRAIGHT = 1e-3  # probability of a larger χ² below which a front has no single speed, so that no line is drawn
+STRAIGHT = 1e-3  # probability of a larger χ² below which a front has no single speed, and no line is drawn
 MOVED = (r"$\Delta C^x_\mathrm{mass}$", DIAMETER)
 
 
@@ -85,7 +85,7 @@ def mean_square_displacement(result: _WithRuns):
 
 @style.styled
 def trajectory(result: Annotated[Any, Result(_KIND, ("trajectory",))], grain: int = 3):
-    """Path of one disk in the x–y plane, coloured by time: the growing spiral, and the path until breaching (Fig 4)."""
+    """Path of one disk in the x–y plane, coloured by time: growing spiral, and path until breaching (Fig 4)."""
     data = result.trajectory
     require_index(len(data.breach), grain=grain)
     figure, panels = style.column_axes(2, 4.6)
@@ -129,7 +129,7 @@ def _plot_front(axes, front, color, name: str) -> None:
 def traveling_fronts(forward: dict[float, _Front | None], backward: _Front | None, threshold: float):
     """Mean times of breaching (forward) and of sliding (backward), with the fitted speeds if they fit (Fig 5).
 
-    χ² of the delays about the fitted line, and its degrees of freedom.
+    The legend shows χ² of the delays about the fitted line, and its degrees of freedom.
 
     Parameters
     ----------

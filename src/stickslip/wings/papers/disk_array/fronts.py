@@ -1,6 +1,6 @@
-"""Free runs of a row of disks, and its transition to dynamic friction: slip times and speeds of the fronts.
+"""Free runs of a row of disks and its transition to dynamic friction: slip times and front speeds.
 
-Newtonian dynamics start from equilibria on the load path of the array.
+Newtonian dynamics starts from equilibria on the load path of the array.
 """
 
 import warnings
@@ -18,17 +18,15 @@ from ....results import Equilibrium
 from .scenario import DiskArrayScenario, Dynamics
 
 BOOTSTRAPS = 1000
-AROUND = (
-    200  # samples of a run on each side of a time, over which a profile is averaged: 20 periods of the fastest mode
-)
+AROUND = 200  # samples before and after a time over which a profile is averaged: 20 periods of the fastest mode
 
 
 class Transition(NamedTuple):
-    """One realization of the transition. Times of events that did not happen are NaN."""
+    """One realization of the transition; times of events that did not happen are NaN."""
 
     breach: np.ndarray  # (N,) first time at the Coulomb limit of each disk's contact with the substrate [time]
     slide: np.ndarray  # (H, N) first time at which a disk has moved along the row by each threshold [time]
-    # velocity of the center of mass over the last third of the run; NaN unless all disks slid before it [length/time]
+    # velocity of the center of mass over the last third of the run; NaN unless all disks slid earlier [length/time]
     velocity: float  # [length/time]
     wall_first: float  # 1 if the first contact at the Coulomb limit is with the substrate, 0 if not; NaN if none is
     msd_at_breach: float  # M when the first contact with the substrate reaches the Coulomb limit [length²]
@@ -36,10 +34,10 @@ class Transition(NamedTuple):
     power: float  # p in M ∝ (t − t_b)^p over the last third of the run, t_b the first breach; NaN unless all disks slid
     late_velocity: np.ndarray  # (2,) velocity of the center in both halves of the last third, likewise [length/time]
     late_height: np.ndarray  # (2,) standard deviation of the height of the center in both halves [length]
-    # the following are of displacements along the row that are averaged over `AROUND` samples before and after
-    smooth_slide: np.ndarray  # (H, N) first time at which they exceed each threshold [time]
-    profile: np.ndarray  # (H, N) they minus their mean, when the mean passes each threshold [length]
-    drift: np.ndarray  # (H,) velocity of the mean then [length/time]
+    # the following use displacements along the row, averaged over `AROUND` samples before and after
+    smooth_slide: np.ndarray  # (H, N) first time at which these exceed each threshold [time]
+    profile: np.ndarray  # (H, N) their deviation from the mean when the mean passes each threshold [length]
+    drift: np.ndarray  # (H,) velocity of the mean at that time [length/time]
     time: np.ndarray  # (S,) [time]
     center: np.ndarray  # (S, 2) center of mass [length]
 
@@ -47,8 +45,8 @@ class Transition(NamedTuple):
 class Front(NamedTuple):
     """Front fitted to the mean times at each disk: distance = speed × time, through its start (Eq 9)."""
 
-    distance: np.ndarray  # (N,) from the disk where it starts [length]
-    delay: np.ndarray  # (N,) mean time after its start [time]
+    distance: np.ndarray  # (N,) distance from the disk where the front starts [length]
+    delay: np.ndarray  # (N,) mean time after the start of the front [time]
     error: np.ndarray  # (N,) standard error of the mean [time]
     speed: float  # [length/time]
     speed_error: float  # bootstrap over realizations, one standard deviation [length/time]
@@ -61,8 +59,8 @@ class Front(NamedTuple):
 def breach_times(events: np.ndarray, start: State) -> np.ndarray:
     """Return the first time at which each grain's contact with a wall reached the Coulomb limit, shape (N,).
 
-    It is the time of `start`, the state before the run, if the contact was already at the limit then, and NaN if
-    it never reached the limit.
+    It is the time of `start`, the state before the run, if the contact was at the limit from the beginning, and NaN
+    if it never reached the limit.
     """
     n, contacts = len(start.grains.radius), start.contacts
     times = np.full(n, np.nan)
@@ -120,7 +118,7 @@ class _Run(NamedTuple):
     """Motion of an array at T samples, and its contact events."""
 
     time: np.ndarray  # (T,)
-    msd: np.ndarray  # (T,) from the positions at the start of the run
+    msd: np.ndarray  # (T,) M relative to the positions at the start of the run
     center: np.ndarray  # (T, 2)
     along: np.ndarray  # (T, N)
     height: np.ndarray  # (T, N)
@@ -128,7 +126,7 @@ class _Run(NamedTuple):
 
 
 def _run_in_pieces(leg: Leg, engine: Engine) -> _Run:
-    """Run a leg in pieces, each with as many samples as an engine returns at once."""
+    """Run a leg in pieces, each with as many samples as the engine returns at once."""
     state, parts, left = leg.state, [], leg.steps
     while left or not parts:
         steps = min(left, engine.samples * leg.every)
@@ -151,14 +149,14 @@ def velocity_of(time: np.ndarray, position: np.ndarray) -> float:
 
 
 def unloading(state: State, time: np.ndarray, height: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Overlap of each disk with the substrate at its own time `at` (N,), over that in `state`; NaN without a time."""
+    """Overlap of each disk with the substrate at its time `at` (N,), over that in `state`; NaN without a time."""
     radius, before = state.grains.radius, state.grains.position[:, 1]
     then = [np.interp(t, time, y) if np.isfinite(t) else np.nan for t, y in zip(at, height.T, strict=True)]
     return np.maximum(radius - then, 0.0) / (radius - before)
 
 
 def msd_power(time: np.ndarray, msd: np.ndarray, breach: np.ndarray) -> float:
-    """Exponent p of M ∝ (t − t_b)^p, t_b the first of the times `breach`; NaN unless all times are later."""
+    """Exponent p of M ∝ (t − t_b)^p, with t_b the first of the times `breach`; NaN unless all times are later."""
     first = np.nanmin(breach) if np.isfinite(breach).any() else np.inf
     return velocity_of(np.log(time - first), np.log(msd)) if time[0] > first else np.nan
 
@@ -173,12 +171,12 @@ def late_halves(time: np.ndarray, center: np.ndarray) -> tuple[np.ndarray, np.nd
 def drift_profile(time: np.ndarray, smooth: np.ndarray, thresholds) -> tuple[np.ndarray, np.ndarray]:
     """Displacements (T, N) minus their mean (H, N), and the velocity of the mean (H,), when it passes each threshold.
 
-    NaN unless the run contains `AROUND` samples before and after that time, from which the velocity follows.
+    NaN unless the run contains the `AROUND` samples before and after that time that determine the velocity.
     """
     mean = smooth.mean(axis=1)
     profile, drift = np.full((len(thresholds), smooth.shape[1]), np.nan), np.full(len(thresholds), np.nan)
     for k, threshold in enumerate(thresholds):
-        n = int(np.argmax(np.abs(mean) > threshold))  # zero if it never passes
+        n = int(np.argmax(np.abs(mean) > threshold))  # 0 if it never passes
         if AROUND <= n < len(mean) - AROUND:
             profile[k] = smooth[n] - mean[n]
             drift[k] = (mean[n + AROUND] - mean[n - AROUND]) / (time[n + AROUND] - time[n - AROUND])
@@ -196,11 +194,11 @@ def row_order(state: State, start: int, *, backward: bool = False):
 def drift_speed(
     profile: np.ndarray, drift: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0
 ) -> tuple[float, float] | None:
-    """Speed of the front made by disks that keep their displacements u_i (S, N) while they drift at speeds V (S,).
+    """Speed of the front formed by disks that keep their displacements u_i (S, N) while they drift at speeds V (S,).
 
-    Disk i passes a threshold (u_start − u_i)/V after the disk where the front starts. The means of both over
-    realizations make the delays, to which a line through the start is fitted, as by `fit_front`; the error is that of
-    a bootstrap over realizations. None with fewer than two realizations.
+    Disk i passes a threshold later than the disk where the front starts, by (u_start − u_i)/V. Delays follow from the
+    means of u_i and V over realizations; a line through the start is fitted to them, as in `fit_front`. The error is
+    from a bootstrap over realizations. None with fewer than two realizations.
     """
     whole = np.isfinite(profile).all(axis=1) & np.isfinite(drift)
     profile, drift = profile[whole][:, order], drift[whole]
@@ -215,7 +213,7 @@ def drift_speed(
 
 
 def fit_front(times: np.ndarray, order: np.ndarray, distance: np.ndarray, seed: int = 0) -> Front | None:
-    """Fit a front to times of the same event, shape (realizations, N).
+    """Fit a front to the times of the same event (realizations, N).
 
     Delays are counted from the disk where the front starts.
 
@@ -258,8 +256,8 @@ class FreeRun(NamedTuple):
     msd: np.ndarray  # (T,) M(t) = Σ|Δr|² [length²]
     center: np.ndarray  # (T, 2) [length]
     kinetic_energy: np.ndarray  # (T,) [energy]
-    touching: np.ndarray  # (T,)
-    breach: np.ndarray  # (N,) first time at the Coulomb limit of each wall contact; NaN if never [time]
+    touching: np.ndarray  # (T,) number of touching contacts
+    breach: np.ndarray  # (N,) first time of each wall contact at the Coulomb limit; NaN if never [time]
     first_limit: np.ndarray  # (3,) time, i, j of the first contact anywhere to reach the Coulomb limit; NaN if none
     predicted_growth: float  # ω_i of the fastest-growing mode, with drag and dashpots [1/time]
     predicted_frequency: float  # [1/time]
@@ -275,7 +273,7 @@ class Trajectory(NamedTuple):
     time: np.ndarray  # (T,) [time]
     position: np.ndarray  # (T, N, 2) [length]
     angle: np.ndarray  # (T, N) [rad]
-    first_limit: float  # first time that any contact reached the Coulomb limit
+    first_limit: float  # first time at which any contact reached the Coulomb limit
     breach: np.ndarray  # (N,) [time]
     slide: np.ndarray  # (N,) first displacement by SLID diameters [time]
 
@@ -291,7 +289,7 @@ def fastest_period(point: Equilibrium) -> float:
 
 
 def predicted_growth(point: Equilibrium, law: Law, how: Dynamics) -> tuple[float, float]:
-    """Growth rate and frequency of the fastest-growing mode of a free run, with its drag and dashpots [1/time]."""
+    """Growth rate and frequency of the fastest-growing mode of a free run, with drag and dashpots [1/time]."""
     if how.drag or how.spin_drag or builtin.damping_model(law):
         fastest = damped_growth(point.state, law, drag=how.drag, spin_drag=how.spin_drag)[0]
         return max(0.0, float(fastest.real)), abs(float(fastest.imag))
@@ -311,7 +309,7 @@ def check_time_step(point: Equilibrium, dt: float) -> None:
 
 
 def run_free(point: Equilibrium, law: Law, scenario: DiskArrayScenario) -> FreeRun:
-    """Run Newtonian dynamics from one equilibrium with a tiny random velocity."""
+    """Run Newtonian dynamics from an equilibrium with tiny random velocities."""
     how = scenario.dynamics
     check_time_step(point, how.dt)
     start = perturbed(point.state, scenario.seed, how.seed_velocity)

@@ -1,6 +1,6 @@
-"""Measures of a pushed array of disks: births of complex pairs, fronts, sliding velocity and the transverse mode.
+"""Measures of a pushed array of disks: births of complex pairs, fronts, sliding velocity and transverse mode.
 
-Arrest: the equilibria where the array comes to rest, and its kinetic threshold, which separates it from sliding.
+Arrest is described by the equilibria at which the array comes to rest, and by the kinetic threshold of sliding.
 """
 
 from functools import partial
@@ -19,7 +19,7 @@ from . import fronts
 from .fronts import FreeRun
 from .simulate import DiskArrayResult, Ensemble, make_protocol, point_at_load
 
-BLOCKS = 8  # blocks in the late half of a run, for the error of its mean; each is long compared with the modes' beats
+BLOCKS = 8  # blocks in the late half of a run for the error of its mean, each longer than the beats of modes
 LATE = 4  # number of parts of a run; the mean M of the last part is compared with that of the first
 HALVES = (1e-19, 1e-15), (1e-15, 1e-11)  # halves of the window of M in which growth is fitted
 
@@ -39,7 +39,7 @@ def forward_front(result: DiskArrayResult, ensemble: Ensemble) -> fronts.Front |
 
 
 def backward_order(result: DiskArrayResult) -> tuple[np.ndarray, np.ndarray]:
-    """Order of the disks from the last one back to the pushed one, and their distances from the last one [length]."""
+    """Order of the disks from the last back to the pushed one, and their distances from the last [length]."""
     last = (result.scenario.load.disk - 2) % result.scenario.array.disks
     return fronts.row_order(result.pressed, last, backward=True)
 
@@ -49,7 +49,7 @@ def backward_front(
 ) -> fronts.Front | None:
     """Fit the front at which sliding exceeds a threshold, backward from the last disk, from all runs at `loads`.
 
-    `smooth`: use displacements without their oscillation, see `fronts.Transition`.
+    With `smooth`, displacements without their oscillation are used, see `fronts.Transition`.
     """
     how, name = result.scenario.sliding, "smooth_slide" if smooth else "slide"
     order, distance = backward_order(result)
@@ -71,7 +71,7 @@ class Line(NamedTuple):
 
 
 def velocity_line(result: DiskArrayResult, top: float = np.inf) -> Line | None:
-    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None with fewer than three."""
+    """Fit Eq 10 by weighted least squares to mean sliding velocities up to a push `top`; None if fewer than three."""
     rows = []
     for load, ensemble in result.sliding.items():
         good = ensemble.velocity[np.isfinite(ensemble.velocity)]
@@ -92,7 +92,7 @@ def y_mode(modes: Spectrum) -> int:
 
 
 def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
-    """Wave numbers (Q,) [1/diameter] and their fractions (Q, n) in the y motion of each mode of a row."""
+    """Wave numbers (Q,) [1/diameter], and their fractions (Q, n) of the y motion of each mode of a row."""
     y = modes.modes[modes.free.axis == 1]
     n = len(y)
     power = np.abs(np.fft.fft(y, axis=0)) ** 2
@@ -102,7 +102,7 @@ def wave_power(modes: Spectrum) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exceeds(value: float, error: float, bound: float) -> bool | None:
-    """Verdict on a number above a bound; None within two standard errors of it."""
+    """Return True if a number exceeds a bound, None within two standard errors of it."""
     return None if not abs(value - bound) > 2 * error else bool(value > bound)
 
 
@@ -127,7 +127,7 @@ def saturation_error(free: FreeRun) -> float | None:
 
 
 def growth_factor(free: FreeRun) -> float:
-    """Ratio of the mean of M over the last quarter of a run to that over the first; about 1 without growth."""
+    """Ratio of mean M in the last quarter of a run to that in the first; about 1 without growth."""
     parts = np.array_split(free.msd[1:], LATE)
     return float(parts[-1].mean() / parts[0].mean())
 
@@ -143,7 +143,7 @@ def power_law(x: np.ndarray, speed: np.ndarray, error: np.ndarray) -> tuple[floa
 
 
 def drift_front(result: DiskArrayResult, threshold: float, loads) -> tuple[float, float] | None:
-    """Speed, and its error, of the backward front of an array that drifts with a constant profile of displacements.
+    """Speed and error of the backward front of an array that drifts with a constant profile of displacements.
 
     See `fronts.drift_speed`; None without a run that passes the threshold.
     """
@@ -156,7 +156,7 @@ def drift_front(result: DiskArrayResult, threshold: float, loads) -> tuple[float
 
 
 class Proportion(NamedTuple):
-    """Speed of the forward front against Im λ of the strongest pair, at the loads that have both."""
+    """Speed of the forward front against Im λ of the strongest pair, at loads with both."""
 
     load: np.ndarray  # (L,)
     im_lambda: np.ndarray  # (L,) [1/time²]
@@ -170,7 +170,7 @@ class Proportion(NamedTuple):
 
     @property
     def mean_ratio(self) -> tuple[float, float]:
-        """Mean of the ratios and its standard error, propagated from those of the speeds."""
+        """Mean of the ratios, and its standard error propagated from those of the speeds."""
         errors = self.speed_error / self.im_lambda
         return float(self.ratio.mean()), float(np.sqrt((errors**2).sum()) / len(errors))
 
@@ -189,12 +189,12 @@ def speed_proportion(result: DiskArrayResult, im_lambda: dict[float, float], *, 
     return Proportion(np.array(there), np.array([im_lambda[load] for load in there]), speed, error)
 
 
-LATE_STATES = 8  # number of late states of a run, relaxed
+LATE_STATES = 8  # number of late states of a run that are relaxed
 ARREST_LOADS = (0.030, 0.040)  # loads at which the paper's array comes to rest after growth
-KICK = 1e-4  # standard deviation of the initial velocities: far above the noise from which a pair grows [length/time]
+KICK = 1e-4  # standard deviation of initial velocities, far above the noise from which a pair grows [length/time]
 KICKED_LOADS = (0.030, 0.040, 0.0425, 0.045, 0.0475, 0.050, 0.055, 0.083)
 FEWER_LOADS = (0.040, 0.045, 0.050, 0.083)  # loads of a quick run
-REALIZATIONS = {False: 20, True: 8}  # at each load, in a full and in a quick run
+REALIZATIONS = {False: 20, True: 8}  # realizations at each load, in a full and in a quick run
 
 
 class Arrest(NamedTuple):
@@ -203,14 +203,14 @@ class Arrest(NamedTuple):
     load: float
     late: np.ndarray  # (K,) M of the late states [length²]
     static: np.ndarray  # (K,) M of the equilibria to which they relax [length²]
-    pairs: np.ndarray  # (K,) complex pairs of these equilibria
-    neighbours: np.ndarray  # (K,) disk–disk contacts of these equilibria
+    pairs: np.ndarray  # (K,) number of complex pairs of these equilibria
+    neighbours: np.ndarray  # (K,) number of disk–disk contacts of these equilibria
     charge: np.ndarray  # (K,) mean |t_iw| of the late states over that of the equilibrium from which the run starts
-    before: int  # disk–disk contacts of that equilibrium
+    before: int  # number of disk–disk contacts of that equilibrium
 
 
 def find_arrest(result: DiskArrayResult, load: float) -> Arrest:
-    """Relax the end of the free run at a load, and further late states of this run, an eighth of it apart."""
+    """Relax the end and further late states, an eighth of the run apart, of the free run at a load."""
     scenario, law, how = result.scenario, result.law, result.scenario.dynamics
     point, protocol = point_at_load(result.path, load), make_protocol(result.scenario, result.law)
     end, rows = perturbed(point.state, scenario.seed, how.seed_velocity), []

@@ -1,4 +1,4 @@
-"""Output of the disk array: files in the run folder and the summary on the terminal."""
+"""Output of the disk array: files in the run folder, and terminal summary."""
 
 from functools import partial
 from types import SimpleNamespace as Made

@@ -90,7 +90,7 @@ class Relaxation(ScenarioTable):
 
 
 class Dynamics(ScenarioTable):
-    """Newtonian runs from the equilibria where the path first passes given loads, with a tiny random velocity."""
+    """Newtonian runs with tiny random velocities, from the equilibria where the path first passes given loads."""
 
     loads: Loads = Field((0.03, 0.04, 0.062, 0.083, 0.087, 0.09), description="pushes where runs start [`load.unit`]")
     watch: Finite | None = Field(
@@ -112,7 +112,7 @@ class Dynamics(ScenarioTable):
 
 
 class Sliding(ScenarioTable):
-    """Many realizations of the transition at loads where the array slides, for fronts and the sliding velocity."""
+    """Many realizations of the transition at loads where the array slides, for fronts and sliding velocity."""
 
     loads: Loads = Field((), description="pushes; by default there are none, and hence no realizations [`load.unit`]")
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
@@ -138,11 +138,11 @@ class DiskArrayScenario(ScenarioBase):
 
     @property
     def dim(self) -> int:
-        """Two dimensions."""
+        """Number of dimensions, 2."""
         return 2
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load steps, the memory of the path with its complex modes, time steps, and runs."""
+        """Iterate over load steps, memory of the path with its complex modes, time steps, and runs."""
         load, disks, dt = self.load, self.array.disks, self.dynamics.dt
         steps = sum(abs(b - a) for a, b in pairwise(load.push)) / load.step
         yield Size("load.push takes", steps, "load steps", "use a larger load.step")

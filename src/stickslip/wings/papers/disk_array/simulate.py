@@ -1,4 +1,4 @@
-"""Simulation of a disk array: press, push quasi-statically, find spectra, run freely from chosen loads, and slide."""
+"""Simulation of a disk array: press, push quasi-statically, compute spectra, run freely from chosen loads, slide."""
 
 from functools import partial
 from pathlib import Path
@@ -39,7 +39,7 @@ RAMP, BIRTHS, FREE = "quasi-static ramp", "births and deaths of pairs", "free ru
 
 
 class Ensemble(NamedTuple):
-    """Realizations of sliding at one load; see `Transition` for each of them."""
+    """Realizations of sliding at one load; fields as in `Transition`."""
 
     load: float
     breach: np.ndarray  # (S, N) [time]
@@ -76,7 +76,7 @@ class DiskArrayResult(NamedTuple):
 
 
 def make_protocol(scenario: DiskArrayScenario, law: Law) -> Protocol:
-    """Return the protocol by which a scenario applies a push (in its own numbers) and finds equilibria."""
+    """Return the protocol by which a scenario applies a push (in the scenario's numbers) and finds equilibria."""
     how = scenario.relaxation
     options = _damping(scenario) if how.method == "dynamics" else {"tolerance": how.tolerance}
 
@@ -111,7 +111,7 @@ def push_disk_array(
 
     Parameters
     ----------
-    step : load step, if different from that of the scenario, to test its influence on the path
+    step : load step that replaces the scenario's, to test its influence on the path
     kept : storage for the points of the path
     """
     state, law = press(scenario)
@@ -121,7 +121,7 @@ def push_disk_array(
 
 
 def _coarse_pairs(scenario: DiskArrayScenario, law: Law, report: Report) -> list[Family]:
-    """Track the pairs on the path with twice the load step."""
+    """Track pairs on the path with twice the load step."""
     ramping, tracking = (within(report, *ends, stage=f"{BIRTHS}, twice the load step") for ends in ((0, 0.8), (0.8, 1)))
     path = push_disk_array(scenario, step=2 * scenario.load.step, report=ramping)[2]
     return track_pairs(path, make_protocol(scenario, law), tracking)
@@ -136,7 +136,7 @@ def run_sliding(
     points: list[Equilibrium], law: Law, scenario: DiskArrayScenario, workers: Workers, report: Report = silent, *,
     kept: Checkpoint | None = None, device: Device | None = None,
 ) -> dict[float, Ensemble]:  # fmt: skip
-    """Run the realizations of sliding at every load in parallel; seeds are the scenario's seed + 1, 2, 3 …"""
+    """Run the realizations of sliding at every load in parallel, with the scenario's seed + 1, 2, 3 … as seeds."""
     how, dynamics = scenario.sliding, scenario.dynamics
     options = {"velocity": dynamics.seed_velocity, "duration": how.duration, "thresholds": how.thresholds}
     for point in points:
@@ -164,7 +164,7 @@ def run_sliding(
 
 
 def _describe_member(member) -> str:
-    """Describe the outcome of a realization in a few words."""
+    """Describe the outcome of a realization."""
     if member.failure:
         return member.failure
     velocity = member.result.velocity
@@ -185,11 +185,11 @@ def simulate_disk_array(
 
     Parameters
     ----------
-    folder : run folder, in which loads, free runs and realizations are saved as soon as they finish; a run that was
-        killed resumes from them
+    folder : run folder, in which loads, free runs and realizations are saved as soon as they finish; a killed run
+        resumes from them
     workers : number of processes for the realizations of sliding, or the address of a Dask scheduler; the result does
         not depend on it
-    device : "cuda": run the realizations of sliding side by side on a graphics processor; they agree with those of
+    device : "cuda" to run the realizations of sliding side by side on a graphics processor; they agree with those of
         other processors until round-off has grown
     sensitivity : also track the pairs on the same path with twice the load step, to test its influence on births
     report : called as report(stage, share done, text with the relevant quantities)
@@ -221,7 +221,7 @@ def simulate_disk_array(
 
 
 def open_checkpoint(folder: Path | None, scenario: DiskArrayScenario) -> Checkpoint | None:
-    """Location of the saved data of a run, after a check of existing data; None without a folder."""
+    """Storage of a run's data, after a check of existing data; None without a folder."""
     nouns = (FreeRun, Growth, Trajectory, fronts.Transition, Family, Change, Outcome, Status)
     kept = checkpoint_in(folder, scenario, *nouns)
     if kept:
@@ -233,7 +233,7 @@ def open_checkpoint(folder: Path | None, scenario: DiskArrayScenario) -> Checkpo
 def simulate_before_sliding(
     scenario: DiskArrayScenario, kept: Checkpoint | None, sensitivity: bool = False, report: Report = silent
 ) -> DiskArrayResult:
-    """Run a scenario without the realizations of sliding, in this process."""
+    """Run a scenario, except the realizations of sliding, in this process."""
     kept = kept and kept.if_visible()
     pressed, law, path = push_disk_array(scenario, kept=kept and kept.of("ramp"), report=report)
     report(BIRTHS, 0.0, "bisection in the push")

@@ -1,4 +1,4 @@
-"""Ferdowsi & Rubin 2021: sheared fault gouge, with steady sliding, holds, slides after holds, and velocity steps."""
+"""Ferdowsi & Rubin 2021: sheared fault gouge in steady sliding, holds, slides after holds, and velocity steps."""
 
 from functools import partial
 

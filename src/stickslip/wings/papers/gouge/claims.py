@@ -1,8 +1,8 @@
 """Evaluation of the claims of Ferdowsi & Rubin 2021, the supplement to their slide-hold-slide study.
 
-The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Other
-statements follow from closed forms or from measured curves. Statements from the study itself or from other sources
-serve as references. Tolerances were fixed before anything was measured.
+The supplement prints a, b, D_c and the slope of the peaks, and states that restitution does not matter. Other claims
+follow from closed forms or from measured curves. Statements from the study itself or from other sources serve as
+references. Tolerances were fixed before anything was measured.
 """
 
 import numpy as np
@@ -45,7 +45,7 @@ def predict_per_efold(result: GougeResult, before: float, times, law: str) -> fl
 
 
 def reslides_after_longest(result: GougeResult, before: float):
-    """Return curves, velocities and peaks of slides after the longest hold, slowest first, and the hold itself."""
+    """Return curves, velocities and peaks of slides after the longest hold, slowest first, and the hold time."""
     longest = max(h for v, h, _ in measures.reslides(result) if v == before)
     after = [w for v, h, w in measures.reslides(result) if (v, h) == (before, longest)]
     curves = [measures.reslide_curve(result, before, longest, w) for w in after]
@@ -55,7 +55,7 @@ def reslides_after_longest(result: GougeResult, before: float):
 def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list[float], float]:
     """Return the hold times followed by slides at one common velocity, and that velocity.
 
-    The velocity is that before the hold if there are such slides, otherwise the slowest.
+    It is the velocity before the hold if there are such slides, otherwise the slowest.
     """
     holds = [(h, w) for v, h, w in measures.reslides(result) if v == before]
     chosen = before if any(w == before for _, w in holds) else min(w for _, w in holds)
@@ -63,7 +63,7 @@ def holds_with_common_velocity(result: GougeResult, before: float) -> tuple[list
 
 
 def healing_peaks(result: GougeResult, before: float):
-    """Return hold times, the peaks after them at one velocity, and the slope of these per e-fold of hold time."""
+    """Return hold times, the peaks after them at one velocity, and the slope of the peaks per e-fold of hold time."""
     times, after = holds_with_common_velocity(result, before)
     peaks = [measures.peak(measures.reslide_curve(result, before, h, after)) for h in times]
     return times, peaks, slope(np.log(times), peaks)
@@ -72,7 +72,7 @@ def healing_peaks(result: GougeResult, before: float):
 A, B, DC, PEAK_SLOPE, COLLAPSE = 0.0247, 0.0178, 5.3e-3, 0.0155, 5.0  # captions of Figs S1 and S2, inset of S2
 STIFFNESS, HOLD, BEFORE = 425.0, 1650.0, 0.02  # k̄_d; t̄_hold; V_i of Fig S2 [m/s]
 SMALLEST, SPEED, STEP = (1e-3, 25.0, 2e-8)  # diameter (not printed) [m]; speed [m/s]; Δt of Table S1 [s]
-ROUNDED = 0.25  # tolerance of Δt: it is printed with one digit, from 1.5e-8 to 2.5e-8
+ROUNDED = 0.25  # tolerance of Δt, which is printed with one digit: 1.5e-8 to 2.5e-8
 PEAK = 0.3  # tolerance of the peak, as of all numbers of rate-and-state friction
 STUDY = "Ferdowsi and Rubin 2021, doi:10.1029/2021JB022125, abstract"
 FULL = "not run: part of stickslip reproduce gouge --full"
@@ -84,7 +84,7 @@ UNDEFINED = (
 
 
 def _peaks(result: GougeResult | None) -> list[Claim]:
-    """Claims about the peak at V_r = V_i, the collapse of normalised peaks, and the slope of peaks below b."""
+    """Claims about the peak at V_r = V_i, the collapse of normalised peaks, and a slope of peaks below b."""
     paper, where = COLLAPSE * PEAK_SLOPE, "Fig S2: panel b and inset, C ≈ 5 times the slope 0.0155"
     collapse = "Fig S2: caption, (μ − μ_ss)/(C + ln(V_r/V_i)) with C ≈ 5"
     below = "Fig S2: inset of panel a, slope 0.0155 < b = 0.0178"
@@ -126,12 +126,12 @@ def collapse_defect(x: np.ndarray, peaks: list[Number]) -> Number:
 
 
 def below_or_not(number: Number, limit: float) -> bool | None:
-    """Verdict on a number below a limit; None if the limit lies in its 95 % interval, or if the interval is unknown."""
+    """Return True if a number is below a limit; None if its 95 % interval contains the limit or is unknown."""
     return bool(number.value < limit) if abs(number.value - limit) > number.half else None
 
 
 def _time_step(scenario: GougeScenario) -> Claim:
-    """Claim about a hundredth of the duration of a collision between two of the smallest grains."""
+    """Claim about the time step: a hundredth of the collision time of two of the smallest grains."""
     law = hertz_mindlin_reff(*elastic_constants(scenario.law.young, scenario.law.poisson))
     mass = scenario.grains.density * np.pi / 6 * SMALLEST**3
     step = collision(law, radius=SMALLEST / 2, mass=mass, speed=SPEED).duration / 100
@@ -144,7 +144,7 @@ def _time_step(scenario: GougeScenario) -> Claim:
 
 
 def hold_time(scenario: GougeScenario, definition: str, spring: float) -> float:
-    """Hold time [s] that is t̄ = 1650 by one of the definitions of `normalised_hold`, for a spring k [Pa/m]."""
+    """Hold time [s] for t̄ = 1650 by a definition of `normalised_hold`, with a spring k [Pa/m]."""
     unit = normalised_hold(scenario, 1.0, BEFORE)[definition]
     return HOLD / unit * (stiffness(scenario) / spring if definition == "frozen" else 1.0)
 
@@ -165,7 +165,7 @@ def predict_peaks(law: str, spring: float, hold: float, after: np.ndarray) -> np
 
 
 def _definitions(scenario: GougeScenario) -> Claim:
-    """Claim about the definitions of k̄ and t̄: the printed peak must lie between those of the two laws."""
+    """Claim about the definitions of k̄ and t̄: the printed peak must lie between the peaks of the two laws."""
     stress, rows, fits = scenario.load.normal_stress, [], []
     for kind in ("grain", "rate_state"):
         spring = stiffness(scenario, STIFFNESS, kind)
@@ -187,14 +187,14 @@ def _definitions(scenario: GougeScenario) -> Claim:
 
 
 def compare_hold_laws(time: np.ndarray, friction: np.ndarray, before: float, spring: float) -> LawComparison:
-    """Compare slip and aging law for a hold by likelihood, with the paper's a, b and D_c and a free level.
+    """Compare the slip and aging laws for a hold by likelihood, with the paper's a, b and D_c and a free level.
 
     Only times from `measures.EARLIEST` on are used.
 
     Parameters
     ----------
     time, friction : (T,) since the start of the hold [s], [1]
-    before : velocity before it [m/s]
+    before : velocity before the hold [m/s]
     spring : stiffness per unit normal stress [1/m]
     """
     last = float(time[-1]) * (1 + 1e-9)
@@ -205,7 +205,7 @@ def compare_hold_laws(time: np.ndarray, friction: np.ndarray, before: float, spr
 
 
 def _law_of_holds(main: GougeResult) -> list[Claim]:
-    """Claims about the law that holds follow, the bands of their curves, and the ratio of the dampings."""
+    """Claims about the law that holds follow, the bands of their curves, and the damping ratio."""
     before = measures.holds(main)[-1]
     curve, rate = measures.hold_curve(main, before), measures.per_efold(measures.hold_curve(main, before))
     made = compare_hold_laws(curve.x, curve.mean, before, stiffness(main.scenario) / main.scenario.load.normal_stress)
@@ -231,10 +231,10 @@ def _law_of_holds(main: GougeResult) -> list[Claim]:
     ]  # fmt: skip
 
 
-STEADY = (0.33, 0.42)  # range of the steady friction of such gouge
-LEDGER = 1e-2  # largest defect of the ledger over the dissipated energy, so that fractions are accurate to one per cent
+STEADY = (0.33, 0.42)  # known range of steady friction of such gouge
+LEDGER = 1e-2  # largest defect of the ledger over the dissipated energy, for fractions accurate to one per cent
 ENERGY = 1e-2  # kinetic over elastic energy below which grains count as quasi-static
-TELLING = 0.015  # largest half width of the interval of a difference for which two holds may count as equal
+TELLING = 0.015  # largest half width of a difference's interval at which two holds may count as equal
 TOLERANCE = {
     "steady": (STEADY[1] - STEADY[0]) / (STEADY[1] + STEADY[0]),  # the known range
     "rate and state": 0.3,  # b is 28 % less than a: with a larger deviation they could be confused
@@ -450,7 +450,7 @@ def _symmetry(result: GougeResult | None) -> Claim:
 
 
 def _compare_dampings(first: GougeResult, second: GougeResult) -> tuple[dict[str, tuple[Number, Number]], str]:
-    """Relaxation (at the end of the shorter hold, per e-fold) and steady friction for two dampings, also in words."""
+    """Relaxation (at the end of the shorter hold, per e-fold) and steady friction for two dampings, and their text."""
     before = measures.holds(first)[0]
     curves = [measures.hold_curve(result, before) for result in (first, second)]
     last = min(float(curve.x[-1]) for curve in curves)
@@ -482,9 +482,9 @@ def _restitution(holds: dict[str, GougeResult]) -> Claim:
 
 
 def _collisions(holds: dict[str, GougeResult]) -> list[Claim]:
-    """Claims about a damping for which collisions under the contact law really have the stated restitution of 0.98.
+    """Claims about a damping with which collisions under the contact law do have the stated restitution of 0.98.
 
-    By Eq 8 as printed they have nearly 1. Both dampings are compared, and the relaxation with them.
+    With Eq 8 as printed, restitution is nearly 1. Both dampings and the resulting relaxation are compared.
     """
     id, said = "restitution-of-collisions", 'Text: "exerted no significant influence", from "nearly zero" to "nearly 1"'
     source = "Text: not in the paper; the other reading of its restitution"
@@ -567,7 +567,7 @@ def _quasi_static(main: GougeResult) -> Claim:
 
 
 def _energies(main: GougeResult) -> Claim:
-    """Claim about the energy ledger of a period of sliding, which shows where the work of the spring goes."""
+    """Claim about the energy ledger during sliding, which shows where the work of the spring goes."""
     books = [sample.ledger for sample in main.realizations if sample.ledger]
     source, study = "Text: not in the paper; a check of this package", "conservation of energy"
     if not books:

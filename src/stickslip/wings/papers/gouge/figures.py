@@ -9,7 +9,7 @@ from ....measure import wrapped
 
 HELD = ("time held", "s")  # quantity and unit
 FRICTION = r"friction $\tau/\sigma$"
-MOST_NAMED = 8  # realizations that a legend names
+MOST_NAMED = 8  # largest number of realizations named in a legend
 
 _Realization = Annotated[Any, Result("realization of a GougeResult", ("states",))]
 _WithTests = Annotated[Any, Result("realization of a GougeResult", ("tests",))]
@@ -24,7 +24,7 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
 
     Parameters
     ----------
-    realizations : of a `GougeResult`
+    realizations : realizations of a `GougeResult`
     diameter : D, the unit of slip and thickness [m]
     """
     figure, (above, below) = style.column_axes(2, 3.4, sharex=True)
@@ -43,7 +43,7 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
 def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
-    The reference is a copy without the step (`twins`) or the mean in steady sliding at the old velocity.
+    The reference is a copy without the step (`twins`), or the mean in steady sliding at the old velocity.
     """
     figure, axes = style.column_axes(1, 2.4)
     for number, curve in enumerate(curves):
@@ -60,7 +60,7 @@ def velocity_steps(curves: list[_Curve], *, twins: bool = True):
 
 @style.styled
 def holds(panels: Annotated[list[_Panel], Requirement(require_filled)]):
-    """Change in friction during holds against time, mean and 2σ over branches, with the predictions of both laws.
+    """Change in friction during holds against time, mean and 2σ over branches, with predictions of both laws.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float 
     Parameters
     ----------
     ratios, creep : one `Curve` per damping
-    sliding : kinetic over elastic energy in steady sliding before the holds, if it is to be drawn
+    sliding : kinetic over elastic energy in steady sliding before the holds, or None
     """
     figure, (above, below) = style.column_axes(2, 4.4, sharex=True)
     for number, (ratio, velocity) in enumerate(zip(ratios, creep, strict=True)):
@@ -106,7 +106,7 @@ def energies_in_holds(ratios: list[_Curve], creep: list[_Curve], sliding: float 
 
 @style.styled
 def reslides(curves: list[_Curve], ratios: Series, peaks: list[_Number], slope: _Number | None, offset: float):
-    """Friction after holds for each velocity, with two standard errors; the same divided by C + ln(V_r/V_i); its peak.
+    """Friction after holds for each velocity, with two standard errors; the same over C + ln(V_r/V_i); its peak.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def healing(times: Series, peaks: list[_Number], slope: _Number, b: float, thick
 
 @style.styled
 def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScenario", ("cell",))]):
-    """Sample in steady sliding, seen along z: mobile grains coloured by speed, plates grey."""
+    """Sample in steady sliding, viewed along z: mobile grains coloured by speed, plates grey."""
     state = realization.states["steady"]
     loose = np.flatnonzero(state.control.group[: len(state.grains.radius)] < 0)
     place, radius = wrapped(state), float(state.grains.radius.max())
@@ -196,7 +196,7 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
 
 
 def _plot_band(axes, curve, color, *, errors: bool = False):
-    """Plot the mean and a band of two standard deviations over branches, or of two standard errors."""
+    """Plot the mean with a band of two standard deviations over branches, or of two standard errors."""
     width = 2 * np.nan_to_num(curve.error) if errors else curve.band
     axes.plot(curve.x, curve.mean, color=color, label=curve.label)
     axes.fill_between(curve.x, curve.mean - width, curve.mean + width, color=color, alpha=0.2, lw=0)
@@ -217,8 +217,8 @@ def stick_slip(
 
     Parameters
     ----------
-    realization : of a `GougeResult`
-    slips : of `find_slips`; those of this realization are marked
+    realization : one realization of a `GougeResult`
+    slips : result of `find_slips`; slips of this realization are marked
     diameter : D, the unit of displacements [m]
     """
     figure, (above, below) = style.column_axes(2, 3.6, sharex=True)

@@ -15,19 +15,19 @@ from .simulate import GougeResult
 from .statistics import Curve, Number, combine, read_off
 
 POINTS = 200  # minimum number of points of a mean curve
-EARLIEST = 1e-2  # hold time from which slopes against its logarithm are fitted [s]
-EARLY = 0.05  # slip of the load point during which the state hardly changes: 3 % of the dc of Ferdowsi & Rubin 2021 [D]
+EARLIEST = 1e-2  # smallest hold time in fits of slopes against its logarithm [s]
+EARLY = 0.05  # load-point slip during which the state hardly changes, 3 % of the dc of Ferdowsi & Rubin 2021 [D]
 BEFORE = 0.02  # slip over which the value before a hold is averaged [D]
 SMOOTH = 0.02  # slip over which curves are averaged before the peak is determined [D]
 
 
 @checked
 def steady_friction(found: Realization, velocity: float, window: float) -> Mean | None:
-    """Mean steady friction of a realization at a velocity; None if it was never steady there.
+    """Mean steady friction of a realization at a velocity; None if sliding was never steady.
 
     The mean is over the last two windows [m] of the preparation, slides that continued at this velocity, and the second
-    halves of slides and steps that changed to it. The error accounts for the correlation of friction along the
-    slip; see `friction.steady_mean`.
+    halves of slides and steps that changed to it. The error accounts for the correlation of friction along slip; see
+    `friction.steady_mean`.
     """
     pieces = _steady_pieces(found, velocity, window, "friction")
     return steady_mean(np.concatenate(pieces)) if pieces else None
@@ -47,14 +47,14 @@ def _steady_pieces(sample: Realization, velocity: float, window: float, column: 
 
 
 def steady_slip(result: GougeResult, velocity: float) -> float:
-    """Smallest slip of a sample over which its steady friction at a velocity is averaged [m]."""
+    """Smallest slip of any sample over which steady friction at a velocity is averaged [m]."""
     rows = [_steady_pieces(sample, velocity, _window(result), "friction") for sample in result.realizations]
     return velocity * result.scenario.interval * min(sum(map(len, pieces)) for pieces in rows)
 
 
 @checked
 def velocities(result: GougeResult) -> list[float]:
-    """Velocities with steady friction in some realization, slowest first."""
+    """Velocities with steady friction in at least one realization, slowest first."""
     values = {t.velocity for sample in result.realizations for t in sample.of("steady", "slide", "step")}
     return sorted(v for v in values if v > 0)
 
@@ -63,7 +63,7 @@ def velocities(result: GougeResult) -> list[float]:
 def mean_friction(result: GougeResult, velocity: float) -> Number:
     """Mean over samples of the steady friction at a velocity.
 
-    The error is based on the scatter between samples. With only one sample, it is the error of that sample's mean.
+    The error is based on the scatter between samples; with only one sample, it is the error of that sample's mean.
     """
     means = [steady_friction(sample, velocity, _window(result)) for sample in result.realizations]
     friction = read_off(np.array([[m.mean] for m in means]), _seeds(result), lambda mean: mean[0])
@@ -110,8 +110,8 @@ def step_curve(
 ) -> Curve | None:
     """Change in friction, or in another column, after a velocity step, against the slip of the load point [D].
 
-    With `twin`, the change is relative to the copy that continued at the old velocity; otherwise, it is relative to the
-    mean of the sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
+    With `twin`, the change is relative to the copy that continued at the old velocity; otherwise, to the mean of the
+    sample in steady sliding at the old velocity. Returns None if there is no such step or copy.
     """
 
     def level(sample: Realization) -> float:
@@ -182,7 +182,7 @@ def just_after(curve: Curve) -> Number:
 
 
 class Response(NamedTuple):
-    """Peaks just after velocity steps, split into a part that depends on ln V and a part that depends on V."""
+    """Peaks just after velocity steps, split into parts that depend on ln V and on V."""
 
     a: Number  # direct effect
     impedance: Number  # impedance of plate and layer over the normal stress: Δμ = impedance ΔV [s/m]
@@ -194,8 +194,8 @@ def response(result: GougeResult) -> Response | None:
     """Fit the direct effect and the radiation impedance to peaks after velocity steps of different sizes.
 
     The peak Δμ after a step from V1 to V2 is the largest change of the smoothed mean curve in the step's direction. It
-    is fitted with a ln(V2/V1) + η (V2 − V1) by least squares. The plate and the layer radiate waves; the resulting
-    resistance η σ is proportional to the change in velocity, not to the change in its logarithm. Returns None unless
+    is fitted by a ln(V2/V1) + η (V2 − V1) with least squares. The second term is due to waves radiated by plate and
+    layer; their resistance is proportional to the change in velocity, not to that of its logarithm. Returns None unless
     there are steps with different ratios of ln(V2/V1) to V2 − V1.
     """
     curves = {pair: step_curve(result, *pair, twin=False) for pair in steps(result)}
@@ -325,11 +325,9 @@ def smoothed(curve: Curve, window: float = SMOOTH) -> Curve:
 
 @checked
 def peak(curve: Curve, *, sign: float = 1.0) -> Number:
-    """Largest value of the smoothed mean curve, or the smallest for sign −1.
+    """Largest value of the smoothed mean curve, or smallest value for sign −1.
 
-    After a hold, this value marks the end of elastic reloading.
-
-    Noise increases it; see `peak_bias`.
+    After a hold, it marks the end of elastic reloading. Noise increases it; see `peak_bias`.
     """
     return smoothed(curve).read(lambda mean: sign * (sign * mean).max())
 
@@ -338,9 +336,9 @@ def peak(curve: Curve, *, sign: float = 1.0) -> Number:
 def peak_bias(curve: Curve) -> float:
     """Upper bound on the bias of the peak due to noise.
 
-    It is the difference between the peak and the mean of the values of the samples, each at the peak position of the
-    other samples. These values are not biased by the selection of a maximum, but lie below the true peak as far as the
-    peak positions of the others are wrong. NaN for a single branch.
+    It is the difference between the peak and the mean of the samples' values, each at the peak position of the other
+    samples. These values are not biased by the selection of a maximum, but lie below the true peak if the peak
+    positions of the others are wrong. NaN for a single branch.
     """
     units = smoothed(curve).units
     if len(units) < 2:
@@ -358,9 +356,9 @@ def peak_slip(curve: Curve) -> float:
 
 
 class Steps(NamedTuple):
-    """Slide and subsequent velocity steps, as a laboratory record."""
+    """Slide and subsequent velocity steps as a laboratory record."""
 
-    seed: int  # seed of the realization; −1 for the mean over branches of all
+    seed: int  # seed of the realization; −1 for the mean over all branches
     part: int  # entry of the protocol, counted from 0
     branch: int
     data: Data
@@ -368,7 +366,7 @@ class Steps(NamedTuple):
 
 @checked
 def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
-    """Return the velocity steps of every branch as records of friction against time, with the legs of the load.
+    """Return the velocity steps of every branch as records of friction against time, with the load legs.
 
     Parameters
     ----------
@@ -386,7 +384,7 @@ def step_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
     """Average velocity steps over all branches of all samples.
 
-    Return one record for each part of the protocol that has such steps.
+    Return one record for each part of the protocol with velocity steps.
     """
     means, records = [], step_records(result, samples=samples)
     for part in dict.fromkeys(record.part for record in records):
@@ -399,9 +397,9 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 
 
 def _make_record(chain: list[Test], samples: int) -> Data:
-    """Make the record of a chain of tests, with samples that are equally spaced in slip.
+    """Make the record of a chain of tests, with samples equally spaced in slip.
 
-    After a change of velocity it begins in the middle of the first leg.
+    After a change of velocity, it begins in the middle of the first leg.
     """
     columns = [test.series.friction for test in chain]
     if chain[0].before != chain[0].velocity:

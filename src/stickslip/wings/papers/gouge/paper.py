@@ -1,8 +1,8 @@
 """Reproduction of Ferdowsi & Rubin 2021 at a reduced scale: slide-hold-slide and velocity steps of granular gouge.
 
-The paper, by Ferdowsi and Rubin, uses about 4800 grains in its cell, velocities down to 0.2 mm/s and time steps of 20
-ns, which would take months on one core. Here, only a tenth as many grains are used, and they slide at centimetres per
-second. The scenario in `examples/gouge_paper.toml` has the scale of the paper.
+The paper, by Ferdowsi and Rubin, uses about 4800 grains, velocities down to 0.2 mm/s and time steps of 20 ns, which
+would take months on one core. Here, only a tenth as many grains slide at centimetres per second. The scenario in
+`examples/gouge_paper.toml` has the scale of the paper.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from .report import announce, announce_samples
 from .scenario import GougeScenario
 from .simulate import GougeResult, Sample, check_folder, read_samples, simulate_gouge
 
-SLOW, PAPER = 0.03, 0.02  # velocities before holds; the latter is that of Fig S2 [m/s]
+SLOW, PAPER = 0.03, 0.02  # velocities before holds; the second is that of Fig S2 [m/s]
 DAMPINGS = {  # keys are the names used in claims and figures
     "ε = 0.98, Eq 8": {"restitution": 0.98, "reading": "eq8"},
     "ε = 0.3, Eq 8": {"restitution": 0.3, "reading": "eq8"},
@@ -26,10 +26,10 @@ STEPS = (1.0, 8.0, 4.0, 1.0, 1.0)  # slips of steps at the paper's size; see `be
 
 
 class Reproduction(NamedTuple):
-    """Results by name and the evaluated claims; `holds` has one result for each damping value."""
+    """Results by name, and evaluated claims; `holds` has one result per damping value."""
 
     holds: dict[str, GougeResult]
-    more: dict[str, GougeResult]  # of a full run: "stiff", "reslides", "steps", "velocities"
+    more: dict[str, GougeResult]  # results of a full run: "stiff", "reslides", "steps", "velocities"
     claims: list[Claim]
 
     @property
@@ -48,10 +48,10 @@ def paper_scenario(
     *, quick: bool = False, paper_size: bool = False, realizations: int | None = None, samples: Path | None = None,
     seed: int = 0, damping: str = MAIN,
 ) -> GougeScenario:  # fmt: skip
-    """Return the scenario of holds after sliding at 0.03 m/s, followed by slides, or that of the paper's own size.
+    """Return the scenario of holds after sliding at 0.03 m/s, followed by slides, or the scenario of the paper's size.
 
-    Holds with other damping values are shorter. Without a number of realizations, it is that of the stored samples,
-    which `read_samples` checks.
+    Holds with other damping values are shorter. Without a number of realizations, the scenario is that of the stored
+    samples, which `read_samples` checks.
     """
     if not paper_size and (realizations or samples):
         raise ValueError("realizations and samples require paper_size")
@@ -98,10 +98,10 @@ def full_scenarios(seed: int = 0) -> dict[str, GougeScenario]:
 
 
 def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | None = None) -> GougeScenario:
-    """Return the scenario of the paper's own size: 4341 mobile grains of 1 to 5 mm, and eight samples by default.
+    """Return the scenario of the paper's size: 4341 mobile grains of 1 to 5 mm, and eight samples by default.
 
-    The time step is 16 times that of the paper, half the longest stable one. Branches start from one state of
-    each sample. With a damping other than that of the paper, holds are shorter, and no slides follow.
+    The time step is 16 times that of the paper, half of the longest stable step. Branches start from one state of each
+    sample. With a damping other than the paper's, holds are shorter, and no slides follow.
     """
     hold = {"kind": "slide-hold-slide", "before": (PAPER,), "approach": 4.0, "slip": 1.5}
     long = {"holds": (1e-2, 1e-1, 1.0, 1.43), "after": (PAPER, 0.05, 0.1, 0.3)}
@@ -117,7 +117,7 @@ def paper_size_scenario(seed: int = 0, damping: str = MAIN, realizations: int | 
 
 
 def stored_samples(folder: Path) -> dict[str, dict[int, Sample]]:
-    """Return the samples of the paper's own size in a folder, by damping and seed; errors as in `read_samples`."""
+    """Return the samples of the paper's size in a folder, by damping and seed; errors as in `read_samples`."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is not a folder: give the folder of stored samples")
     stored = read_samples(folder, {name: paper_size_scenario(damping=name) for name in (MAIN, LOW)})
@@ -144,12 +144,12 @@ def reproduce(
 
     Parameters
     ----------
-    quick : run holds of 0.1 s with only two damping values
+    quick : run only holds of 0.1 s with two damping values
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
-    paper_size : run the scenarios of the paper's own size instead
-    realizations : number of samples of each of these, 8 if neither this nor `samples` is given
-    samples : folder of samples of the paper's own size. Without `realizations`, the stored ones are evaluated, and
-        nothing is run. With it, missing ones are run and added, and all are evaluated.
+    paper_size : run the scenarios of the paper's size instead
+    realizations : number of samples of each of these; 8 if both this and `samples` are None
+    samples : folder of samples of the paper's size. Without `realizations`, the stored samples are evaluated and
+        none are run. With it, missing samples are run and added, and all are evaluated.
     """
     names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
     size = {"quick": quick, "paper_size": paper_size, "realizations": realizations, "samples": samples}

@@ -1,8 +1,8 @@
-"""One realization of a gouge experiment: a trunk that slides steadily, and tests that branch off from its states.
+"""One realization of a gouge experiment: a trunk that slides steadily, and tests that branch off its states.
 
 The trunk is prepared, slid until friction is steady, and taken through the slides of the protocol. Steps and holds
-start from copies of its state, so they can run in parallel. Slips are times of a slide through a soft spring at which
-the upper plate runs ahead.
+start from copies of its state, so that they can run in parallel. A slip is an interval, in slides through a soft
+spring, during which the upper plate runs ahead.
 """
 
 from functools import partial
@@ -18,9 +18,9 @@ from ...faults.friction.laboratory import steady_mean
 from .sample import BOTTOM, TOP, Gouge, Range, attach_spring, gouge_law, make_range, prepare_sample, stiffness
 from .scenario import GougeScenario, Slide, SlideHoldSlide, VelocitySteps
 
-DECADE = 20  # samples of a hold in each decade of time
+DECADE = 20  # samples of a hold per decade of time
 TRUNK = "trunk"  # name of the pieces of an unfinished trunk
-SKIN = 0.02  # skin of LAMMPS's neighbour lists in mean diameters, the fastest in `benchmarks/gouge.py`
+SKIN = 0.02  # skin of LAMMPS's neighbour lists in mean diameters, the fastest value in `benchmarks/gouge.py`
 
 
 class Series(NamedTuple):
@@ -29,14 +29,14 @@ class Series(NamedTuple):
     time: np.ndarray  # (T,) from the start of sliding [s]
     load_point: np.ndarray  # (T,) displacement of the spring's load point [m]
     slip: np.ndarray  # (T,) displacement of the upper plate along x [m]
-    velocity: np.ndarray  # (T,) of the upper plate along x [m/s]
+    velocity: np.ndarray  # (T,) velocity of the upper plate along x [m/s]
     friction: np.ndarray  # (T,) force of the spring over σ A [1]
-    contact_friction: np.ndarray  # (T,) −force of the contacts on the upper plate along x over σ A [1]
-    normal: np.ndarray  # (T,) force of the contacts on the upper plate along y over σ A
-    thickness: np.ndarray  # (T,) between the mean heights of the plates' grains [m]; its growth is dilation
+    contact_friction: np.ndarray  # (T,) minus the force of the contacts on the upper plate along x, over σ A [1]
+    normal: np.ndarray  # (T,) force of the contacts on the upper plate along y, over σ A [1]
+    thickness: np.ndarray  # (T,) distance between the mean heights of the plates' grains [m]; growth is dilation
     kinetic_energy: np.ndarray  # (T,) of the mobile grains, translations and rotations [J]
-    temperature: np.ndarray  # (T,) granular: mean of v_y² and v_z² of the mobile grains, by mass [m²/s²]
-    coordination: np.ndarray  # (T,) contacts of a grain that is not a rattler, including the grains of the plates [1]
+    temperature: np.ndarray  # (T,) granular temperature: mass-weighted mean of v_y² and v_z² of mobile grains [m²/s²]
+    coordination: np.ndarray  # (T,) mean contacts of grains other than rattlers, plate grains included [1]
     sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     fabric: np.ndarray  # (T, 3, 3) mean of n ⊗ n over contacts [1]
 
@@ -46,19 +46,19 @@ class Series(NamedTuple):
 
 
 class Test(NamedTuple):
-    """One leg of a protocol, in which the load point has a constant velocity.
+    """One leg of a protocol, with a constant velocity of the load point.
 
     A slide leads to the state from which its branch starts. Samples of a hold are means over intervals that grow with
-    the hold time.
+    hold time.
     """
 
     kind: str  # "steady" (preparation), "slide", "step", "twin" (no step), "hold", "reslide"
     before: float  # velocity of the load point before this leg [m/s]
     velocity: float  # velocity of the load point [m/s]
-    hold: float  # duration of the hold just before [s]
+    hold: float  # duration of the hold just before this leg [s]
     series: Series
     part: int = 0  # entry of the protocol, counted from 0
-    branch: int = 0  # number of the state on the trunk
+    branch: int = 0  # index of the state on the trunk
     elastic: float = np.nan  # energy stored in the contacts at the end [J]
 
 
@@ -66,7 +66,7 @@ class Branch(NamedTuple):
     """State of the trunk from which tests start."""
 
     part: int  # entry of the protocol
-    number: int  # number of the state along the slide
+    number: int  # index of the state along the slide
     before: float  # velocity of the load point [m/s]
     place: Gouge
 
@@ -87,14 +87,14 @@ class Realization(NamedTuple):
     range: Range
     tests: tuple[Test, ...]  # tests of the trunk, then of the branches
     states: dict[str, State]  # settled, steady, end
-    ledger: dict[str, np.ndarray]  # energies at the end of the protocol, columns of `Ledger`; empty if not requested
+    ledger: dict[str, np.ndarray]  # energies after the protocol, columns of `Ledger`; empty if not requested
 
     def of(self, *kinds: str) -> list[Test]:
         """Return the tests of given kinds, in the order in which they ran."""
         return [test for test in self.tests if test.kind in kinds]
 
     def slide_to(self, test: Test) -> Test:
-        """Return the slide that leads to the state from which a hold, a slide after a hold or a first step branches."""
+        """Return the slide that leads to the state where a hold, a slide after a hold, or a first step branches off."""
         mine = (test.part, test.branch, test.before)
         return next(t for t in self.of("slide") if (t.part, t.branch, t.velocity) == mine)
 
@@ -106,8 +106,8 @@ def run_trunk(
 
     Parameters
     ----------
-    kept : storage for the sample and pieces of its legs; a run that was killed resumes from the last piece, with
-        a result bitwise identical to that of an uninterrupted run
+    kept : storage for the sample and pieces of its legs; a killed run resumes from the last piece, with a result
+        bitwise identical to that of an uninterrupted run
 
     Raises
     ------
@@ -159,7 +159,7 @@ def run_branch(
 
 
 def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) -> Realization:
-    """Make a Realization from a trunk and the tests of its branches, in the order of the branches."""
+    """Make a Realization from a trunk and the tests of its branches, in branch order."""
     everything = (*trunk.tests, *(test for branch in tests for test in branch))
     fastest = max(test.velocity for test in everything)
     state, thickness = trunk.states["steady"], float(trunk.tests[0].series.thickness[-1])
@@ -170,7 +170,7 @@ def make_realization(scenario: GougeScenario, seed: int, trunk: Trunk, tests) ->
 
 
 def _slide_to_steadiness(legs: "_LegRunner", place):
-    """Slide until friction is the same in two successive windows, or for a given slip."""
+    """Slide until friction agrees in two successive windows, or for a given slip."""
     chosen = legs.scenario.preparation
     if not chosen.steady:
         seconds = chosen.slip * legs.scenario.grains.mean / chosen.velocity
@@ -185,7 +185,7 @@ def _slide_to_steadiness(legs: "_LegRunner", place):
 
 
 def _run_until_steady(legs: "_LegRunner", place, velocity: float, least: float, longest: float):
-    """Return the place, series and elastic energy once sliding is steady, or None; slips are in D."""
+    """Return place, series and elastic energy once sliding is steady, or None; slips are in D."""
     chosen, size = legs.scenario.preparation, legs.scenario.grains.mean
     parts, slid, wanted = [], 0.0, max(least, 2 * chosen.window)
     while slid < longest:
@@ -222,7 +222,7 @@ def _run_steps(legs: "_LegRunner", start: Branch, part: VelocitySteps):
 
 
 def _run_holds(legs: "_LegRunner", start: Branch, part: SlideHoldSlide):
-    """Yield the tests of one hold and of the slides after each of its hold times."""
+    """Yield the tests of one hold, and of the slides after each of its hold times."""
     size, interval, before = legs.scenario.grains.mean, legs.scenario.interval, start.before
     if part.twin:
         _, series, elastic = legs.run(start.place, before, part.twin * size / before, f"slide at {before:g} m/s, twin")
@@ -241,7 +241,7 @@ def _run_holds(legs: "_LegRunner", start: Branch, part: SlideHoldSlide):
 
 
 def _log_binned(series: Series) -> Series:
-    """Average over intervals that grow with the hold time, `DECADE` of them in each decade."""
+    """Average over intervals that grow with hold time, `DECADE` of them per decade."""
     count = len(series.time)
     edges = np.unique(np.round(np.geomspace(1, count + 1, max(2, round(DECADE * np.log10(count + 1)) + 1))).astype(int))
     starts = edges[:-1] - 1
@@ -251,14 +251,14 @@ def _log_binned(series: Series) -> Series:
 
 
 class _LegRunner:
-    """Run the legs of a trunk or a branch in pieces that are saved, and report progress."""
+    """Runs the legs of a trunk or branch in pieces, saves them, and reports progress."""
 
     def __init__(self, scenario: GougeScenario, engine: Engine, report: Report, kept, duration: float, name: str):
         self.scenario, self.engine, self.report, self.kept, self.name = scenario, engine, report, kept, name
         self.done, self.total, self.number = 0, duration / scenario.dt, 0
 
     def run(self, place, velocity: float, seconds: float, stage: str):
-        """Run a leg, each piece of which ends with a sample; return place, series and elastic energy at its end."""
+        """Run a leg in pieces that end with a sample; return place, series and elastic energy at its end."""
         every = self.scenario.sample_every
         samples = max(1, round(seconds / self.scenario.dt / every))
         name, self.number = f"leg-{self.number:04d}", self.number + 1
@@ -266,7 +266,7 @@ class _LegRunner:
 
         def run_pieces(place=place) -> tuple[Gouge, Series]:
             parts, first = [], 0
-            while first < samples:  # saved pieces are as long as those of the engine that ran them
+            while first < samples:  # the length of saved pieces depends on the engine that ran them
                 steps, piece = min(self.engine.samples, samples - first) * every, f"{first:09d}"
                 leg = partial(self._run_leg, place, velocity, steps, f"{self.name}/{name}/{piece}")
                 place, part = load_or_compute(pieces, piece, leg)
@@ -343,7 +343,7 @@ def _run_ledger(scenario: GougeScenario, gouge: Gouge) -> dict[str, np.ndarray]:
 
 
 def load_point_lead(place: Gouge) -> float:
-    """Displacement of the load point from where the spring was attached [m]."""
+    """Displacement of the load point from the point where the spring was attached [m]."""
     control = place.state.control
     if not control.spring[place.top, 0].any():
         return 0.0
@@ -351,7 +351,7 @@ def load_point_lead(place: Gouge) -> float:
 
 
 def measure_series(record: Record, gouge: Gouge) -> Series:
-    """Return the series of a record of a gouge whose spring is attached."""
+    """Return the series for a record of gouge with an attached spring."""
     state, lead = gouge.state, gouge.state.control.leads[gouge.top[0], 0]
     load_point = np.array([factors_at(state.control, time)[lead] for time in record.time])
     grains, top, whole = gouge.state.grains, gouge.top, gouge.normal_stress * gouge.area
@@ -380,8 +380,8 @@ class Slips(NamedTuple):
     """Slips in slides at constant velocity of the load point, K rows.
 
     A slip begins with the first sample at which the plate moves faster than `threshold` times the load point, and ends
-    with the first one at which it is no longer faster than the load point. Rebounds that begin before the load point
-    has moved on by 0.01 D belong to the slip. Slips that are not completely within a slide are excluded.
+    with the first sample at which it is no longer faster than the load point. Rebounds that begin before the load point
+    has moved by 0.01 D belong to the slip. Slips not completely within a slide are excluded.
     """
 
     realization: np.ndarray  # (K,) seed
@@ -390,7 +390,7 @@ class Slips(NamedTuple):
     load_point: np.ndarray  # (K,) displacement of the load point at that time [m]
     duration: np.ndarray  # (K,) [s]
     slip: np.ndarray  # (K,) displacement of the plate [m]
-    drop: np.ndarray  # (K,) decrease of the friction, which is the force of the spring over σ A [1]
+    drop: np.ndarray  # (K,) decrease of friction, the force of the spring over σ A [1]
     velocity: np.ndarray  # (K,) largest velocity of the plate [m/s]
 
 
@@ -399,7 +399,7 @@ def find_slips(realizations: tuple[Realization, ...], threshold: float, diameter
 
     Parameters
     ----------
-    threshold : velocity of the plate over that of the load point
+    threshold : ratio of plate to load-point velocity above which the plate slips
     diameter : D [m]
     """
     rows = [
@@ -413,7 +413,7 @@ def find_slips(realizations: tuple[Realization, ...], threshold: float, diameter
 
 
 def _slips_of(test: Test, threshold: float, joined: float) -> list[tuple[int, int]]:
-    """Return the first fast sample of each slip, and the first one after the slip; the load point is `joined` apart."""
+    """Return the first sample of each slip and the first after it; merge slips if the load point moves < `joined`."""
     series, last = test.series, len(test.series.time)
     fast = np.flatnonzero(series.velocity > threshold * test.velocity)
     slow = np.flatnonzero(series.velocity <= test.velocity)

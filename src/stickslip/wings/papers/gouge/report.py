@@ -1,4 +1,4 @@
-"""Output of gouge experiments: files in the run folder and the summary on the terminal."""
+"""Output of gouge experiments: files in the run folder, and terminal summary."""
 
 from collections import Counter
 from functools import partial
@@ -28,13 +28,13 @@ from .sample import damping, inertial_numbers, normalised_hold, normalised_stiff
 from .simulate import GougeResult, Sample
 from .statistics import slope
 
-STEPS = "steps_{:04d}_{}.csv"  # realization, running number of its sequences of steps
+STEPS = "steps_{:04d}_{}.csv"  # realization, and number of its sequence of steps
 COLLAPSE = 5.0  # C of Ferdowsi & Rubin 2021, Fig S2b
 LONG = 0.1  # fraction of a realization above which the cost of a single hold is announced
 
 
 def announce(*scenarios) -> None:
-    """Print the expected duration of runs before they start."""
+    """Print the expected cost of runs before they start."""
     for scenario in scenarios:
         console.print(
             f"{scenario.realizations} realizations, each of about {scenario.steps:.2g} steps of {scenario.dt:g} s with "
@@ -51,7 +51,7 @@ def announce(*scenarios) -> None:
 
 
 def announce_samples(folder: Path, stored: dict[str, dict[int, Sample]], before: set[str]) -> None:
-    """Print which samples are evaluated, and where they come from; `before` has names of files that were there."""
+    """Print the samples that are evaluated, and their origin; `before` contains names of earlier files."""
     for name, samples in stored.items():
         versions = Counter(sample.version for sample in samples.values() if sample.path.name in before)
         parts = [f"{number} from {folder} (stickslip {version})" for version, number in versions.items()]
@@ -107,7 +107,7 @@ def paper_failures(reproduction) -> tuple[str, ...]:
 
 
 def paper_figures(reproduction):
-    """Yield (file name, Figure) for the paper's experiments: holds with every damping value, and all other runs."""
+    """Yield (file name, Figure) for the paper's experiments: holds with all damping values, and all other runs."""
     main, before = reproduction.main, measured.holds(reproduction.main)[-1]
     yield "fig1_steady_sliding.png", figures_of.steady_sliding(main.realizations, main.scenario.grains.mean)
     if "steps" in reproduction.more:
@@ -138,7 +138,7 @@ def _rest_figure(runs: dict):
 
 
 def _reslide_figures(result: GougeResult, healing: GougeResult):
-    """Yield figures of slides at several velocities after one hold, and at one velocity after several holds."""
+    """Yield figures of slides: several velocities after one hold, and one velocity after several holds."""
     slides = {v: reslides_after_longest(result, v) for v in {v for v, _, _ in measured.reslides(result)}}
     if slides:
         before = max(slides, key=lambda v: len(slides[v][0]))
@@ -194,7 +194,7 @@ def _labels(names, units: dict[str, str]) -> list[str]:
 
 
 def _write_curves(reproduction, path: Path) -> None:
-    """Write mean curves of a reproduction, one row per point, with standard error and deviation over branches."""
+    """Write mean curves of a reproduction, one row per point, with standard error, and deviation over branches."""
     names = "run", "kind", "before [m/s]", "hold [s]", "after [m/s]", "x", "unit of x", "mean", "error", "deviation"
     rows = (
         (run.replace(",", ";"), kind, *where, x, unit, *numbers)

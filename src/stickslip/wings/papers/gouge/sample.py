@@ -1,8 +1,8 @@
 """Preparation of a gouge sample, and the dimensionless numbers of an experiment, each with its defining formula.
 
-Grains are poured, pressed between flat walls, glued into rough plates, and pressed with friction. x is the direction of
-shear, y that of the normal stress, and z the transverse direction. The lowest and the highest grains of the pressed
-sample form the plates, which are rigid bodies that do not rotate. The lower plate is fixed. The upper plate is pressed
+Grains are poured, pressed between flat walls, glued into rough plates, and pressed again with friction. The lowest and
+highest grains of the pressed sample form the plates, which are rigid bodies without rotation. x is the direction of
+shear, y that of the normal stress, and z the transverse direction. The lower plate is fixed. The upper plate is pressed
 along y, fixed along z, and fixed, driven or pulled by a spring along x.
 """
 
@@ -17,18 +17,16 @@ from ....measure import contact_forces, elastic_energy, inertial_number, stable_
 from ....packings import without_walls
 from .scenario import GougeScenario
 
-# limits of the quasi-static range of hard grains, in a layer that is not dominated by its plates
+# limits of the quasi-static range of hard grains in a layer not dominated by its plates
 INERTIAL, STIFFNESS, OVERLAP, LAYER = 1e-3, 100.0, 0.02, 8.0
-LONG = (
-    0.4  # fraction of the largest stable time step above which the stiffest contacts are wrong by at least one per cent
-)
+LONG = 0.4  # fraction of the largest stable time step above which errors at the stiffest contacts exceed one per cent
 
 
 def stiffness(scenario: GougeScenario, value: float | None = None, definition: str | None = None) -> float:
-    """Stiffness k of the spring per unit area of the plate [Pa/m], from `value` in terms of `definition`.
+    """Stiffness k of the spring per plate area [Pa/m], from `value` in terms of `definition`.
 
-    The default is the scenario's stiffness. The definitions are per_area, k; per_stress, k/σ; grain, k D/σ; rate_state,
-    k dc/(b σ).
+    The default is the scenario's stiffness. Definitions are per_area, k; per_stress, k/σ; grain, k D/σ; rate_state, k
+    dc/(b σ).
 
     Examples
     --------
@@ -47,7 +45,7 @@ def stiffness(scenario: GougeScenario, value: float | None = None, definition: s
 
 
 def normalised_stiffness(scenario: GougeScenario) -> dict[str, float]:
-    """Return the stiffness of the scenario by every definition; see `stiffness`."""
+    """Return the scenario's stiffness by every definition; see `stiffness`."""
     return {
         name: stiffness(scenario) / _unit(scenario, name) for name in ("per_area", "per_stress", "grain", "rate_state")
     }
@@ -64,10 +62,10 @@ def _unit(scenario: GougeScenario, definition: str) -> float:
 
 
 def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> dict[str, float]:
-    """Return a hold time t after sliding at V by every definition (Ferdowsi & Rubin 2021: 1650, without a definition).
+    """Return a hold time t after sliding at V, normalised by every definition.
 
-    The definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of the velocity in a hold with
-    frozen state; inertial, t/(D √(ρ/σ)).
+    Definitions are load_point, V t/dc; frozen, k V t/(a σ), which governs the decay of velocity in a hold with frozen
+    state; inertial, t/(D √(ρ/σ)). Ferdowsi & Rubin 2021 quote 1650 without a definition.
     """
     stress, scales, grains = scenario.load.normal_stress, scenario.scales, scenario.grains
     return {
@@ -78,10 +76,10 @@ def normalised_hold(scenario: GougeScenario, hold: float, velocity: float) -> di
 
 
 def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float) -> dict[str, float]:
-    """Return the inertial number at a velocity V of the plate and a thickness H [m] in terms of every definition.
+    """Return the inertial number at a plate velocity V and a thickness H [m] by every definition.
 
-    The definitions are mean_grain, (V/H) D √(ρ/σ) with the mean diameter, on which warnings are based; largest_grain,
-    the same with the largest diameter; slip, V √(ρ/σ), for shear localised in one layer of grains.
+    Definitions are mean_grain, (V/H) D √(ρ/σ) with the mean diameter, on which warnings are based; largest_grain, the
+    same with the largest diameter; slip, V √(ρ/σ), for shear localised in one layer of grains.
     """
     grains, stress = scenario.grains, scenario.load.normal_stress
     sizes = {"mean_grain": grains.mean, "largest_grain": grains.diameter[1], "slip": thickness}
@@ -92,7 +90,7 @@ def inertial_numbers(scenario: GougeScenario, velocity: float, thickness: float)
 
 
 class Range(NamedTuple):
-    """Numbers for the quasi-static limit, the hardness of grains, and the distance of the plates."""
+    """Dimensionless numbers for the quasi-static limit, the hardness of grains, and the size of the layer."""
 
     inertial_number: float  # (V/H) D √(ρ/σ) at the largest velocity V
     stiffness: float  # (E/((1 − ν²) σ))^(2/3), about D over the overlap
@@ -103,7 +101,7 @@ class Range(NamedTuple):
 
     @property
     def warnings(self) -> list[str]:
-        """One sentence for every number outside the range in which results do not depend on it."""
+        """One sentence for each number outside the range in which it does not affect results."""
         said = []
         if self.inertial_number > INERTIAL:
             said.append(
@@ -128,7 +126,7 @@ class Range(NamedTuple):
 
 
 def make_range(scenario: GougeScenario, velocity: float, thickness: float, overlap: float, stable: float) -> Range:
-    """Return the Range of a sample from its thickness [m], mean overlap over D, and largest stable time step [s]."""
+    """Return the Range of a sample, given thickness [m], mean overlap over D, and largest stable time step [s]."""
     grains, law, stress = scenario.grains, scenario.law, scenario.load.normal_stress
     return Range(
         inertial_numbers(scenario, velocity, thickness)["mean_grain"],
@@ -137,10 +135,10 @@ def make_range(scenario: GougeScenario, velocity: float, thickness: float, overl
     )  # fmt: skip
 
 
-SPACING = 1.05  # spacing of the lattice on which grains are placed, in largest diameters
+SPACING = 1.05  # spacing of the lattice on which grains are placed, in units of the largest diameter
 CHUNK = 500  # steps between checks of a settling sample
 MAX_KINETIC_RATIO = 1e-3  # largest ratio of kinetic to elastic energy at rest
-BOTTOM, TOP = 0, 1  # numbers of the rigid groups
+BOTTOM, TOP = 0, 1  # indices of the rigid groups
 
 
 class Gouge(NamedTuple):
@@ -150,7 +148,7 @@ class Gouge(NamedTuple):
     law: Law
     area: float  # area of a plate [m²]
     normal_stress: float  # [Pa]
-    diameter: float  # mean of the diameter distribution, D [m]
+    diameter: float  # D, mean of the diameter distribution [m]
     leg: str = ""  # name of the leg that ends with this state
 
     @property
@@ -171,7 +169,7 @@ class Gouge(NamedTuple):
 
 
 def gouge_law(scenario: GougeScenario, mu: float) -> Law:
-    """Return the contact law of a scenario with friction `mu`."""
+    """Return a scenario's contact law with friction `mu`."""
     chosen, meeting = scenario.law, {}
     if chosen.size is not None:
         meeting = {"radius": chosen.size / 2, "mass": scenario.grains.density * np.pi / 6 * chosen.size**3}
@@ -179,12 +177,12 @@ def gouge_law(scenario: GougeScenario, mu: float) -> Law:
 
 
 def damping(scenario: GougeScenario) -> float:
-    """γ_n of a scenario, as given or from its restitution [1/(m s)]."""
+    """Damping γ_n of a scenario, stated or from its restitution [1/(m s)]."""
     return float(gouge_law(scenario, 0.0).table[0, 0, builtin.DAMPING_N])
 
 
 def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = silent) -> Gouge:
-    """Prepare a sample with friction, at rest under its normal stress and not yet sheared.
+    """Prepare a sample with friction, at rest under its normal stress and before any shear.
 
     Raises
     ------
@@ -206,13 +204,13 @@ def prepare_sample(scenario: GougeScenario, seed: int, *, report: Report = silen
 
 
 def attach_spring(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
-    """Attach a spring along x to the upper plate, or change the motion of the load point of the attached spring.
+    """Attach a spring along x to the upper plate, or change the load-point motion of an attached spring.
 
     Parameters
     ----------
     stiffness : k A [N/m]
-    times, displacement : (K,) motion of the load point relative to where the spring was attached; see `spring_loaded`
-        [s], [m]
+    times, displacement : (K,) motion of the load point relative to the point of attachment, see `spring_loaded` [s],
+        [m]
     """
     state, top = gouge.state, gouge.top
     attached = state.control.spring[top, 0].any()
@@ -222,7 +220,7 @@ def attach_spring(gouge: Gouge, stiffness: float, times, displacement) -> Gouge:
 
 
 def _pour(scenario: GougeScenario, rng) -> State:
-    """Place grains of all sizes on a loose lattice between a flat wall and another one that moves down."""
+    """Place grains of all sizes on a loose lattice between a fixed flat wall and one that moves down."""
     cell, chosen = scenario.cell, scenario.grains
     number = chosen.number + 2 * scenario.plate_grains
     radius = rng.uniform(*chosen.diameter, number) / 2
@@ -268,7 +266,7 @@ def _approach(scenario: GougeScenario, state: State, law: Law, report: Report) -
 
 
 def _advance(scenario: GougeScenario, state: State, law: Law, drag: float, steps: int = CHUNK) -> State:
-    state = state._replace(instant=None)  # keeps the sample of each seed the same as in earlier results
+    state = state._replace(instant=None)  # keeps the sample of each seed as in earlier results
     try:
         state, _, outcome = run(state, law, steps, scenario.dt, drag=drag, threads=1)
     except ValueError as problem:
@@ -312,11 +310,9 @@ def _unbalance(state: State, law: Law) -> tuple[float, float]:
 
 
 def _glue_plates(scenario: GougeScenario, state: State) -> State:
-    """Replace the walls with plates made of the lowest and highest grains.
+    """Replace the walls with plates of the lowest and highest grains; contacts have no slip.
 
-    Contacts have no slip.
-
-    Glued grains shrink until they no longer overlap, so that they do not touch each other.
+    Glued grains shrink until they no longer touch each other.
     """
     number, n = scenario.plate_grains, len(state.grains.radius)
     order = np.argsort(state.grains.position[:, 1], kind="stable")
@@ -338,7 +334,7 @@ def _glue_plates(scenario: GougeScenario, state: State) -> State:
 
 
 def _shrink_apart(state: State, members: np.ndarray) -> Grains:
-    """Shrink the member grains until no two of them touch."""
+    """Shrink the members until no two of them touch."""
     grains, size = state.grains, np.diag(state.cell.vectors)
     x, radius = grains.position[members], grains.radius.copy()
     r = x[:, None] - x[None]

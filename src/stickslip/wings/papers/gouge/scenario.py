@@ -1,7 +1,7 @@
 """Scenario of fault gouge: polydisperse spheres between two rough plates, sheared through a spring, in SI units.
 
 x is the direction of shear, y that of the normal stress, and z the transverse direction; the cell is periodic along x
-and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with its own key.
+and z. Values stated in Ferdowsi & Rubin 2021 are marked as such. All others are choices, each with a separate key.
 """
 
 from collections.abc import Iterator
@@ -33,8 +33,8 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 Number = Annotated[int, Field(ge=1)]
 Many = Annotated[tuple[Positive, ...], Listed, Field(min_length=1)]
 MOST = LIMITS["grains"]
-LEAST = 8  # minimum number of samples of a leg, from which a mean with an error can be computed
-FASTEST = 1e7  # grain-steps per second and process, for the estimate before the start
+LEAST = 8  # minimum number of samples of a leg, for a mean with an error
+FASTEST = 1e7  # grain-steps per second and process, for a cost estimate before the start
 
 
 class GougeGrains(ScenarioTable):
@@ -71,8 +71,8 @@ class GougeGrains(ScenarioTable):
 class GougeLaw(LawTable):
     """Hertz–Mindlin with √(δ R_eff) and sharp Coulomb friction, Eqs 1–2 of Ferdowsi & Rubin 2021, with its defaults.
 
-    The normal dashpot is given either by `damping_n`, or by a `restitution` together with the `reading` that converts
-    it to γ_n and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
+    The normal dashpot is set either by `damping_n`, or by a `restitution` with the `reading` that converts it to γ_n
+    and the `size` and `speed` of the collision. The two readings differ by a factor of thousands.
     """
 
     @model_validator(mode="after")
@@ -107,7 +107,7 @@ class GougeLaw(LawTable):
 
 
 class GougeCell(ScenarioTable):
-    """Cell that is periodic along x and z, and as high as the grains require."""
+    """Cell that is periodic along x and z, with the height required by the grains."""
 
     length: Positive = Field(0.03, description="length along x; Ferdowsi & Rubin 2021: 20 D, reduced scale: 10 D [m]")
     width: Positive = Field(0.018, description="width along z [m]")
@@ -134,7 +134,7 @@ class GougeLoad(ScenarioTable):
 
 
 class RateState(ScenarioTable):
-    """Rate-and-state parameters to normalise stiffness and hold times; defaults are those of Ferdowsi & Rubin 2021."""
+    """Rate-and-state parameters that normalise stiffness and hold times; defaults are from Ferdowsi & Rubin 2021."""
 
     a: Positive = Field(0.0247, description="direct effect")
     b: Positive = Field(0.0178, description="evolution effect")
@@ -226,12 +226,12 @@ class Branching(ScenarioTable):
     )
 
     def trunk(self, velocity: float, size: float) -> list[float]:
-        """Duration of each slide of the trunk that leads to one of the states [s]; `size` is D [m]."""
+        """Durations of the trunk's slides, each of which leads to one of the states [s]; `size` is D [m]."""
         return [slip * size / velocity for slip in (self.first, *[self.spacing] * (self.branches - 1))]
 
 
 class VelocitySteps(Branching):
-    """Sequence of velocities; tests branch off from the slide at the first one."""
+    """Sequence of velocities; tests branch off the slide at the first velocity."""
 
     kind: Literal["velocity-steps"] = "velocity-steps"
     velocities: Many = Field(description="velocities of the load point, one after another [m/s]")
@@ -270,7 +270,7 @@ class VelocitySteps(Branching):
 class SlideHoldSlide(Branching):
     """Slide at each velocity in `before`, hold, and slide again at each velocity in `after` after each hold time.
 
-    A single hold, as long as the longest time, is used for all times. Slides start from copies of its states.
+    A single hold, as long as the longest hold time, serves for all times. Slides start from copies of its states.
     """
 
     kind: Literal["slide-hold-slide"] = "slide-hold-slide"
@@ -344,7 +344,7 @@ class GougeScenario(ScenarioBase):
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over grains, branches with the memory of their states, and samples."""
+        """Iterate over grains, branches, memory of their states, and samples."""
         yield Size(
             "cell.length and cell.width make plates of",
             self.plate_grains,
@@ -355,7 +355,7 @@ class GougeScenario(ScenarioBase):
         yield Size("the protocol makes", branches, "branches", "use fewer in each of its entries")
         memory = STATE * (self.grains.number + 2 * self.plate_grains) * branches
         yield Size("states at the branches take", memory, "bytes", "use fewer branches or grains")
-        if self.steps <= self.most_steps:  # the limit for time steps; beyond it, a message estimates the time
+        if self.steps <= self.most_steps:  # beyond this limit of time steps, a message estimates the computing time
             yield Size("sample_every makes", self.steps / self.sample_every, "samples", "use a larger one")
 
     @model_validator(mode="after")
@@ -440,7 +440,7 @@ class GougeScenario(ScenarioBase):
     def longest_step(self) -> float:
         """Approximate largest stable time step [s].
 
-        It is 2/√12 times √(m/k) for one of the smallest grains, pressed by six others of the same size, each with a
+        It is 2/√12 times √(m/k) for one of the smallest grains, pressed by six grains of the same size, each with a
         force of σ d².
         """
         d, kn = self.grains.diameter[0], 2 / 3 * self.law.young / (1 - self.law.poisson**2)
@@ -455,7 +455,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def plate_grains(self) -> int:
-        """Number of grains whose combined area covers the requested share of one plate."""
+        """Number of grains whose total area covers the requested share of one plate."""
         low, high = (d / 2 for d in self.grains.diameter)
         number = self.cell.coverage * self.area / (pi * (low * low + low * high + high * high) / 3)
         return max(4, round(min(number, 1e18)))
@@ -482,7 +482,7 @@ class GougeScenario(ScenarioBase):
 
     @property
     def expected_cost(self) -> str:
-        """Approximate computing time of a realization, in words."""
+        """Approximate computing time of a realization, as text."""
         return self.estimate_cost(self.duration)
 
     @property
@@ -492,7 +492,7 @@ class GougeScenario(ScenarioBase):
         return max([*holds, *(p.time for p in self.protocol if p.kind == "slide" and p.velocity == 0)], default=0.0)
 
     def estimate_cost(self, duration: float) -> str:
-        """Approximate time that one core needs to simulate a given duration [s], in words."""
+        """Approximate time that one core needs to simulate a given duration [s], as text."""
         seconds = duration / self.dt * (self.grains.number + 2 * self.plate_grains) / FASTEST
         for size, unit in ((86400, "days"), (3600, "hours"), (60, "minutes")):
             if seconds >= 2 * size:

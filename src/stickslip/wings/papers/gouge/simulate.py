@@ -1,14 +1,14 @@
-"""Simulation of gouge experiments in parallel processes, samples as files, and legs that are written for a queue.
+"""Simulation of gouge experiments in parallel processes, sample files, and legs written for a queue.
 
 Finished realizations are saved and not run again.
 
-The file of a sample contains the series of one realization, compact enough to be kept and exchanged. It contains its
-scenario, and can be evaluated together with files of the same scenario and other seeds. It contains no states; the
-state at the end of the trunk, from which further tests can start, is written to a separate file. All columns except
-times and displacements of the load point are rounded to single precision.
+A sample file contains the series of one realization, in a form compact enough to be kept and exchanged, and its
+scenario. It can be evaluated together with files of the same scenario and other seeds. It contains no states; the state
+at the end of the trunk, from which further tests can start, is written to a separate file. All columns except times and
+load-point displacements are rounded to single precision.
 
-For a queue, the protocol runs once with an engine that writes legs instead of running them, and again with one that
-reads the results of LAMMPS. A leg is identified by its name.
+For a queue, the protocol runs once with an engine that writes legs instead of running them, and again with an engine
+that reads the results of LAMMPS. A leg is identified by its name.
 """
 
 import json
@@ -80,7 +80,7 @@ from .protocol import (
 from .sample import Gouge, Range, gouge_law
 from .scenario import GougeScenario
 
-PHYSICS = 1  # increase it whenever a change of the preparation, law, integrator or protocol changes the statistics
+PHYSICS = 1  # increased whenever a change of preparation, law, integrator or protocol changes the statistics
 EXACT = ("time", "load_point")  # columns in which small differences are relevant
 STATES = "states"  # folder of the states, next to the samples
 _FREE = {"seed", "realizations"}  # keys that differ between samples of one result
@@ -96,14 +96,14 @@ class Sample(NamedTuple):
 
 
 def sample_path(folder: Path, scenario: GougeScenario) -> Path:
-    """Return the path of a sample, named after its damping and seed."""
+    """Return the path of a sample file, named after damping and seed."""
     law = scenario.law
     kind = f"damping-{law.damping_n:g}" if law.restitution is None else f"{law.reading}-{law.restitution:g}"
     return folder / f"{kind}-seed-{scenario.seed:04d}.h5"
 
 
 def check_folder(folder: Path) -> None:
-    """Create the folder of samples if it does not exist; raise ValueError if it cannot be written."""
+    """Create the folder of samples if necessary; raise ValueError if it cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):
@@ -130,13 +130,13 @@ def read_samples(folder: Path, scenarios: dict[str, GougeScenario]) -> dict[str,
 
     Parameters
     ----------
-    scenarios : by name; seeds and numbers of realizations do not matter
+    scenarios : scenarios by name; their seeds and numbers of realizations are irrelevant
 
     Raises
     ------
     ArchiveError
-        If a file is not a sample, if it belongs to none of the scenarios or to another version of the physics, or if
-        two files have the same scenario and seed.
+        If a file is not a sample, belongs to none of the scenarios or to another version of the physics, or if two
+        files have the same scenario and seed.
     """
     found: dict[str, dict[int, Sample]] = {name: {} for name in scenarios}
     for path in sorted(folder.glob("*.h5")):
@@ -187,7 +187,7 @@ def read_sample(path: Path, *scenarios: GougeScenario) -> Sample:
 
 
 def _differences(one: GougeScenario, other: GougeScenario) -> list[str]:
-    """Name each key in which two scenarios differ, with both values; seeds and numbers of realizations may differ."""
+    """Name each key in which two scenarios differ, with both values, except seeds and numbers of realizations."""
     a, b = ({key: value for key, value, *_ in given_keys(scenario) if key not in _FREE} for scenario in (one, other))
     return [
         f"{key} = {shortened(str(a.get(key, 'default')))} instead of {shortened(str(b.get(key, 'default')))}"
@@ -200,14 +200,14 @@ TABLE = "legs.json"
 
 
 def export(scenario: GougeScenario, folder: Path) -> list[Path]:
-    """Write a folder that LAMMPS runs without this package, and from which `stickslip resume` reads the result.
+    """Write a folder that LAMMPS can run without this package; `stickslip resume` then reads the result from it.
 
-    Samples settle on this machine, and LAMMPS is needed on it to write the memory of their contacts.
+    Samples settle on the local machine, which needs LAMMPS to write their contact memory.
 
     Raises
     ------
     ScenarioError
-        If a leg ends when friction is steady, or if LAMMPS has already run legs in this folder.
+        If the end of a leg depends on steady friction, or if LAMMPS has already run legs in this folder.
     MissingExtraError
         If LAMMPS is missing.
     """
@@ -234,7 +234,7 @@ def export(scenario: GougeScenario, folder: Path) -> list[Path]:
 
 
 def queued_engine(folder: Path) -> Engine:
-    """Return an Engine that reads the legs that LAMMPS has run in a folder written by `export`.
+    """Return an Engine that reads the legs run by LAMMPS in a folder written by `export`.
 
     Raises
     ------
@@ -256,14 +256,14 @@ def queued_engine(folder: Path) -> Engine:
 
 
 class _Legs:
-    """Legs that have been written."""
+    """Engine that writes legs instead of running them."""
 
     def __init__(self, folder: Path, ranks: int):
         self.folder, self.ranks = folder, ranks
         self.table, self.paths, self.ends = {}, [], []
 
     def pieces(self, leg: Leg) -> Iterator[tuple[State, Record]]:
-        """Write a leg; yield its end, where grains have not moved."""
+        """Write a leg; yield its end, with the grains where they were."""
         check_leg(leg)
         target, leg = leg_folder(self.folder, len(self.ends)), leg._replace(ranks=self.ranks)
         if leg.after:
@@ -287,8 +287,8 @@ class GougeResult(NamedTuple):
 
     scenario: GougeScenario
     realizations: tuple[Realization, ...]
-    failures: tuple[str, ...]  # one sentence for each failed realization
-    reused: int  # number of realizations that had been finished before
+    failures: tuple[str, ...]  # one sentence per failed realization
+    reused: int  # number of realizations finished earlier
 
 
 @checked
@@ -300,12 +300,12 @@ def simulate_gouge(
 
     Parameters
     ----------
-    folder : run folder, in which realizations are saved as soon as they finish, together with pieces of unfinished
-        ones; saved parts are not run again
-    workers : number of processes, or the address of a Dask scheduler; by default, as many as there are cores, over the
-        number of MPI ranks of each
-    device : "cuda": run all realizations, and then all branches, side by side on a graphics processor
-    samples : folder to which each sample is written when it has finished; those that it contains are not run
+    folder : run folder, in which finished realizations and pieces of unfinished ones are saved; saved parts are not run
+        again
+    workers : number of processes, or the address of a Dask scheduler; default: number of cores over number of MPI ranks
+        per process
+    device : "cuda" to run all realizations, and then all branches, side by side on a graphics processor
+    samples : folder to which each sample is written when it has finished; samples already in it are not run
     report : called as report(stage, share done, text)
 
     Raises
@@ -328,7 +328,7 @@ def simulate_gouge(
     law = gouge_law(scenario, scenario.law.mu)
     where = open_device(device, law) if device else find_engine(scenario, folder) and None
     if workers is None and scenario.ranks > 1:
-        workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each of them starts this many MPI processes
+        workers = max(1, (os.cpu_count() or 1) // scenario.ranks)  # each worker starts this many MPI processes
     seeds = range(scenario.seed, scenario.seed + scenario.realizations)
     alone = [scenario.model_copy(update={"realizations": 1, "seed": seed}) for seed in seeds]
     realizations = [_find_realization(member, folder, samples) for member in alone]
@@ -351,10 +351,10 @@ def simulate_gouge(
 
 
 class _Ensemble(NamedTuple):
-    """Run unfinished realizations: all their trunks in parallel, then all branches of the trunks."""
+    """Runs unfinished realizations: all trunks in parallel, then all branches of the trunks."""
 
     scenario: GougeScenario
-    alone: list[GougeScenario]  # of each realization
+    alone: list[GougeScenario]  # scenario of each realization alone
     kept: Checkpoint | None
     folder: Path | None
     samples: Path | None
@@ -368,7 +368,7 @@ class _Ensemble(NamedTuple):
         return self.scenario.trunk_duration / self.scenario.duration
 
     def run(self) -> list[Realization | str]:
-        """Return each realization, or one sentence with the reason of its failure."""
+        """Return each realization, or one sentence with the reason for its failure."""
         before = self.scenario.realizations - len(self.alone)
         more = f"; {before} had finished earlier" if before else ""
         cost = f"each takes {self.scenario.expected_cost}{more}"
@@ -422,7 +422,7 @@ class _Ensemble(NamedTuple):
 
 
 def find_engine(scenario: GougeScenario, folder: Path | None = None) -> Engine:
-    """Return the engine that a scenario names; it reads legs that were written to the folder for a queue."""
+    """Return the engine named in a scenario; in a folder written for a queue, it reads legs."""
     if scenario.engine == "stickslip":
         return own_engine(threads=1)
     return queued_engine(folder) if folder and (folder / LEGS / TABLE).is_file() else lammps_engine(scenario.ranks)
@@ -445,12 +445,12 @@ def _branch_task(
 
 
 def _realization_path(member: GougeScenario, folder: Path | None) -> Path | None:
-    """Path of a saved realization, named after the digest of its scenario so that no other scenario uses it."""
+    """Path of a saved realization, named after the digest of its scenario and thus unique to that scenario."""
     return folder / MEMBERS / f"{member.digest}.h5" if folder else None
 
 
 def _find_realization(member: GougeScenario, folder: Path | None, samples: Path | None) -> Realization | None:
-    """Return a realization that has finished earlier, among the samples or in the run folder; None if there is none."""
+    """Return a realization that finished earlier, from the samples or the run folder; None if there is none."""
     if samples and (path := sample_path(samples, member)).exists():
         return read_sample(path, member).realization
     path, found = _realization_path(member, folder), None

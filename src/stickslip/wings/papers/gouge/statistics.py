@@ -1,8 +1,8 @@
 """Means over samples and branches of a gouge experiment, and errors of numbers read off them.
 
-Samples (seeds) are independent, but branches of one sample start from states along one slide and may be correlated.
-With three or more samples, errors are therefore based on the scatter among samples, each represented by the mean of its
-branches. With fewer, they are based on all branches and widened according to their correlation.
+Samples (seeds) are independent, but branches of one sample start from states along the same slide and may be
+correlated. With three or more samples, errors are therefore based on the scatter among samples, each represented by the
+mean of its branches. With fewer samples, errors are based on all branches and widened according to their correlation.
 """
 
 from collections.abc import Callable
@@ -13,14 +13,14 @@ from scipy.special import stdtrit
 
 from ....kit import Estimate
 
-LEAST = 3  # minimum number of samples for errors based on their scatter
+LEAST = 3  # smallest number of samples for errors based on their scatter
 DRAWS = 400  # bootstrap draws for the error of a number read off a mean curve
 
 
 class Number(NamedTuple):
-    """Number read off the mean over samples and branches; its standard error is NaN if there is only one branch.
+    """Number read off the mean over samples and branches; its standard error is NaN with only one branch.
 
-    `draws` are its values for samples (or branches, if there are fewer than three samples) drawn with replacement. The
+    `draws` are its values for samples (branches if there are fewer than three samples) drawn with replacement. The
     draws are the same for all numbers of a result.
     """
 
@@ -29,7 +29,7 @@ class Number(NamedTuple):
     samples: int
     branches: int  # number of branches of all samples together
     draws: np.ndarray  # (DRAWS,), or (0,) with one branch
-    alike: float = np.nan  # correlation of two branches of one sample; NaN if no sample has two
+    alike: float = np.nan  # correlation of two branches of one sample; NaN if no sample has two branches
 
     def __repr__(self) -> str:
         return f"Number({self.value:.4g} ± {self.half:.2g}, 95 %, {self.samples} samples, {self.branches} branches)"
@@ -42,7 +42,7 @@ class Number(NamedTuple):
 
     @property
     def estimate(self) -> Estimate:
-        """Value with this half-width."""
+        """Value with its half-width."""
         return Estimate(self.value, self.half, self.error)
 
 
@@ -50,7 +50,7 @@ class Curve(NamedTuple):
     """Branches of one kind on a common grid."""
 
     x: np.ndarray  # (G,)
-    rows: np.ndarray  # (R, G), one for each branch
+    rows: np.ndarray  # (R, G), one row per branch
     seeds: np.ndarray  # (R,) sample of each branch
     label: str
 
@@ -77,7 +77,7 @@ class Curve(NamedTuple):
 
     @property
     def units(self) -> np.ndarray:
-        """Independent curves, shape (U, G): those of samples, or of branches if there are fewer than three samples."""
+        """Independent curves, shape (U, G): those of samples, or of branches with fewer than three samples."""
         return self.means if len(self.means) >= LEAST else self.rows
 
     def at(self, x: float) -> Number:
@@ -86,12 +86,12 @@ class Curve(NamedTuple):
         return self.read(lambda mean: mean[k])
 
     def read(self, function: Callable) -> Number:
-        """Return function(mean), where the mean curve has shape (G,), with its error."""
+        """Return function(mean) for the mean curve (G,), with its error."""
         return read_off(self.rows, self.seeds, function)
 
 
 def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
-    """Return function(mean) of branches, given as rows (R, G), with its bootstrap error."""
+    """Return function(mean) for branches given as rows (R, G), with its bootstrap error."""
     groups = [rows[seeds == seed] for seed in np.unique(seeds)]
     means = np.array([group.mean(axis=0) for group in groups])
     value = float(function(means.mean(axis=0)))
@@ -110,12 +110,12 @@ def read_off(rows: np.ndarray, seeds: np.ndarray, function: Callable) -> Number:
 def _with_bootstrap_error(number: Number, wider: float = 1.0) -> Number:
     """Return the number with the error estimated from its draws."""
     count = number.samples if number.samples >= LEAST else number.branches
-    # draws from a few values scatter less than the distribution of these values
+    # draws from a few values scatter less than the distribution of the values
     return number._replace(error=float(wider * np.sqrt(count / (count - 1)) * number.draws.std(ddof=1)))
 
 
 def intraclass_correlation(groups: list[list[float]]) -> float:
-    """Intraclass correlation between two values in one group, by analysis of variance; NaN without groups of two.
+    """Intraclass correlation between two values of a group, by analysis of variance; NaN without groups of two.
 
     Source: R. A. Fisher, Statistical Methods for Research Workers (1925), §40.
     """
@@ -132,7 +132,7 @@ def intraclass_correlation(groups: list[list[float]]) -> float:
 
 
 def combine(numbers: list[Number], function: Callable) -> Number:
-    """Return a function's value for several numbers of one result, with its error from their common bootstrap draws."""
+    """Return the value of a function of several numbers of one result, with the error from their common draws."""
     first = numbers[0]
     value = float(function(np.array([n.value for n in numbers])))
     if min(len(n.draws) for n in numbers) == 0:
@@ -145,9 +145,9 @@ def combine(numbers: list[Number], function: Callable) -> Number:
 
 
 def slope(x, numbers: list[Number]) -> Number:
-    """Fit the slope of a straight line to numbers of one result by least squares.
+    """Fit the slope of a line to numbers of one result by least squares.
 
-    Needs at least two different values of x.
+    At least two different values of x are required.
     """
     x = np.asarray(x, float)
     if len(set(x.tolist())) < 2:
@@ -157,7 +157,7 @@ def slope(x, numbers: list[Number]) -> Number:
 
 
 def difference(a: Number, b: Number) -> tuple[float, float]:
-    """Return the difference a − b between numbers from two results, and half the width of its 95 % interval (Welch).
+    """Return the difference a − b of numbers from two results, and half the width of its 95 % interval (Welch).
 
     The interval is unknown if one of the results has a single sample with a single branch.
     """

@@ -1,8 +1,8 @@
-"""Cases for McNamara & Herrmann 2006: constructed statuses, growth of the motion of one disk, and sliding contacts.
+"""Cases for McNamara & Herrmann 2006: constructed statuses, growing motion of one disk, and sliding contacts.
 
-Constructed cases come from states of real packings and have randomly drawn critical contacts, or contacts at the apex
-of the friction cone. One disk moves through a mechanism, and through an instability, with growth that can be computed
-beforehand. Sliding contacts of packings are examined for their statuses, stability, contribution to Q, and vibrations.
+Constructed cases are based on states of real packings, with randomly drawn critical contacts or with contacts at the
+apex of the friction cone. One disk moves through a mechanism, and through an instability, with a growth that can be
+predicted. Sliding contacts of packings are examined for status, stability, contribution to Q, and vibrations.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. III D and E, V A.
 """
@@ -36,7 +36,7 @@ class StatusCases(NamedTuple):
     p_matrices: int
     agree: int  # cases in which A is a P-matrix if and only if the status map is bijective
     none: int  # cases without a consistent status
-    several: int  # cases with two or more
+    several: int  # cases with two or more consistent statuses
 
 
 def status_cases(main: QuasiResult, cases: int) -> StatusCases:
@@ -49,7 +49,7 @@ def status_cases(main: QuasiResult, cases: int) -> StatusCases:
         try:
             problem = complementarity(m, rng.normal(size=len(m.free)), critical=critical)
         except LinAlgError:
-            continue  # a contact has just opened, and a disk with it
+            continue  # a contact has just opened and released a disk
         whole, mapped = bool(certificate(problem).unique), status_map(problem)
         count += [whole, whole == mapped.bijective, len(mapped.consistent) == 0, len(mapped.consistent) > 1]
         drawn += 1
@@ -63,14 +63,14 @@ def _random_system(main: QuasiResult, rng, number: int) -> LinearSystem:
 
 
 class ApexCases(NamedTuple):
-    """Counts of cases in which contacts of real packings are placed at the apex of the cone."""
+    """Counts of cases with contacts of real packings placed at the apex of the cone."""
 
     total: int
     coherent: int  # cases in which det k has the same sign for all choices of statuses
     wrong: int  # coherent cases without exactly one consistent choice
-    several: int  # other cases with two or more
-    none: int  # other cases without any
-    example: tuple[str, ...]  # statuses that are consistent together in the absence of stability
+    several: int  # other cases with two or more consistent choices
+    none: int  # other cases without a consistent choice
+    example: tuple[str, ...]  # statuses that are simultaneously consistent, without stability
 
 
 def counterexample(directions: int = 720) -> tuple[str, ...]:
@@ -90,9 +90,9 @@ def counterexample(directions: int = 720) -> tuple[str, ...]:
 
 
 def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
-    """Draw one or two contacts at the apex, up to two at the Coulomb limit, and loads; count the consistent statuses.
+    """Draw one or two contacts at the apex, up to two at the Coulomb limit, and loads; count consistent statuses.
 
-    The counts show whether the four statuses at the apex are mutually exclusive.
+    The counts show if the four statuses at the apex are mutually exclusive.
     """
     rng, count, drawn = np.random.default_rng(main.scenario.seed + 1), np.zeros(4, int), 0
     while drawn < cases:
@@ -111,8 +111,8 @@ def apex_cases(main: QuasiResult, cases: int) -> ApexCases:
     return ApexCases(cases, *(int(c) for c in count), counterexample())
 
 
-RADIUS, OVERLAP = 0.5, 1e-4  # of the disk [length]; mass, kn and twice the radius are 1
-KT, STEEP, FRICTION = 0.5, 20.0, 0.8  # kt; elevation of the normals of a groove in which det k(S) < 0 [degrees]; μ
+RADIUS, OVERLAP = 0.5, 1e-4  # radius and overlap of the disk [length]; mass, kn and twice the radius are 1
+KT, STEEP, FRICTION = 0.5, 20.0, 0.8  # kt; elevation of the normals of a groove with det k(S) < 0 [degrees]; μ
 PUSH = 1e-6  # change of the load, relative to the force of a contact
 DT, EVERY = 0.02, 10
 DECADES = 3.0  # decades of velocity over which a rate is fitted
@@ -122,7 +122,7 @@ class Growth(NamedTuple):
     """Speed of one disk against time, and the exponents of its growth."""
 
     time: np.ndarray  # (T,)
-    speed: np.ndarray  # (T,) of all coordinates together [length/time]
+    speed: np.ndarray  # (T,) norm over all coordinates [length/time]
     power: float  # d ln(speed)/d ln(time)
     rate: float  # d ln(speed)/d(time) over the last `DECADES` decades [1/time]
     predicted: float  # √−λ of the lowest eigenvalue λ of m⁻¹k, 0 without a negative one [1/time]
@@ -183,22 +183,22 @@ def follow_motion(state: State, law: Law, push: np.ndarray, time: float) -> Grow
 
 
 def through_mechanism() -> Growth:
-    """Growth of a disk between two floors that is pushed along them."""
+    """Growing motion of a disk pushed along two floors."""
     return follow_motion(*disk_between_floors(), PUSH * OVERLAP * np.array([1.0, 0.0]), 100.0)
 
 
 def through_instability() -> Growth:
-    """Growth of a disk in a groove that is lifted a little: the contact at the limit must slide."""
+    """Growing motion of a disk lifted slightly in a groove, whose contact at the limit must slide."""
     return follow_motion(*disk_in_groove(), PUSH * OVERLAP * np.array([0.0, 1.0]), 30.0)
 
 
-SOLVED = 6  # critical contacts up to which the eigenvalues of all statuses are computed
-SLACK = 1e-9  # relative difference up to which two statuses are equally stable
-KICK = 1e-2  # random velocities, in overlaps per time of a contact
-TIME, LOOKS, DRAG = 200.0, 200, 0.02  # duration of vibrations, looks at the statuses, drag as in slow dynamics
+SOLVED = 6  # largest number of critical contacts for the eigenvalues of all statuses
+SLACK = 1e-9  # largest relative difference between two equally stable statuses
+KICK = 1e-2  # random velocities, in overlaps per contact time
+TIME, LOOKS, DRAG = 200.0, 200, 0.02  # duration of vibrations, number of checks of the statuses, drag of slow dynamics
 BURST = 10.0  # kinetic energy over that of the kick that counts as a collapse
 PRESSURES = (1e-5, 1e-4, 1e-3)
-SMALL = 30  # disks of the packings at several pressures
+SMALL = 30  # number of disks of the packings at several pressures
 
 
 class SlidingState(NamedTuple):
@@ -206,10 +206,10 @@ class SlidingState(NamedTuple):
 
     critical: int
     slide: int  # critical contacts that slide under the load
-    reverse: int  # those that slide under the reverse load
-    least_eigenvalue: bool | None  # no status has a smaller eigenvalue of sym k than the one in which all slide
-    least_determinant: bool | None  # nor a smaller det k
-    shares: np.ndarray  # contribution of every sliding contact to Q(v), over Q, for v under the load
+    reverse: int  # critical contacts that slide under the reverse load
+    least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than that in which all slide
+    least_determinant: bool | None  # likewise for det k
+    shares: np.ndarray  # contribution of each sliding contact to Q(v), over Q, for v under the load
 
 
 def sliding_state(state: State, law: Law, load: np.ndarray) -> SlidingState | None:
@@ -240,9 +240,9 @@ def sliding_shares(m: LinearSystem, velocity: np.ndarray, sliding: np.ndarray) -
 
 
 def least_eigenvalue(m: LinearSystem) -> bool | None:
-    """True if the status with all critical contacts sliding has the smallest eigenvalue of the symmetric part of k.
+    """Return True if the status in which all critical contacts slide has the smallest eigenvalue of k's symmetric part.
 
-    None beyond `SOLVED` contacts.
+    None for more than `SOLVED` contacts.
     """
     critical = np.flatnonzero(m.limit)
     if len(critical) > SOLVED:
@@ -260,7 +260,7 @@ def least_eigenvalue(m: LinearSystem) -> bool | None:
 
 
 def least_determinant(m: LinearSystem, load: np.ndarray) -> bool | None:
-    """True if the status with all critical contacts sliding has the smallest det k(S); None beyond `MAPPED`."""
+    """Return True if the status with all critical contacts sliding has the smallest det k(S); None beyond `MAPPED`."""
     if m.limit.sum() > MAPPED:
         return None
     a = complementarity(m, load).matrix
@@ -270,16 +270,16 @@ def least_determinant(m: LinearSystem, load: np.ndarray) -> bool | None:
 
 
 class Vibration(NamedTuple):
-    """Statuses of the critical contacts of a state that is set vibrating."""
+    """Statuses of the critical contacts of a vibrating state."""
 
     critical: int
-    kicked: float  # switches of each of these contacts between sliding and sticking
+    kicked: float  # switches per contact between sliding and sticking
     still: float  # the same without a kick
     energy: float  # largest kinetic energy after the kick, over that of the kick
 
 
 def vibrate(state: State, law: Law, seed: int = 0) -> Vibration:
-    """Give all disks random velocities under a constant load, and watch the contacts that were critical."""
+    """Give all disks random velocities under a constant load, and observe the contacts that were critical."""
     m, grains = linear_system(state, law), state.grains
     stiff = m.springs[:, 0, 0] > 0
     overlap, stiffness = (m.force[stiff, 0] / m.springs[stiff, 0, 0]).mean(), m.springs[stiff, 0, 0].mean()
@@ -292,7 +292,7 @@ def vibrate(state: State, law: Law, seed: int = 0) -> Vibration:
 
 
 def _watch(state: State, law: Law, keys: np.ndarray) -> tuple[float, float]:
-    """Switches of each contact, and the largest kinetic energy over that at the start."""
+    """Number of switches per contact, and largest kinetic energy over that at the start."""
     start, dt, last, switches = _kinetic_energy(state), 0.1, None, 0
     most = start
     for _ in range(LOOKS):
@@ -311,7 +311,7 @@ def _kinetic_energy(state: State) -> float:
 
 
 def geometric_slope(seed: int, disks: int = SMALL) -> float:
-    """Slope of ln(|geometric stiffness|/|k|) against ln(largest overlap), from packings of one seed at three pressures.
+    """Slope of ln(|geometric stiffness|/|k|) against ln(largest overlap), from one packing at three pressures.
 
     The norms are the largest singular values.
     """
@@ -325,7 +325,7 @@ def geometric_slope(seed: int, disks: int = SMALL) -> float:
 
 
 def most_critical(disks: int, seed: int, increment: float = 5e-3) -> tuple[int, float]:
-    """Largest number of critical contacts along a path under a growing force on the lid, and the load at its end."""
+    """Largest number of critical contacts along a path under a growing force on the lid, and the final load."""
     state, law = biaxial_box(disks, seed=seed)
     path = load_path(state, law, with_load(state.control, disks + TOP, 4.0), increment=increment)
     return max(point.sliding for point in path.points), float(path.points[-1].load)

@@ -1,8 +1,7 @@
 """Reproduction of McNamara & Herrmann 2006, Quasi-rigidity: some uniqueness issues.
 
-The paper contains proofs and prints no numbers, so its statements are compared with the results. Its biaxial test is
-run here with the linear law, K_t = K_n/2 and μ = 1/2 at P/K_n = 1e-4. Units: K_n = 1, mean diameter 1, and a disk
-density of 4/π.
+The paper contains proofs and prints no numbers; its statements are therefore tested. Its biaxial test is run with the
+linear law, K_t = K_n/2 and μ = 1/2 at P/K_n = 1e-4. Units are K_n = 1, a mean diameter of 1, and a disk density of 4/π.
 """
 
 import numpy as np
@@ -48,12 +47,12 @@ from .cases import (
 from .scenario import QuasiScenario
 from .simulate import QuasiResult, SampleResult, simulate_quasi, table_one
 
-LOOKS = 8  # states of each path, before its last tenth
-EXPONENT = 0.02  # tolerance of a closed form: t and t^1.02 differ by 10 % over two decades
+LOOKS = 8  # number of states of each path before its last tenth
+EXPONENT = 0.02  # tolerance of the exponent: t and t^1.02 differ by 10 % over two decades
 SLOPE = 0.25  # tolerance: half the distance to the next half-integer order
 RATE = 0.02  # as EXPONENT
 LINEARISED = 1e-5  # relative error of Table I, ten times the motion over the overlap
-BALANCED = 1e-6  # unbalanced fraction of a load; round-off of k is 1e-10
+BALANCED = 1e-6  # largest unbalanced fraction of a load; round-off of k is 1e-10
 HUNDREDS, DISKS = 100, 1600
 MOTION = 1e-10  # of `table_one` for one disk, a millionth of its overlap
 
@@ -106,7 +105,7 @@ def _growth() -> list[Claim]:
 
 
 def _null_modes(main: QuasiResult) -> Claim:
-    """Claim that each null mode is either driven by the load, which then has no balance, or irrelevant."""
+    """Claim that each null mode is either driven by the load, which then cannot be balanced, or irrelevant."""
     driven = irrelevant = wrong = 0
     for sample in main.tested:
         for state in (sample.path.states[0], *_sliding_states(sample)[-1:]):
@@ -165,7 +164,7 @@ def _least_stable(states: list[tuple[int, SlidingState]]) -> Claim:
 
 
 def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
-    """Claim about the mean contribution of sliding contacts to Q; its error is that between samples."""
+    """Claim about the mean contribution of sliding contacts to Q, with the error between samples."""
     seeds = sorted({seed for seed, _ in states})
     means = [float(np.mean(np.concatenate([s.shares for k, s in states if k == seed]))) for seed in seeds]
     shares = np.concatenate([s.shares for _, s in states]) if states else np.zeros(0)
@@ -183,7 +182,7 @@ def _shares(states: list[tuple[int, SlidingState]]) -> Claim:
 
 
 def _sliding_share(states: list[tuple[int, SlidingState]]) -> Claim:
-    """Claim that nearly all critical contacts slide; the reversal of the load is a counterexample."""
+    """Claim that nearly all critical contacts slide; load reversal is a counterexample."""
     share = np.array([s.slide / s.critical for _, s in states])
     back = [(s.reverse / s.critical, seed, s.critical, s.reverse) for seed, s in states if s.critical > 1]
     lowest = min(back, default=None)
@@ -234,8 +233,8 @@ def _linear_law() -> Claim:
 
 
 CASES = 500
-RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, which is the size of neglected terms
-COLLAPSE = 0.02  # tolerance: two increments of the slow load, which resolve the collapse load
+RELATIONS = 1e-5  # relative error of Table I: a hundred times the step of 1e-7, the size of neglected terms
+COLLAPSE = 0.02  # tolerance: two increments of the slow load, the resolution of the collapse load
 YIELD = '"when the assumption of stability for all possible states is violated, we expect the packing to yield"'
 SHOWS = {
     "Table I": ("chain of linear relations", "table-I-relations"),
@@ -260,7 +259,7 @@ def evaluate_claims(main: QuasiResult, *, cases: int = CASES, quick: bool = Fals
 
 def _table_one(main: QuasiResult) -> Claim:
     errors = []
-    for sample in main.tested:  # the state with the most sliding contacts before the last tenth of the path
+    for sample in main.tested:  # at the state with most sliding contacts before the last tenth of the path
         early = [p for p in sample.path.points if p.load <= 0.9 * sample.path.points[-1].load]
         errors.append(table_one(max(early, key=lambda p: p.sliding).state, sample.law))
     worst = {name: max(e[name] for e in errors) for name in errors[0]}
@@ -319,7 +318,7 @@ def _status_claims(main: QuasiResult, drawn: StatusCases) -> list[Claim]:
 
 
 def _slow_error(main: QuasiResult) -> Claim:
-    """Claim that path and dynamics differ less at the slowest load than at the fastest."""
+    """Claim that path and dynamics differ less under the slowest load than under the fastest."""
     times = sorted(main.scenario.dynamics.times)
     compared = [sample for sample in main.tested if len(sample.slow) == len(times)]
     source = "Sec. III D: quasi-static balance as the limit of Newton's second law"
@@ -343,9 +342,9 @@ def _slow_error(main: QuasiResult) -> Claim:
 
 
 def sign_test(yes: int, total: int) -> bool | None:
-    """Decide by a sign test at the 5 % level whether `yes` outcomes prevail.
+    """Decide by a sign test at the 5 % level if `yes` outcomes prevail.
 
-    The result is None if there are too few cases, such as four.
+    None if there are too few cases, such as four.
     """
     if binomtest(yes, total, alternative="greater").pvalue <= 0.05:
         return True
@@ -353,10 +352,10 @@ def sign_test(yes: int, total: int) -> bool | None:
 
 
 def collapse_ratio(sample: SampleResult, beyond: float) -> tuple[float, float]:
-    """Bounds on the ratio of the collapse load of slow dynamics to the load at which the path loses stability.
+    """Bounds on the ratio of the collapse load in slow dynamics to the load at which the path loses stability.
 
-    The bounds are equal if both loads are known. Dynamics that continued beyond the end of the path by the fraction
-    `beyond`, or reached the whole load, gives only a lower bound. A path that did not end with a loss of stability
+    The bounds are equal if both loads are known. Dynamics that continues beyond the end of the path by the fraction
+    `beyond`, or reaches the whole load, gives only a lower bound. A path that does not end with a loss of stability
     gives only an upper bound.
     """
     end = sample.path.points[-1].load
@@ -375,7 +374,7 @@ def censored_median(bounds: list[tuple[float, float]]) -> float | None:
 
 
 def _collapse(main: QuasiResult) -> Claim:
-    """Claim about the collapse load of all samples, including those whose path or dynamics does not end."""
+    """Claim about the collapse load, including samples whose path or dynamics does not end in collapse."""
     beyond = main.scenario.dynamics.beyond
     bounds = [collapse_ratio(sample, beyond) for sample in main.tested]
     exact = [low for low, high in bounds if low == high]
@@ -394,12 +393,12 @@ def _collapse(main: QuasiResult) -> Claim:
 
 
 def _first_failure(load: np.ndarray, fails: np.ndarray) -> float:
-    """Share of the path's load at which a condition first fails; 1 if it never does."""
+    """Fraction of the path's load at which a condition first fails; 1 if it never does."""
     return float(load[np.argmax(fails)] / load[-1]) if fails.any() and load[-1] > 0 else 1.0
 
 
 def _premise(main: QuasiResult) -> Claim:
-    """Claim about the premise Q > 0; without it, a state with a unique status that loads on is a counterexample."""
+    """Claim about the premise Q > 0; a state with Q < 0 and a unique status on a continuing path refutes it."""
     premise = [_first_failure(sample.looks.load, sample.looks.symmetric < 0) for sample in main.tested]
     unique = [_first_failure(sample.looks.load, sample.looks.unique == 0) for sample in main.tested]
     unknown = sum(int((sample.looks.unique < 0).sum()) for sample in main.tested)
@@ -436,7 +435,7 @@ def _unique_without_premise(sample: SampleResult) -> np.ndarray:
 
 
 def _flutter(main: QuasiResult) -> Claim:
-    """Claim that motion is damped if Q > 0; a state with Q > 0 for all v and a growing motion is a counterexample."""
+    """Claim that motion is damped if Q > 0; a state with Q > 0 for all v and a growing motion refutes it."""
     best, seen = None, 0
     for sample in main.tested:
         positive = sample.looks.symmetric > 0
@@ -473,7 +472,7 @@ def _apex(opened: ApexCases) -> Claim:
 
 
 def _mechanisms(main: QuasiResult) -> Claim:
-    """Claim about the null modes of a sample if its walls translate, if they also turn, and if all contacts slide."""
+    """Claim about the null modes of a sample whose walls translate, also turn, or whose contacts all slide."""
     sample = main.tested[0]
     state, law, n = sample.path.states[0], sample.law, main.scenario.disks.number
     walls = state.control.free.copy()

@@ -27,9 +27,9 @@ from ....kit import (
 
 _KIND = "sample of a QuasiResult"
 _WithCurve = Annotated[Any, Result(_KIND, ("curve", "path", "slow", "back"))]
-SHOWN = 6  # number of contacts in the cone
+SHOWN = 6  # number of contacts shown in the cone
 GREY = "#bbbbbb"
-ENDS = {True: "x", False: "o"}  # marks of ends of paths, by whether stability is lost there
+ENDS = {True: "x", False: "o"}  # marks of path ends, True where stability is lost
 ENDS_WORDS = {True: "stability is lost", False: "ends for another reason"}
 COLORS = (
     style.BLUE,
@@ -78,7 +78,7 @@ def curves(tested: Annotated[list[_WithCurve], Requirement(require_filled)], tes
 
 @checked
 def collapses_of(sample: Annotated[Any, Result("SampleResult", ("path",))]) -> list:
-    """Collapses on the path of a sample with larger motion than the load alone would cause."""
+    """Collapses on a sample's path whose motion is larger than the load alone would cause."""
     return [event for event in sample.path.collapses if not event.quiet]
 
 
@@ -89,7 +89,7 @@ def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("poin
     Parameters
     ----------
     paths : results of `load_path` by name
-    wall : body number
+    wall : index of the body
     """
     figure, axes = style.column_axes(1, 2.6)
     for color, (name, path) in zip(cycle(COLORS), paths.items(), strict=False):
@@ -109,14 +109,14 @@ def force_displacement(paths: dict[str, Annotated[Any, Result("LoadPath", ("poin
 
 @checked
 def force_on(state: State, body: int) -> np.ndarray:
-    """(3,) load on a body: the dead load, and that of the spring of a machine [force]."""
+    """Load on a body (3,): the dead load plus that of a machine's spring [force]."""
     require_index(state.n_bodies, body=body)
     return state.control.force[body] + spring_forces(state.control, body_positions(state), state.time)[body]
 
 
 @style.styled
 def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
-    """Contact forces along the path in the Coulomb cone, for the contacts that move farthest across it (Fig 3)."""
+    """Contact forces along the path in the Coulomb cone, for contacts that move farthest across it (Fig 3)."""
     figure, axes = style.column_axes(1, 3.0)
     force = one.forces / one.forces[0, :, 0].mean()
     mobilised = np.abs(force[..., 1]) / (mu * np.maximum(force[..., 0], 1e-12))
@@ -178,9 +178,9 @@ def rigid_clusters(
     state: Committed, clusters: Annotated[Any, Result("RigidClusters", ("body", "contact", "overconstrained"))],
     *, width: float = style.WIDTH,
 ):  # fmt: skip
-    """Draw the contacts of each rigid cluster in a colour, hinges dotted; thick lines are overconstrained.
+    """Draw the contacts of each rigid cluster in one colour; hinges are dotted, overconstrained contacts thick.
 
-    The largest cluster is blue; the five other colours repeat.
+    The largest cluster is blue; the five other colours are repeated.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Output of quasi-rigid loading: files in the run folder and the summary on the terminal."""
+"""Output of quasi-rigid loading: files in the run folder, and terminal summary."""
 
 from types import SimpleNamespace as Made
 

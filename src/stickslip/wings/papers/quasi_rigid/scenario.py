@@ -1,4 +1,4 @@
-"""Scenario of quasi-rigid loading: disks between walls or in a periodic cell, loaded by path and by slow dynamics."""
+"""Scenario of quasi-rigid loading: disks between walls or in a periodic cell, loaded by path and slow dynamics."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -28,7 +28,7 @@ class SpringLaw(LawTable):
 
 
 class Loading(ScenarioTable):
-    """Load that grows linearly: the force on one wall, or the shear stress of a periodic cell."""
+    """Linearly growing load: the force on one wall, or the shear stress of a periodic cell."""
 
     test: Literal["biaxial", "shear"] = Field(
         "biaxial", description="biaxial: between walls; shear: in a periodic cell"
@@ -81,7 +81,7 @@ class Slow(ScenarioTable):
 
 
 class QuasiScenario(ScenarioBase):
-    """Everything that defines a quasi-rigid loading and the slow dynamics compared with it."""
+    """Everything that defines quasi-rigid loading and the slow dynamics with which it is compared."""
 
     experiment: Literal["quasi-rigid"] = "quasi-rigid"
     seed: Seed = 0
@@ -97,7 +97,7 @@ class QuasiScenario(ScenarioBase):
         return 2
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load increments, and the memory of the states along a path."""
+        """Iterate over load increments, and memory of the states along a path."""
         steps = 1 / self.loading.increment
         yield Size("loading.increment makes", steps, "load steps", "use a larger increment")
         memory = STATE * self.disks.number * steps

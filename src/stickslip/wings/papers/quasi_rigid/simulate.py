@@ -1,4 +1,4 @@
-"""Simulation of quasi-rigid loading: load paths, slow dynamics of the same samples, and the stiffness along paths."""
+"""Simulation of quasi-rigid loading: load paths, slow dynamics of the same samples, and stiffness along paths."""
 
 from functools import partial
 from pathlib import Path as Folder
@@ -41,24 +41,24 @@ from ...status.uniqueness import certificate
 from . import EXPERIMENT
 from .scenario import QuasiScenario
 
-MAX_POINTS = 60  # maximum number of points of a path whose eigenvalues are computed
-MAX_ENUMERATED = 10  # critical contacts up to which all statuses are enumerated
-PAIR = 1e-9  # imaginary part, relative to the largest eigenvalue, above which eigenvalues count as a complex pair
-# size of the random motion of `table_one`: at most CLOSED smallest overlaps, but at least LEAST, 1e-6 of which is
-# round-off
+MAX_POINTS = 60  # largest number of points of a path at which eigenvalues are computed
+MAX_ENUMERATED = 10  # largest number of critical contacts for enumeration of all statuses
+PAIR = 1e-9  # imaginary part over the largest eigenvalue above which eigenvalues count as a complex pair
+# size of the random motion of `table_one`: at most CLOSED times the smallest overlap, but at least LEAST, 1e-6 of
+# which is round-off
 CLOSED, LEAST = 0.1, 1e-10
 STRAIN = 0.01  # travel of a machine, see `Loading.strain`
-COMPARED = 0.95  # fraction of the path's load up to which path and dynamics are compared
+COMPARED = 0.95  # fraction of the path's load within which path and dynamics are compared
 BURST, ALIKE, BEFORE, ASTRAY = 30.0, 0.5, 20, 0.05  # see `collapse_load`
 
 
 class Curve(NamedTuple):
-    """Stress-strain curve of T points, as customarily plotted in engineering."""
+    """Stress-strain curve of T points, as usual in engineering."""
 
     load: np.ndarray  # (T,) fraction of the load
     strain: np.ndarray  # (T,) strain in the loaded direction, compression positive; or shear strain [1]
     volumetric: np.ndarray  # (T,) volumetric strain, compression positive [1]
-    ratio: np.ndarray  # (T,) stress in the loaded direction over that in the other; or shear stress over pressure [1]
+    ratio: np.ndarray  # (T,) stress in the loaded over that in the other direction; or shear stress over pressure [1]
 
 
 class PathStiffness(NamedTuple):
@@ -67,11 +67,11 @@ class PathStiffness(NamedTuple):
     load: np.ndarray  # (L,)
     critical: np.ndarray  # (L,) number of contacts at the Coulomb limit
     lowest: np.ndarray  # (L,) smallest real part of the eigenvalues of k
-    symmetric: np.ndarray  # (L,) smallest eigenvalue of the symmetric part of k: Q > 0 for all v fails below zero
+    symmetric: np.ndarray  # (L,) smallest eigenvalue of the symmetric part of k; if negative, Q > 0 fails for some v
     pairs: np.ndarray  # (L,) number of complex pairs of m⁻¹k
     growth_rate: np.ndarray  # (L,) growth rate of the fastest pair, 0 without pairs [1/time]
     unique: np.ndarray  # (L,) 1 if the status is unique for every load, 0 if not, −1 if unknown
-    consistent: np.ndarray  # (L,) consistent statuses under the path's load, −1 with too many critical contacts
+    consistent: np.ndarray  # (L,) number of consistent statuses under the load, −1 with too many critical contacts
     bijective: np.ndarray  # (L,) 1 if the status map is bijective, 0 if not, −1 with too many critical contacts
 
 
@@ -80,8 +80,8 @@ class SlowDynamics(NamedTuple):
 
     time: float  # duration of the whole load [time]
     curve: Curve
-    kinetic_energy: np.ndarray  # (T,) largest value in each step of the load [energy]
-    error: float  # largest difference between its strain and the path's, over the path's last strain
+    kinetic_energy: np.ndarray  # (T,) largest value in each load step [energy]
+    error: float  # largest difference from the strain of the path, over the path's last strain
 
 
 class SampleResult(NamedTuple):
@@ -94,14 +94,14 @@ class SampleResult(NamedTuple):
     back: Curve | None  # unloading, if requested
     looks: PathStiffness
     slow: tuple[SlowDynamics, ...]
-    collapse: float | None  # load at which dynamics lost stability; None if it did not, or if there are too few runs
-    forces: np.ndarray  # (T, C, 2) F_n, F_t of the contacts that last throughout the path [force]
+    collapse: float | None  # load at which dynamics lost stability; None if it did not, or with too few runs
+    forces: np.ndarray  # (T, C, 2) F_n and F_t of contacts that last throughout the path [force]
     pairs: np.ndarray  # (C, 2) bodies of these contacts
 
 
 @result_of(EXPERIMENT)
 class QuasiResult(NamedTuple):
-    """Results of all samples of a scenario, and the reasons why some are missing."""
+    """Results of all samples of a scenario, and the reasons for missing ones."""
 
     scenario: QuasiScenario
     tested: tuple[SampleResult, ...]
@@ -112,12 +112,12 @@ class QuasiResult(NamedTuple):
 def simulate_quasi(
     scenario: QuasiScenario, *, folder: Folder | None = None, workers: Workers = None, report: Report = silent
 ) -> QuasiResult:
-    """Prepare the samples of a scenario, load them by path and by slow dynamics, and analyse their stiffness.
+    """Prepare the samples of a scenario, load them along a path and by slow dynamics, and analyse their stiffness.
 
     Parameters
     ----------
-    folder : run folder, in which samples, and the path and runs of each, are saved as soon as they finish; a run that
-        was killed resumes from them
+    folder : run folder, in which samples and their paths and runs are saved as soon as they finish; a killed run
+        resumes from them
     workers : number of processes, one sample each, or the address of a Dask scheduler; the results do not depend on it
     report : called as report(stage, share done, text)
     """
@@ -153,7 +153,7 @@ def prepare(scenario: QuasiScenario, seed: int) -> tuple[State, Law, Control]:
 def simulate_sample(
     scenario: QuasiScenario, seed: int, kept: Checkpoint | None = None, report: Report = silent
 ) -> SampleResult:
-    """Load one sample by path and by slow dynamics; each of these is saved as soon as it finishes."""
+    """Load one sample along a path and by slow dynamics, and save each result as soon as it is finished."""
     load, slow = scenario.loading, scenario.dynamics
     kept = kept and kept.if_visible()
     name = f"sample {seed}"
@@ -216,12 +216,12 @@ def strain_difference(path: Curve, dynamics: Curve) -> float:
 
 
 def collapse_load(runs: list[SlowDynamics], path: Curve) -> float | None:
-    """Load at which the slowest run leaves the path and moves fast on its own; None if it does not.
+    """Load at which the slowest run leaves the path and moves fast by itself; None if it does not.
 
-    In slow motion, the kinetic energy scales as the square of the loading rate. A load step may begin a collapse if the
-    slowest run has more than half the energy of the next faster run near that load, and more than thirty times its own
-    median so far. It begins a collapse if the strain then departs from that of the path, or if the path has ended.
-    After soft stretches, where dynamics lags behind, the strain returns to that of the path.
+    In slow motion, kinetic energy scales as the square of the loading rate. A load step may begin a collapse if the
+    slowest run has more than half the energy of the next faster run near that load, and more than thirty times its
+    previous median. It does begin a collapse if the strain then departs from that of the path, or if the path has
+    ended. After soft stretches, where dynamics lags behind, the strain returns to that of the path instead.
     """
     if len(runs) < 2:
         return None
@@ -257,7 +257,7 @@ def _uniqueness(m: LinearSystem, load: np.ndarray) -> tuple[int, int, int]:
         return 1, 1, 1
     try:
         problem = complementarity(m, load)
-    except LinAlgError:  # a contact has just opened, and a disk with it
+    except LinAlgError:  # a contact has just opened and released a disk
         return -1, -1, -1
     known = certificate(problem).unique
     unique = -1 if known is None else int(known)
@@ -283,7 +283,7 @@ def force_tracks(path: LoadPath) -> tuple[np.ndarray, np.ndarray]:
 
 
 def force_components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
-    """F_n along the branch vector, F_t clockwise from it, for given rows of the contact list, shape (C, 2) [force]."""
+    """F_n along the branch vector and F_t clockwise from it, for given rows of the contact list (C, 2) [force]."""
     normal = branch_vectors(state)[rows]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     along = np.stack([normal[:, 1], -normal[:, 0], np.zeros(len(rows))], axis=1)
@@ -292,10 +292,10 @@ def force_components(state: State, law: Law, rows: np.ndarray) -> np.ndarray:
 
 
 def table_one(state: State, law: Law, seed: int = 0, size: float = 1e-7) -> dict[str, float]:
-    """Relative errors of the four linear relations of Table I in the engine.
+    """Relative errors of the four linear relations of Table I, with forces of the engine.
 
     The engine's contact forces, resultants and velocities before and after a small random motion of all bodies, which
-    opens no contact, are compared with the predictions from c, K, S and cᵀ.
+    opens no contact, are compared with predictions from c, K, S and cᵀ.
     """
     m = linear_system(state, law)
     size = min(size, max(CLOSED * float((m.force[:, 0] / m.springs[:, 0, 0]).min()), LEAST))

@@ -1,10 +1,11 @@
 """Reproduction of Bonfanti et al. 2020: oscillatory instabilities of sheared packings of spheres.
 
-Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units: 2σ_1 = m = k_n = 1; I0 = 0.4,
-k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fraction; here it is 0.68 for every packing.
+Bonfanti, Chattoraj, Guerra, Procaccia, Zapperi, doi:10.1103/PhysRevE.101.052902. Units are 2σ_1 = m = k_n = 1; I0 =
+0.4, k_t = 2/7, μ = 10, smooth Coulomb. The paper does not state the packing fraction; here it is 0.68 for every
+packing.
 
-Values of claims are medians over packings; the notes give ranges. Statements on the contact law are evaluated with a
-stored study of packings under several laws.
+Values of claims are medians over packings; notes give ranges. Statements on the contact law are evaluated with a stored
+study of packings under several laws.
 """
 
 import csv
@@ -39,17 +40,17 @@ from .scenario import ShearScenario
 from .simulate import ShearPath, ShearResult, simulate_shear
 
 TOLERANCE = {
-    "onset": 1.0,  # nothing is printed, and the packing fraction is not given: a factor of two
-    "exponent": 0.05,  # the next term of the expansion is of the order of the distance to the birth, some per cent
+    "onset": 1.0,  # not printed, with an unstated packing fraction: a factor of two
+    "exponent": 0.05,  # the next term of the expansion is of the order of the distance to the birth, a few per cent
     "pairs": 0.0,  # counts
     "rate": 1e-3,  # linear theory with Verlet's correction is exact; the ends of the fit window are not
     "frequency": 1e-4,  # the phase is known to a fraction of a turn over some thousand turns
     "decades": 0.2,  # the paper prints "about 10": two more or less
-    "constant": 1.0,  # nothing is printed; M grows by a factor of two between two evaluations of the spectrum
+    "constant": 1.0,  # not printed; M grows by a factor of two between two evaluations of the spectrum
     "drop": 1.0,  # one run of one packing: a factor of two either way
-    "contacts": 1.0,  # nothing is printed
+    "contacts": 1.0,  # not printed
     "im-lambda": 1.0,  # one state, chosen by the authors among those with a single pair: a factor of two
-    "later": 1.0,  # nothing is printed
+    "later": 1.0,  # not printed
     "drag": np.sqrt(10) - 1,  # "of the order of": the nearest power of ten
     "stress": 0.1,  # a tenth of the exponent: M oscillates by a factor of two or so about its exponential
 }
@@ -60,13 +61,13 @@ def _finite(values) -> list[float]:
 
 
 def known_median(values) -> float | None:
-    """Median of the values that are known; None without any."""
+    """Median of the known values; None without any."""
     known = _finite(values)
     return float(np.median(known)) if known else None
 
 
 def describe_range(values, form: str = "{:.3g}") -> str:
-    """Describe the range of the values of packings, and their number."""
+    """Describe the range of values over packings, and their number."""
     known = _finite(values)
     if not known:
         return f"none of {len(values)} packings"
@@ -76,39 +77,38 @@ def describe_range(values, form: str = "{:.3g}") -> str:
 
 
 def median_claim(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:
-    """Claim about the median over packings, with its error."""
+    """Make a claim about the median over packings, with its error."""
     error = median_error(_finite(values))
     return claim(id, source, paper, known_median(values), unit, TOLERANCE[tolerance], note, error=error, **more)
 
 
-PARTS = 10  # parts of the fit window, in each of which the amplitude of the stress is measured
+PARTS = 10  # number of parts of the fit window, in each of which the stress amplitude is measured
 
 
 def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second and third over first singular value of every grain's displacements in a turn, (L, H) each.
+    """Second and third over first singular value of each grain's displacements in a turn, (L, H) each.
 
-    The second is 0 on a line, the third in a plane.
-
-    The motion of a single pair is Re(c e^{iωt}) with a complex vector c for each grain, so that a grain moves in the
-    plane of Re c and Im c, which contains its position at rest.
+    The second ratio is 0 for motion on a line, the third for motion in a plane. The motion of a single pair is Re(c
+    e^{iωt}) with a complex vector c for each grain, so that a grain moves in the plane of Re c and Im c through its
+    position at rest.
 
     Parameters
     ----------
-    turns : (L, T, H, 3) displacements from rest, T samples of each turn [length]
+    turns : (L, T, H, 3) displacements from rest, with T samples per turn [length]
     """
     values = np.linalg.svd(turns.transpose(0, 2, 1, 3), compute_uv=False)
     return values[..., 1] / values[..., 0], values[..., 2] / values[..., 0]
 
 
 class Oscillation(NamedTuple):
-    """Change δσ of the shear stress in the window of the fit of M."""
+    """Change δσ of the shear stress in the fit window of M."""
 
-    offset: float  # mean of δσ e^{−ω_i t} over its root mean square: 0 for an oscillation around zero
-    exponent: float  # exponent of the amplitude of δσ against M: 1/2 if the stress is linear in the displacements
+    offset: float  # mean of δσ e^{−ω_i t} over its root mean square; 0 for an oscillation around zero
+    exponent: float  # exponent of the amplitude of δσ against M; 1/2 if stress is linear in the displacements
 
 
 def stress_oscillation(run: Released) -> Oscillation | None:
-    """Oscillation of the shear stress while M grows exponentially; None if M did not cross the window of its fit."""
+    """Oscillation of the shear stress while M grows exponentially; None if M did not cross its fit window."""
     if run.growth is None:
         return None
     inside = (run.time >= run.growth.start) & (run.time <= run.growth.stop)
@@ -123,8 +123,8 @@ def stress_oscillation(run: Released) -> Oscillation | None:
 def block_asymmetry(state: State, law: Law) -> dict[str, float]:
     """Largest violation of the symmetries of J under exchange of two grains, over the largest entry of the block.
 
-    A = ∂F/∂r and D = ∂(T/R)/∂(R·angle) are the same for (i, j) and (j, i); C = ∂F/∂(R·angle) and B = ∂(T/R)/∂r change
-    sign. "axes" is that of A under exchange of its axes, which a tangential force violates.
+    A = ∂F/∂r and D = ∂(T/R)/∂(R·angle) are equal for (i, j) and (j, i); C = ∂F/∂(R·angle) and B = ∂(T/R)/∂r change
+    sign. "axes" denotes the symmetry of A under exchange of its axes, which a tangential force violates.
 
     Source
     ------
@@ -146,7 +146,7 @@ def block_asymmetry(state: State, law: Law) -> dict[str, float]:
 
 
 BIRTHS = Path(__file__).with_name("births_by_law.csv")  # written by benchmarks/pairs_by_law.py
-MU, UNLIMITED = 10.0, 1e6  # friction of the paper; μ above which no contact reaches the limit
+MU, UNLIMITED = 10.0, 1e6  # friction of the paper; μ above which no contact reaches the Coulomb limit
 STUDY = "stored study of examples/pairs_by_law.toml"
 
 
@@ -177,7 +177,7 @@ def read_births() -> dict[tuple[str, str, float], Births]:
 
 
 def law_claims() -> list[Claim]:
-    """Claims about the form of the law, its smoothing, and the Coulomb limit."""
+    """Claims about the form of the law, its smoothing and the Coulomb limit."""
     births = read_births()
     smooth, sharp, unlimited = (
         births["hertz_mindlin", *law] for law in (("smooth", MU), ("sharp", MU), ("sharp", 1e9))
@@ -227,19 +227,19 @@ def share_interval(count: int, total: int) -> tuple[float, float]:
 
 
 def _mostly(count: int, total: int) -> bool | None:
-    """True if most cases have a property; None if the 95 % interval of the fraction contains 1/2."""
+    """Return True if most cases have a property; None if the 95 % interval of the fraction contains 1/2."""
     low, high = share_interval(count, total)
     return None if low <= 0.5 <= high else bool(low > 0.5)
 
 
-MANY = 10  # pairs that count as many: ten times the number at the onset
-PLANE = 0.01  # third over first singular value below which a trajectory is plane: thinner than its line in a plot
-CENTRED = 0.1  # mean over amplitude below which the stress oscillates around zero: not visible in a plot
-SYMMETRIC = 1e-12  # relative difference of blocks that are equal: round-off, with a margin for sums over contacts
+MANY = 10  # number of pairs that counts as many: ten times that at the onset
+PLANE = 0.01  # third over first singular value below which a trajectory is plane: thinner than a line in a plot
+CENTRED = 0.1  # mean over amplitude below which stress oscillates around zero: not visible in a plot
+SYMMETRIC = 1e-12  # relative difference of equal blocks: round-off, with a margin for sums over contacts
 
 
 def number_claims(main: ShearResult) -> list[Claim]:
-    """Claims about the number of pairs, and the size of the first one."""
+    """Claims about the number of pairs, and the size of the first pair."""
     im = [run.eigenvalue.imag if run and run.pairs == 1 else None for run in main.single]
     last, births = [int(path.pairs[-1]) for path in main.paths], [late_births(path) for path in main.paths]
     many = sum(n >= MANY for n in last)
@@ -265,7 +265,7 @@ def number_claims(main: ShearResult) -> list[Claim]:
 
 
 def late_births(path: ShearPath) -> float:
-    """Births of pairs in the second half of a path over those in the first, by strain; NaN without any there."""
+    """Ratio of births in the second half of a path, by strain, to those in the first; NaN without the latter."""
     late = path.strain[1:] > 0.5 * path.strain[-1]
     born = np.maximum(np.diff(path.pairs), 0)
     return float(born[late].sum() / born[~late].sum()) if born[~late].sum() else np.nan
@@ -326,7 +326,7 @@ LEVEL = 0.05  # level of the test of isotropy
 
 
 def protocol_claims(main: ShearResult) -> list[Claim]:
-    """Claims about the drag, from moduli and spectra of the paths, and about the fabric at the first pairs."""
+    """Claims about the drag, from moduli and spectra along the paths, and about the fabric at the first pairs."""
     said = (
         'Sec. III: "this value of eta_0 ensures that the dynamics is overdamped as the damping timescale is of the '
         'order of the time that sounds needs to travel one particle diameter"'
@@ -350,24 +350,24 @@ def protocol_claims(main: ShearResult) -> list[Claim]:
 
 
 def sound_time(path: ShearPath) -> float:
-    """Time in which transverse sound travels a diameter 2σ_1, d √(ρ/G), with G from the first strain step."""
+    """Time d √(ρ/G) in which transverse sound travels a diameter 2σ_1, with G from the first strain step."""
     modulus = (path.shear_stress[1] - path.shear_stress[0]) / (path.strain[1] - path.strain[0])
     density = path.last.grains.mass.sum() / volume(path.last)
     return float(DIAMETER * np.sqrt(density / modulus)) if modulus > 0 else np.nan
 
 
 def damping_shares(eigenvalues: np.ndarray) -> tuple[float, float]:
-    """Share of the modes with ω ≤ η_0/2, without zero modes, and the smallest ω [1/time]."""
+    """Fraction of modes (except zero modes) with ω ≤ η_0/2, and the smallest ω [1/time]."""
     size = np.abs(eigenvalues)
     frequency = np.sqrt(size[size > ZERO_BELOW * size.max()])
     return float(np.mean(frequency <= DRAG / 2)), float(frequency.min())
 
 
 def isotropy_statistic(state: State) -> float:
-    """Sum of squares that has a χ² distribution for many independent, isotropic normals.
+    """Sum of squares with a χ² distribution for many independent, isotropic normals.
 
-    With the deviator D of the fabric tensor of n contacts, it is n d (d + 2)/2 |D|², with d (d + 1)/2 − 1 degrees of
-    freedom in d dimensions, as a component has the variance 2/(n d (d + 2)).
+    For the deviator D of the fabric tensor of n contacts it is n d (d + 2)/2 |D|², with d (d + 1)/2 − 1 degrees of
+    freedom in d dimensions, as components have the variance 2/(n d (d + 2)).
     """
     dim = state.cell.dim
     deviator = fabric(state)[:dim, :dim] - np.eye(dim) / dim
@@ -375,7 +375,7 @@ def isotropy_statistic(state: State) -> float:
 
 
 def _isotropy(main: ShearResult) -> Claim:
-    """Claim about the fabric, which is isotropic if the test does not reject it."""
+    """Claim about the fabric, which counts as isotropic unless the test rejects isotropy."""
     dim = main.scenario.packing.dim
     first = [path.single for path in main.paths if path.single is not None]
     values, last = ([isotropy_statistic(s) for s in some] for some in (first, [path.last for path in main.paths]))
@@ -389,8 +389,8 @@ def _isotropy(main: ShearResult) -> Claim:
     )  # fmt: skip
 
 
-DECADES = 10.0  # decades of M over which the paper sees exponential growth
-MISFIT = np.log10(2.0)  # decades by which M may deviate from the predicted line: the oscillation alone causes as much
+DECADES = 10.0  # decades of M over which the paper finds exponential growth
+MISFIT = np.log10(2.0)  # decades by which M may deviate from the predicted line, as oscillation alone makes it do
 LEAST_DURATION = (
     "to be read with care, as the minimum duration of a run was set after runs of only 45 growth times had ended at a "
     "median of 0.13 while the stress was still falling"
@@ -420,7 +420,7 @@ def _path_claims(main: ShearResult) -> list[Claim]:
     exponents = [p.onset.exponent if p.onset else None for p in paths]
     fraction = [p.packed.packing_fraction for p in paths]
     pressures = [p.packed.pressure for p in paths]
-    dim = main.scenario.packing.dim  # zero modes: translations, and all coordinates of every rattler
+    dim = main.scenario.packing.dim  # zero modes are translations, and all coordinates of rattlers
     drift = [abs(p.zero_modes - dim - (6 if dim == 3 else 3) * p.packed.rattlers) for p in paths]
     back = sum(p.reappears for p in paths)
     return [
@@ -461,10 +461,10 @@ class Stretch(NamedTuple):
 
 
 def exponential_stretch(run: Released) -> Stretch | None:
-    """Find the part of a run in which M follows exp(2 ω_i t) with the predicted ω_i.
+    """Find the part of a run in which M follows exp(2 ω_i t) with predicted ω_i.
 
     In this part, the running maximum of M lies within a factor of two of the line that meets it in the fit window.
-    Before this part, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
+    Before it, M is at its initial level; after it, the spectrum changes. Returns None if M did not cross the fit
     window.
     """
     if run.growth is None:
@@ -561,10 +561,7 @@ def _failure_claims(main: ShearResult) -> list[Claim]:
 def _stress_drop(
     id: str, source_runs: list[Released | None], source: str, paper: float | None, reference: dict
 ) -> Claim:
-    """Claim about the loss of shear stress relative to its initial value.
-
-    The note gives the loss relative to the pressure.
-    """
+    """Claim about the loss of shear stress relative to its initial value; the note states it relative to pressure."""
     there = _ended_runs(source_runs)
     relative = [r.drop / abs(r.shear_stress[0]) for r in there]
     to_pressure = [r.drop / r.pressure[0] for r in there]

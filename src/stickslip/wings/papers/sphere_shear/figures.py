@@ -19,7 +19,7 @@ _Failure = Annotated[Any, Result(_KIND, ("time", "msd", "shear_stress", "growth_
 
 @style.styled
 def pairs_along_strain(paths: Annotated[list[_Path], Requirement(require_filled)], fine: float):
-    """Smallest and largest Im λ of one packing up to `fine`, and the number of pairs for all packings (Fig 1)."""
+    """Smallest and largest Im λ of one packing up to `fine`, and number of pairs for all packings (Fig 1)."""
     figure, (top, bottom) = style.column_axes(2, 4.2)
     path = max(paths, key=lambda p: (p.pairs[p.strain <= fine] > 0).sum())
     near = path.strain <= fine
@@ -102,7 +102,7 @@ def _oscillation(time, growth):
 
 @style.styled
 def trajectories(run: Annotated[Any, Result(_KIND, ("turns", "turn_time", "frequency"))], dim: int, grains: int = 4):
-    """Displacements during a few of the many turns of growth: grains in space, and one grain against time (Fig 4)."""
+    """Displacements during a few of the turns of growth: grains in space, and one grain against time (Fig 4)."""
     figure = style.OwnFigure(figsize=(style.WIDTH, 5.4 if dim == 3 else 4.6), layout="constrained")
     if not len(run.turns):
         figure.text(0.5, 0.5, "M did not grow far enough", ha="center")
@@ -150,7 +150,7 @@ def _label_space(axes, labels, dim: int) -> None:
 
 @style.styled
 def stress_through_failure(first: _Failure, later: _Failure | None = None):
-    """Shear stress over the initial pressure, and number of contacts, during one or two runs (Fig 5)."""
+    """Shear stress over initial pressure, and number of contacts, during one or two runs (Fig 5)."""
     rows = 2 if later is None else 3
     figure, (top, middle, *bottom) = style.column_axes(rows, 0.4 + 1.6 * rows)
     _plot_stress_and_contacts(top, first)
@@ -180,11 +180,11 @@ def _plot_stress_and_contacts(axes, run) -> None:
 
 @style.styled
 def births_by_law(laws: list, packings: list):
-    """Strain of the first pair of every packing, one line for each law: the fraction of packings that have had a pair.
+    """Fraction of packings that have had a pair against strain, one line per law.
 
     Parameters
     ----------
-    laws : summaries by law, with `kind`, `coulomb`, `mu`
+    laws : summaries by law, with `kind`, `coulomb` and `mu`
     packings : dictionaries with the same keys and `strain`, NaN without a pair
     """
     figure, axes = style.column_axes(2, 4.2, sharex=True)

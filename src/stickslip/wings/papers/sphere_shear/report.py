@@ -1,4 +1,4 @@
-"""Output of sheared packings: files in the run folder and the summary on the terminal."""
+"""Output of sheared packings: files in the run folder, and terminal summary."""
 
 from typing import NamedTuple
 
@@ -52,7 +52,7 @@ def show(result: ShearResult) -> None:
 
 
 class Sheared(NamedTuple):
-    """A packing: its path, and the runs from its state with one pair and from its last state."""
+    """A packing: its path, and the runs from the state with one pair and from the last state."""
 
     path: ShearPath
     single: Released | None

@@ -64,7 +64,7 @@ class Shear(ScenarioTable):
 
 
 class Release(ScenarioTable):
-    """Newtonian runs from unstable states: a state with a single complex pair, and the last state of the path."""
+    """Newtonian runs from unstable states: one with a single complex pair, and the last state of the path."""
 
     e_folds: Positive = Field(45.0, description="duration of a run in units of 1/(growth rate)")
     least: Duration = Field(5e4, description="minimum duration, to include the time after fast growth [time]")
@@ -77,7 +77,7 @@ class Release(ScenarioTable):
 
 
 class ShearScenario(ScenarioBase):
-    """Everything that defines the quasi-static shear of a packing and its failure."""
+    """Everything that defines the quasi-static shear and failure of a packing."""
 
     experiment: Literal["sphere-shear"] = "sphere-shear"
     seed: Seed = 0
@@ -88,7 +88,7 @@ class ShearScenario(ScenarioBase):
     release: Release = Release()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over strain steps, the memory of the states along a path, and time steps of a run."""
+        """Iterate over strain steps, memory of the states along a path, and time steps of a run."""
         shear, release = self.shear, self.release
         steps = sum(abs(b - a) / d for (a, b), d in zip(pairwise(shear.strain), shear.steps, strict=True))
         yield Size("shear takes", steps, "load steps", "use a larger shear.step")

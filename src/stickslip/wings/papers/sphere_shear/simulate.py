@@ -1,4 +1,4 @@
-"""Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, and release."""
+"""Simulation of sheared packings: pack, shear quasi-statically with spectra, locate the onset, release."""
 
 import warnings
 from collections.abc import Callable
@@ -38,17 +38,17 @@ from ....results import Equilibrium, PackingInfo, Released
 from . import EXPERIMENT
 from .scenario import ShearScenario
 
-HALVINGS = 7  # number of halved distances above the birth of the first pair at which Im λ is measured
+HALVINGS = 7  # number of successively halved distances above the first birth at which Im λ is measured
 
 
 class Onset(NamedTuple):
-    """Birth of the first complex pair, found by bisection from the last saved state without one."""
+    """Birth of the first complex pair, bisected from the last saved state without a pair."""
 
     below: float
     above: float
     offset: np.ndarray  # (K,) γ − γ_c
     im_lambda: np.ndarray  # (K,) Im λ of the pair [1/time²]
-    exponent: float  # exponent of Im λ against γ − γ_c; NaN if there were other pairs
+    exponent: float  # exponent of Im λ against γ − γ_c; NaN if other pairs exist
     at_limit: float  # fraction of contacts at the Coulomb limit just above the birth
     mobilisation: float  # largest |F_t|/(μ F_n) there; NaN without friction
 
@@ -80,14 +80,14 @@ class ShearPath(NamedTuple):
     unstable: int  # steps that ended at an unstable equilibrium
     left: int  # steps that left their branch
     onset: Onset | None
-    single: State | None  # the fastest-growing state with one pair, before there were two
+    single: State | None  # the fastest-growing state with one pair, before a second pair appears
     single_strain: float
     last: State
     stopped: str  # reason why the path ended early, or an empty string
 
     @property
     def reappears(self) -> bool:
-        """Return True if all pairs vanished after the onset and some came back."""
+        """Return True if all pairs vanished after the onset and some reappeared."""
         there = self.pairs > 0
         return bool((np.diff(there.astype(int)) == 1).sum() > 1)
 
@@ -105,7 +105,7 @@ class ShearResult(NamedTuple):
 
 
 def strain_path(scenario: ShearScenario) -> np.ndarray:
-    """Return all strains of a path, each leg with its own step."""
+    """Return all strains of a path, with a separate step for each leg."""
     legs = zip(pairwise(scenario.shear.strain), scenario.shear.steps, strict=True)
     return np.concatenate([np.zeros(1), *(load_path(ends, step)[1:] for ends, step in legs)])
 
@@ -125,7 +125,7 @@ class Step(NamedTuple):
 def shear_packing(
     scenario: ShearScenario, seed: int, kept: Checkpoint | None = None, report: Report = silent
 ) -> ShearPath:
-    """Pack one sample and shear it; if no equilibrium is found, the path ends early and the reason is given.
+    """Pack one sample and shear it; if no equilibrium is found, the path ends early and states the reason.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def shear_packing(
 
 def _equilibrate(protocol: Protocol, state: State, strain: float) -> Step:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # the steps are counted
+        warnings.simplefilter("ignore", UnstableEquilibriumWarning)  # these steps are counted
         point = protocol.step(state, strain)
     size, how = np.abs(point.spectrum.eigenvalues), point.outcome
     zeros, row = int((size < 1e-9 * size.max()).sum()), _path_columns(point, protocol.law)
@@ -199,11 +199,11 @@ def _path_columns(point: Equilibrium, law: Law) -> tuple:
 
 
 def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
-    """Locate the birth of the first pair by bisection between a state without pairs and a strain at which pairs exist.
+    """Locate the birth of the first pair by bisection between a state without pairs and a strain with pairs.
 
-    Every trial is one strain step from the saved state, so the path does not depend on the search.
+    Every trial is one strain step from the saved state, so that the path does not depend on the search.
     """
-    # γ_c must be known much more accurately than the smallest distance from it at which Im λ is measured
+    # γ_c must be much more accurate than the smallest distance from it at which Im λ is measured
     fine = 0.01 * 0.5**HALVINGS * (above - clean.load) / above
     change = bisect_change(clean, above, protocol, lambda s: bool(len(s.pairs)), relative=min(1e-6, fine))
     protocol = protocol.starting(clean.state, clean.load)
@@ -223,11 +223,11 @@ def find_onset(clean: Equilibrium, above: float, protocol: Protocol) -> Onset:
 def simulate_shear(
     scenario: ShearScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> ShearResult:
-    """Run a shear scenario from beginning to end, one packing for each of the seeds seed, seed + 1, …
+    """Run a shear scenario from beginning to end, with one packing for each of the seeds seed, seed + 1, …
 
     Parameters
     ----------
-    folder : run folder, in which runs and points of paths are saved as soon as each is finished; a run that was killed
+    folder : run folder, in which each run and each point of a path is saved as soon as it is finished; a killed run
         resumes from them and agrees with an uninterrupted run to within the tolerance of the solver
     workers : number of processes, or the address of a Dask scheduler; the result does not depend on it
     report : called as report(stage, share done, text with the relevant quantities)
@@ -272,7 +272,7 @@ def simulate_shear(
 
 
 def _describe_member(member: Member) -> str:
-    """Describe the outcome of a finished member in a few words."""
+    """Describe the outcome of a finished member."""
     result = member.result
     if member.failure:
         return member.failure

@@ -1,4 +1,4 @@
-"""Figures of cyclic shear; tables are dictionaries of columns with one entry for each amplitude."""
+"""Figures of cyclic shear; tables are dictionaries of columns with one entry per amplitude."""
 
 from typing import Annotated, Any
 
@@ -38,7 +38,7 @@ GREY = "0.85"
 
 @styled
 def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirement(require_filled)]):
-    """Loops at up to six amplitudes about the mean stress of the last cycle, which is dark.
+    """Loops at up to six amplitudes, about the mean stress of the last cycle, which is drawn dark.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ def loops(curves: Annotated[dict[float, tuple[np.ndarray, np.ndarray]], Requirem
 
 @styled
 def modulus_and_damping(tables: list[_Table], sands: dict | None = None):
-    """G/Gmax and damping ratio against the amplitude, one line for each sample.
+    """G/Gmax and damping ratio against the amplitude, one line per sample.
 
     Parameters
     ----------
-    sands : amplitude, and least and largest G_ratio and damping of sands
+    sands : amplitude, and smallest and largest G_ratio and damping of sands
     """
     figure, panels = column_axes(2, 4.0, sharex=True)
     for axes, name in zip(panels, ("G_ratio", "damping"), strict=True):
@@ -82,7 +82,7 @@ def modulus_and_damping(tables: list[_Table], sands: dict | None = None):
             label = "grains" if k == 0 else None
             axes.plot(table["amplitude"], table[name], "o-", color=color, label=label)
         axes.set_xscale("log")
-        label_axes(axes, y=CYCLE[name].axis, least={"y": 0.01})  # one per cent
+        label_axes(axes, y=CYCLE[name].axis, least={"y": 0.01})  # the axis spans at least one per cent
     label_axes(panels[1], x=CYCLE["amplitude"].axis)
     panels[1].yaxis.set_major_formatter(PercentFormatter(1))
     panels[0].set_ylim(0, 1.05 * panels[0].dataLim.y1)
@@ -108,7 +108,7 @@ def complex_modulus(tables: list[_Table], scales: list[float]):
 
 @styled
 def work(table: _Table, parts: tuple[str, ...]):
-    """Contributions to the area of the last loop at each amplitude: stacked bars, negative ones below zero."""
+    """Contributions to the area of the last loop at each amplitude: stacked bars, with negative ones below zero."""
     figure, axes = column_axes(1, 2.8)
     clear = np.isfinite(table["sliding"])
     place = np.arange(clear.sum())
@@ -133,7 +133,7 @@ def work(table: _Table, parts: tuple[str, ...]):
 
 @styled
 def returns(displacements: dict, kinds: dict[float, str]):
-    """Net displacement of grains in each whole cycle, over γ₀ times the diameter, one line for each amplitude."""
+    """Net displacement of grains in each whole cycle, over γ₀ times the diameter, one line per amplitude."""
     figure, axes = column_axes(1, 2.8)
     for k, (amplitude, values) in enumerate(displacements.items()):
         kind, number = kinds[amplitude], np.arange(1, len(values) + 1)

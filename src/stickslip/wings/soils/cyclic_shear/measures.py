@@ -1,14 +1,14 @@
-"""Quantities of cyclic shear, and curves of sands: modulus, damping ratio, G′ and G″, split of the work, and return.
+"""Quantities of cyclic shear, and curves of sands: modulus, damping ratio, G′ and G″, split of the work, return.
 
-With the amplitudes γ_a and τ_a = G γ_a between the turns of a loop, the damping ratio is D = ΔW/(4π W) with the area ΔW
-of the loop and W = ½ τ_a γ_a. ΔW is the work of the shear stress, which the ledger also adds up within steps in which
-grains rearrange. G′ and G″ are the first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so that ΔW = π γ₀² G″ up
-to the trapezia between equilibria.
+γ_a and τ_a = G γ_a are the amplitudes between the turns of a loop. The damping ratio is D = ΔW/(4π W), with the area ΔW
+of the loop and W = ½ τ_a γ_a. ΔW is the work of the shear stress, including work within steps in which grains
+rearrange. G′ and G″ are the first Fourier coefficients of τ over γ₀, for γ = γ₀ sin θ, so that ΔW = π γ₀² G″ except for
+the trapezoidal rule between equilibria.
 
-For sands G/Gmax = 1/(1 + (γ/γ_r)^a), and the damping is b (G/Gmax)^0.1 times that of Masing's rule, without the
-small-strain part, which does not come from loops that steps without a rate can have. The coefficients are those of
-Darendeli (2001, PI = 0, OCR = 1) and Menq (2003) as implemented in pystrata (github.com/arkottke/pystrata, `site.py`,
-commit 020a5c3), not taken from the theses themselves.
+For sands G/Gmax = 1/(1 + (γ/γ_r)^a), and the damping is b (G/Gmax)^0.1 times that of Masing's rule. The small-strain
+part is left out, because rate-independent steps cannot produce it. The coefficients are those of Darendeli (2001, PI =
+0, OCR = 1) and Menq (2003) as implemented in pystrata (github.com/arkottke/pystrata, `site.py`, commit 020a5c3), not
+taken from the theses themselves.
 """
 
 from functools import cached_property
@@ -22,7 +22,7 @@ from .scenario import CyclicShearScenario
 from .simulate import CyclicRun, CyclicShearResult, Response
 
 ATMOSPHERE = 101.325e3  # [Pa]
-CYCLES = 10  # number of cycles for which curves are drawn, which hardly depend on it
+CYCLES = 10  # number of cycles assumed for the curves, which hardly depend on it
 UNIFORMITY = (1.0, 10.0)  # D60/D10 of uniform and of well-graded sands
 
 
@@ -59,28 +59,28 @@ def darendeli(pressure: float) -> Curve:
 
 
 def menq(pressure: float, uniformity: float) -> Curve:
-    """Curve of Menq (2003) for sands of a coefficient of uniformity D60/D10 at a mean effective stress [Pa]."""
+    """Curve of Menq (2003) for sands with a coefficient of uniformity D60/D10 at a mean effective stress [Pa]."""
     p = pressure / ATMOSPHERE
     reference = 1.2e-3 * uniformity**-0.6 * p ** (0.5 * uniformity**-0.15)
     return Curve(reference, 0.86 + 0.1 * float(np.log10(p)))
 
 
 def band(pressure: float, gamma: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Least and largest G/Gmax and damping ratio of sands at amplitudes: Darendeli's curve, and those of Menq."""
+    """Range of G/Gmax and damping ratio of sands at amplitudes, from Darendeli's curve and those of Menq."""
     curves = [darendeli(pressure), *(menq(pressure, uniformity) for uniformity in UNIFORMITY)]
     values = {"G_ratio": [c.ratio(gamma) for c in curves], "damping": [c.damping(gamma) for c in curves]}
     return {name: (np.min(rows, axis=0), np.max(rows, axis=0)) for name, rows in values.items()}
 
 
 ELASTIC = 1e-3  # damping ratio below which cycles that return are elastic
-RETURNED = 1e-2  # rms displacement over γ₀ D, below which a sample has returned
-CLEAR = 1e-5  # damping ratio from which the work is split: the area of a loop below is lost in round-off
-OFF = 0.02  # relative difference of G at the smallest amplitude from the tangent modulus, above which it is reported
+RETURNED = 1e-2  # rms displacement over γ₀ D below which a sample has returned
+CLEAR = 1e-5  # damping ratio above which the work is split; the area of loops below is lost in round-off
+OFF = 0.02  # relative difference between G at the smallest amplitude and the tangent modulus that is reported
 NAN = float("nan")
 
 
 class Loop:
-    """Cycle k of a response; its quantities are those of `CYCLE`."""
+    """Cycle k of a response, with the quantities of `CYCLE`."""
 
     def __init__(self, response: Response, k: int, run: CyclicRun | None = None):
         self.response, self.k, self.run = response, k % len(response.gamma), run
@@ -105,7 +105,7 @@ class Loop:
 
     @cached_property
     def book(self) -> Ledger:
-        """Energies of the cycle, whose columns are (T + 1,) [energy/length^dim]."""
+        """Energies of the cycle, in columns (T + 1,) [energy/length^dim]."""
         return Ledger(*self.response.energies[self.k].T)
 
     @cached_property
@@ -127,7 +127,7 @@ class Loop:
 
     @cached_property
     def shares(self) -> dict[str, float]:
-        """Contributions to the area: dissipation and storage, less the work of σ_yy, and the residual.
+        """Contributions to the area: dissipation and storage, minus the work of σ_yy, and the residual.
 
         `drawn` is the excess of the polygon through the equilibria.
         """
@@ -227,18 +227,18 @@ def largest_modulus(run: CyclicRun) -> float:
 
 
 def period(response: Response) -> int:
-    """Number of cycles after which grains return at the end, 0 if they do not."""
+    """Number of cycles after which grains return, in the last cycles; 0 if they do not."""
     back = response.distance[-1][-2::-1]
     returned = np.flatnonzero(back < RETURNED)
     return int(returned[0]) + 1 if len(returned) else 0
 
 
 def kind_of(response: Response) -> str:
-    """Kind of cycles that an amplitude ends in.
+    """Kind of the final cycles at an amplitude.
 
-    elastic: grains return after a cycle, and the damping ratio is below `ELASTIC`; reversible: they return, and the
-    loop has an area, so that sliding is reversed; periodic: they return after several cycles; irreversible: they have
-    not returned. Grains return if their rms displacement is below `RETURNED` times γ₀ times the mean diameter.
+    elastic: grains return after a cycle, and the damping ratio is below `ELASTIC`; reversible: grains return, but the
+    loop has an area, so that sliding is reversed; periodic: grains return after several cycles; irreversible: grains
+    do not return. Grains return if their rms displacement is below `RETURNED` times γ₀ times the mean diameter.
     """
     if len(response.gamma) < 2:
         return "undecided"
@@ -253,21 +253,21 @@ class Sample(NamedTuple):
 
     run: CyclicRun
     scenario: CyclicShearScenario
-    table: dict[str, np.ndarray]  # last cycles
+    table: dict[str, np.ndarray]  # quantities of the last cycles
 
     def at_amplitudes(self, name: str) -> dict[float, float]:
-        """Values of the last cycles by amplitude; NaN at amplitudes that were not reached."""
+        """Values of the last cycles by amplitude; NaN at amplitudes not reached."""
         known = dict(zip(self.table["amplitude"], self.table[name], strict=True))
         return {amplitude: known.get(amplitude, NAN) for amplitude in self.scenario.cycles.amplitudes}
 
     def up_to(self, *kinds: str) -> float:
-        """Largest amplitude up to which cycles are of some kinds; NaN if the first is not."""
+        """Largest amplitude up to which cycles are of the given kinds; NaN if those at the first amplitude are not."""
         count = next((k for k, kind in enumerate(self.table["kind"]) if kind not in kinds), len(self.table["kind"]))
         return self.run.responses[count - 1].amplitude if count else NAN
 
     @property
     def gamma_half(self) -> float:
-        """Amplitude at which G/Gmax first falls to 1/2, between two amplitudes on a logarithmic axis."""
+        """Amplitude at which G/Gmax first falls to 1/2, interpolated on a logarithmic axis."""
         gamma, ratio = np.log(self.table["amplitude"]), self.table["G_ratio"]
         below = np.flatnonzero(ratio <= 0.5)
         if not len(below) or below[0] == 0:
@@ -303,7 +303,7 @@ MEASURES = Measures(
 
 
 def in_band(scenario: CyclicShearScenario, table: dict[str, np.ndarray]) -> np.ndarray:
-    """(2, A) for G/Gmax and damping, 1 where a sample of spheres lies in the band of sands; NaN for disks."""
+    """Array (2, A) for G/Gmax and damping: 1 where a sample of spheres lies in the band of sands; NaN for disks."""
     gamma = table["amplitude"]
     if scenario.sample.dim == 2 or scenario.units != "SI":
         return np.full((2, len(gamma)), NAN)
@@ -312,7 +312,7 @@ def in_band(scenario: CyclicShearScenario, table: dict[str, np.ndarray]) -> np.n
 
 
 def sentences(result: CyclicShearResult) -> list[str]:
-    """Remarks for readers of the numbers: kinds of cycles, residual, band of sands, and finer steps."""
+    """Remarks on the numbers: kinds of cycles, residual, band of sands, and finer steps."""
     return [*_kinds(result), *_missing(result), *_band(result), *_finer(result)]
 
 
@@ -348,7 +348,7 @@ def _band(result: CyclicShearResult) -> list[str]:
 
 def _finer(result: CyclicShearResult) -> list[str]:
     if result.checked is None:
-        return ["It was not checked whether twice as many steps give the same: use check = true."]
+        return ["Convergence with twice as many steps was not checked: use check = true."]
     one, two = (last_cycles(run) for run in (result.runs[0], result.checked))
     count = min(len(one["G"]), len(two["G"]))
     g, d = (np.abs(two[name][:count] - one[name][:count]) for name in ("G_ratio", "damping"))

@@ -63,7 +63,7 @@ def numbers(result: CyclicShearResult) -> dict:
 
 
 def show(result: CyclicShearResult) -> None:
-    """Print the last cycle at each amplitude of the first sample, the numbers of all samples, and their limitations."""
+    """Print the last cycle at each amplitude of the first sample, the numbers of all samples, and remarks."""
     scenario, first = result.scenario, result.runs[0]
     title = f"cyclic shear of {pluralize(len(result.runs), 'sample')} of {scenario.sample.grains} grains"
     columns, unit = last_cycles(first), for_engineers(0, unit_name(STRESS))[1]

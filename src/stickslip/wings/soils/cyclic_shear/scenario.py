@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from ....kit import Listed, Positive, ScenarioTable, Size
 from ..element_test.scenario import NARROWEST, ElementLaw, SampleScenario, widest_shear
 
-SMALLEST = 1e-8  # smallest amplitude: its stress is then about 1e-6 of the pressure, which is balanced to 1e-9
+SMALLEST = 1e-8  # smallest amplitude: its stress is about 1e-6 of the pressure, which is balanced to 1e-9
 
 
 class Cycles(ScenarioTable):

@@ -1,4 +1,4 @@
-"""Simulation of cyclic shear: each step ends in an equilibrium, and its energies are posted to a ledger."""
+"""Simulation of cyclic shear: each step ends in equilibrium, and its energies are posted to a ledger."""
 
 from functools import partial
 from pathlib import Path
@@ -40,14 +40,14 @@ SHEAR = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # displac
 
 
 class Cycle(NamedTuple):
-    """One cycle of T steps; rows are equilibria, the first that at its start."""
+    """One cycle of T steps; rows are equilibria, the first at the start of the cycle."""
 
     gamma: np.ndarray  # (T + 1,) shear strain
     tau: np.ndarray  # (T + 1,) −σ_xy [force/length^(dim−1)]
     normal: np.ndarray  # (T + 1,) σ_yy [force/length^(dim−1)]
     pressure: np.ndarray  # (T + 1,) [force/length^(dim−1)]
     height: np.ndarray  # (T + 1,) ε_yy, compression positive, which is the volumetric strain
-    rearranged: np.ndarray  # (T + 1,) bool, whether dynamics was needed to find the equilibrium
+    rearranged: np.ndarray  # (T + 1,) bool, True if dynamics was needed to find the equilibrium
     energies: np.ndarray  # (T + 1, 11) columns of `Ledger`, over the volume of the sample [energy/length^dim]
     busiest: float  # fraction of the sliding work in the tenth of the contacts that dissipates most
     strong: float  # fraction of the sliding work in contacts with more than the mean force
@@ -77,13 +77,13 @@ class CyclicRun(NamedTuple):
     seed: int
     packed: PackingInfo
     modulus: float  # dτ/dγ of the sample while no contact changes [force/length^(dim−1)]; NaN if it is not known
-    responses: tuple[Response, ...]  # one for each amplitude that was reached
+    responses: tuple[Response, ...]  # one per amplitude reached
     end: State  # after the last cycle
-    ended: str  # reasons for which cycles are missing
+    ended: str  # reasons for missing cycles
 
 
 class Rig(NamedTuple):
-    """Sample with its law and the control that shears it."""
+    """Sample with its law and the control of its shear."""
 
     scenario: CyclicShearScenario
     law: Law
@@ -103,7 +103,7 @@ class CyclicShearResult(NamedTuple):
     scenario: CyclicShearScenario
     law: Law
     runs: tuple[CyclicRun, ...]
-    checked: CyclicRun | None  # the first sample in twice as many steps
+    checked: CyclicRun | None  # the first sample with twice as many steps
     failures: tuple[str, ...]
 
 
@@ -111,9 +111,9 @@ class CyclicShearResult(NamedTuple):
 def simulate_cyclic_shear(
     scenario: CyclicShearScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> CyclicShearResult:
-    """Shear samples with the seeds seed, seed + 1, … to and fro.
+    """Shear samples with the seeds seed, seed + 1, … back and forth.
 
-    Strains are measured from the prepared sample, also those of later amplitudes; the normal stress is absolute.
+    All strains, even at later amplitudes, are measured from the prepared sample; the normal stress is absolute.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def simulate_cyclic_shear(
 def shear_sample(
     scenario: CyclicShearScenario, seed: int, finer: int, kept: Checkpoint | None, report: Report
 ) -> CyclicRun:
-    """Make one sample and shear it at all amplitudes, in `finer` times as many steps."""
+    """Make one sample and shear it at all amplitudes, with `finer` times as many steps."""
     law, kept = make_law(scenario.law), kept and kept.if_visible()
     state, packed = load_or_compute(kept, "packing", partial(make_sample, scenario.sample, law, seed, report))
     rig, amplitudes = Rig(scenario, law, state, finer * scenario.cycles.steps), scenario.cycles.amplitudes
@@ -186,7 +186,7 @@ def shear_sample(
 
 
 def shear_once(rig: Rig, state: State, amplitude: float, report: Report = silent) -> Cycle:
-    """Shear a sample through one cycle, from the strain of the prepared sample."""
+    """Shear a sample through one cycle, about the strain of the prepared sample."""
     p, area = rig.scenario.sample.pressure, float(2 * state.grains.radius.mean()) ** (state.cell.dim - 1)
     tolerance, keep, account = BALANCED * p * area, Factorisation(), PathLedger(state, rig.law)
     scales = compression_scales(rig.sample, rig.law, p, tolerance)
@@ -251,7 +251,7 @@ def _response(amplitude: float, cycles: list[Cycle], ends: list[State], law: Law
 
 
 def _distance(one: State, other: State, law: Law) -> float:
-    """Root mean square displacement of grains between two states, without that of the cell, without rattlers."""
+    """Root mean square displacement of grains between two states, relative to the cell and without rattlers."""
     least = least_supports(law, one.cell.dim)
     bears = ~(rattlers(one, least) | rattlers(other, least))
     cells = [np.where(s.cell.vectors.any(axis=1)[:, None], s.cell.vectors, np.eye(3)) for s in (one, other)]
@@ -261,7 +261,7 @@ def _distance(one: State, other: State, law: Law) -> float:
 
 
 def tangent_modulus(rig: Rig) -> float:
-    """dτ/dγ of the sample from its elastic moduli, at constant volume or constant σ_yy; NaN if it has none."""
+    """Modulus dτ/dγ of the sample from its elastic moduli, at constant volume or constant σ_yy; NaN if it has none."""
     if len(rig.sample.grains.radius) > MODULI_UP_TO:
         return np.nan
     try:

@@ -1,4 +1,4 @@
-"""Element tests: triaxial, oedometric, undrained and other tests of samples of soil, as engineers do them."""
+"""Element tests: triaxial, oedometric, undrained and other tests of soil samples, as in engineering practice."""
 
 from functools import partial
 

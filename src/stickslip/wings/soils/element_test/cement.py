@@ -1,4 +1,4 @@
-"""Cement between the grains of a sample: bonds, the unloading of the sample, and a catalogue of broken bonds.
+"""Cement between the grains of a sample: bonds, unloading of the sample, and a catalogue of broken bonds.
 
 Source
 ------
@@ -25,13 +25,13 @@ CUT = 3.0  # standard deviations at which the distribution of strengths is cut o
 
 @readable
 class Breaks(NamedTuple):
-    """Broken bonds in the order of breaking."""
+    """Broken bonds in the order of breakage."""
 
     row: np.ndarray  # (K,) int, row of the series in whose step the bond broke; 0: before the test
-    i: np.ndarray  # (K,) int, number of a grain
+    i: np.ndarray  # (K,) int, indices of the two grains
     j: np.ndarray  # (K,) int
-    tension: np.ndarray  # (K,) bool: the tensile strength was reached, otherwise the shear strength
-    energy: np.ndarray  # (K,) elastic energy of the bond at the break [energy]
+    tension: np.ndarray  # (K,) bool, True if the tensile strength was reached, False for the shear strength
+    energy: np.ndarray  # (K,) elastic energy of the bond when it broke [energy]
     position: np.ndarray  # (K, 3) midpoint of the bond in the first periodic cell [length]
 
 
@@ -51,12 +51,12 @@ def join(parts: list[Breaks]) -> Breaks:
 
 
 def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int) -> State:
-    """State whose grains are bonded; stiffness per area E/(R_i + R_j) along the bond, with E of the cement.
+    """State with bonded grains; the stiffness per area along a bond is E/(R_i + R_j), with E of the cement.
 
     Parameters
     ----------
-    contact_modulus : over which `cement.modulus` is given [force/length^(dim−1)]
-    seed : of the scatter of the strengths
+    contact_modulus : modulus relative to which `cement.modulus` is stated [force/length^(dim−1)]
+    seed : seed of the scatter of the strengths
     """
     radius = state.grains.radius
     bond = parallel_bond(
@@ -77,11 +77,11 @@ def with_cement(state: State, cement: Cement, contact_modulus: float, seed: int)
 def unloaded(
     state: State, law: Law, pressures: tuple[float, float], mass: float, scales: Scales, tolerance: float
 ) -> Cemented:
-    """Cemented sample after small steps of the isotropic pressure from the first to the second one.
+    """Cemented sample after small steps of isotropic pressure from the first to the second value.
 
     Parameters
     ----------
-    mass : of the cell, see `servo_mass`
+    mass : mass of the cell, see `servo_mass`
     tolerance : largest unbalanced force [force]
     """
     every, broken = Drive(np.zeros((3, 3)), tuple(range(state.cell.dim))), []
@@ -94,7 +94,7 @@ def unloaded(
 
 
 def describe_break(before: State, after: State, row: int = 0) -> Breaks:
-    """Return the one bond that is intact in the equilibrium `before` and broken in `after`."""
+    """Return the single bond that is intact in the equilibrium `before` and broken in `after`."""
     bonds, vectors = before.bonds, before.cell.vectors
     k = np.flatnonzero(bonds.intact & ~after.bonds.intact)
     i, j, place = bonds.i[k], bonds.j[k], before.grains.position
@@ -105,6 +105,6 @@ def describe_break(before: State, after: State, row: int = 0) -> Breaks:
 
 
 def has_failed(stress: np.ndarray, cement: Cement, dim: int) -> bool:
-    """Return True if the axial stress (T, 3, 3) beyond the confining one has fallen to `until` of its largest value."""
+    """Return True if the axial stress (T, 3, 3), less the confining stress, has fallen to `until` of its maximum."""
     lead = np.abs(stress[:, dim - 1, dim - 1] - cement.confining)
     return bool(len(lead) and lead[-1] < cement.until * lead.max())

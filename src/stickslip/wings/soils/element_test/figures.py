@@ -1,4 +1,4 @@
-"""Figures of element tests, as soil engineers draw them; tables are dictionaries of columns, as in series.csv."""
+"""Figures of element tests as usual in soil mechanics; tables are dictionaries of columns, as in series.csv."""
 
 from textwrap import fill
 from typing import Annotated, Any
@@ -24,9 +24,9 @@ from ....kit import (
 )
 from .measures import SERIES, STRESS
 
-HELD = 0.05  # range of p over p below which its axis does not zoom in: where p is held, that is noise of the servo
-MARKS = 40  # about as many points of a laboratory's test are marked
-FEW = 6  # number of samples distinguished by colour
+HELD = 0.05  # relative range of p below which its axis does not zoom in on servo noise about a constant p
+MARKS = 40  # approximate number of points marked in a laboratory test
+FEW = 6  # largest number of samples distinguished by colour
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
@@ -35,13 +35,13 @@ _Curve = Annotated[Any, Result("Grading", ("size", "passing", "passing_at"))]
 
 
 def _axis(name: str, unit: str) -> str | tuple[str, str]:
-    """Words of an axis; stresses have the unit of figures."""
+    """Label of an axis; stresses are in the unit of the figures."""
     quantity = SERIES[name]
     return (quantity.label, unit) if quantity.unit == STRESS else quantity.axis
 
 
 def _lines(axes, tables, x: str, y: str) -> None:
-    """One line for each sample; many samples are pale, with their mean if they have the same rows."""
+    """Draw one line per sample; many samples are pale, with their mean if they have the same rows."""
     for k, table in enumerate(tables):
         few, label = len(tables) <= FEW, (pluralize(len(tables), "sample") if k == 0 else None)
         color, width, alpha = (COLORS[k], 0.8, 1) if few else (BLUE, 0.4, 0.4)
@@ -55,16 +55,16 @@ def _lines(axes, tables, x: str, y: str) -> None:
 def stress_strain(
     tables: list[_Table], strain: str, unit: str, halved: _Table | None = None, axial: str = ""
 ):  # fmt: skip
-    """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line for each sample.
+    """Deviatoric stress, and volumetric strain or excess pore pressure, against strain, one line per sample.
 
     For compression tests, void ratio against mean or axial stress.
 
     Parameters
     ----------
     strain : name of the column of the imposed strain
-    unit : of stresses
-    halved : series of the first sample in steps, or at a rate, half as large
-    axial : name of the column of the axial stress, of an oedometric test
+    unit : unit of stress
+    halved : series of the first sample with half the step or rate
+    axial : name of the column of axial stress, for an oedometric test
     """
     figure, panels = column_axes(2, 3.8, sharex=True)
     names = "q", "pore_pressure" if "pore_pressure" in tables[0] else "volumetric_strain"
@@ -84,7 +84,7 @@ def stress_strain(
 
 @styled
 def stress_path(tables: list[_Table], unit: str):
-    """Stress paths in the plane of mean and deviatoric stress; of undrained tests also those of total stresses."""
+    """Stress paths in the plane of mean and deviatoric stress, for undrained tests also of total stresses."""
     figure, axes = column_axes()
     _lines(axes, tables, "p", "q")
     for k, table in enumerate(tables if "pore_pressure" in tables[0] else ()):
@@ -99,7 +99,7 @@ def stress_path(tables: list[_Table], unit: str):
 
 @styled
 def pore_pressure(tables: list[_Table], unit: str):
-    """Excess pore pressure and Skempton's B against the cell pressure of undrained isotropic paths."""
+    """Excess pore pressure and Skempton's B against cell pressure on undrained isotropic paths."""
     figure, panels = column_axes(2, 3.8, sharex=True)
     for axes, name in zip(panels, ("pore_pressure", "skempton_B"), strict=True):
         _lines(axes, tables, "cell_pressure", name)
@@ -115,7 +115,7 @@ def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
 
     Parameters
     ----------
-    stress : name of its column: the mean stress, or the axial one of an oedometric test
+    stress : name of its column: mean stress, or axial stress in an oedometric test
     """
     figure, axes = column_axes()
     tables = [table | {stress: np.abs(table[stress])} for table in tables]
@@ -129,7 +129,7 @@ def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
 
 @styled
 def contacts(tables: list[_Table], strain: str):
-    """Contact number, fabric anisotropy, and fraction of sliding contacts against the imposed strain."""
+    """Contact number, fabric anisotropy and fraction of sliding contacts against imposed strain."""
     figure, panels = column_axes(3, 4.6, sharex=True)
     for axes, name in zip(panels, ("coordination", "fabric_anisotropy", "sliding_fraction"), strict=True):
         _lines(axes, tables, strain, name)
@@ -141,7 +141,7 @@ def contacts(tables: list[_Table], strain: str):
 
 @styled
 def broken_bonds(tables: list[_Table], strain: str, unit: str):
-    """Deviatoric stress, and numbers of bonds that broke in tension and in shear, against strain."""
+    """Deviatoric stress, and numbers of bonds broken in tension and in shear, against strain."""
     figure, (above, below) = column_axes(2, 3.8, sharex=True)
     _lines(above, tables, strain, "q")
     for color, mode in ((RED, "tension"), (BLUE, "shear")):
@@ -157,7 +157,7 @@ def broken_bonds(tables: list[_Table], strain: str, unit: str):
 
 @styled
 def grading(curve: _Curve, diameter: np.ndarray, dim: int):
-    """Grading curve: passing by mass, prescribed and of the grains."""
+    """Grading curve: passing by mass, prescribed and measured."""
     figure, axes = column_axes()
     mass = diameter**dim
     sizes = np.geomspace(curve.size[0], curve.size[-1], 200)
@@ -173,13 +173,13 @@ def grading(curve: _Curve, diameter: np.ndarray, dim: int):
 
 @styled
 def laboratory(tables: list[_Table], test: dict, pairs: list[tuple[str, str]], unit: str, name: str):
-    """Laboratory's test over the samples, in one panel for each pair of columns.
+    """Laboratory test drawn over the samples, in one panel per pair of columns.
 
     Parameters
     ----------
-    test : columns of the laboratory's test, named as those of the samples
+    test : columns of the laboratory test, named like those of the samples
     pairs : names of the columns along x and y
-    name : of the laboratory's test
+    name : name of the laboratory test
     """
     figure, grid = subplots(1, len(pairs), figsize=(PAGE if len(pairs) > 1 else WIDTH, 2.4), squeeze=False)
     for axes, (x, y) in zip(grid.flat, pairs, strict=True):
@@ -199,11 +199,11 @@ def laboratory(tables: list[_Table], test: dict, pairs: list[tuple[str, str]], u
 
 @styled
 def mohr_circles(circles: list[_Circles], factor: float, unit: str):
-    """Mohr circles with their envelopes, in one panel for each state and group of members.
+    """Mohr circles with their envelopes, in one panel per state and group of members.
 
     Parameters
     ----------
-    factor : of stresses, which are drawn in `unit`
+    factor : factor that converts stresses to `unit`
     """
     groups = list(dict.fromkeys(each.group for each in circles))
     columns = 1 + any(each.state != "peak" for each in circles)
@@ -244,9 +244,9 @@ def mohr_circles(circles: list[_Circles], factor: float, unit: str):
 
 @styled
 def critical_state(ends: list[_Ends], unit: str):
-    """Ends of the paths of a sweep in the planes of p and q and of p and e, with critical-state lines.
+    """Path ends of a sweep in the p–q and p–e planes, with critical-state lines.
 
-    States that are not steady are open marks. Members that differ only in pressure have the same colour.
+    Unsteady states are open marks. Members that differ only in pressure have the same colour.
     """
     figure, (left, right) = subplots(1, 2, figsize=(PAGE, 2.6))
     for color, each in zip(COLORS, ends, strict=False):
@@ -275,15 +275,15 @@ def critical_state(ends: list[_Ends], unit: str):
 def failure_directions(
     probes: list[_Probed], table: _Table, strain: tuple[str, int], first: dict[str, float], names: tuple[str, str]
 ):
-    """Angle of friction, and normalised second-order work by direction of the strain, along a path.
+    """Friction angle, and normalised second-order work by direction of strain, along a path.
 
     Parameters
     ----------
     probes : probed states with envelopes
     table : series of the sample
-    strain : name of the column of the imposed strain, and sign of compression in it
-    first : strain at which each sign of failure is first seen
-    names : of the components along the two axes of the plane of strains
+    strain : name of the column of the imposed strain, and its sign of compression
+    first : strain at which each sign of failure first appears
+    names : names of the components along the two axes of the strain plane
     """
     strain, sign = strain
     figure, (above, below) = column_axes(2, 4.4, sharex=True, height_ratios=(1, 1.3))

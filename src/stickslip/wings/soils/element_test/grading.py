@@ -6,8 +6,8 @@ import numpy as np
 
 from ....kit import checked, require_positive
 
-MISFIT = 0.05  # largest deviation from a curve, as a fraction of the mass, in a representative sample
-LARGEST_SAMPLE = 10**7  # grains up to which the number that a curve needs is searched for
+MISFIT = 0.05  # largest deviation of a representative sample from the curve, as a fraction of the mass
+LARGEST_SAMPLE = 10**7  # largest sample considered in the search for the number of grains that a curve needs
 WIDEST = 100.0  # largest ratio of the sizes of a grading
 POINTS = 4001  # number of points of the distribution by number
 
@@ -28,7 +28,7 @@ class Grading(NamedTuple):
     passing: np.ndarray  # (K,) fraction of the mass in smaller grains, from 0 to 1 [1]
 
     def passing_at(self, diameter: np.ndarray) -> np.ndarray:
-        """Share of the mass in grains that are smaller than given diameters."""
+        """Fraction of the mass in grains smaller than given diameters."""
         return np.interp(np.log(diameter), np.log(self.size), self.passing)
 
     def size_at(self, passing: np.ndarray) -> np.ndarray:
@@ -38,7 +38,7 @@ class Grading(NamedTuple):
 
 @checked
 def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
-    """Grading through D10, D50 and D60, whose first and last segments reach to 0 and to 100 % passing.
+    """Grading through D10, D50 and D60, with the first and last segments extended to 0 and 100 % passing.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def from_d10_d50_d60(d10: float, d50: float, d60: float) -> Grading:
 
 @checked
 def diameters(grading: Grading, n: int, dim: int = 3) -> np.ndarray:
-    """Diameters of n grains that follow a curve of passing by mass, (n,), increasing, without random numbers [length].
+    """Increasing diameters (n,) of grains that follow a curve of passing by mass, without random numbers [length].
 
     Grain k is the quantile (k + 1/2)/n of the distribution by number, whose density is dP/dD over the mass D^dim.
 
@@ -74,20 +74,20 @@ def diameters(grading: Grading, n: int, dim: int = 3) -> np.ndarray:
 
 @checked
 def passing_of(diameter: np.ndarray, size: float, dim: int = 3) -> float:
-    """Fraction of the mass of given grains in those smaller than a size; grains of that size count half."""
+    """Mass fraction of given grains that are smaller than a size; grains of that size count half."""
     mass = diameter**dim
     return float((mass[diameter < size].sum() + 0.5 * mass[diameter == size].sum()) / mass.sum())
 
 
 def misfit(grading: Grading, diameter: np.ndarray, dim: int) -> float:
-    """Largest deviation of the grading curve of given grains, at the grains, from the prescribed one [1]."""
+    """Largest deviation of the grading curve of given grains, at their sizes, from the prescribed curve [1]."""
     mass = diameter**dim
     passed = (np.cumsum(mass) - 0.5 * mass) / mass.sum()
     return float(np.abs(passed - grading.passing_at(diameter)).max(initial=0.5 * mass[-1] / mass.sum()))
 
 
 def grains_needed(grading: Grading, dim: int) -> int:
-    """Least power of two of grains that reproduce a curve within `MISFIT`, at most `LARGEST_SAMPLE`."""
+    """Smallest power of two of grains that reproduces a curve within `MISFIT`, at most `LARGEST_SAMPLE`."""
     n = 16
     while n < LARGEST_SAMPLE and misfit(grading, diameters(grading, n, dim), dim) > MISFIT:
         n *= 2

@@ -1,4 +1,4 @@
-"""Laboratory tests for comparison with element tests: their tables, in the units, strains and signs of series."""
+"""Laboratory tests for comparison with element tests, converted to the units, strains and signs of series."""
 
 import warnings
 from collections.abc import Callable
@@ -19,33 +19,33 @@ WANTED = laboratory_table.Wanted(
     "axial strain [%], q [kPa], volumetric strain [%]", "column of a test of soil",
 )  # fmt: skip
 FIGURE = "fig8_laboratory.png"
-LEAST = 5  # rows
-NEAR_START = 0.02  # least axial strain at the end, over that at the start, of rows in the order of a test
+LEAST = 5  # smallest number of rows
+NEAR_START = 0.02  # ratio of last to first axial strain below which rows are in reverse order
 WORDS = {
     "q": "deviatoric stress", "volumetric_strain": "volumetric strain", "pore_pressure": "excess pore pressure",
     "sigma_zz": "axial stress",
 }  # fmt: skip
-CLOSE = 0.1  # relative deviation within which numbers agree that follow from each other
+CLOSE = 0.1  # largest relative deviation between quantities that follow from each other
 
 
 @checked
 def read_test(path: str | Path) -> dict[str, np.ndarray]:
-    """Read a laboratory's test of soil from a table, as columns of `series.csv` in pascals, compression positive.
+    """Read a laboratory soil test from a table, as columns of `series.csv` in pascals, compression positive.
 
-    Columns are recognized by usual names, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or
-    `p'`; units are in brackets, after the name or in a row below, and numbers may have decimal commas, as in
-    `friction.read_record`. Strains are nominal, changes over initial sizes, unless they are named logarithmic, and
-    become logarithmic. A warning lists unknown columns and assumptions.
+    Columns are recognized by usual names, such as `Axial strain (%)`, `σ1 − σ3 [kPa]`, `εv`, `u`, `e` or `p'`. Units
+    are in brackets, after the name or in a row below, and numbers may have decimal commas, as in
+    `friction.read_record`. Strains are assumed to be nominal (change over initial size) unless they are named
+    logarithmic, and are converted to logarithmic strains. A warning lists unknown columns and assumptions.
 
     Returns
     -------
     dict of arrays (T,): axial_strain and volumetric_strain [1], q, p, axial_stress and pore_pressure (in excess of that
-    at the start) [Pa], and void_ratio [1], as far as the table has them
+    at the start) [Pa], and void_ratio [1], as far as the table contains them
 
     Raises
     ------
     ValueError
-        with one sentence, if a unit is missing or unknown, or if columns contradict each other.
+        if a unit is missing or unknown, or if columns contradict each other; the message is one sentence.
     """
     path = Path(path)
     table = laboratory_table.open_table(path, WANTED)
@@ -82,7 +82,7 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray]) -> None:
-    """Raise ValueError for strains that no sample can have, as those in per cent without a unit."""
+    """Raise ValueError for strains that no sample can have, such as per cent without a unit."""
     for name in WANTED.columns[:4]:
         if name in values and not (largest := float(np.abs(values[name]).max())) < 1:
             raise ValueError(
@@ -99,7 +99,7 @@ def _check_strains(table: laboratory_table.LaboratoryTable, values: dict[str, np
 
 
 def _in_order(path: Path, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Values in the order of the test, with a warning if the table lists it from its end."""
+    """Values in the order of the test, with a warning if the table is in reverse order."""
     axial = np.abs(next((values[name] for name in WANTED.columns[:2] if name in values), np.zeros(1)))
     if not axial[-1] < NEAR_START * axial[0] or axial[0] < axial.max():
         return values
@@ -108,9 +108,9 @@ def _in_order(path: Path, values: dict[str, np.ndarray]) -> dict[str, np.ndarray
 
 
 def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.ndarray], out: dict) -> None:
-    """Add q, p and the effective axial stress that follow from other stresses, or compare them.
+    """Add q, p and the effective axial stress where they follow from other stresses, or check them.
 
-    An axial stress beside a pore pressure is total unless its heading has a prime or the word "effective".
+    With a pore pressure, an axial stress is total unless its heading has a prime or the word "effective".
     """
     path, total = table.path, values.get("total_axial_stress")
     pressure = next((values[name] for name in ("pore_pressure", "u") if name in values), None)
@@ -139,7 +139,7 @@ def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.
 
 
 def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
-    """Make compression positive, with a warning if it was not."""
+    """Make compression positive, with a warning if signs change."""
     axial, q = out.get("axial_strain"), out.get("q")
     if axial is not None and q is not None and (axial[np.abs(axial).argmax()] * q[np.abs(q).argmax()]) < 0:
         warnings.warn(f"{path}: strains and q have opposite signs: the signs of strains were reversed", stacklevel=3)
@@ -164,7 +164,7 @@ def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
 
 
 def _check_stresses(path: Path, out: dict[str, np.ndarray]) -> None:
-    """Raise ValueError if q and p need tension between grains, as with a wrong unit, or if q grows without a strain."""
+    """Raise ValueError if q and p require tension between grains, as with a wrong unit, or q changes without strain."""
     if {"p", "q"} <= set(out):
         share = out["q"] / np.where(out["q"] < 0, -1.5, 3.0)  # least p: σ₃ is zero
         k = int((share - out["p"]).argmax())
@@ -183,12 +183,12 @@ def _kpa(values) -> str:
 
 
 def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Comparison]:
-    """Read a laboratory's test and return a function that lays it over the figure of a run, given its archive.
+    """Read a laboratory test; return a function that draws it over the figure of a run, given the run's archive.
 
     Raises
     ------
     ValueError
-        with one sentence, if the table cannot be read or lacks the quantities of a test of this kind.
+        if the table cannot be read or lacks the quantities of this kind of test; the message is one sentence.
     """
     kind = scenario.path.kind
     if scenario.sample.dim == 2 or scenario.units != "SI" or kind == "simple-shear":
@@ -213,7 +213,7 @@ def overlay(scenario: ElementTestScenario, path: Path) -> Callable[[dict], Compa
 
 
 def pairs_of(kind: str) -> list[tuple[str, str]]:
-    """Columns along x and y of the panels that a test of a kind shows."""
+    """Columns along x and y of the panels for a kind of test."""
     if kind == "isotropic":
         return [("p", "void_ratio"), ("p", "volumetric_strain")]
     if kind == "oedometric":
@@ -247,7 +247,7 @@ def _compared(
 
 
 def _differences(tables: list[dict], test: dict, pairs: list[tuple[str, str]], unit: str, name: str):
-    """Sentences on the largest q, and on the difference of the curves against the axial strain."""
+    """Sentences on the largest q, and on the difference between the curves against axial strain."""
     for x, y in pairs:
         if x != "axial_strain":
             continue

@@ -1,7 +1,7 @@
-"""Quantities that soil engineers read off an element test.
+"""Quantities of element tests as used in soil engineering.
 
-p and q are those of the critical-state literature: p = tr σ/3 and q = √(3 J₂) for spheres, p = (σ₁ + σ₂)/2 and
-q = σ₁ − σ₂ for disks. q is negative in extension, and for negative γ. Angles are in degrees.
+p and q follow the critical-state literature: p = tr σ/3 and q = √(3 J₂) for spheres, p = (σ₁ + σ₂)/2 and q = σ₁ − σ₂
+for disks. q is negative in extension, and for negative γ. Angles are in degrees.
 """
 
 from collections.abc import Callable
@@ -18,27 +18,27 @@ from .sample import fluid_pressure
 from .scenario import ElementTestScenario
 from .simulate import ElementRun, ElementSeries
 
-STEADY = 0.05  # at a critical state: largest dilatancy, and change of q/p and p over the last third of a leg
-PEAK = 0.1  # largest fraction of the leg, on each side of the peak, for fitting the dilatancy there
+STEADY = 0.05  # critical state: largest dilatancy, and largest change of q/p and p, over the last third of a leg
+PEAK = 0.1  # largest fraction of the leg, on each side of the peak, used to fit the dilatancy
 BINS = 20  # number of strain bins in which stress ratio and dilatancy are averaged for Rowe's relation
-PARTS = 10  # number of parts of the logarithm of pressure, from whose means the slope of the void ratio is fitted
-FEW = 5  # rows that a slope needs
-HALF = 0.4, 0.6  # range, over the strength, of the fit of the tangent at half of the strength
+PARTS = 10  # number of bins in log pressure whose means are used to fit the slope of the void ratio
+FEW = 5  # smallest number of rows for a slope
+HALF = 0.4, 0.6  # range of q over strength in which the tangent at half of the strength is fitted
 MODES = {"tension": True, "shear": False}  # modes of breaking
 NAN = float("nan")
 STRESS = "force/length^(dim-1)"
 
 
 def face_stress(stress: np.ndarray, kind: str) -> np.ndarray:
-    """Stress (T, 3, 3) from which p, q and angles follow: the stress on the faces of the cell, as in a test machine.
+    """Stress on the faces of the cell (T, 3, 3), as in a test machine; p, q and angles follow from it.
 
-    Shear stresses on the faces, which scatter about zero, are ignored unless the path is simple shear.
+    Except in simple shear, shear stresses on the faces are ignored, as they scatter about zero.
     """
     return stress if kind == "simple-shear" else stress * np.eye(3)
 
 
 def volumetric_strain(series: ElementSeries) -> np.ndarray:
-    """Sum of the normal strains (T,), zero where these cancel, as they do in an undrained test."""
+    """Sum of the normal strains (T,), exactly zero where they cancel, as in an undrained test."""
     normal = series.strain[:, :3]
     return clear_round_off(normal.sum(axis=1), normal)
 
@@ -46,8 +46,9 @@ def volumetric_strain(series: ElementSeries) -> np.ndarray:
 def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -> np.ndarray:
     """Excess pore pressure of an undrained test (T,) [force/length^(dim-1)].
 
-    The grains carry the effective stress. An incompressible fluid carries the loss of its lateral part since the start,
-    at constant lateral pressure; one with the bulk modulus `fluid` has the pressure of `fluid_pressure`.
+    The grains carry the effective stress. At constant total lateral stress, an incompressible fluid takes up the loss
+    of effective lateral stress since the start. A fluid with the bulk modulus `fluid` has the pressure of
+    `fluid_pressure`.
     """
     if fluid:
         return fluid_pressure(series.void_ratio, series.void_ratio[0], fluid)
@@ -56,7 +57,7 @@ def pore_pressure(series: ElementSeries, dim: int, fluid: float | None = None) -
 
 
 def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean stress p and deviatoric stress q of stresses (T, 3, 3), negative in extension and if −σ_xy is."""
+    """Mean stress p and deviatoric stress q of stresses (T, 3, 3); q is negative in extension, and if −σ_xy is."""
     part = 0.5 * (stress + stress.swapaxes(1, 2))[:, :dim, :dim]
     p = np.trace(part, axis1=1, axis2=2) / dim
     deviator = part - p[:, None, None] * np.eye(dim)
@@ -66,7 +67,7 @@ def invariants(stress: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:
-    """Mobilised angle of friction, sin φ = (σ₁ − σ₃)/(σ₁ + σ₃) of the principal stresses, (T,) [degrees].
+    """Mobilised friction angle, sin φ = (σ₁ − σ₃)/(σ₁ + σ₃) of the principal stresses (T,) [degrees].
 
     Examples
     --------
@@ -83,9 +84,8 @@ def friction_angle(stress: np.ndarray, dim: int) -> np.ndarray:
 def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
     """Angle of dilatancy, sin ψ = −ε̇_v/Σ|ε̇_k|, of strain rates (ε̇_xx, ε̇_yy, ε̇_zz, γ̇) [degrees].
 
-    ε̇_k are the principal rates. The flow rule of Mohr and Coulomb gives this wherever two of the principal stresses
-    are equal, or one of the rates is zero: −ε̇_v/(2 ε̇₁ − ε̇_v) in compression and plane strain, and −ε̇_v/(ε̇_v − 2 ε̇₃)
-    in extension.
+    ε̇_k are the principal rates. This is the Mohr–Coulomb flow rule wherever two principal stresses are equal or one
+    rate is zero: −ε̇_v/(2 ε̇₁ − ε̇_v) in compression and plane strain, and −ε̇_v/(ε̇_v − 2 ε̇₃) in extension.
 
     Source
     ------
@@ -104,17 +104,17 @@ def dilatancy_angle(rate: np.ndarray, dim: int) -> float:
 
 
 class Slope(NamedTuple):
-    """Fall of the void ratio with the logarithm of the pressure, and half of its 95 % interval."""
+    """Fall of void ratio with the logarithm of pressure, and half of its 95 % interval."""
 
     index: float  # −de/d log10 of the pressure
     error: float
 
 
 def log_slope(pressure: np.ndarray, void_ratio: np.ndarray) -> Slope:
-    """Slope of the void ratio (T,) against the logarithm of the pressure (T,); NaN if rows are too few.
+    """Slope of void ratio (T,) against the logarithm of pressure (T,); NaN if there are too few rows.
 
-    Means in `PARTS` equal parts of the logarithm are fitted by a line, since rows are close to each other after turns
-    and those beside each other are not independent. The error by Student's t is that of this line.
+    A line is fitted to means in `PARTS` equal bins of the logarithm, because rows are dense after turns and
+    neighbouring rows are not independent. The error, from Student's t, is that of this line.
 
     Examples
     --------
@@ -134,17 +134,17 @@ def log_slope(pressure: np.ndarray, void_ratio: np.ndarray) -> Slope:
 
 
 def work(series: ElementSeries) -> np.ndarray:
-    """Work done on a sample over its initial volume, (T,), by the trapezoidal rule [energy/length^dim]."""
+    """Work done on a sample per initial volume (T,), by the trapezoidal rule [energy/length^dim]."""
     normal = np.diagonal(series.stress, axis1=1, axis2=2)
     force = np.column_stack([normal, -series.stress[:, 0, 1]]) * np.exp(-series.strain[:, :3].sum(axis=1))[:, None]
     change = np.diff(series.strain, axis=0)
-    change[:, 3] -= 0.5 * (series.strain[1:, 3] + series.strain[:-1, 3]) * change[:, 1]  # of the lean by its own height
+    change[:, 3] -= 0.5 * (series.strain[1:, 3] + series.strain[:-1, 3]) * change[:, 1]  # minus change of height
     steps = 0.5 * (force[1:] + force[:-1]) * change
     return np.append(0.0, np.cumsum(steps.sum(axis=1)))
 
 
 class Leg(NamedTuple):
-    """Part of a path without a turn: its rows, and measures of each."""
+    """Part of a path between turns: its rows, and measures of each row."""
 
     load: np.ndarray
     strain: np.ndarray
@@ -154,7 +154,7 @@ class Leg(NamedTuple):
     void_ratio: np.ndarray
 
     def slope(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Slope of values against the load over some rows; NaN if they are too few."""
+        """Slope of values against the load over some rows; NaN if there are too few."""
         if rows.sum() < FEW or not np.ptp(self.load[rows]) > 0:
             return np.full(values.shape[1:], NAN)
         return np.polyfit(self.load[rows], values[rows], 1)[0]
@@ -172,7 +172,7 @@ def legs_of(series: ElementSeries, dim: int, kind: str) -> list[Leg]:
 
 
 class LoadedSample:
-    """One sample and its scenario: the subject of `SERIES` and `SAMPLE`."""
+    """One sample and its scenario, to which `SERIES` and `SAMPLE` apply."""
 
     def __init__(self, run: ElementRun, scenario: ElementTestScenario):
         self.run, self.series, self.scenario = run, run.series, scenario
@@ -187,7 +187,7 @@ class LoadedSample:
         self.sheared = not self.compressed and not self.cement  # sheared without cement, up to a critical state
 
     def signed(self, values: np.ndarray) -> np.ndarray:
-        """Values with the sign of the scenario, without negative zeros."""
+        """Values with the scenario's sign, without negative zeros."""
         return self.scenario.sign * values + 0.0
 
     @cached_property
@@ -198,14 +198,14 @@ class LoadedSample:
 
     @cached_property
     def cell_pressure(self) -> np.ndarray | None:
-        """Total mean stress of an isotropic path of a sample with a fluid; None on other paths."""
+        """Total mean stress on an isotropic path with a fluid; None on other paths."""
         if self.kind != "isotropic" or self.pore_pressure is None:
             return None
         return invariants(self.stress, self.dim)[0] + self.pore_pressure
 
     @cached_property
     def measured_b(self) -> np.ndarray | None:
-        """B = Δu/Δσ of the changes since the start of an isotropic path; NaN at the start, None on other paths."""
+        """B = Δu/Δσ since the start of an isotropic path; NaN at the start, None on other paths."""
         if self.cell_pressure is None:
             return None
         change = self.cell_pressure - self.cell_pressure[0]
@@ -214,10 +214,10 @@ class LoadedSample:
 
     @property
     def skempton(self) -> float:
-        """A at the peak, of Δu = B (Δσ₃ + A (Δσ₁ − Δσ₃)) with total principal stresses; NaN unless sheared undrained.
+        """A at the peak, from Δu = B (Δσ₃ + A (Δσ₁ − Δσ₃)) with total principal stresses; NaN unless sheared undrained.
 
-        The lateral total stress is constant. It is σ₃ in compression, where A = Δu/(B q), and σ₁ in extension, where
-        Δσ₃ is q and A = 1 − Δu/(B q). An isotropic elastic sample of spheres has 1/3 in compression and 2/3 in
+        The total lateral stress is constant. It is σ₃ in compression, where A = Δu/(B q), and σ₁ in extension, where
+        Δσ₃ is q and A = 1 − Δu/(B q). For an isotropic elastic sample of spheres, A is 1/3 in compression and 2/3 in
         extension.
 
         Source
@@ -232,9 +232,9 @@ class LoadedSample:
 
     @property
     def skempton_b(self) -> float:
-        """B = Δu/Δσ of the sample, if an isotropic total stress Δσ acts and no fluid leaves.
+        """B = Δu/Δσ of the sample under an isotropic total stress Δσ, if no fluid leaves.
 
-        It is measured over the first leg of an isotropic path, and computed for the start of an undrained one.
+        It is measured over the first leg of an isotropic path, and computed at the start of an undrained test.
         """
         if self.measured_b is not None:
             return float(self.measured_b[len(self.first.load) - 1])
@@ -244,19 +244,19 @@ class LoadedSample:
     def elastic_b(self) -> float:
         """B of the sample before the test, from its elastic bulk modulus; 1 with an incompressible fluid.
 
-        Grains are incompressible, so that the pores lose the volume Δσ′/K that the sample loses, and the fluid in
-        them n Δu/K_f: B = 1/(1 + n K/K_f) with Δσ = Δσ′ + Δu.
+        Grains are incompressible, so that the volume lost by the sample, Δσ′/K, is lost by the pores and equals that
+        lost by the fluid in them, n Δu/K_f. With Δσ = Δσ′ + Δu, B = 1/(1 + n K/K_f).
         """
         e, fluid = float(self.series.void_ratio[0]), self.scenario.path.fluid_modulus
         return 1 / (1 + e / (1 + e) * self.run.elastic.bulk / fluid) if fluid else 1.0
 
     def at_peak(self, values: np.ndarray | None, over: float = 1.0) -> float:
-        """Value at the peak over a number; NaN without values."""
+        """Value at the peak, divided by a number; NaN without values."""
         return NAN if values is None or not over else float(values[self.top] / over)
 
     @property
     def psi(self) -> float:
-        """Angle of dilatancy at the peak; NaN if it cannot be fitted, or with cement, whose peak is brittle."""
+        """Dilatancy angle at the peak; NaN if it cannot be fitted, or with cement, whose peak is brittle."""
         leg = self.first
         length = leg.load[-1] - leg.load[0]
         reach = min(PEAK * abs(length), 0.5 * abs(leg.load[self.top] - leg.load[0]))  # without the elastic start
@@ -266,7 +266,7 @@ class LoadedSample:
 
     @property
     def secant(self) -> float:
-        """E50: slope of the axial stress difference between the start and half of its largest value."""
+        """E50: secant slope of the axial stress difference from the start to half of its maximum."""
         leg, axis = self.first, self.dim - 1
         rise, axial = np.abs(leg.q - leg.q[0]), np.abs(leg.strain[:, axis] - leg.strain[0, axis])
         half = 0.5 * rise.max()
@@ -278,13 +278,13 @@ class LoadedSample:
 
     @property
     def late(self) -> np.ndarray:
-        """Rows of the last third of the last leg, (T,) bool."""
+        """Mask of the last third of the last leg (T,)."""
         leg = self.last
         return (leg.load - leg.load[0]) / ((leg.load[-1] - leg.load[0]) or 1.0) >= 2 / 3
 
     @cached_property
     def drifts(self) -> np.ndarray:
-        """Volumetric over imposed strain, and relative changes of q/p and p, over the last third of the last leg."""
+        """Volumetric over imposed strain, and relative changes of q/p and p, in the last third of the last leg."""
         leg, rows = self.last, self.late
         out = [leg.slope(leg.strain, rows)[: self.dim].sum()]
         for values in (leg.q / leg.p, leg.p):
@@ -294,12 +294,12 @@ class LoadedSample:
 
     @cached_property
     def steady(self) -> np.ndarray | None:
-        """Rows of the critical state, the last third of a leg; None unless volume, q/p and p are steady there."""
+        """Mask of the critical state, the last third of a leg; None unless volume, q/p and p are steady there."""
         return self.late if self.sheared and (self.drifts <= STEADY).all() else None
 
     @property
     def principal_stresses(self) -> dict[str, tuple[float, float]]:
-        """Major and minor principal stress at the peak, at the critical state (NaN if it was not reached), and late."""
+        """Major and minor principal stress at the peak, at the critical state (NaN if not reached), and at the end."""
         if self.compressed:
             return {}
         stress = self.stress[:, : self.dim, : self.dim]
@@ -312,7 +312,7 @@ class LoadedSample:
         }  # fmt: skip
 
     def critical(self, values: np.ndarray) -> float:
-        """Mean of values of the last leg at the critical state; NaN if it was not reached."""
+        """Mean of values of the last leg at the critical state; NaN if not reached."""
         return NAN if self.steady is None else self.at_end(values)
 
     def at_end(self, values: np.ndarray) -> float:
@@ -321,17 +321,16 @@ class LoadedSample:
 
     @property
     def compression_stress(self) -> np.ndarray:
-        """Stress against which a compression is drawn: axial in an oedometric test, otherwise the mean stress."""
+        """Stress against which compression is drawn: axial stress in an oedometric test, mean stress otherwise."""
         return self.stress[:, self.dim - 1, self.dim - 1] if self.kind == "oedometric" else invariants(
             self.stress, self.dim)[0]  # fmt: skip
 
     @cached_property
     def indices(self) -> dict[str, Slope]:
-        """Slopes of first compression, unloading and reloading; NaN where the path has no such part.
+        """Slopes of first compression, unloading and reloading; NaN if the path has no such part.
 
-        First compression is loading beyond all previous stresses. If there are several such parts, or parts of
-        unloading or reloading, the one with the largest range of the logarithm is used; for first compression, its
-        upper half.
+        First compression is loading beyond all previous stresses. Of several parts of a kind, the one with the largest
+        range of the logarithm is used; for first compression, its upper half.
         """
         stress, e = self.compression_stress, self.series.void_ratio
         if not self.compressed or not (stress > 0).all():
@@ -353,14 +352,14 @@ class LoadedSample:
 
     @property
     def k0(self) -> float:
-        """Lateral over axial stress at the largest axial stress of an oedometric test."""
+        """Ratio of lateral to axial stress at the largest axial stress of an oedometric test."""
         normal = np.diagonal(self.series.stress, axis1=1, axis2=2)[:, : self.dim]
         top = normal[normal[:, -1].argmax()]
         return float(top[:-1].mean() / top[-1]) if self.kind == "oedometric" else NAN
 
     @cached_property
     def rowe(self) -> tuple[float, float]:
-        """Angle and correlation of Rowe's relation in a triaxial compression.
+        """Angle and correlation of Rowe's relation in triaxial compression.
 
         σ₁/σ₃ = K (1 − dε_v/dε₁), K = (1 + sin φ)/(1 − sin φ).
 
@@ -387,7 +386,7 @@ class LoadedSample:
         return angle, float(np.corrcoef(ratio, dilatancy)[0, 1]) if varies else NAN
 
     def elastic(self, rows: np.ndarray) -> tuple[float, float]:
-        """Young's modulus and Poisson's ratio of a line through some rows of the first leg of a triaxial path."""
+        """Young's modulus and Poisson's ratio from a line through some rows of the first leg of a triaxial path."""
         leg, axis = self.first, self.dim - 1
         if rows.sum() < 2 or not np.ptp(leg.load[rows]) > 0:
             return NAN, NAN
@@ -402,7 +401,7 @@ class LoadedSample:
 
     @property
     def half(self) -> tuple[float, float]:
-        """E and ν at half of the strength: a line through the two rows around it, and those within `HALF` of it.
+        """E and ν at half of the strength, from a line through the two rows around it and those within `HALF`.
 
         Only rows up to the peak count.
         """
@@ -426,13 +425,13 @@ class LoadedSample:
         return self.strength
 
     def broken(self, row: int | np.ndarray, tension: bool) -> int | np.ndarray:
-        """Number of bonds that broke in tension or in shear up to given rows, including those before the test."""
+        """Number of bonds broken in tension or in shear up to given rows, including those broken before the test."""
         rows = np.sort(self.breaks.row[self.breaks.tension == tension])
         return np.searchsorted(rows, row, side="right")
 
     @property
     def crack_initiation(self) -> float:
-        """Change of the deviatoric stress at which one in a hundred of the bonds that break up to the peak has broken.
+        """Change of deviatoric stress at which 1 % of the bonds that break up to the peak have broken.
 
         Source
         ------
@@ -446,7 +445,7 @@ class LoadedSample:
 
     @property
     def cone(self) -> ProbedState | None:
-        """First state in which second-order work is negative in some direction."""
+        """First state with negative second-order work in some direction."""
         return first_seen(self.run.probes)["negative work"]
 
 
@@ -583,13 +582,13 @@ class Probed(NamedTuple):
 
     @property
     def phi(self) -> float:
-        """Mobilised angle of friction."""
+        """Mobilised friction angle."""
         stress = face_stress(self.state.stress[None], self.scenario.path.kind)
         return float(friction_angle(stress, self.scenario.sample.dim)[0])
 
     @property
     def least_work(self) -> float:
-        """Least normalised second-order work; NaN without a result."""
+        """Smallest normalised second-order work; NaN without a result."""
         return float(np.nanmin(self.state.envelope.normalised_work)) if np.isfinite(self.state.weakest) else NAN
 
 

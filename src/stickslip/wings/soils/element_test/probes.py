@@ -1,7 +1,7 @@
-"""Probes of the states of an element test: directions in which the sample can fail, and the first sign of failure.
+"""Probes of element test states: directions in which the sample can fail, and the first sign of failure.
 
-Signs assume that contacts at the Coulomb limit keep sliding, except second-order work, which follows each direction by
-finite steps, and uniqueness, which concerns all statuses of these contacts.
+Most signs assume that contacts at the Coulomb limit keep sliding. Second-order work follows each direction by finite
+steps instead, and uniqueness concerns all statuses of these contacts.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from ...status.matrices import linear_system
 from ...status.uniqueness import UniquenessVerdict, certificate
 from .scenario import Loading
 
-SPECTRA_UP_TO = 6000  # coordinates up to which eigenvalues are computed, in about a minute
+SPECTRA_UP_TO = 6000  # largest number of coordinates for eigenvalues, which take about a minute
 SIGNS = {
     "complex pair, fixed strain": "an oscillation grows while the cell is held",
     "complex pair, fixed stress": "an oscillation grows while all stresses are held",
@@ -32,11 +32,11 @@ SIGNS = {
 
 
 class ProbedState(NamedTuple):
-    """Responses and signs of failure of a sample at rest, its cell held at one strain of its path."""
+    """Responses and signs of failure of a sample at rest, with its cell held at one strain of its path."""
 
     load: float  # imposed strain
     stress: np.ndarray  # (3, 3) at rest, compression positive [force/length^(dim−1)]
-    envelope: Envelope | None  # None if there is no equilibrium at this strain that can be probed
+    envelope: Envelope | None  # None if no equilibrium at this strain can be probed
     band: Localisation | None  # weakest plane; None without an envelope
     unique: str  # name of the verdict on the uniqueness of the contact status under all stresses
     pair: np.ndarray  # (2,) growth rate of the fastest complex pair at fixed strain and stress; NaN: unknown [1/time]
@@ -58,20 +58,20 @@ class ProbedState(NamedTuple):
 
     @property
     def failing(self) -> float:
-        """Angle of the weakest direction, or of the first one without an equilibrium if no work is negative [rad]."""
+        """Angle of the weakest direction or, if no work is negative, of the first without equilibrium [rad]."""
         if self.envelope is None or self.signs["negative work"] or not self.envelope.collapsed.any():
             return self.weakest
         return float(self.envelope.angle[self.envelope.collapsed][0])
 
     @property
     def weakest(self) -> float:
-        """Angle of the direction with the least normalised second-order work, among those with a response [rad]."""
+        """Angle of the direction with the smallest normalised second-order work, among those with a response [rad]."""
         work = self.envelope.normalised_work if self.envelope else np.full(1, np.nan)
         return float(self.envelope.angle[np.nanargmin(work)]) if np.isfinite(work).any() else float("nan")
 
 
 def plane_of(path: Loading, dim: int) -> tuple[np.ndarray, tuple[str, str]]:
-    """Two tensors that span the plane of probes of a path, and their names."""
+    """Two tensors that span the plane of probed strains, and their names."""
     unit = np.eye(dim)
     axial, along = np.outer(unit[-1], unit[-1]), np.outer(unit[0], unit[0])
     if path.kind == "simple-shear":
@@ -81,7 +81,7 @@ def plane_of(path: Loading, dim: int) -> tuple[np.ndarray, tuple[str, str]]:
 
 
 def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: int) -> ProbedState:
-    """Probe a state in equilibrium, whose cell is held, in all directions of a plane of strains."""
+    """Probe an equilibrium with a held cell in all directions of a plane of strains."""
     sigma, unknown = stress(state, law), np.full(2, np.nan)
     try:
         envelope = response_envelope(state, law, directions=directions, plane=plane)
@@ -98,12 +98,12 @@ def probe(state: State, law: Law, load: float, plane: np.ndarray, directions: in
 
 
 def without_answer(load: float, sigma: np.ndarray, reason: str) -> ProbedState:
-    """Probed state that has no equilibrium, or none that can be probed."""
+    """State that has no equilibrium, or whose equilibrium cannot be probed."""
     return ProbedState(load, sigma, None, None, "UNDECIDED", np.full(2, np.nan), np.full(2, np.nan), reason)
 
 
 def _growth_rates(spectrum: Stability) -> tuple[float, float]:
-    """Growth rates of the fastest complex pair and of the fastest real mode, zero without one."""
+    """Growth rates of the fastest complex pair and of the fastest real mode; zero without one."""
     return float(spectrum.growth_rate.max(initial=0.0)), float(np.sqrt(-spectrum.negative).max(initial=0.0))
 
 
@@ -117,17 +117,17 @@ def _uniqueness(loose: State, law: Law) -> str:
 
 
 def first_seen(probes: tuple[ProbedState, ...]) -> dict[str, ProbedState | None]:
-    """First state of a path with each sign."""
+    """First state of a path that shows each sign."""
     return {sign: next((state for state in probes if state.signs[sign]), None) for sign in SIGNS}
 
 
 def directions_seen(probes: tuple[ProbedState, ...]) -> ProbedState | None:
-    """First state in which a direction fails: its second-order work is negative, or no equilibrium is nearby."""
+    """First state with a failing direction: second-order work is negative, or no equilibrium is nearby."""
     return next((each for each in probes if each.signs["negative work"] or each.signs["no equilibrium"]), None)
 
 
 def describe_direction(angle: float, path: Loading, dim: int, sign: int = 1) -> str:
-    """Components of the strain of unit size in a direction, and whether the volume grows.
+    """Components of the unit strain in a direction, and the sense of its volume change.
 
     Examples
     --------

@@ -32,7 +32,7 @@ from .scenario import ElementTestScenario
 from .simulate import MODULI_UP_TO, ElementRun, ElementTestResult
 
 DRAWN = 4  # largest number of envelopes in one figure
-COMPARED = {  # measures compared at half the step (the first available one is used): words, digits, unit
+COMPARED = {  # measures compared at half the step (the first available is used): words, digits, unit
     "phi_peak": ("peak angle", 2, " degrees"), "compression_index": ("compression index", 4, ""),
     "swelling_index": ("swelling index", 4, ""), "strength": ("strength", 1, ""),
 }  # fmt: skip
@@ -44,12 +44,12 @@ def columns(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndar
 
 
 def for_engineers(values, unit: str):
-    """Values and their unit for people: stresses in kPa instead of Pa."""
+    """Values and unit for display: stresses in kPa instead of Pa."""
     return (1e-3 * values, "kPa") if unit == "Pa" else (values, unit)
 
 
 def drawn(run: ElementRun, scenario: ElementTestScenario) -> dict[str, np.ndarray]:
-    """Series of a sample with stresses in the unit of figures."""
+    """Series of a sample, with stresses in the unit of figures."""
     return {
         name: for_engineers(values, unit_name(SERIES[name].unit))[0] for name, values in columns(run, scenario).items()
     }
@@ -109,7 +109,7 @@ def files(result: ElementTestResult):
 
 
 def _write_breaks(result: ElementTestResult, path: Path) -> None:
-    """One row for each bond that broke."""
+    """Write one row per broken bond."""
     names = ["sample", "axial_strain", "i", "j", "mode", heading("energy", "energy")]
     names += [heading(axis, "length") for axis in "xyz"]
     rows = (
@@ -122,7 +122,7 @@ def _write_breaks(result: ElementTestResult, path: Path) -> None:
 
 
 def _write_envelopes(result: ElementTestResult, path: Path) -> None:
-    """One row for each direction of each probed state."""
+    """Write one row per direction of each probed state."""
     scenario = result.scenario
     kinds = {"strain": "1", "stress": STRESS, "elastic": STRESS}
     parts = plane_of(scenario.path, scenario.sample.dim)[1]
@@ -140,13 +140,13 @@ def _write_envelopes(result: ElementTestResult, path: Path) -> None:
 
 
 def sentences(result: ElementTestResult) -> list[str]:
-    """Remarks on the numbers: scatter, states not reached by the path, rate, and halved steps."""
+    """Remarks on the numbers: scatter, states not reached, rate, and halved steps."""
     parts = (_first_failure, _scatter, _missing, _cement, _fluid, _quasi_static, _finer)
     return [sentence for part in parts for sentence in part(result)]
 
 
 def _first_failure(result: ElementTestResult) -> list[str]:
-    """Direction in which the first sample could fail first, and its peak."""
+    """Sentences on the first direction in which the first sample could fail, and on its peak."""
     run, scenario = result.runs[0], result.scenario
     if not run.probes:
         return []
@@ -214,7 +214,7 @@ def _missing(result: ElementTestResult) -> list[str]:
 
 
 def _cement(result: ElementTestResult) -> list[str]:
-    """Bonds that broke, in which mode, and samples that did not fail."""
+    """Sentences on broken bonds with their modes, and on samples that did not fail."""
     cement = result.scenario.cement
     if cement is None:
         return []
@@ -238,7 +238,7 @@ def _cement(result: ElementTestResult) -> list[str]:
 
 
 def _fluid(result: ElementTestResult) -> list[str]:
-    """B of a compressible pore fluid, measured or from the elastic moduli of the samples."""
+    """Sentence on B with a compressible pore fluid, measured or from the elastic moduli of the samples."""
     path = result.scenario.path
     if path.fluid_modulus is None:
         return []
@@ -268,7 +268,7 @@ def _quasi_static(result: ElementTestResult) -> list[str]:
 def _finer(result: ElementTestResult) -> list[str]:
     what = "step" if result.scenario.path.integrator == "quasi-static" else "rate"
     if result.checked is None:
-        return [f"It was not checked whether half the {what} gives the same: use check = true."]
+        return [f"Convergence with half the {what} was not checked: use check = true."]
     pair = (LoadedSample(run, result.scenario) for run in (result.runs[0], result.checked))
     both = SAMPLE.columns(pair)
     name = next((name for name in COMPARED if name in both and np.isfinite(both[name]).all()), None)
@@ -325,16 +325,16 @@ def show(result: ElementTestResult) -> None:
         console.print(f"  {sentence}", soft_wrap=True)
 
 
-PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first swept key counts
-STATES = {  # ends of the names of stresses, and words
+PRESSURES, SEED = ("cement.confining", "sample.pressure"), "seed"  # the first of these keys that is swept counts
+STATES = {  # suffixes of the names of stresses, and words
     "peak": "at the peak", "critical": "at the critical state", "end": "over the last third of the path, not steady",
 }  # fmt: skip
 FIGURE, TABLE, LINES = "mohr.png", "mohr.csv", "critical_state.png"
-ROWS = 3  # groups that are drawn
+ROWS = 3  # largest number of groups drawn
 
 
 def with_error(value: float, error: float, unit: str = "") -> str:
-    """Value with two digits of its error, in parentheses before a unit; three digits without an error."""
+    """Value with two digits of its error, in parentheses before a unit; three digits if there is no error."""
     if not error > 0:
         return f"{value:.3g}{unit}".replace("-", "−")
     digits = min(max(0, 1 - int(np.floor(np.log10(error)))), 6)
@@ -343,7 +343,7 @@ def with_error(value: float, error: float, unit: str = "") -> str:
 
 
 class Envelope(NamedTuple):
-    """Envelope τ = c + σ tan φ of Mohr circles, with halves of 95 % intervals; NaN with two circles."""
+    """Envelope τ = c + σ tan φ of Mohr circles, with halves of 95 % intervals (NaN with two circles)."""
 
     phi: float  # [degrees]
     cohesion: float  # in the unit of the stresses
@@ -360,9 +360,9 @@ class Envelope(NamedTuple):
 def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
     """Envelope of Mohr circles with major and minor principal stresses (K,), compression positive.
 
-    All circles touch τ = c + σ tan φ if σ₁ = N σ₃ + 2 c √N with N = (1 + sin φ)/(1 − sin φ). The line is fitted by
-    least squares with weights 1/(σ₁ + σ₃)², since the angle of samples scatters, and with it σ₁, in proportion to the
-    stress. Errors are from the deviations, by Student's t with K − 2 degrees of freedom.
+    All circles touch τ = c + σ tan φ if σ₁ = N σ₃ + 2 c √N with N = (1 + sin φ)/(1 − sin φ). This line is fitted by
+    least squares with weights 1/(σ₁ + σ₃)², because the angle scatters between samples, and σ₁ therefore scatters in
+    proportion to the stress. Errors follow from the deviations, by Student's t with K − 2 degrees of freedom.
 
     Raises
     ------
@@ -380,7 +380,7 @@ def fit_envelope(sigma1: np.ndarray, sigma3: np.ndarray) -> Envelope:
         raise ValueError(f"an envelope needs Mohr circles at two pressures, but all {count} have σ₃ from one")
     weight = 1 / (sigma1 + sigma3)
     (n, b), spread = _least_squares(weight[:, None] * np.column_stack([sigma3, np.ones(count)]), weight * sigma1)
-    by_phi = np.array([1 / ((n + 1) * np.sqrt(n)), 0.0])  # derivatives by n and b
+    by_phi = np.array([1 / ((n + 1) * np.sqrt(n)), 0.0])  # derivatives with respect to n and b
     by_c = np.array([-b / (4 * n**1.5), 1 / (2 * np.sqrt(n))])
     return Envelope(
         np.degrees(np.arcsin((n - 1) / (n + 1))),
@@ -400,7 +400,7 @@ def _least_squares(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, n
 
 
 class CriticalLine(NamedTuple):
-    """Critical-state line q = M p, e = Γ − λ ln p, with halves of 95 % intervals; NaN with two states."""
+    """Critical-state line q = M p, e = Γ − λ ln p, with halves of 95 % intervals (NaN with two states)."""
 
     ratio: float  # M
     intercept: float  # Γ, void ratio at p = 1
@@ -410,7 +410,7 @@ class CriticalLine(NamedTuple):
     slope_error: float
 
     def describe(self, unit: str = "") -> str:
-        """Both equations; stresses are in a unit."""
+        """Both equations, with stresses in a unit."""
         values = (
             f"{name} = {with_error(value, error)}" for name, value, error in zip("MΓλ", self[:3], self[3:], strict=True)
         )
@@ -419,9 +419,9 @@ class CriticalLine(NamedTuple):
 
 @checked
 def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> CriticalLine:
-    """Critical-state line through critical states (K,) with mean and deviatoric stresses and void ratios.
+    """Critical-state line through critical states (K,), from mean stress, deviatoric stress and void ratio.
 
-    M is the mean of |q|/p; Γ and λ are from least squares of e over ln p.
+    M is the mean of |q|/p; Γ and λ are from a least-squares fit of e against ln p.
 
     Raises
     ------
@@ -452,34 +452,35 @@ def fit_critical_line(p: np.ndarray, q: np.ndarray, void_ratio: np.ndarray) -> C
 
 
 class Circles(NamedTuple):
-    """Mohr circles of members that differ in the pressure, and their envelope at one state."""
+    """Mohr circles of members that differ in pressure, and their envelope at one state."""
 
     group: str  # other swept values
     state: str
     sigma1: np.ndarray  # (K,)
     sigma3: np.ndarray  # (K,)
-    members: int  # also those without this state
+    members: int  # number of members, including those without this state
     envelope: Envelope
 
 
 class Ends(NamedTuple):
-    """States over the last third of the paths of members that differ in the pressure."""
+    """States over the last third of the path, for members that differ in pressure."""
 
     group: str  # other swept values
     p: np.ndarray  # (K,)
-    q: np.ndarray  # (K,) without its sign
+    q: np.ndarray  # (K,) magnitude
     void_ratio: np.ndarray  # (K,)
-    critical: np.ndarray  # (K,) bool, whether all samples of the member are in a critical state
-    line: CriticalLine | None  # through those that are; None if these have fewer than two mean stresses
+    critical: np.ndarray  # (K,) bool, True if all samples of the member are in a critical state
+    line: CriticalLine | None  # through the critical states; None if these have fewer than two mean stresses
 
 
 def compare(members: list[SweepMember]) -> Comparison:
-    """Mohr circles of a sweep over a pressure, their envelopes, and the critical-state line or uniaxial strengths.
+    """Mohr circles of a sweep over pressure, their envelopes, and the critical-state line or uniaxial strengths.
 
-    The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are those at the peak and, without
-    cement, at the critical state. If fewer than two pressures lead to a critical state, the circles over the last third
-    of the paths are drawn instead, and no line. Members that differ in other swept keys have separate envelopes and
-    lines, unless these keys vary with the pressure only. Tests in tension have circles beside the envelope.
+    The pressure is `sample.pressure` or, with cement, `cement.confining`. Circles are drawn at the peak and, without
+    cement, at the critical state. If fewer than two pressures lead to a critical state, circles for the last third of
+    the path are drawn instead, without a line. Members that differ in other swept keys have separate envelopes and
+    lines, unless these keys vary with the pressure only. Circles of tension tests are drawn, but not used for the
+    envelope.
     """
     swept = [key for key in PRESSURES if any(key in member.values for member in members)]
     members = [member for member in members if swept and "sigma1_peak" in member.measures]
@@ -522,7 +523,7 @@ def _describe_circles(circles: Circles, factor: float, unit: str) -> str:
 
 
 def _describe_strengths(name: str, group: list[SweepMember], factor: float, unit: str) -> list[str]:
-    """Uniaxial strengths of a group of cemented samples, and their ratio."""
+    """Sentence on the uniaxial strengths of a group of cemented samples, and their ratio."""
     strengths = {
         words: factor * estimate(values[np.isfinite(values)]).mean
         for key, words in (("UCS", "uniaxial compressive strength"), ("tensile_strength", "direct tensile strength"))
@@ -536,7 +537,7 @@ def _describe_strengths(name: str, group: list[SweepMember], factor: float, unit
 
 
 def _describe_ends(ends: Ends, group: list[SweepMember], unit: str) -> str:
-    """φ_cs and critical-state line of a group, or the reason for their absence."""
+    """Sentence on φ_cs and the critical-state line of a group, or the reason for their absence."""
     reached, where = int(ends.critical.sum()), f" ({ends.group})" * bool(ends.group)
     count = f"{reached} of {pluralize(len(group), 'member')}"
     if ends.line is None:
@@ -554,7 +555,7 @@ def _short(value) -> str:
 
 
 def _other_keys(members: list[SweepMember], pressure: str, *without: str) -> list[str]:
-    """Swept keys that have several values at the same pressure."""
+    """Swept keys with several values at the same pressure."""
     keys = [key for key in members[0].values if key not in (pressure, SEED, *without)]
     pairs = {key: {(member.values[pressure], str(member.values[key])) for member in members} for key in keys}
     pressures = len({member.values[pressure] for member in members})
@@ -562,12 +563,12 @@ def _other_keys(members: list[SweepMember], pressure: str, *without: str) -> lis
 
 
 def _column(group: list[SweepMember], name: str) -> np.ndarray:
-    """Values of a measure (K,); NaN in members that do not have it."""
+    """Values of a measure (K,); NaN for members that lack it."""
     return np.array([member.measures.get(name, (np.nan,))[0] for member in group], float)
 
 
 def _circles(name: str, group: list[SweepMember], state: str) -> Circles | None:
-    """Circles of the members that have a state; None if they have less than two pressures."""
+    """Circles of the members that have a state; None if they have fewer than two pressures."""
     pairs = np.column_stack([_column(group, f"sigma{k}_{state}") for k in (1, 3)])
     sigma1, sigma3 = pairs[np.isfinite(pairs).all(axis=1)].T
     pressed = _in_compression(sigma1, sigma3)
@@ -583,7 +584,7 @@ def _in_compression(sigma1: np.ndarray, sigma3: np.ndarray) -> np.ndarray:
 
 
 def _ends(name: str, group: list[SweepMember], factor: float) -> Ends:
-    """Ends of the paths of a group; stresses are multiplied by a factor."""
+    """Path ends of a group, with stresses multiplied by a factor."""
     p, ratio, e = (_column(group, each) for each in ("p_end", "end_ratio", "e_end"))
     there = np.isfinite(p + ratio + e)
     p, q, e = factor * p[there], (factor * p * ratio)[there], e[there]
@@ -596,7 +597,7 @@ def _ends(name: str, group: list[SweepMember], factor: float) -> Ends:
 
 
 def _table(members: list[SweepMember], remarks: list[str], pressure: str) -> str:
-    """CSV with a row for each member: swept values, stresses, angles and void ratios, with errors if known."""
+    """CSV with one row per member: swept values, stresses, angles and void ratios, with errors if known."""
     names = [f"sigma{k}_{state}" for state in STATES for k in (3, 1)]
     names += ["phi_peak", "phi_residual", "critical_reached", "p_end", "end_ratio", "e_end"]
     names += ["E", "nu", "UCS", "tensile_strength", "broken_tension", "broken_shear"]

@@ -1,6 +1,6 @@
 """Samples of element tests, and their paths: the imposed strains and stresses of the cell.
 
-The axial direction is the last one, y for disks and z for spheres. Strains and stresses are compression positive.
+The axial direction is the last, y for disks and z for spheres. Compression is positive in strains and stresses.
 """
 
 from collections.abc import Iterable
@@ -57,7 +57,7 @@ def drive_of(loading: Loading, dim: int) -> Drive:
 
 
 def fluid_pressure(void_ratio: float | np.ndarray, start: float, modulus: float) -> float | np.ndarray:
-    """Excess pressure K_f ln(e₀/e) of a fluid that fills the pores of rigid grains and cannot leave.
+    """Excess pressure K_f ln(e₀/e) of a trapped fluid that fills the pores between rigid grains.
 
     This is du = −K_f dV_p/V_p = (K_f/n) dε_v with the porosity n, integrated from the void ratio `start`.
     """
@@ -65,7 +65,7 @@ def fluid_pressure(void_ratio: float | np.ndarray, start: float, modulus: float)
 
 
 def wanted_stress(loading: Loading, pressure: float, stress: np.ndarray, dim: int) -> np.ndarray:
-    """Normal stresses along the axes prescribed by a path, (3,), at the present `stress`."""
+    """Normal stresses along the axes (3,) that a path prescribes, given the current `stress`."""
     wanted, axial = np.full(3, pressure), float(stress[dim - 1, dim - 1])
     if loading.kind == "constant-p":
         wanted[: dim - 1] = (dim * pressure - axial) / (dim - 1)
@@ -80,16 +80,16 @@ def depends_on_stress(loading: Loading) -> bool:
 
 
 def controlled(state: State, drive: Drive, wanted: np.ndarray, mass: float = 0.0) -> State:
-    """State whose cell follows prescribed stresses along the free axes of a path; `mass` as in `stress_controlled`."""
+    """State whose cell follows prescribed stresses along a path's free axes; `mass` as in `stress_controlled`."""
     stress = {AXES[k] * 2: float(wanted[k]) for k in drive.free}
     return state._replace(control=stress_controlled(state.control, stress, mass=mass))
 
 
 def strain_of(cell: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Strains (ε_xx, ε_yy, ε_zz, γ) of a cell with given vectors from its vectors at the start.
+    """Strains (ε_xx, ε_yy, ε_zz, γ) of a cell, from its present and initial vectors.
 
     Normal strains are logarithmic, compression positive, so that their sum is the volumetric strain. γ is the change of
-    the tangent of the angle by which the second vector leans along x.
+    the tangent of the angle by which the second vector is inclined along x.
     """
     lean = cell[1, 0] / cell[1, 1] - start[1, 0] / start[1, 1]
     return np.append(-np.log(np.diag(cell) / np.diag(start)), lean)

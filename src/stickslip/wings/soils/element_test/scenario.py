@@ -26,13 +26,13 @@ from ....kit import (
 from .grading import MISFIT, Grading, diameters, from_d10_d50_d60, grains_needed, misfit, require_span
 
 QUASI_STATIC = 1e-3  # largest inertial number of a quasi-static test (GDR MiDi, doi:10.1140/epje/i2003-10153-0)
-NARROWEST = 2.0  # least width of the cell over the largest diameter
+NARROWEST = 2.0  # smallest width of the cell over the largest diameter
 DENSITY = {2: 0.8, 3: 0.6}  # packing fractions for estimates before the sample is made
-FIRST, GROWTH = 1e-6, 1.5  # first strain step of a leg, and the growth of the steps after it
+FIRST, GROWTH = 1e-6, 1.5  # first strain step of a leg, and growth factor of the following steps
 STIFFEST = 1e7  # largest modulus of a pore fluid over the pressure
-LOG_STEP = 100.0  # step of ln p on an isotropic path over the step of the strain on others
-AT_REST, BALANCED = 1e-4, 1e-9  # tolerance of the compression, and of equilibria, over p D^(dim−1)
-RESOLVED = 1e3  # least strength of a bond over the unbalanced force of an equilibrium
+LOG_STEP = 100.0  # step of ln p on an isotropic path over the strain step on other paths
+AT_REST, BALANCED = 1e-4, 1e-9  # tolerances of the compression and of equilibria, over p D^(dim−1)
+RESOLVED = 1e3  # smallest strength of a bond over the unbalanced force of an equilibrium
 Shares = Annotated[tuple[Annotated[float, Field(ge=0, le=100)], ...], Listed]
 Sizes = Annotated[tuple[Positive, ...], Listed]
 
@@ -92,7 +92,7 @@ class ThreeSizes(ScenarioTable):
 
 
 class SieveTable(ScenarioTable):
-    """Grading as a table of passing by mass against size, linear in the logarithm of the size."""
+    """Grading curve: share passing by mass, interpolated linearly in log size."""
 
     kind: Literal["table"] = "table"
     sizes: Sizes = Field(min_length=2, description="diameters, increasing [length]")
@@ -164,7 +164,7 @@ class ElementSample(ScenarioTable):
 
     @property
     def area(self) -> float:
-        """Mean diameter to the power dim − 1, on which a pressure exerts the force of a contact [length^(dim−1)]."""
+        """Mean diameter to the power dim − 1; pressure times this area scales contact forces [length^(dim−1)]."""
         return float(self.diameters.mean()) ** (self.dim - 1)
 
     @property
@@ -175,12 +175,12 @@ class ElementSample(ScenarioTable):
 
     @property
     def relative_width(self) -> float:
-        """Width of the cell over the least that is allowed."""
+        """Width of the cell over the smallest width allowed."""
         return self.width / (NARROWEST * float(self.diameters[-1]))
 
 
 def widest_shear(sample: ElementSample) -> float:
-    """Shear strain at which the cell of a sample becomes as narrow as is allowed."""
+    """Shear strain at which the cell of a sample reaches the smallest width allowed."""
     return sqrt(max(sample.relative_width**2 - 1, 0.0))
 
 
@@ -195,7 +195,7 @@ class ElementLaw(LawTable):
 
 
 class Loading(ScenarioTable):
-    """Path of the load from the isotropic state: the strain in one direction is imposed, others follow the stress."""
+    """Load path from the isotropic state: the strain in one direction is imposed, others follow the stress."""
 
     kind: Literal[
         "isotropic",
@@ -245,7 +245,7 @@ class Loading(ScenarioTable):
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Strains, or pressures, from one of which the path leads to the next, without the one at which it begins."""
+        """Strains or pressures at which the path turns or ends, without its start."""
         if self.kind == "isotropic":
             return self.pressures or ()
         return self.strain if isinstance(self.strain, tuple) else (self.strain,)
@@ -273,7 +273,7 @@ class Loading(ScenarioTable):
 
 
 class Cement(ScenarioTable):
-    """Cement between the grains: parallel bonds of Potyondy & Cundall, made under the pressure of the sample.
+    """Cement between the grains: the parallel bonds of Potyondy & Cundall, formed under the pressure of the sample.
 
     The cemented sample is then unloaded to the confining pressure of the test.
     """
@@ -310,7 +310,7 @@ class Cement(ScenarioTable):
 
 
 class Probing(ScenarioTable):
-    """Small probes of the first sample along its path, which show in which directions it can fail."""
+    """Small probes of the first sample along its path, which show the directions in which it can fail."""
 
     strains: Annotated[tuple[Finite, ...], Listed] | None = Field(
         None,
@@ -372,16 +372,16 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def time(self) -> float:
-        """Time in which the pressure moves a grain by its diameter, D50 √(density/p) for spheres [time]."""
+        """Time in which the pressure moves a grain by its diameter: D50 √(density/p) for spheres [time]."""
         s = self.sample
         size = float(s.grading.curve().size_at(0.5))
         return size * sqrt(s.density / s.pressure)
 
     @property
     def stiffness_number(self) -> float:
-        """κ = (E/((1 − ν²) p))^(2/3) of Hertzian spheres, kn/(p D50^(dim−2)) of linear springs; NaN for other laws.
+        """κ = (E/((1 − ν²) p))^(2/3) for Hertzian spheres, kn/(p D50^(dim−2)) for linear springs; NaN for other laws.
 
-        Overlaps are of the order of D50/κ. Disks bear p D50^−1 instead of p in the first.
+        Overlaps are of the order of D50/κ. For disks, p in the first expression becomes p D50^−1.
 
         Source
         ------
@@ -399,7 +399,7 @@ class ElementTestScenario(SampleScenario):
     def contact_modulus(self) -> float | None:
         """Young's modulus of the grains, kn/D50^(dim−2) of linear springs; None for other laws [force/length^(dim−1)].
 
-        Disks bear a force per length, E D50.
+        For disks it is a force per length, E D50.
         """
         law, dim, size = self.law, self.sample.dim, float(self.sample.grading.curve().size_at(0.5))
         if law.kind == "linear":
@@ -413,7 +413,7 @@ class ElementTestScenario(SampleScenario):
 
     @property
     def stress_scale(self) -> float:
-        """Stress of the order of those along the path, in which tolerances are stated [force/length^(dim−1)]."""
+        """Stress of the order of those along the path, the unit of tolerances [force/length^(dim−1)]."""
         cement, pressure = self.cement, self.sample.pressure
         if cement is None:
             return pressure
@@ -478,10 +478,11 @@ class ElementTestScenario(SampleScenario):
         return self._check_bonds()
 
     def _check_bonds(self):
-        """Check the range in which the forces of bonds can be computed.
+        """Check if the forces of bonds can be computed.
 
-        Round-off of positions in a cell of N^(1/dim) diameters, times the stiffness, stays below the unbalanced force
-        of an equilibrium; strengths are well above that force; and bonds break before they double their length.
+        Round-off of positions in a cell of N^(1/dim) diameters, times the stiffness, must stay below the unbalanced
+        force of an equilibrium. Strengths must be well above that force. Bonds must break before they double their
+        length.
         """
         cement, dim, modulus = self.cement, self.sample.dim, self.contact_modulus
         unbalanced, area = BALANCED * self.stress_scale, cement.radius ** (dim - 1)

@@ -67,35 +67,35 @@ from .sample import (
 )  # fmt: skip
 from .scenario import FIRST, GROWTH, LOG_STEP, ElementTestScenario
 
-FOLLOWED = 1e-6  # largest deviation of a stress that follows another stress, over the pressure
-SEALED = 1e-7  # largest deviation of a total stress, of grains and pore fluid, over that of the cell
-FOLLOWS = 30  # largest number of corrections of such a stress in a step
+FOLLOWED = 1e-6  # largest deviation of a stress coupled to another stress, over the pressure
+SEALED = 1e-7  # largest deviation of the total stress (grains and pore fluid), over that of the cell
+FOLLOWS = 30  # largest number of corrections of such stresses per step
 BLOCK = 100  # time steps between two corrections of the controlled stresses
-GAINS = 0.5, 0.2  # proportional and integral gain in a block of the control of a total stress
-LAG = 0.01  # change of that stress in a block, over the pressure, if the sample did not yield
+GAINS = 0.5, 0.2  # proportional and integral gain per block in the control of a total stress
+LAG = 0.01  # change of that stress per block, over the pressure, for a sample that does not yield
 PRESSURE_RATE = 100.0  # rate of ln p of a dynamic isotropic path over the strain rate
-MODULI_UP_TO = 5000  # grains up to which elastic moduli are computed
-FURTHER, FURTHER_BY = 10, 0.1  # steps after rest by dynamics, and their strain in mean overlaps over diameters
+MODULI_UP_TO = 5000  # largest number of grains for which elastic moduli are computed
+FURTHER, FURTHER_BY = 10, 0.1  # steps after damped dynamics, and their strain in mean overlaps over diameters
 SAVE_EVERY = 20.0  # time between two saved pieces of an unfinished path [s]
 
 
 @readable
 class ElementSeries(NamedTuple):
-    """Series of T equilibria, or of T instants of a test at a rate; compression is positive."""
+    """Series of T equilibria, or of T instants of a test at a finite rate; compression is positive."""
 
     load: np.ndarray  # (T,) imposed strain, or ln p of an isotropic path
     strain: np.ndarray  # (T, 4) logarithmic ε_xx, ε_yy, ε_zz, and the shear strain γ along x with gradient y
     stress: np.ndarray  # (T, 3, 3) [force/length^(dim−1)]
     void_ratio: np.ndarray  # (T,) volume of the voids over that of the grains [1]
     coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers [1]
-    fabric_anisotropy: np.ndarray  # (T,) difference of the largest and smallest principal value of the fabric [1]
+    fabric_anisotropy: np.ndarray  # (T,) largest minus smallest principal value of the fabric [1]
     sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
     unbalanced: np.ndarray  # (T,) mean unbalanced force over mean contact force [1]
-    rearranged: np.ndarray  # (T,) bool, whether dynamics was needed to find the equilibrium
+    rearranged: np.ndarray  # (T,) bool, True if dynamics was needed to find the equilibrium
 
 
 class SmallStrain(NamedTuple):
-    """Elastic moduli of a sample before its path; NaN if they were not computed."""
+    """Elastic moduli of a sample before its path; NaN if not computed."""
 
     shear: float  # G [force/length^(dim−1)]
     bulk: float  # K [force/length^(dim−1)]
@@ -111,27 +111,27 @@ class ElementRun(NamedTuple):
     elastic: SmallStrain
     series: ElementSeries
     end: State
-    ended: str  # reason for which the path ended early, or an empty string
+    ended: str  # reason for an early end of the path, or an empty string
     probes: tuple[ProbedState, ...] = ()  # probes of the first sample, if the scenario requests them
     breaks: Breaks | None = None  # broken bonds of a cemented sample
 
 
 class Piece(NamedTuple):
-    """Part of a path since the previous piece, and the state needed to continue."""
+    """Part of a path after the previous piece, and the state needed to continue."""
 
     rows: dict[str, np.ndarray]
     state: State
     breaks: Breaks
 
 
-Steps = Iterator[tuple[State, float, bool]]  # state, load, and whether dynamics was needed
+Steps = Iterator[tuple[State, float, bool]]  # state, load, and True if dynamics was needed
 SAVED = (  # classes in saved results
     ElementRun, PackingInfo, SmallStrain, Piece, ProbedState, Envelope, Localisation, Breaks, Cemented,
 )  # fmt: skip
 
 
 class Rig(NamedTuple):
-    """Sample with its law and the control that loads it."""
+    """Sample with its law and the control of its load."""
 
     scenario: ElementTestScenario
     law: Law
@@ -139,8 +139,8 @@ class Rig(NamedTuple):
     drive: Drive
     tolerance: float  # largest unbalanced force of an equilibrium [force]
     keep: Factorisation
-    engine: Engine | None  # engine of a dynamic test, if it is not `run`
-    probed: frozenset[int] = frozenset()  # numbers of the loads at which the sample is probed
+    engine: Engine | None  # engine of a dynamic test; None: `run`
+    probed: frozenset[int] = frozenset()  # indices of the loads at which the sample is probed
     breaks: Breaks | None = None  # broken bonds of a cemented sample before its path
 
     @property
@@ -153,7 +153,7 @@ class Rig(NamedTuple):
         return compression_scales(self.start, self.law, pressure, self.tolerance)
 
     def missing_stress(self, state: State, total: float) -> np.ndarray:
-        """Total stress of the cell minus that of a state and of its fluid, along the strains `Drive.sealed`, (K,)."""
+        """Total stress of the cell minus that of a state and its fluid, along the strains `Drive.sealed` (K,)."""
         e, start = (1 / packing_fraction(each) - 1 for each in (state, self.start))
         fluid = fluid_pressure(e, start, self.scenario.path.fluid_modulus)
         return self.drive.sealed @ (total - fluid - np.diag(stress(state, self.law)))
@@ -161,8 +161,8 @@ class Rig(NamedTuple):
     def sealed_stiffness(self, scales: Scales, pressure: float) -> np.ndarray:
         """Stiffness (K, K) of the sample and its fluid against the strains `Drive.sealed`.
 
-        That of the fluid is exact, K_f/n. The sample is estimated by K = p (k d/F)/dim, as if contacts moved with the
-        strain, and G = K/2.
+        The stiffness of the fluid, K_f/n, is exact. That of the sample is an estimate: K = p (k d/F)/dim, as if
+        contacts moved with the strain, and G = K/2.
         """
         bulk = pressure * scales.stiffness / self.dim
         fluid = self.scenario.path.fluid_modulus / (1 - packing_fraction(self.start))
@@ -177,7 +177,7 @@ class ElementTestResult(NamedTuple):
     scenario: ElementTestScenario
     law: Law
     runs: tuple[ElementRun, ...]
-    checked: ElementRun | None  # the first sample, in steps or at a rate half as large
+    checked: ElementRun | None  # the first sample, with half the step or rate
     failures: tuple[str, ...]
 
 
@@ -239,7 +239,7 @@ def _place(kept: Checkpoint | None, seed: int, half: bool) -> Checkpoint | None:
 def load_sample(
     scenario: ElementTestScenario, seed: int, half: bool, kept: Checkpoint | None, report: Report
 ) -> ElementRun:
-    """Make one sample and load it; with `half`, in steps, or at a rate, half as large."""
+    """Make one sample and load it; `half`: with half the step or rate."""
     law = make_law(scenario.law)
     engine = find_engine(scenario)
     kept = kept and kept.if_visible()
@@ -269,7 +269,7 @@ def _cement(scenario: ElementTestScenario, state: State, law: Law, seed: int, to
 
 
 def find_engine(scenario: ElementTestScenario) -> Engine | None:
-    """Return the engine of a scenario, None if it is `run`."""
+    """Return the engine of a scenario; None for `run`."""
     return lammps_engine(scenario.ranks) if scenario.engine == "lammps" else None
 
 
@@ -284,7 +284,7 @@ def _small_strain(state: State, law: Law) -> SmallStrain:
 
 
 def loads_of(scenario: ElementTestScenario) -> np.ndarray:
-    """Imposed strains along a path, or ln p: the steps of a leg grow from `FIRST` by `GROWTH` up to the largest."""
+    """Imposed strains along a path, or ln p: steps of a leg grow from `FIRST` by `GROWTH` up to the largest step."""
     path = scenario.path
     isotropic = path.kind == "isotropic"
     turns = np.log((scenario.sample.pressure, *path.turns)) if isotropic else np.array((0.0, *path.turns))
@@ -301,14 +301,14 @@ def loads_of(scenario: ElementTestScenario) -> np.ndarray:
 
 
 def _rows_to_probe(scenario: ElementTestScenario) -> frozenset[int]:
-    """Numbers of the loads before the first turn that are nearest to the strains to probe."""
+    """Indices of the loads before the first turn that are nearest to the strains to probe."""
     loads = np.abs(loads_of(scenario))
     first = loads[: int(np.argmin(np.append(np.diff(loads), -1.0) > 0)) + 1]
     return frozenset(int(np.abs(first - abs(strain)).argmin()) for strain in scenario.probed_strains)
 
 
 def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
-    """Series along the path, its last state, reason of an early end, the probed states, and the broken bonds."""
+    """Series along the path, last state, reason for an early end, probed states, and broken bonds."""
     wanted, pieces = loads_of(rig.scenario), []
     while kept and kept.has(f"{len(pieces):06d}"):
         pieces.append(kept.load(f"{len(pieces):06d}", Piece))
@@ -347,7 +347,7 @@ def _follow(rig: Rig, kept: Checkpoint | None, report: Report):
         if not (rows or pieces):
             raise
         ended = str(problem)
-        broken = [each for each in broken if each.row < done]  # not on the way to an equilibrium that was not found
+        broken = [each for each in broken if each.row < done]  # except on the way to an equilibrium that was not found
     if rows:
         keep()
     columns = [np.concatenate([piece.rows[name] for piece in pieces]) for name in ElementSeries._fields]
@@ -368,7 +368,7 @@ def _probe_name(row: int) -> str:
 
 
 def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, probes: list[ProbedState]) -> Steps:
-    """Steps from number `done`, unchanged; states to be probed are probed and appended to a list."""
+    """Pass on the steps from number `done`; probe selected states and append the results to a list."""
     for row, (state, load, rearranged) in enumerate(steps, start=done):
         if row in rig.probed:
             probes.append(load_or_compute(kept, _probe_name(row), partial(_probe, rig, state, load, rearranged)))
@@ -376,10 +376,10 @@ def _with_probes(rig: Rig, steps: Steps, done: int, kept: Checkpoint | None, pro
 
 
 def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState:
-    """Probe a state of the path at rest in a held cell.
+    """Probe a state of the path after it has come to rest in a held cell.
 
-    Contacts leave the Coulomb limit a little where dynamics brings a sample to rest. It is therefore loaded further by
-    small quasi-static steps, until they slide as along the path.
+    When dynamics brings a sample to rest, contacts move slightly away from the Coulomb limit. The sample is therefore
+    loaded further by small quasi-static steps until contacts slide as along the path.
     """
     path, scales = rig.scenario.path, rig.scales(rig.scenario.sample.pressure)
     try:
@@ -394,7 +394,7 @@ def _probe(rig: Rig, state: State, load: float, rearranged: bool) -> ProbedState
 
 
 def _hold_cell(state: State) -> State:
-    """State whose cell does not follow the stress."""
+    """State with a cell that does not follow the stress."""
     nothing = np.zeros((3, 3))
     return state._replace(
         control=state.control._replace(cell_free=nothing.astype(bool), cell_rate=nothing, stress=nothing)
@@ -402,7 +402,7 @@ def _hold_cell(state: State) -> State:
 
 
 def _load_further(rig: Rig, state: State, scales: Scales) -> State:
-    """State after small steps of the path from a state at rest, the last `FURTHER` without dynamics if possible."""
+    """State after small further steps from rest, the last `FURTHER` of them without dynamics if possible."""
     overlap = overlaps(state)[touching(state)].mean() / (2 * state.grains.radius.mean())
     step, keep, calm = np.sign(rig.scenario.path.turns[0]) * FURTHER_BY * overlap / FURTHER, Factorisation(), 0
     state = controlled(state, rig.drive, np.diag(stress(state, rig.law)))
@@ -418,7 +418,7 @@ def quasi_static(
     rig: Rig, state: State, loads: np.ndarray, done: int,
     *, broke: Callable[[State, State], None] = lambda before, after: None,
 ) -> Steps:  # fmt: skip
-    """Equilibria at the loads from number `done`: state, load, and whether dynamics was needed; see `settle`."""
+    """Equilibria at the loads from number `done`: state, load, and True if dynamics was needed; see `settle`."""
     path = rig.scenario.path
     scales, wanted = rig.scales(rig.scenario.stress_scale), np.full(3, rig.scenario.confining)
     if done and depends_on_stress(path):
@@ -437,7 +437,7 @@ def quasi_static(
 
 
 def _seal(rig: Rig, state: State, total: float, scales: Scales) -> tuple[State, bool]:
-    """Equilibrium whose stress and pore pressure add up to that of the cell, and whether dynamics was needed.
+    """Equilibrium whose stress plus pore pressure equals the total stress of the cell, and True if dynamics was needed.
 
     Strains are corrected by Broyden's method.
     """
@@ -456,15 +456,15 @@ def _seal(rig: Rig, state: State, total: float, scales: Scales) -> tuple[State, 
 
 
 def _strained(state: State, drive: Drive, step: float) -> State:
-    """State after an affine step of the driven strain."""
+    """State after an affine increment of the driven strain."""
     gradient = drive.gradient * step
     return strained(state, gradient if gradient[0, 1] else np.diag(np.expm1(np.diag(gradient))))
 
 
 def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -> tuple[State, np.ndarray, bool]:
-    """Equilibrium under the prescribed stresses, these stresses, and whether dynamics was needed.
+    """Equilibrium under the prescribed stresses, these stresses, and True if dynamics was needed.
 
-    Cemented samples begin each step without a factor, so that a continued run has the same bits.
+    Cemented samples begin each step without a stored factorisation, so that a resumed run is bitwise identical.
     """
     path, p, dim = rig.scenario.path, rig.scenario.stress_scale, rig.dim
     keep = Factorisation() if rig.scenario.cement else rig.keep
@@ -488,7 +488,7 @@ def _settle(rig: Rig, state: State, wanted: np.ndarray, scales: Scales, broke) -
 
 
 def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
-    """States at the loads from number `done` of a test at a given rate."""
+    """States at the loads from number `done` of a test at a finite rate."""
     scenario = rig.scenario
     path, rate, p = scenario.path, scenario.rate, scenario.sample.pressure
     isotropic = path.kind == "isotropic"
@@ -523,13 +523,13 @@ def dynamic(rig: Rig, state: State, loads: np.ndarray, done: int) -> Steps:
 def _follow_total(rig: Rig, scales: Scales, pressure: float, state: State, time: float) -> Callable:
     """Proportional and integral control of the total stress, in blocks of a given time.
 
-    It is a function of the state, the total stress of the cell, and the length of the next block over that of a whole
-    one, and returns a velocity gradient (3, 3). The integral of a continued run begins with the present rate.
+    The returned function maps the state, the total stress of the cell, and the length of the next block (relative to a
+    whole block) to a velocity gradient (3, 3). In a resumed run, the integral begins with the current rate.
     """
     sealed, stiffness = rig.drive.sealed, rig.sealed_stiffness(scales, pressure)
     gain, integral = GAINS
     basis = np.vstack([sealed, -np.diag(rig.drive.gradient)]).T
-    taken = time * stiffness @ np.linalg.lstsq(basis, -np.diag(state.control.cell_rate))[0][:-1]  # by a block [stress]
+    taken = time * stiffness @ np.linalg.lstsq(basis, -np.diag(state.control.cell_rate))[0][:-1]  # per block [stress]
 
     def follow(state: State, total: float, share: float) -> np.ndarray:
         nonlocal taken

@@ -1,4 +1,4 @@
-"""Catalogue of the events of sheared packings, their classes, and the quantities that announce them."""
+"""Catalogue of events in sheared packings: their classes, and the quantities that announce them."""
 
 from functools import partial
 

@@ -41,7 +41,7 @@ PREDICTORS = {
     "switch": ("switch test", PURPLE),
     "loss_ahead": ("loss ahead", RED),
 }
-LINES = 60  # events drawn one by one
+LINES = 60  # largest number of events drawn individually
 _Table = Annotated[Any, Result("table of events", keys=("kind", "distances", "softest", "switched"))]
 _Drops = Annotated[Any, Result("table of events", keys=("stress_drop", "jump"))]
 _Skill = Annotated[Any, Result("skill of a predictor", ("predictor", "band", "roc", "low", "high"))]
@@ -50,11 +50,11 @@ BEFORE = r"strain before the event $\gamma_c - \gamma$"
 
 @styled
 def eigenvalue_before_events(events: _Table):
-    """Square of the smallest eigenvalue before saddle nodes, and the eigenvalue across contacts that start to slide.
+    """Squared smallest eigenvalue before saddle nodes, and smallest eigenvalue before a contact starts to slide.
 
     Distances are strains before the event. Eigenvalues are divided by those at the largest distance. At a saddle node
-    λ² falls in proportion to the distance; before a contact starts to slide λ stays flat, and it is negative as soon
-    as this contact is set to slide (points at the right).
+    λ² falls in proportion to the distance. Before a contact starts to slide, λ stays constant; with this contact set to
+    slide, it is negative (points at the right).
     """
     figure, (top, bottom) = column_axes(2, 4.4)
     _saddle_nodes(top, events)
@@ -63,7 +63,7 @@ def eigenvalue_before_events(events: _Table):
 
 
 def _ratios(events, kind: str):
-    """Distances, λ over its value at the largest distance, and λ with the contact set to slide, for one class."""
+    """Distances, relative λ, and relative λ with the contact set to slide, for one class of events."""
     rows = events["kind"] == kind
     distance, softest = events["distances"][rows], events["softest"][rows]
     far = softest[:, :1] if softest.shape[1] else np.full((len(softest), 1), np.nan)
@@ -119,7 +119,7 @@ def _events(number: int) -> str:
 
 @styled
 def classes(counts: dict[str, dict[str, int]]):
-    """Fractions of the classes of events, one bar for each law.
+    """Fractions of event classes, one bar per law.
 
     Parameters
     ----------
@@ -150,9 +150,9 @@ def classes(counts: dict[str, dict[str, int]]):
 
 @styled
 def drops(tables: dict[str, _Drops]):
-    """Distributions of the stress drop over the pressure and of the size of the jump, by law.
+    """Distributions of stress drop over pressure and of jump size, by law.
 
-    Fractions refer to all events, including those in which the stress rises, which are not drawn.
+    Fractions refer to all events, including events with rising stress, which are not drawn.
 
     Parameters
     ----------
@@ -173,12 +173,12 @@ def drops(tables: dict[str, _Drops]):
 
 @styled
 def roc_curves(found: list[_Skill] | list[list[_Skill]], titles: list[str] | tuple[str, ...] = ("",)):
-    """Receiver operating characteristics of all predictors with their 95 % bands, one panel for each law.
+    """Receiver operating characteristics of all predictors with 95 % bands, one panel per law.
 
     Parameters
     ----------
     found : list of skills, or list of such lists
-    titles : one for each panel
+    titles : titles of the panels
     """
     panels = found if found and isinstance(found[0], list) else [found]
     rows = -(-len(panels) // 2)

@@ -19,7 +19,7 @@ def class_counts(events: Table) -> dict[str, int]:
 
 
 def strain_searched(result: CatalogueResult) -> float:
-    """Total strain over which events were searched for."""
+    """Total strain searched for events."""
     steps = [sample.found.steps.strain for sample in result.samples]
     return float(sum(strain[-1] + result.scenario.shear.step for strain in steps if len(strain)))
 
@@ -35,7 +35,7 @@ def _share(kind: str) -> Quantity:
 
 
 class Catalogue:
-    """Events of a run, and their number: the subject of `MEASURES`."""
+    """Events of a run and their number, to which `MEASURES` apply."""
 
     def __init__(self, result: CatalogueResult):
         self.result, self.number, self.events = result, result.number, event_table(result.samples)
@@ -61,7 +61,7 @@ MEASURES = Measures([
 
 
 def law_label(scenario) -> str:
-    """Name of the law of a scenario in a few words."""
+    """Short description of a scenario's law."""
     law = scenario.law
     if law.file is not None:
         return "law from a file"

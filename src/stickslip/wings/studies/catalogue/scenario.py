@@ -64,5 +64,5 @@ class CatalogueScenario(ScenarioBase):
     @model_validator(mode="before")
     @classmethod
     def _name_missing_drag(cls, tables):
-        """Without the table [shear], report that shear.drag is missing."""
+        """Report that shear.drag is missing if the table [shear] is."""
         return {"shear": {}} | tables if isinstance(tables, dict) else tables

@@ -43,7 +43,7 @@ class CatalogueResult(NamedTuple):
     scenario: CatalogueScenario
     law: Law
     samples: tuple[Sample, ...]
-    failures: tuple[str, ...]  # one sentence for each packing that failed
+    failures: tuple[str, ...]  # one sentence per failed packing
 
     @property
     def number(self) -> int:
@@ -55,10 +55,10 @@ class CatalogueResult(NamedTuple):
 def simulate_catalogue(
     scenario: CatalogueScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> CatalogueResult:
-    """Shear packings with the seeds seed, seed + 1, … until `events` events are found, at most `packings` packings.
+    """Shear at most `packings` packings, with the seeds seed, seed + 1, …, until `events` events are found.
 
-    Packings are sheared in batches, as many at a time as can run simultaneously. Packings beyond the first one that
-    completes the number of events are excluded, so that the result does not depend on the number of workers.
+    Packings are sheared in batches of as many as can run simultaneously. Packings after the one that completes the
+    number of events are excluded, so that the result does not depend on the number of workers.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _count(results) -> int:
 
 
 def _batch_size(scenario: CatalogueScenario, done: int, events: int, slots: int) -> int:
-    """Return the number of packings to run next: the slots, or a multiple of them up to half of the expected number."""
+    """Return the number of packings to run next: all slots, or a multiple up to half of the expected number."""
     if slots == 1:
         return 1
     needed = ceil((scenario.events - events) * done / events) if events else done
@@ -128,7 +128,7 @@ def _batch_size(scenario: CatalogueScenario, done: int, events: int, slots: int)
 
 
 def _sufficient(results, wanted: int) -> int:
-    """Return the number of packings, from the first, that contain the wanted number of events."""
+    """Return the number of packings, counted from the first, that contain the required number of events."""
     total = 0
     for k, sample in enumerate(results):
         total += len(sample.found.events) if sample is not None else 0
@@ -138,7 +138,7 @@ def _sufficient(results, wanted: int) -> int:
 
 
 def _describe(member: Member, before: int, wanted: int) -> str:
-    """Describe the outcome of one packing in a few words."""
+    """Describe the outcome of one packing."""
     if member.failure:
         return member.failure
     record = member.result.found

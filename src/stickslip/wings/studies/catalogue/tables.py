@@ -1,10 +1,10 @@
-"""Tables of events and of strain steps, and the skill of quantities that may announce an event.
+"""Tables of events and strain steps, and the skill of quantities that may announce an event.
 
 Tables are dictionaries of columns, and CSV files with units in the header. Skill is measured by receiver operating
 characteristics with intervals.
 
-Every table has the column `sample`, the seed of the packing. Columns with several values for each event, such as the
-eigenvalue at several distances, are arrays with two dimensions; in a file they are spread over numbered columns.
+Every table has the column `sample`, the seed of the packing. Columns with several values per event, such as the
+eigenvalue at several distances, are two-dimensional arrays; in a file they are spread over numbered columns.
 """
 
 import re
@@ -25,9 +25,9 @@ _SPREAD = re.compile(r"(\w+)_(\d+)")
 
 
 def event_table(samples) -> Table:
-    """Return one row for each event of several samples: sample, kind, and the other fields of `Event` except `broken`.
+    """Return one row per event of several samples: sample, kind, and the other fields of `Event` except `broken`.
 
-    The packings of a catalogue have no bonds.
+    Packings in a catalogue have no bonds.
     """
     rows = [(sample.seed, event) for sample in samples for event in sample.found.events]
     events = [event for _, event in rows]
@@ -52,7 +52,7 @@ def event_table(samples) -> Table:
 
 
 def step_table(samples) -> Table:
-    """Return one row for each strain step of several samples: sample, and the fields of `StrainStep`."""
+    """Return one row per strain step of several samples: sample, and the fields of `StrainStep`."""
     counts = [len(sample.found.steps.strain) for sample in samples]
     out: Table = {"sample": np.repeat([sample.seed for sample in samples], counts)}
     for name in StrainStep._fields:
@@ -61,12 +61,12 @@ def step_table(samples) -> Table:
 
 
 def _places(distances: np.ndarray, step: float) -> np.ndarray:
-    """Return k of each distance step · 8^(−k)."""
+    """Return the exponent k of each distance step · 8^(−k)."""
     return np.round(np.log(step / distances) / np.log(EVENT_RATIO)).astype(int)
 
 
 def _stack_by_distance(values: list, places: list) -> np.ndarray:
-    """Stack the values of several events so that a column belongs to one distance; NaN where there is no value."""
+    """Stack the values of several events so that each column belongs to one distance; NaN without a value."""
     out = np.full((len(values), 1 + max((int(k.max()) for k in places if len(k)), default=-1)), np.nan)
     for row, value, k in zip(out, values, places, strict=True):
         row[k] = value
@@ -74,7 +74,7 @@ def _stack_by_distance(values: list, places: list) -> np.ndarray:
 
 
 def write_table(path: Path, table: Table, digits: int = 8) -> None:
-    """Write a table as CSV, with units in the header and numbers with a number of significant digits."""
+    """Write a table as CSV, with units in the header and a given number of significant digits."""
     columns, units = {}, units_of(Event) | units_of(StrainStep) | LENGTHS
     for name, values in table.items():
         unit = units.get(name, "1")
@@ -89,7 +89,7 @@ def write_table(path: Path, table: Table, digits: int = 8) -> None:
 
 @checked
 def read_table(path: str | Path) -> Table:
-    """Read a table that a catalogue wrote; columns have the names that the archive uses, without units.
+    """Read a table written by a catalogue; columns have the names used in the archive, without units.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ def read_table(path: str | Path) -> Table:
 
 
 def stack_tables(tables: Iterable[tuple[str, Table]], label: str) -> Table:
-    """Stack tables with the same columns, with a first column that names the table of each row.
+    """Stack tables with the same columns, preceded by a column that names the table of each row.
 
-    Tables without rows may lack the columns that have several values in each row.
+    Tables without rows may lack the columns with several values per row.
     """
     tables = list(tables)
     full = max((table for _, table in tables), key=len)
@@ -135,7 +135,7 @@ def rows_of(table: Table, rows) -> Table:
     return {name: values[rows] for name, values in table.items()}
 
 
-# columns of the steps: whether an event is expected for large values (1) or for small ones (−1), and words
+# columns of the steps: 1 if large values announce an event, −1 if small values do, and words
 PREDICTORS = {
     "softest": (-1, "smallest real eigenvalue"),
     "nonaffine_rate": (1, "|dq/dγ| of the non-affine motion"),
@@ -144,7 +144,7 @@ PREDICTORS = {
     "switch": (-1, "switch test: smallest eigenvalue with one mobilised contact set to slide"),
     "loss_ahead": (-1, "strain to the first loss of a contact that causes instability"),
 }
-LARGEST = 1e300  # replaces infinite values, so that they are equal to each other
+LARGEST = 1e300  # replaces infinite values, so that they count as equal
 RESAMPLES = 1000
 LEVEL = 0.95  # level of intervals and bands
 GRID = np.linspace(0, 1, 101)  # fractions of false alarms at which bands are computed
@@ -156,7 +156,7 @@ class Roc(NamedTuple):
 
     Each point is the fraction of announced steps among those followed by an event (`hits`) and among all others
     (`false_alarms`). The area is the probability that a random step of the first kind has a larger score than one of
-    the second; ties count one half.
+    the second kind; ties count one half.
     """
 
     false_alarms: np.ndarray  # (T,) from 0 to 1
@@ -171,7 +171,7 @@ def roc(score: np.ndarray, followed: np.ndarray, weight: np.ndarray | None = Non
     Parameters
     ----------
     score : (S,) larger where an event is expected
-    followed : (S,) bool, whether an event follows
+    followed : (S,) bool, True if an event follows
     weight : (S,) number of times that each step counts; default 1
 
     Source
@@ -192,7 +192,7 @@ def roc(score: np.ndarray, followed: np.ndarray, weight: np.ndarray | None = Non
 
 
 def _ranking(score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order of falling scores, and the last position of each group of equal scores in that order."""
+    """Return the order of decreasing scores, and the last position of each group of equal scores in it."""
     order = np.argsort(-score, kind="stable")
     return order, np.flatnonzero(np.diff(score[order], append=np.nan) != 0)
 
@@ -209,7 +209,7 @@ def _curve(order: np.ndarray, last: np.ndarray, followed: np.ndarray, weight: np
 
 @readable(head=lambda s: f"{s.predictor}, area {s.roc.area:.3f} ({s.low:.3f} to {s.high:.3f})")
 class Skill(NamedTuple):
-    """Skill of one predictor, with 95 % intervals from resampled packings."""
+    """Skill of one predictor, with 95 % intervals from resampling of packings."""
 
     predictor: str
     roc: Roc
@@ -217,7 +217,7 @@ class Skill(NamedTuple):
     high: float
     band: np.ndarray  # (2, 101) interval of the hits at fractions of false alarms 0, 0.01, …, 1
     steps: int  # steps with a value
-    followed: int  # steps that an event follows within the window
+    followed: int  # steps followed by an event within the window
     packings: int
 
 
@@ -227,13 +227,13 @@ def resampled_skill(
 ) -> Skill:
     """Skill of a score, with intervals from a bootstrap over whole packings.
 
-    Neighbouring steps of a packing are similar, so they are not independent observations. Each resample therefore
-    draws packings with replacement, and every step of a packing counts as often as its packing was drawn.
+    Neighbouring steps of a packing are similar and thus not independent observations. Each resample therefore draws
+    packings with replacement; every step counts as often as its packing was drawn.
 
     Parameters
     ----------
     score, followed : as in `roc`
-    sample : (S,) number of the packing of each step
+    sample : (S,) packing to which each step belongs
     """
     order, last = _ranking(score)
     whole = _curve(order, last, followed, np.ones(len(score)))
@@ -254,8 +254,8 @@ def resampled_skill(
 def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAMPLES) -> list[Skill]:
     """Skill of every predictor for an event within the next `window` of strain.
 
-    A step counts if an event follows within the window, or if the path of its packing continues beyond the window.
-    Steps at which a predictor has no value (NaN) do not count for this predictor.
+    A step counts if an event follows within the window, or if the path continues beyond the window. Steps at which a
+    predictor has no value (NaN) do not count for that predictor.
     """
     followed, known = label_steps(steps, events, window)
     out = []
@@ -268,7 +268,7 @@ def skills(steps: Table, events: Table, window: float, *, resamples: int = RESAM
 
 
 def label_steps(steps: Table, events: Table, window: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether an event follows each step within a window of strain, and whether that is known."""
+    """Return masks of the steps that an event follows within a window of strain, and of those where this is known."""
     followed, known = np.zeros(len(steps["strain"]), bool), np.zeros(len(steps["strain"]), bool)
     reach = window * (1 + 1e-9)
     for rows, at in _by_sample(steps, events):

@@ -1,4 +1,4 @@
-"""Failure of a packing from a file: sheared or compressed from its present state, with forecasts of its next event."""
+"""Failure of a packing from a file, sheared or compressed from its current state, with forecasts of the next event."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Output of the failure of a packing: tables, figure, page and archive in the run folder, summary on the terminal."""
+"""Output for the failure of a packing: tables, figure, page and archive in the run folder; terminal summary."""
 
 from functools import partial
 from operator import itemgetter
@@ -32,7 +32,7 @@ from ....results import PathStep
 from .simulate import FailureResult
 
 STRESS, RATE, SQUARE = "force/length^(dim-1)", "1/time", "1/time^2"
-SHOWN = 12  # rows in a table on the terminal
+SHOWN = 12  # largest number of rows in a terminal table
 RECORD = (
     "An interval should contain 80 % of the events that occur. Many predicted events do not occur, above all "
     "with friction; the softest eigenvalue predicts few at usual steps, and forecasts of pairs were no better than "
@@ -41,7 +41,7 @@ RECORD = (
 
 
 def _of_rows(*columns: tuple[str, str]) -> Quantities:
-    """Return a table of rows that are tuples, from the name and the meaning of each entry."""
+    """Return a table for rows of tuples, from the name and meaning of each entry."""
     return Quantities([Quantity(name, "1", meaning, itemgetter(k)) for k, (name, meaning) in enumerate(columns)])
 
 
@@ -143,13 +143,13 @@ def files(result: FailureResult):
 
 
 def _break_rows(found) -> list[tuple]:
-    """Rows of the table of bonds that broke: bracket of the event, grains, and load."""
+    """Rows of the table of broken bonds: bracket of the event, grains, and load."""
     rows = [(event, *row) for event in found.events for row in event.broken.tolist()]
     return [(event.below, event.strain, i, j, FAILURES[how]) for event, i, j, how in rows]
 
 
 def _contact_rows(found) -> list[tuple]:
-    """Rows of the table of contacts: step, change, grains."""
+    """Rows of the table of contacts: step, change and grains."""
     return [
         (before.strain, step.strain, CHANGES[what], int(i), int(j), int(bool(step.events)))
         for before, step in zip(found.steps, found.steps[1:], strict=False)
@@ -158,7 +158,7 @@ def _contact_rows(found) -> list[tuple]:
 
 
 def decisive_points(found) -> dict[str, PathStep]:
-    """Steps whose states are stored: the ends of the path, and both sides of the first pair and of events."""
+    """Steps whose states are stored: both ends of the path, and both sides of the first pair and of events."""
     steps = found.steps
     chosen = {0, len(steps) - 1}
     born = next((k for k, step in enumerate(steps) if step.pairs), 0)
@@ -187,7 +187,7 @@ def numbers(result: FailureResult) -> dict:
 
 
 def sentences(result: FailureResult) -> list[str]:
-    """Return sentences on the outcome, the verdict, forecasts and notes."""
+    """Return sentences on outcome, verdict, forecasts and notes."""
     found = result.found
     out = [f"{found.end[0].upper()}{found.end[1:]}.", f"Verdict on the last state: {found.verdict}."]
     out += [f"{one}." for one in found.forecasts] or ["No forecast: no quantity approaches zero in the last steps."]
@@ -242,7 +242,7 @@ def show(result: FailureResult) -> None:
 
 
 def _write_page(result: FailureResult, path: Path) -> None:
-    """Write the page of a run, with the states at the decisive points in three dimensions."""
+    """Write the page of a run, with three-dimensional views of the states at decisive points."""
     found, given = result.found, result.scenario.packing.file
     points = decisive_points(found)
     frames = [frame_of(step.state, found.law) for step in points.values()]

@@ -1,4 +1,4 @@
-"""Scenario of the failure of a packing from a file; `stickslip shear` makes one from its options."""
+"""Scenario for the failure of a packing from a file; `stickslip shear` creates one from its options."""
 
 from typing import Literal
 
@@ -26,7 +26,7 @@ class Input(ScenarioTable):
 
 
 class InputLaw(LawOrFile):
-    """Law of the packing if its file has none, or to replace it; missing keys are those of the file."""
+    """Law of the packing, if the file has none or to replace it; missing keys are taken from the file."""
 
     kind: Literal[*BY_NAME] | None = Field(None, description="name of a built-in law")
     coulomb: Literal["smooth", "sharp"] | None = Field(None, description="transition of F_t to the Coulomb limit")
@@ -45,7 +45,7 @@ class InputLaw(LawOrFile):
 
 
 class Until(ScenarioTable):
-    """Loading of the packing, and its end."""
+    """Loading of the packing, and the criterion for its end."""
 
     until: Literal["first-pair", "first-event", "first-break"] | Finite = Field(
         "first-event",
@@ -67,7 +67,7 @@ class Until(ScenarioTable):
 
 
 class FailureScenario(ScenarioBase):
-    """Everything that defines the failure of a packing."""
+    """Everything that defines the failure test of a packing."""
 
     experiment: Literal["failure"] = "failure"
     packing: Input

@@ -42,7 +42,7 @@ class FailureResult(NamedTuple):
     """Result of a failure scenario."""
 
     scenario: FailureScenario
-    notes: tuple[str, ...]  # on the input
+    notes: tuple[str, ...]  # notes on the input
     found: Failure
 
     @property
@@ -52,12 +52,12 @@ class FailureResult(NamedTuple):
 
 
 def read_input(scenario: FailureScenario) -> Packed:
-    """Read the packing of a scenario, and let it come to rest if requested; reject one that cannot be sheared.
+    """Read the packing of a scenario, and let it come to rest if requested; reject a packing that cannot be sheared.
 
     Raises
     ------
     ValueError
-        if the packing cannot be read or sheared, or is not the one with the digest of the scenario.
+        if the packing cannot be read or sheared, or does not have the digest in the scenario.
     """
     given, law, shear = scenario.packing, scenario.law, scenario.shear
     options = given.model_dump(exclude={"file", "settle", "digest"})
@@ -82,7 +82,7 @@ def read_input(scenario: FailureScenario) -> Packed:
 
 
 def digest_of(packed: Packed) -> str:
-    """Digest of the grains, the cell, the contacts, the bonds and the law of a packing."""
+    """Digest of grains, cell, contacts, bonds and law of a packing."""
     out = hashlib.sha256(repr(packed.law).encode())
     state, count = packed.state, int(packed.state.contacts.count[0])
     parts = [state.grains.position, state.grains.radius, state.grains.mass, state.cell.vectors]
@@ -93,7 +93,7 @@ def digest_of(packed: Packed) -> str:
 
 
 def keep_packing(folder: Path, scenario: FailureScenario, packed: Packed) -> None:
-    """Save the packing of a run that begins, which then does not need its file any more."""
+    """Save the packing of a new run, which then no longer needs the input file."""
     load_or_compute(_kept(folder, scenario), "packing", lambda: packed, Packed)
 
 
@@ -110,8 +110,8 @@ def simulate_failure(
     Parameters
     ----------
     folder : run folder, in which the packing and each strain step are saved as soon as they are finished; a killed run
-    continues bitwise identically
-    workers : not used, since each step starts from the previous one
+        resumes bitwise identically
+    workers : unused, as each step starts from the previous one
     report : called as report(stage, share done, text)
     """
     kept = _kept(folder, scenario)

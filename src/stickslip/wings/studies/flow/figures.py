@@ -40,7 +40,7 @@ WALL = "0.25"
 
 @styled
 def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "poured"))], *, zoom: Zoom = 1.0):
-    """Snapshots seen along z: poured grains coloured by speed, plates grey, walls as lines.
+    """Snapshots viewed along z: poured grains coloured by speed, plates grey, walls as lines.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     columns = min(1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3, len(shown))
     rows = -(-len(shown) // columns)
     tops = np.full(rows, high[1])
-    if columns == 1 and zoom == 1:  # each panel is only as high as its grains
+    if columns == 1 and zoom == 1:  # limit the height of each panel to that of its grains
         radius = shown[0].grains.radius.max()
         tops = np.array([body_limits(p[:, 1:2], 2 * APART * radius)[1, 0] for p in places]) + 4 * radius
         tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
@@ -84,7 +84,7 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     length = _length_unit(result, shown[0])
     for axes in panels[-1]:
         label_axes(axes, x=("$x$", length))
-    for axes in panels[:, 0] if columns > 1 else panels[[shares.argmax()], 0]:  # low panels have no room for words
+    for axes in panels[:, 0] if columns > 1 else panels[[shares.argmax()], 0]:  # low panels have no room for labels
         label_axes(axes, y=("$y$", length))
     bar = figure.colorbar(drawn, ax=panels, location="bottom", shrink=0.6, aspect=40, pad=0.02, extend="max")
     label_axes(bar.ax, x=("speed", "length/time" if length == "length" else f"{length} / time unit"))
@@ -97,7 +97,7 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
 
 
 def _length_unit(result, state) -> str:
-    """Unit of length: diameters, if that of the grains is 1 in the mean and the scenario names no units."""
+    """Unit of length: diameters if the mean diameter is 1 and the scenario names no units."""
     mean = 2 * state.grains.radius[result.poured.loose].mean()
     return "diameters" if unit_name("length") == "length" and abs(mean - 1) < 0.05 else "length"
 
@@ -105,7 +105,7 @@ def _length_unit(result, state) -> str:
 def _select_frames(result) -> list:
     """Frames at nearly equal intervals, including the first and the last.
 
-    If there are several stages, only the last is shown.
+    Of several stages, only the last is shown.
     """
     start = result.stages[-1].start if len(result.stages) > 1 else -np.inf
     frames = [state for state in result.frames if state.time >= start * (1 - 1e-9)] or list(result.frames)
@@ -166,7 +166,7 @@ def time_series(result: Annotated[Any, Result("FlowResult", ("series", "stages")
 
 
 def _plot_contacts(axes, series) -> None:
-    known = series.coordination > 0  # there is none while all grains are rattlers
+    known = series.coordination > 0  # undefined while all grains are rattlers
     plot_fast(axes, series.time[known], series.coordination[known], color=BLUE)
     label_axes(axes, y="coordination $z$")
     axes.yaxis.label.set_color(BLUE)
@@ -179,7 +179,7 @@ def _plot_contacts(axes, series) -> None:
 
 
 def _plot_extent(axes, series) -> None:
-    """Plot the centre of mass, and the coordinates below which 99 % of the grains are, along x and y."""
+    """Plot the centre of mass, and the coordinate below which 99 % of the grains lie, along x and y."""
     for k, color, end in ((0, BLUE, "front, $x$"), (1, GREEN, "top, $y$")):
         axes.plot(series.time, series.center[:, k], color=color, label=f"centre of mass, ${'xy'[k]}$")
         axes.plot(series.time, series.high[:, k], color=color, ls="--", label=end)
@@ -188,7 +188,7 @@ def _plot_extent(axes, series) -> None:
 
 
 def _plot_plates(top, bottom, series, names) -> None:
-    """Plot shear over normal force on each plate, its running mean, and the distance between the outermost plates."""
+    """Plot shear over normal force on each plate, its running mean, and the distance between outermost plates."""
     span = max(1, len(series.time) // 40)
     seen = [0.1]
     for k, name in enumerate(names):
@@ -217,7 +217,7 @@ _Profile = Annotated[Any, Array((2,), finite=False)]  # NaN where there are no g
 
 @styled
 def velocity_profile(edges: Series, velocity: _Profile, deviation: _Profile):
-    """Mean velocity along x against height, with its standard deviation over time.
+    """Mean velocity along x, with its standard deviation over time, against height.
 
     Parameters
     ----------

@@ -21,8 +21,8 @@ from ....laws import for_pair
 from ....measure import heights
 from .scenario import AXES, FlowScenario, Plate, Shaking, Stage
 
-SAFETY = 0.1  # in √(m/k): a twentieth of a collision's π √(m/2k), a sixth of the stability limit with six contacts
-LIMIT = 0.58  # in √(m/k), 2/√12: stability limit with six neighbours at rest, each contact with stiffness k
+SAFETY = 0.1  # in √(m/k): about 1/20 of a collision's duration π √(m/2k), 1/6 of the stability limit with six contacts
+LIMIT = 0.58  # in √(m/k): the stability limit 2/√12 with six neighbours at rest and contacts of stiffness k
 JITTER = 0.9  # fraction of the free space around each grain on the lattice
 
 
@@ -32,7 +32,7 @@ class Poured(NamedTuple):
 
     state: State
     law: Law
-    walls: tuple[str, ...]  # names, in the order of the state's walls
+    walls: tuple[str, ...]  # names of the walls, in the order of the state
     plates: dict[str, np.ndarray]  # indices of the grains of each plate
     dt: float  # [time]
 
@@ -44,7 +44,7 @@ class Poured(NamedTuple):
 
 @checked
 def poured(scenario: FlowScenario) -> Poured:
-    """Return grains, walls and plates of a scenario, at rest and without contacts.
+    """Return the grains, walls and plates of a scenario, at rest and without contacts.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def _make_walls(scenario: FlowScenario):
     if not scenario.walls:
         return flat_walls()
     normals = np.array([w.normal for w in scenario.walls])
-    normals /= np.abs(normals).max(axis=1, keepdims=True)  # keeps the square finite for any length
+    normals /= np.abs(normals).max(axis=1, keepdims=True)  # keeps squares finite for any length
     return flat_walls([w.point for w in scenario.walls], normals, mass=mass, material=material)
 
 
@@ -172,7 +172,7 @@ def _place_grains(scenario: FlowScenario, radius, rng) -> np.ndarray:
 
 
 def _free_sites(scenario: FlowScenario, lines, reach: float, wanted: int, rows: int) -> np.ndarray:
-    """Return lattice sites, from the bottom up, that are at least `reach` away from walls and the grains of plates."""
+    """Return lattice sites, from the bottom up, that are at least `reach` away from walls and plate grains."""
     walls, most = _make_walls(scenario), float(np.max(scenario.grains.radius)) * (1 + scenario.grains.polydispersity)
     free, total = [np.zeros((0, 3))], 0
     for start in range(0, len(lines[1]), rows):
@@ -199,7 +199,7 @@ def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndar
             f"use a larger spacing"
         )
     lengths = [scenario.cell.size[k] for k in range(dim) if k != 1]
-    # the number of grains closest to this spacing that fills the length without overlap
+    # the number of grains that fills the length without overlap, at a spacing closest to the requested one
     number = [min(round(length / spacing), int(length / (2 * size) * (1 + 1e-12))) for length in lengths]
     if min(number) < 1:
         raise ScenarioError(
@@ -225,7 +225,7 @@ def _plate_grains(plate: Plate, scenario: FlowScenario, radius) -> tuple[np.ndar
 
 
 def initial_plate_force(plate: Plate, scenario: FlowScenario) -> float | None:
-    """Return the initial force on a plate along y, or None; forces in the scenario are positive towards the grains."""
+    """Return the initial force on a plate along y, or None; scenario forces are positive towards the grains."""
     if plate.force is None and plate.pressure is None:
         return None
     area = float(np.prod([scenario.cell.size[k] for k in range(scenario.grains.dim) if k != 1]))
@@ -238,11 +238,11 @@ def inward_sign(plate: Plate, scenario: FlowScenario) -> float:
 
 
 def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
-    """Return dt, based on the stiffness of the law at the overlap reached in the hardest expected collision.
+    """Return dt for the contact stiffness at the overlap reached in the hardest expected collision.
 
-    There are no contacts at the start, and the Hertz stiffness increases with overlap. The speed of the collision is
-    that of a fall through the region, plus the largest prescribed velocity. A force on a plate or wall may cause a
-    larger overlap.
+    The initial state cannot be used: it has no contacts, and the Hertz stiffness increases with overlap. The collision
+    speed is that of a fall through the region, plus the largest prescribed velocity. A force on a plate or wall may
+    cause a larger overlap.
     """
     lightest, r_eff = float(mass.min()), float(radius.min()) / 2
     depth = _largest_overlap(scenario, law, r_eff, float(mass[: len(radius)].max()))
@@ -272,7 +272,7 @@ def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: f
     static = max(pushes, default=0.0) * min(float(share), 1.0)
     energy = 0.25 * heaviest * speed**2
     low, high = 0.0, 2 * r_eff
-    for _ in range(60):  # at most a radius, beyond which no law is meaningful
+    for _ in range(60):  # up to one radius, beyond which no law is meaningful
         middle = 0.5 * (low + high)
         force, stored = evaluate(law, "force", "energy", overlap=middle, r_eff=r_eff)
         low, high = (middle, high) if stored < energy or force < static else (low, middle)
@@ -280,7 +280,7 @@ def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: f
 
 
 def _largest_velocity(scenario: FlowScenario) -> float:
-    """Return the largest velocity that the scenario prescribes along an axis."""
+    """Return the largest prescribed velocity along an axis."""
     motions = [body.velocity for body in (*scenario.walls, *scenario.plates)]
     motions += [motion for stage in scenario.stages for motion in stage.velocity.values()]
     most = 0.0

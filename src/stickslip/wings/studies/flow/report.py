@@ -37,7 +37,7 @@ from .simulate import FlowResult, FlowSeries, StageEnd
 
 @readable
 class Deposit(NamedTuple):
-    """The largest cluster of grains separated by gaps smaller than a radius, excluding grains that fly or roll away."""
+    """Largest cluster of grains with gaps smaller than a radius, which excludes grains that fly or roll away."""
 
     grains: np.ndarray  # indices
     low: np.ndarray  # (3,) lower corner of the bounding box, including radii [length]
@@ -46,7 +46,7 @@ class Deposit(NamedTuple):
 
 @readable
 class PlaneShear(NamedTuple):
-    """Steady shear between two plates: means and a standard deviation over the second half of the last stage."""
+    """Steady shear between two plates: means and standard deviation over the second half of the last stage."""
 
     friction: float  # shear over normal force on the upper plate [1]
     friction_deviation: float
@@ -84,7 +84,7 @@ def deposit(state: State, loose: Bodies) -> Deposit:
 
 @checked
 def plane_shear(result: FlowResult) -> PlaneShear | None:
-    """Return the measures of plane shear, or None unless two plates move relative to each other along x at the end.
+    """Return the measures of plane shear; None unless two plates move relative to each other along x at the end.
 
     I = γ̇ d √(ρ/P) with the mean diameter d and the grains' density ρ.
 
@@ -120,7 +120,7 @@ def plane_shear(result: FlowResult) -> PlaneShear | None:
 
 
 def second_half(result: FlowResult) -> np.ndarray:
-    """Select the samples in the second half of the last stage, (T,) bool."""
+    """Mask of the samples in the second half of the last stage (T,)."""
     last = result.stages[-1]
     return result.series.time > 0.5 * (last.start + last.end)
 
@@ -198,9 +198,9 @@ def numbers(result: FlowResult) -> dict:
 
 
 def _write_series(result: FlowResult, path: Path) -> None:
-    """Write a header and a row per sample.
+    """Write a header and one row per sample.
 
-    Vectors have columns _x, _y, _z; columns of walls and plates are prefixed with their names.
+    Columns of vectors end with _x, _y and _z; those of walls and plates begin with their names.
     """
     series, columns, units = result.series, {}, units_of(FlowSeries)
     bodies = {"wall": result.poured.walls, "plate": tuple(result.poured.plates)}
@@ -249,12 +249,12 @@ def show(result: FlowResult) -> None:
 
 
 class Flow(NamedTuple):
-    """Result of a flow with its final deposit and its plane shear: the subject of `MEASURES`."""
+    """Result of a flow, its final deposit and its plane shear, to which `MEASURES` apply."""
 
     series: FlowSeries
     deposit: Deposit
     shear: PlaneShear | None
-    around: bool  # whether the cell is periodic along x, so that the deposit has no ends
+    around: bool  # True if the cell is periodic along x, so that the deposit has no ends
 
 
 def _of_shear(name: str, meaning: str, unit: str = "1") -> Quantity:

@@ -36,7 +36,7 @@ Names = Annotated[tuple[str, ...], Listed]
 
 
 class Shaking(ScenarioTable):
-    """A velocity A sin(2π f t + φ), with t measured from the start of the stage."""
+    """Velocity A sin(2π f t + φ), with t measured from the start of the stage."""
 
     amplitude: Finite = Field(description="velocity amplitude A; the displacement amplitude is A/(2π f) [length/time]")
     frequency: Positive = Field(description="f, not the angular frequency [1/time]")
@@ -44,7 +44,7 @@ class Shaking(ScenarioTable):
 
 
 def _check_course(value):
-    """Check a prescribed velocity; give one message instead of pydantic's message for each member of the union."""
+    """Check a prescribed velocity, with a single message instead of pydantic's messages for all union members."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     table = isinstance(value, list | tuple) and len(value) > 1
     if not (number or table or isinstance(value, dict | Shaking)):
@@ -59,7 +59,7 @@ Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_check_c
 
 
 class Motion(ScenarioTable):
-    """Prescribed velocity along some axes; the motion along the others does not change."""
+    """Prescribed velocity along some axes; motion along the others is unchanged."""
 
     x: Course | None = Field(None, description="a number, [[time, velocity], …] or shaking [length/time]")
     y: Course | None = Field(None, description="as `x` [length/time]")
@@ -153,7 +153,7 @@ class FlatWall(ScenarioTable):
 
 
 class Plate(ScenarioTable):
-    """A rigid rough plate of glued grains across the cell: one row, or in three dimensions a square lattice."""
+    """A rigid rough plate of glued grains across the cell: one row or, in three dimensions, a square lattice."""
 
     name: Name = Field(description="name in stages and files")
     height: Finite = Field(description="y coordinate of its grains [length]")
@@ -170,7 +170,7 @@ class Plate(ScenarioTable):
 
 
 class Stage(ScenarioTable):
-    """A part of the run, and the changes at its start; everything else is unchanged."""
+    """A part of the run and the changes at its start; everything else is unchanged."""
 
     name: Name = Field(description="name in progress messages and files")
     duration: Positive = Field(description="duration, or maximum duration with `until` [time]")
@@ -219,7 +219,7 @@ class FlowScenario(ScenarioBase):
         return sum(stage.duration for stage in self.stages)
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over time steps, the memory of saved states, and periods of shaking."""
+        """Iterate over time steps, memory of saved states, and periods of shaking."""
         if self.dt is not None:
             yield Size("the stages take", self.duration / self.dt, "time steps", "use shorter stages or a longer dt")
         frames = self.frames + len(self.stages) + 1

@@ -30,8 +30,8 @@ from .scenario import FlowScenario, Stage
 from .stages import lammps_of, stage_conditions, stage_leg, with_controls
 
 BINS = 24  # number of bins of the profile along y
-SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
-ENCLOSED = 0.99  # fraction of the grains below `high`, and above `low`
+SAVE_EVERY = 20.0  # time after which a piece is saved without a frame [s]
+ENCLOSED = 0.99  # fraction of the grains below `high`, and of those above `low`
 
 
 @readable
@@ -46,15 +46,15 @@ class FlowSeries(NamedTuple):
     unbalanced: np.ndarray  # (T,) mean unbalanced force over mean contact force; infinite without contacts [1]
     coordination: np.ndarray  # (T,) mean number of contacts of grains that are not rattlers [1]
     sliding_fraction: np.ndarray  # (T,) fraction of contacts at the Coulomb limit [1]
-    center: np.ndarray  # (T, 3) of mass [length]
+    center: np.ndarray  # (T, 3) centre of mass [length]
     low: np.ndarray  # (T, 3) position along each axis below which 1 % of the grains' centres lie [length]
-    high: np.ndarray  # (T, 3) position above which 1 % of them lie [length]
+    high: np.ndarray  # (T, 3) position above which 1 % of the grains' centres lie [length]
     wall_point: np.ndarray  # (T, W, 3) [length], NaN after removal
-    wall_force: np.ndarray  # (T, W, 3) of the grains on the wall [force], NaN after removal
-    plate_position: np.ndarray  # (T, P, 3) of the plate's centre [length]
-    plate_force: np.ndarray  # (T, P, 3) of the grains on the plate [force]
+    wall_force: np.ndarray  # (T, W, 3) force of the grains on the wall [force], NaN after removal
+    plate_position: np.ndarray  # (T, P, 3) position of the plate's centre [length]
+    plate_force: np.ndarray  # (T, P, 3) force of the grains on the plate [force]
     profile_count: np.ndarray  # (T, BINS) number of grains by height
-    profile_velocity: np.ndarray  # (T, BINS, 3) their mean velocity, NaN without grains [length/time]
+    profile_velocity: np.ndarray  # (T, BINS, 3) mean velocity by height, NaN without grains [length/time]
 
 
 class StageEnd(NamedTuple):
@@ -63,7 +63,7 @@ class StageEnd(NamedTuple):
     name: str
     start: float  # [time]
     end: float  # [time]
-    rested: bool | None  # whether rest was reached; None if not requested
+    rested: bool | None  # True if rest was reached; None if not requested
 
 
 @result_of(EXPERIMENT)
@@ -77,18 +77,18 @@ class FlowResult(NamedTuple):
     series: FlowSeries
     edges: np.ndarray  # (BINS + 1,) heights of the bin edges of the profile [length]
     frames: tuple[State, ...]  # at the start, at the ends of stages, and in between
-    frame_walls: tuple[tuple[str, ...], ...]  # names of the walls that each frame still has
+    frame_walls: tuple[tuple[str, ...], ...]  # names of the walls that remain in each frame
 
 
 class Piece(NamedTuple):
-    """Part of a run since the previous piece, and the state needed to continue."""
+    """Part of a run after the previous piece, and the state needed to continue."""
 
     stage: int
-    begin: float  # of the stage [time]
-    samples: int  # finished samples of the stage
+    begin: float  # start of the stage [time]
+    samples: int  # number of finished samples of the stage
     rows: dict[str, np.ndarray]  # columns of `FlowSeries`
     state: State
-    frame: bool  # whether the state is a frame of the result
+    frame: bool  # True if the state is a frame of the result
     end: StageEnd | None  # end of the stage, if it is finished
 
 
@@ -100,8 +100,8 @@ def simulate_flow(
 
     Parameters
     ----------
-    folder : where frames are saved during the run. An interrupted run continues from the saved frames, and its result
-        is bitwise the same as that of an uninterrupted run
+    folder : folder in which frames are saved during the run. An interrupted run resumes from them, with a result
+        bitwise identical to that of an uninterrupted run
     threads : as in `run`
     report : called as report(stage, share done, text) after every sample
 
@@ -189,14 +189,14 @@ def _bin_edges(start: Poured) -> np.ndarray:
 
 
 def find_engine(scenario: FlowScenario, start: Poured, folder: Path | None, threads: int | None) -> Engine:
-    """Return the engine of a scenario.
+    """Return the engine for a scenario.
 
     Raises
     ------
     ScenarioError
         If the engine cannot run this scenario.
     MissingExtraError
-        If it is not installed. The message contains the installation command.
+        If the engine is not installed. The message contains the installation command.
     """
     if scenario.engine == "stickslip":
         return own_engine(threads)
@@ -253,5 +253,5 @@ def _describe_row(row: dict) -> str:
 
 
 def simulate_on_workers(scenario: FlowScenario, *, workers: int | None = None, **options) -> FlowResult:
-    """Run a scenario (same signature for all experiments); `workers` is the number of threads of the single run."""
+    """Run a scenario, with the signature of all experiments; `workers` is the number of threads of the single run."""
     return simulate_flow(scenario, threads=workers, **options)

@@ -1,4 +1,4 @@
-"""Stages of a flow: motion of walls and plates, gravity and drag, the leg that an engine runs, and that of LAMMPS."""
+"""Stages of a flow: motion of walls and plates, gravity and drag, and the legs that engines and LAMMPS run."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -20,7 +20,7 @@ from .scenario import AXES, FlowScenario, Shaking, Stage, force_axis
 
 
 def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Engine:
-    """Return LAMMPS as an engine; in a folder written by `export`, it reads results of runs elsewhere.
+    """Return LAMMPS as an engine; in a folder written by `export`, it reads results computed elsewhere.
 
     Raises
     ------
@@ -38,14 +38,14 @@ def lammps_of(scenario: FlowScenario, start: Poured, folder: Path | None) -> Eng
 
 
 def export(scenario: FlowScenario, folder: Path) -> list[Path]:
-    """Write a folder that LAMMPS runs without this package, and from which `stickslip resume` reads the result.
+    """Write a folder that LAMMPS can run without this package; `stickslip resume` then reads the result from it.
 
     A stage with `until = "rest"` lasts its whole duration there.
 
     Raises
     ------
     ScenarioError
-        If the law is a Python file, which LAMMPS cannot use and which is not executed.
+        If the law is a Python file, which LAMMPS cannot use; the file is not executed.
     """
     if scenario.law.file is not None:
         raise ScenarioError(
@@ -58,7 +58,7 @@ def export(scenario: FlowScenario, folder: Path) -> list[Path]:
 
 
 def stage_legs(scenario: FlowScenario, start: Poured) -> list[Leg]:
-    """Return the leg of each stage; their grains are those at the start, but walls are where each stage begins."""
+    """Return the leg of each stage, with initial grains, but with the walls as they are at the start of the stage."""
     state, begins, legs, before = start.state, [], [], start.walls
     for number, stage in enumerate(scenario.stages):
         begins.append(state.time)
@@ -72,12 +72,12 @@ def stage_legs(scenario: FlowScenario, start: Poured) -> list[Leg]:
 
 
 def _read(legs: list[Leg], folder: Path, leg: Leg) -> Iterator[tuple[State, Record]]:
-    """Yield the states of a leg that LAMMPS has run elsewhere, from the beginning of its stage."""
+    """Yield the states of a leg that LAMMPS ran elsewhere, from the beginning of its stage."""
     states = read_leg(legs[leg.number], leg_folder(folder, leg.number))
     return with_records(leg, islice(states, leg.before[0], None))
 
 
-KNOTS = 32  # per period of shaking, with linear velocity in between: the error is at most 0.5 %
+KNOTS = 32  # knots per period of shaking; linear interpolation between them has an error of at most 0.5 %
 
 
 class StageConditions(NamedTuple):
@@ -90,7 +90,7 @@ class StageConditions(NamedTuple):
 
 
 def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageConditions:
-    """From the start times of all stages so far, return the conditions of the last stage, or else the initial ones."""
+    """Return the conditions of the last stage that has started, or the initial ones, given all start times so far."""
     conditions = StageConditions(
         tuple(wall.name for wall in scenario.walls), _initial_motion(scenario),
         scenario.gravity or (0.0,) * scenario.grains.dim, scenario.drag,
@@ -106,7 +106,7 @@ def stage_conditions(scenario: FlowScenario, begins: list[float]) -> StageCondit
 
 
 def _initial_motion(scenario: FlowScenario) -> dict:
-    """Return the initial motion of each body, as in `StageConditions`; along other axes, bodies are fixed."""
+    """Return the initial motion of each body as in `StageConditions`; bodies are fixed along other axes."""
     motion = {}
     for body in (*scenario.walls, *scenario.plates):
         motion[body.name] = {axis: ("velocity", course, 0.0) for axis, course in body.velocity.prescribed.items()}
@@ -139,7 +139,7 @@ def _update_motion(motion: dict, stage: Stage, scenario: FlowScenario, now: floa
 
 
 def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times and values of a velocity profile in time: linear in between, then constant.
+    """Return the times and values of a velocity that is linear between them and then constant.
 
     Examples
     --------
@@ -155,7 +155,7 @@ def knots(course: float | tuple | Shaking, duration: float) -> tuple[np.ndarray,
 
 
 def with_controls(state: State, start: Poured, conditions: StageConditions, until: float) -> State:
-    """Return the state with the control of walls and plates that applies until the end of a stage."""
+    """Return the state with the control of walls and plates that holds until the end of a stage."""
     n, pull = len(state.grains.radius), np.zeros(3)
     pull[: len(conditions.gravity)] = conditions.gravity
     control = loads(n, len(conditions.walls), gravity=pull)._replace(group=state.control.group)
@@ -185,7 +185,7 @@ def stage_leg(
     begin: float,
     done: int = 0,
 ) -> Leg:
-    """Return the rest of a stage that began at a time, after a number of its samples."""
+    """Return the remaining leg of a stage that began at a given time, after a number of samples."""
     stage = scenario.stages[number]
     before = round((state.time - begin) / start.dt)
     steps = round((begin + stage.duration - state.time) / start.dt)
@@ -197,7 +197,7 @@ def stage_leg(
 
 
 def _waves(state: State, start: Poured, conditions: StageConditions) -> dict[int, Wave]:
-    """Return the sinusoidal velocities, for which LAMMPS has a formula, by their column in the control."""
+    """Return the sinusoidal velocities, which LAMMPS evaluates as formulas, by their column in the control."""
     waves, n = {}, len(state.grains.radius)
     for name, axes in conditions.motion.items():
         if name not in (*conditions.walls, *start.plates):

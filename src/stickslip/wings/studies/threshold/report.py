@@ -1,4 +1,4 @@
-"""Output of the static and kinetic friction of a sample: files in the run folder and the summary on the terminal."""
+"""Output for the static and kinetic friction of a sample: files in the run folder, and terminal summary."""
 
 from typing import NamedTuple
 
@@ -95,7 +95,7 @@ def show(result: ThresholdResult) -> None:
 
 
 def _by_kick(name: str, meaning: str, of) -> Quantity:
-    """Quantity at each velocity of kicks; `of` is a function of a KineticThreshold that returns an array."""
+    """Quantity at each kick velocity; `of` is a function that returns an array for a KineticThreshold."""
     return Quantity(name, "1", meaning, lambda r: dict(zip(r.found.kicks, of(r.found), strict=True)))
 
 

@@ -22,7 +22,7 @@ from ...papers.gouge.scenario import (
 )
 from ...papers.sphere_shear.scenario import Packing
 
-LEGS_AT_LEAST = 40  # time steps of a run
+LEGS_AT_LEAST = 40  # smallest number of time steps of a run
 
 
 def _require_list(name: str, value, example: str):
@@ -32,7 +32,7 @@ def _require_list(name: str, value, example: str):
 
 
 class ArraySample(Array):
-    """Disks in a row on a substrate; the load is the push on one disk over the normal force on all of them."""
+    """Row of disks on a substrate; the load is the push on one disk over the normal force on all disks."""
 
     kind: Literal["disk-array"] = "disk-array"
     press: Positive = Field(5e-5, description="force on every disk, towards the substrate [force]")
@@ -41,7 +41,7 @@ class ArraySample(Array):
     relaxation: Relaxation = Relaxation()
 
     def recipe(self, top: float, step: float) -> DiskArrayScenario:
-        """Scenario of the quasi-static path up to a load; forces are in units of the normal force on all disks."""
+        """Scenario of the quasi-static path up to a load, with forces in units of the normal force on all disks."""
         return DiskArrayScenario(
             array=Array(**self.model_dump(include=set(Array.model_fields))), law=self.law, relaxation=self.relaxation,
             load={"unit": self.press * self.disks, "press": 1 / self.disks, "push": (0.0, top), "step": step,
@@ -56,9 +56,9 @@ class ArraySample(Array):
 
 
 class PackingSample(Packing):
-    """Packing in a periodic box under its pressure along y; the load is its shear stress −σ_xy over σ_yy.
+    """Packing in a periodic box under pressure along y; the load is the shear stress −σ_xy over σ_yy.
 
-    Its height and its shear along x follow the stress. The other dimensions do not change.
+    The height and the shear along x follow the stress; the other dimensions are fixed.
     """
 
     kind: Literal["packing"] = "packing"
@@ -78,7 +78,7 @@ class GougeSample(ScenarioTable):
 
     @property
     def recipe(self) -> GougeScenario:
-        """Scenario of the gouge experiment that prepares the sample, without its further tests."""
+        """Scenario of the gouge experiment that prepares the sample, without further tests."""
         later = Preparation(velocity=self.grains.mean / self.dt * 1e-6, **self.preparation.model_dump())
         return GougeScenario(
             grains=self.grains, law=self.law, cell=self.cell, load=GougeLoad(normal_stress=self.normal_stress),
@@ -95,7 +95,7 @@ Sample = Annotated[ArraySample | PackingSample | GougeSample, Field(discriminato
 
 
 class Raise(ScenarioTable):
-    """Quasi-static path, on which the load rises from zero. It ends where the sample slides, at its static strength."""
+    """Quasi-static path with a load that rises from zero until the sample slides, at its static strength."""
 
     loads: Annotated[tuple[NotNegative, ...], Listed] = Field(
         (0.03, 0.04, 0.0425, 0.045, 0.0475, 0.05, 0.055, 0.06, 0.083),
@@ -118,7 +118,7 @@ class Raise(ScenarioTable):
 
 
 class Kicks(ScenarioTable):
-    """Runs from the equilibria with random velocities, and lowering of the load from a sliding sample."""
+    """Runs that start from the equilibria with random velocities, and lowering of the load on a sliding sample."""
 
     velocities: Annotated[tuple[NotNegative, ...], Listed] = Field(
         (1e-13, 1e-4), min_length=1, description="root mean square of the initial velocities [length/time]"
@@ -176,7 +176,7 @@ class ThresholdScenario(ScenarioBase):
     kicks: Kicks = Kicks()
 
     def sizes(self) -> Iterator[Size]:
-        """Iterate over load steps, runs, and time steps of a run."""
+        """Iterate over load steps, runs, and time steps per run."""
         load, kicks = self.load, self.kicks
         runs = len(load.loads) * len(kicks.velocities) * kicks.realizations
         yield Size("load takes", load.loads[-1] / load.step, "load steps", "use a larger load.step")

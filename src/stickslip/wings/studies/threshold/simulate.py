@@ -1,4 +1,4 @@
-"""Simulation of the static and kinetic friction of a sample: raise its load, kick it, and lower the load again."""
+"""Simulation of the static and kinetic friction of a sample: raise the load, kick the sample, lower the load."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -31,7 +31,7 @@ from ...papers.gouge.sample import Gouge, prepare_sample
 from . import EXPERIMENT
 from .scenario import ArraySample, GougeSample, Kicks, PackingSample, ThresholdScenario
 
-STEP_SHARE = 0.2  # default time step, over the largest stable one
+STEP_SHARE = 0.2  # default time step over the largest stable time step
 
 
 @result_of(EXPERIMENT, head=lambda result: "; ".join(result.sentences))
@@ -41,19 +41,19 @@ class ThresholdResult(NamedTuple):
     scenario: ThresholdScenario
     law: Law
     path: list[Equilibrium]  # equilibria on the rising load, up to the static strength
-    strength: float  # load at which the sample slid by itself; NaN if it held the largest one
+    strength: float  # load at which the sample slid by itself; NaN if it held the largest load
     found: KineticThreshold
 
     @property
     def sentences(self) -> list[str]:
-        """Static and kinetic friction in words."""
+        """Sentences on the static and kinetic friction."""
         held = f"held a load of {self.path[-1].load:.4g}"
         static = f"slid by itself at {self.strength:.4g}" if np.isfinite(self.strength) else "did not slide by itself"
         return [f"the sample {held} and {static}", *self.found.sentences]
 
 
 def make_sample(scenario: ThresholdScenario, kept: Checkpoint | None, report: Report) -> tuple[State, Protocol]:
-    """Sample without shear load, and the protocol that loads it."""
+    """Make the sample without shear load, and the protocol of its load."""
     sample = scenario.sample
     make = {ArraySample: _array, PackingSample: _packing, GougeSample: _gouge}[type(sample)]
     return make(scenario, kept, report)
@@ -113,9 +113,9 @@ def _check_kicks(scenario: ThresholdScenario, state: State, law: Law) -> None:
 def raise_load(
     state: State, loads, protocol: Protocol, distance: float, kept: Checkpoint | None, report: Report
 ) -> tuple[list[Equilibrium], float]:
-    """Equilibria along rising loads until the sample slides, and the load at which it does; NaN if it never does.
+    """Equilibria along rising loads until the sample slides, and the load at which it slides (NaN if never).
 
-    It slides if there is no equilibrium, or only one that is further away than a distance.
+    The sample slides if there is no equilibrium, or only one farther away than a given distance.
     """
     path: list[Equilibrium] = []
     for k, load in enumerate(loads):
@@ -140,12 +140,12 @@ def raise_load(
 def simulate_threshold(
     scenario: ThresholdScenario, *, folder: Path | None = None, workers: Workers = None, report: Report = silent
 ) -> ThresholdResult:
-    """Raise the load of a sample, kick its equilibria, and lower the load again.
+    """Raise the load on a sample, kick its equilibria, and lower the load again.
 
     Parameters
     ----------
-    folder : run folder, in which equilibria and runs are saved as soon as each is finished; a run that was killed
-        resumes from them
+    folder : run folder, in which each equilibrium and run is saved as soon as it is finished; a killed run resumes from
+        them
     workers : number of processes for the kicked runs, or the address of a Dask scheduler; the result does not depend
         on it
     report : called as report(stage, share done, text)
