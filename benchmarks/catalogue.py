@@ -19,7 +19,6 @@ import numpy as np
 
 import stickslip as ss
 from stickslip.experiments import EXPERIMENTS
-from stickslip.figures.saving import save
 from stickslip.loading.event_class import fit_power, vanishes
 from stickslip.loading.events import FINER
 from stickslip.runs.folder import write_result
@@ -36,6 +35,7 @@ from stickslip.wings.studies.catalogue.tables import (
     write_table,
 )
 
+from .pictures import save_picture, shrink
 from .records import write_block
 
 OUT = Path(__file__).parents[1] / "docs/reference/catalogue"
@@ -139,14 +139,12 @@ def write_reference(folder: Path, out: Path = OUT) -> None:
     whole = stack_tables([(_plain(law), table) for law, table in every.items()], "law")
     write_table(out / "events.csv", whole, digits=7)
     _write_skills(out / "skill.csv", found, kept)
-    save(figures.eigenvalue_before_events(whole), out / "eigenvalue.png")
-    save(figures.classes({law: class_counts(table) for law, table in every.items()}), out / "classes.png")
-    save(figures.drops(every), out / "drops.png")
+    _draw_events(whole, every, out)
     curves = [[one for one in found[law] if np.isfinite(one.roc.area)] for law in found]
-    save(figures.roc_curves(curves, list(found)), out / ("roc_later.png" if kept else "roc.png"))
+    save_picture(figures.roc_curves(curves, list(found)), out / ("roc_later.png" if kept else "roc.png"))
     for name, target in (("slips.csv", "slips.csv"), ("fig8_slips.png", "slips.png")):
         if (folder / "gouge" / name).is_file():
-            shutil.copy(folder / "gouge" / name, out / target)
+            (shrink if name.endswith(".png") else shutil.copy)(folder / "gouge" / name, out / target)
     if out == OUT:
         _fill_page(summary(every, steps, found))
 
@@ -167,16 +165,21 @@ def estimate_again(out: Path = OUT) -> None:
         elif events["kind"][row] == "saddle_node":
             events["kind"][row], events["exponent"][row], events["exponent_error"][row] = "unresolved", np.nan, np.nan
     write_table(out / "events.csv", events, digits=7)
-    page, counts = PAGE.read_text(encoding="utf-8"), {}
+    page, tables = PAGE.read_text(encoding="utf-8"), {}
     for law in dict.fromkeys(law_label(run.scenario(0)) for run in RUNS.values()):
         if (rows := events["law"] == _plain(law)).any():
-            table = rows_of(events, rows)
-            counts[law] = class_counts(table)
-            cells = rf"(\| {_plain(law)}(?: \|[^|]*){{3}}) \|(?:[^|]*\|){{{len(counts[law]) + 1}}}"
+            tables[law] = table = rows_of(events, rows)
+            cells = rf"(\| {_plain(law)}(?: \|[^|]*){{3}}) \|(?:[^|]*\|){{{len(class_counts(table)) + 1}}}"
             page = re.sub(cells, rf"\1 | {_classes_and_exponent(table)} |", page, count=1)
     PAGE.write_text(page, encoding="utf-8")
-    save(figures.eigenvalue_before_events(events), out / "eigenvalue.png")
-    save(figures.classes(counts), out / "classes.png")
+    _draw_events(events, tables, out)
+
+
+def _draw_events(whole: Table, every: dict[str, Table], out: Path) -> None:
+    """Draw the pictures of which all data are stored."""
+    save_picture(figures.eigenvalue_before_events(whole), out / "eigenvalue.png")
+    save_picture(figures.classes({law: class_counts(table) for law, table in every.items()}), out / "classes.png")
+    save_picture(figures.drops(every), out / "drops.png")
 
 
 def _labels() -> list[str]:

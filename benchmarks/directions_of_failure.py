@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 import stickslip as ss
-from stickslip.figures.saving import save
 
+from .pictures import save_picture
 from .records import write_block
 
 ROOT = Path(__file__).parents[1]
@@ -114,5 +114,5 @@ def rows(*, smallest: bool = False):
     ends = [share * first(looks, "cone") for share in SHOWN]
     shown = [min(looks, key=lambda one: abs(one.strain - end)) for end in ends]
     labels = [f"ε = {one.strain:.3f}, sin φ = {one.ratio:.2f}" for one in shown]
-    save(ss.figures.response_envelopes([one.envelope for one in shown], labels), OUT / "envelopes.png")
+    save_picture(ss.figures.response_envelopes([one.envelope for one in shown], labels), OUT / "envelopes.png")
     write_block(PAGE, "directions_of_failure", table(paths))

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 import stickslip as ss
-from stickslip.figures.saving import save
 from stickslip.wings.papers.sphere_shear.claims import BIRTHS, share_interval
 from stickslip.wings.papers.sphere_shear.figures import births_by_law as births_figure
 
 from .births import UNLIMITED, Births, births_by_law, law_words
+from .pictures import save_picture
 from .records import write_block
 
 ROOT = Path(__file__).parents[1]
@@ -51,7 +51,7 @@ def draw() -> None:
     packings = read_births()
     found = births_by_law(packings)
     write_summary(found)
-    save(births_figure(found, packings), OUT / "births.png")
+    save_picture(births_figure(found, packings), OUT / "births.png")
     write_block(PAGE, "pairs_by_law", table(found))
 
 

@@ -15,17 +15,16 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from PIL import Image
-
 import stickslip as ss
 from stickslip.experiments.registry import experiment_of, read_scenario
-from stickslip.figures import saving
 
 ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT)]
+from benchmarks.pictures import save_picture, shrink  # noqa: E402
+
 FIGURES = ROOT / "docs" / "figures"
 STORE, PICTURES = ROOT / "results" / "gallery", FIGURES / "gallery"
 PAGE = ROOT / "docs" / "gallery.md"
-SHRINK, COLORS = 0.7, 256  # of pictures on the page, from 300 dots per inch
 THUMB = 0.68  # of the larger ones: size of the pictures in the page, which are links to them; type has 13 pixels
 
 
@@ -308,8 +307,7 @@ def draw(name: str) -> None:
     exec(start, known)
     for picture, code in section.pictures.items():
         path = FIGURES / f"{picture}.png" if name in GUIDES else PICTURES / f"{name}_{picture}.png"
-        saving.save(eval(code, known), path)
-        shrink(path, path, SHRINK)
+        save_picture(eval(code, known), path)
         if name in SECTIONS:
             shrink(path, PICTURES / f"small_{path.name}", THUMB)
 
@@ -320,14 +318,6 @@ def example_of(page: Path, saved: str) -> tuple[str, str]:
     (block,) = (block.strip() for block in blocks if f'.savefig("{saved}")' in block)
     start, _, last = block.rpartition("\n")
     return start, last.partition(".savefig")[0]
-
-
-def shrink(path: Path, to: Path, size: float) -> None:
-    """Save a picture with fewer pixels, a share of its size, and fewer colours."""
-    picture = Image.open(path).convert("RGB")
-    small = picture.resize([round(size * k) for k in picture.size], Image.Resampling.LANCZOS)
-    # MAXCOVERAGE keeps colours of few pixels, such as those of thin lines
-    small.quantize(COLORS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(to, optimize=True)
 
 
 def write_page() -> None:

@@ -261,14 +261,19 @@ def test_the_figure_shows_rings_fits_and_the_line_from_the_moduli(deep):
     figure = ss.figures.inclusion(field, fits)
     for k, axes in enumerate(figure.axes):
         points = axes.containers[0][0].get_xydata()
-        np.testing.assert_allclose(points, np.stack([fits.rings.radius, fits.rings.mean[k] / field.growth], axis=1))
+        rings = np.stack([fits.rings.radius, fits.rings.mean[k] / field.growth], axis=1)
+        np.testing.assert_allclose(points, rings / field.diameter)
+        assert axes.get_xlabel() == "distance [mean diameters]"
         lines = {line.get_label(): line.get_xydata() for line in axes.lines}
         for fit in fits.models:
-            r, u = lines[fit.model].T
+            r, u = field.diameter * lines[fit.model].T
             w = fit.displacement(r) / field.growth
             np.testing.assert_allclose(u, (w.real, w.imag)[k])
         assert ("elastic, from the moduli" in lines) == (k == 0)
-    r, u = {line.get_label(): line for line in figure.axes[0].lines}["elastic, from the moduli"].get_xydata().T
+    drawn = {line.get_label(): line for line in figure.axes[0].lines}
+    r, u = field.diameter * drawn["elastic, from the moduli"].get_xydata().T
+    widths = [drawn[name].get_linewidth() for name in ("elastic", "dipole", "odd", "elastic, from the moduli")]
+    assert widths == sorted(widths, reverse=True)  # all are visible where they coincide
     np.testing.assert_allclose(u, fits.lame * (1 / r - np.pi / field.volume * r) / field.growth)
 
 

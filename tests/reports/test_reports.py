@@ -412,6 +412,21 @@ def test_a_mode_becomes_a_movie(tmp_path):
     assert "there is no mode 3" in run("movie", "p.npz", "--modes", "m.npz", "--mode", "3", cwd=tmp_path).stderr
 
 
+def test_the_legend_of_a_movie_clears_its_colour_bar_and_type_is_large(tmp_path, monkeypatch):
+    """Its type is at least one part in fifty of the width, so that it is readable at half the size."""
+    shown = []
+    monkeypatch.setattr(animation.GifWriter, "grab_frame", lambda writer, **_: shown.append(writer.fig))
+    monkeypatch.setattr(animation.GifWriter, "finish", lambda writer: None)
+    state, law = walled()
+    animation.movie([ss.io.frame_of(state, law)], tmp_path / "p.gif", labels=["one"], colour="coordination")
+    (figure,) = shown
+    axes, bar = figure.axes
+    legend = axes.get_legend()
+    figure.draw_without_rendering()
+    assert legend.get_window_extent().y0 > bar.bbox.y1 and bar.get_tightbbox().y0 >= 0
+    assert min(text.get_fontsize() for text in legend.get_texts()) * figure.dpi / 72 > figure.bbox.width / 50
+
+
 def test_the_view_shows_itself_in_a_notebook():
     state = spheres()
     plot = ss.figures.view([ss.io.frame_of(state, SHARP)], [swinging(len(state.grains.radius))])

@@ -261,6 +261,27 @@ def test_lengths_are_diameters_where_their_mean_is_one(monkeypatch):
     assert labels(shown[-1])[0] == "$x$ [mm]" and bar.get_xlabel() == "speed [mm/s]"
 
 
+def test_snapshots_of_a_heap_share_rows_and_end_at_their_grains():
+    """Twelve grains in a column that becomes a low heap of thirteen times the width."""
+
+    def heap(time):
+        k = np.arange(12)
+        place = np.stack([0.5 + time * k, 0.5 + (1 - time / 6) * k, 0 * k], axis=1)
+        grains = ss.spheres(place, 0.5)
+        cell = ss.box([1.0, 1.0, 1.0], periodic=(False, False, False))
+        return ss.State(grains, ss.flat_walls([], []), cell, empty_contacts(7, 0, 0.1), ss.control.loads(12, 0), time)
+
+    frames, stages = [heap(t) for t in range(7)], [Made(name="flow", start=0.0)]
+    result = Made(frames=frames, stages=stages, poured=Made(loose=np.arange(12)))
+    *shown, _ = flow.snapshots(result, zoom=1).axes
+    boxes = [axes.get_subplotspec().get_position(axes.figure) for axes in shown]
+    starts = np.array([box.y0 for box in boxes])
+    assert len(shown) == 6 and starts[0] == starts[1] > starts[2] > starts[-1]
+    for axes, t in zip(shown, (0, 1, 2, 4, 5, 6), strict=True):
+        (left, right), top = axes.get_xlim(), axes.get_ylim()[1]
+        assert left < 0 and 11 * t + 1 <= right <= 11 * t + 4 and top >= 11 * (1 - t / 6) + 1
+
+
 def test_snapshots_are_enlarged_around_the_median():
     for axes, t in zip(snapshots_of_fall(zoom=4)[0], SHOWN, strict=True):
         (low, high), place = axes.get_xlim(), SEEN - [0, 0.01 * t]

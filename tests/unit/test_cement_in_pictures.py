@@ -79,3 +79,30 @@ def test_a_bond_that_is_stretched_across_a_gap_has_its_force():
     columns = with_bonds(rows)
     pulled = np.flatnonzero(np.abs(columns["force_n"]) > 1e-2)
     assert [(columns["i"][k], columns["j"][k], columns["bond"][k]) for k in pulled] == [(0, 4, 1)]
+
+
+def drawn_lines(axes) -> list[EllipseCollection]:
+    """Lines of contacts."""
+    return [c for c in axes.collections if isinstance(c, EllipseCollection) and len(c.get_paths()[0].vertices) == 2]
+
+
+def test_a_line_across_a_periodic_edge_ends_at_the_contact_of_both_grains():
+    place = np.array([[0.5, 1.0], [1.48, 1.0], [3.49, 1.0]])
+    state = ss.packings.from_arrays(place, [0.5, 0.5, 0.52], LAW, cell=[4.0, 4.0], dim=2)
+    assert len(ss.measure.touching(state)) == 2
+    (lines,) = drawn_lines(ss.figures.packing(state, LAW).axes[0])
+    ends = {(round(x - w / 2, 2), round(x + w / 2, 2)) for (x, _), w in zip(lines.get_offsets(), lines.get_widths() * 2,
+                                                                            strict=True)}  # fmt: skip
+    across = 1.01 * 0.5 / 1.02  # from the centre of the first grain to the contact
+    assert ends == {(0.5, 1.48), (round(0.5 - across, 2), 0.5), (3.49, round(3.49 + 1.01 - across, 2))}
+
+
+def test_lines_on_coloured_grains_have_a_white_edge():
+    state = ss.packings.from_arrays(np.array([[0.5, 1.0], [1.48, 1.0]]), [0.5, 0.5], LAW, cell=[4.0, 4.0], dim=2)
+    (plain,) = drawn_lines(ss.figures.packing(state, LAW).axes[0])
+    below, above = drawn_lines(ss.figures.packing(state, LAW, colour="pressure").axes[0])
+    assert (
+        to_rgba("white") == tuple(below.get_edgecolor()[0]) and (below.get_linewidths() > plain.get_linewidths()).all()
+    )
+    assert np.array_equal(above.get_edgecolor(), plain.get_edgecolor())
+    assert below.get_zorder() <= above.get_zorder()

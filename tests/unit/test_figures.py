@@ -163,7 +163,10 @@ def test_bands_of_gouge_are_two_errors_or_two_deviations():
         assert holds(axes, curve.x, curve.rows.mean(axis=0), label="words")
     assert holds(held, curve.x, 2 * curve.x, label="aging law")
     assert (held.get_xscale(), held.get_xlabel()) == ("log", "time held [s]")
-    assert steps.get_xlabel() == "slip of the load point / $D$"
+    assert (steps.get_xlabel(), steps.get_xscale()) == ("slip of the load point / $D$", "linear")
+    longer = curve._replace(x=4 * curve.x, label="longer")
+    (steps,) = gouge.velocity_steps([curve, longer]).axes
+    assert steps.get_xscale() == "log" and steps.get_xlim() == (curve.x[curve.x > 0][0], longer.x[-1])
 
 
 def test_grains_in_a_hold_are_drawn_with_their_energy_and_the_plates_creep():
@@ -228,11 +231,11 @@ def test_stiffness_along_a_path():
     path = Made(load=np.linspace(0, 1, 4), points=[Made(sliding=k) for k in (3, 1, 4, 2)])
     top, middle, bottom = quasi_rigid.stiffness(Made(path=path, looks=looks, seed=1)).axes
     assert holds(top, path.load, [3, 1, 4, 2])
-    assert holds(middle, looks.load, looks.lowest, label=r"smallest Re of $\mathbf{k}$")
+    assert holds(middle, looks.load, looks.lowest, label=r"of the stiffness $\mathbf{k}$, real part")
     assert holds(middle, looks.load, looks.symmetric)
     assert holds(bottom, looks.load, looks.pairs)
     assert bottom.get_xlabel() == "load (fraction of the path)"
-    lines = ["sliding contacts", "eigenvalue [$K_n$]", "complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$"]
+    lines = ["sliding contacts", "smallest eigenvalue\n[$K_n$]", "complex pairs\nof $\\mathbf{m}^{-1}\\mathbf{k}$"]
     assert [axes.get_ylabel() for axes in (top, middle, bottom)] == lines
 
 

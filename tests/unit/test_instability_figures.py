@@ -80,3 +80,18 @@ def test_thresholds_are_drawn_where_they_are():
     bands = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in above.patches]
     assert [tuple(np.round(band, 9)) for band in bands] == [(0.15, 0.4), (0.18, 0.25), (0.1, 0.15)]
     assert below.get_lines()[1].get_ydata()[1:].tolist() == [40.0, 10.0]
+
+
+@pytest.mark.parametrize(("first", "marked"), [(1.2, True), (3.5, False)])
+def test_the_axis_of_growth_ends_near_its_curves(first, marked):
+    """The growth rate vanishes at a = 1, a displacement of 2; amplitudes go on to the loss of a contact."""
+    a = np.linspace(0, first, 30)
+    rates = np.sqrt(np.where(a < 1, 4 - 4 * a**2, np.nan))
+    form = Made(
+        growth_rate=2.0, beta=-8.0, amplitudes=a, rates=rates, peak=1.0, first=first, mode=None, free=None,
+        displacement=lambda amplitude: 2 * amplitude,
+    )  # fmt: skip
+    (axes,) = ss.figures.growth_by_amplitude(form).axes
+    lines = {line.get_label(): line.get_xdata() for line in axes.lines}
+    assert ("a contact is lost" in lines) == marked and lines["burst turns back"][0] == 2
+    assert axes.get_xlim()[1] == pytest.approx(1.05 * 2 * (first if marked else 1.0), rel=0.02)

@@ -3,6 +3,8 @@
 from typing import Annotated, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
 from scipy.signal import find_peaks
 from scipy.special import expit
 
@@ -31,14 +33,16 @@ from .style import (
     subplots,
 )
 
+CONE = {"color": RED, "alpha": 0.15, "lw": 0}  # directions in which second-order work is negative
 _Load = Annotated[Any, Array((0,), finite=False)]  # NaN if it is not known
 _Record = Annotated[Any, Result("Record", ("time", "position", "angle"))]
 _Form = Annotated[Any, Result("BirthForm", ("growth_rate", "peak", "mode", "free"))]
 _Threshold = Annotated[Any, Result("KineticThreshold", ("loads",))]
 _Failure = Annotated[Any, Result("Failure", ("steps", "events", "onset", "forecasts", "sign"))]
 _Envelope = Annotated[Any, Result("Envelope", ("angle", "plane", "strain", "stress", "elastic"))]
-LOOK = {"elastic": (BLUE, "-"), "dipole": (GREEN, "--"), "odd": (RED, ":")}
+LOOK = {"elastic": (SKY, "-", 4.0), "dipole": (GREEN, "-", 2.0), "odd": (RED, ":", 1.4)}  # visible where they coincide
 MARKED = 80  # number of points up to which each has a marker
+ROOM = 1.5  # length of an axis over that of its curves up to which a mark beyond them is drawn
 
 
 @styled
@@ -100,14 +104,15 @@ def growth_by_amplitude(form: BirthForm):
     axes.plot(x[below], np.sqrt(square[below]), "--", color=ORANGE, label="third order")
     axes.plot(move[seen], form.rates[seen], ".-", color=BLUE, label="harmonic balance")
     axes.axhline(form.growth_rate, color=BLACK, lw=0.6, ls=":", label="linear")
-    inside = x[-1] * 1.02 if len(x) else np.inf
-    if form.displacement(form.peak) <= inside:
-        axes.axvline(form.displacement(form.peak), color=GREEN, label="burst turns back")
-    if form.displacement(form.first) <= inside:
-        axes.axvline(form.displacement(form.first), color=RED, label="a contact is lost")
+    end = max([*move[seen], *x[below]])  # of the curves
+    for amplitude, color, label in ((form.peak, GREEN, "burst turns back"), (form.first, RED, "a contact is lost")):
+        at = form.displacement(amplitude)
+        if at <= ROOM * end:
+            axes.axvline(at, color=color, label=label)
+            end = max(end, at)
     axes.set_ylim(bottom=0)
-    axes.set_xlim(0, x[-1] * 1.03)
-    label_axes(axes, x=("largest displacement", "length"), y=("growth rate", "1/time"))
+    axes.set_xlim(0, 1.05 * end)
+    label_axes(axes, x=("largest displacement", "length"), y=("growth rate\n", "1/time"))
     axes.legend(loc="best")
     return figure
 
@@ -193,7 +198,9 @@ def bursts(record: _Record, state: State, form: _Form):
     below.axhline(1, color=BLACK, ls=":", lw=0.7, label="predicted peak $a_0$")
     label_axes(above, y="amplitude $a/a_0$")
     label_axes(below, x=("time $t$", "time"), y="$|a|/a_0$")
-    figure.legend(*below.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
+    figure.legend(
+        *below.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=0.8, handlelength=1.4
+    )
     return figure
 
 
@@ -214,8 +221,8 @@ def response_envelopes(
 ):
     """Responses of several states to probes in one plane: stress per unit strain, and second-order work by direction.
 
-    Dashed curves are the elastic part, if contacts at the limit stick. Red bands are directions of strain with negative
-    second-order work.
+    Dashed curves are the elastic part, the response if no contact slides. Red bands are directions of strain with
+    negative second-order work.
 
     Parameters
     ----------
@@ -228,12 +235,12 @@ def response_envelopes(
     for k, (envelope, rows) in enumerate(zip(envelopes, closed, strict=True)):
         color, label = COLORS[k % len(COLORS)], labels[k] if k < len(labels) else None
         left.plot(*envelope.components("elastic")[rows, ::-1].T, "--", color=color, lw=0.6)
-        left.plot(*envelope.components("stress")[rows, ::-1].T, color=color, label=label)
+        left.plot(*envelope.components("stress")[rows, ::-1].T, color=color)
         angle = np.degrees(np.append(envelope.angle, 2 * np.pi))
         right.plot(angle, envelope.normalised_work[rows], color=color, label=label)
         for begin, end in np.degrees(envelope.cones):
             for turn in (0, 360):
-                right.axvspan(begin + turn, end + turn, color=RED, alpha=0.15, lw=0)
+                right.axvspan(begin + turn, end + turn, **CONE)
     left.axhline(0, color=BLACK, lw=0.4)
     left.axvline(0, color=BLACK, lw=0.4)
     left.set_aspect("equal", "datalim")
@@ -242,8 +249,12 @@ def response_envelopes(
     right.axhline(0, color=BLACK, lw=0.4)
     right.set(xlim=(0, 360), xticks=range(0, 361, 90), ylabel="dσ:dε/(|dσ||dε|)")
     right.set_xlabel(f"direction of the strain [°]: 0 is {names[0]}, 90 is {names[1]}")
-    if labels:
-        right.legend(loc="best", fontsize=7)
+    left.plot([], [], color=BLACK, label="response")
+    left.plot([], [], "--", color=BLACK, lw=0.6, label="elastic part: no contact slides")
+    handles, words = (a + b for a, b in zip(*map(Axes.get_legend_handles_labels, (right, left)), strict=True))
+    if any(envelope.cones for envelope in envelopes):
+        handles, words = [*handles, Patch(**CONE)], [*words, "second-order work is negative"]
+    figure.legend(handles, words, loc="outside upper center", ncols=min(4, len(words)))
     return figure
 
 
@@ -259,19 +270,22 @@ def inclusion(field: Inflation, fits: ScreeningFits | None = None):
     fits : `field.fit()` unless given
     """
     fits = field.fit() if fits is None else fits
-    rings, size = fits.rings, 1 / field.growth
+    rings, size, diameter = fits.rings, 1 / (field.growth * field.diameter), field.diameter
     figure, panels = subplots(1, len(rings.mean), figsize=((WIDTH, PAGE)[len(rings.mean) > 1], 2.7), squeeze=False)
     r = np.linspace(rings.radius[0], rings.radius[-1], 300)
     for k, (axes, name) in enumerate(zip(panels[0], ("radial", "tangential"), strict=False)):
-        axes.errorbar(rings.radius, size * rings.mean[k], size * rings.error[k], fmt="o", color=BLACK, label="grains")
+        mean, error = size * rings.mean[k], size * rings.error[k]
+        axes.errorbar(rings.radius / diameter, mean, error, fmt="o", color=BLACK, label="grains", zorder=3)
         for fit in fits.models:
-            color, dashes = LOOK[fit.model]
+            color, dashes, width = LOOK[fit.model]
             w = size * fit.displacement(r)
-            axes.plot(r, (w.real, w.imag)[k], dashes, color=color, label=fit.model)
+            axes.plot(r / diameter, (w.real, w.imag)[k], dashes, color=color, lw=width, label=fit.model)
         if k == 0 and np.isfinite(fits.lame):
-            axes.plot(r, size * field.elastic(r), "-.", color=BLACK, lw=0.7, label="elastic, from the moduli")
+            line = size * field.elastic(r)
+            axes.plot(r / diameter, line, "--", color=BLACK, lw=0.7, label="elastic, from the moduli")
         axes.axhline(0, color=BLACK, lw=0.4)
-        label_axes(axes, x=("distance", "length"), y=(f"{name} displacement\nover growth", "length"))
+        unit = "mean diameters"
+        label_axes(axes, x=("distance", unit), y=(f"{name} displacement\nover growth", unit))
     panels[0, 0].legend()
     return figure
 

@@ -15,14 +15,15 @@ from ..core.arguments import Requirement, require_filled, require_shape
 from ..core.progress import Report, silent
 from ..data.exchange.frame import Frame
 from ..extras import MissingExtraError, require
-from .grains import draw, draw_colour_bar, draw_legend, layout_of, view_limits
+from .grains import draw, draw_colour_bar, draw_legend, layout_of, legend_columns, legend_handles, view_limits
 from .outlines import Mode, Zoom
 from .page import MARK
 from .style import SLIDE_DPI, SLIDE_MOVIE, OwnFigure, common_style, styled
 
 ENDINGS = (".gif", ".mp4")
 FPS, SECONDS = 25, 8.0  # frames per second of a movie, and duration of that of a run
-PIXELS = 900  # width of the picture, up to 1.5 times as much for wide ones
+PIXELS, DPI = 900, 150  # width of the picture, up to 1.5 times as much for wide ones; type is readable at half of it
+ROW = 0.17  # height of a row of the legend [inches]
 BITS = 6  # bits per channel of the colours from which the palette of a GIF is made
 WHITE = 247  # least channel value of colours shown as white: Pillow would mistake some of them for white
 STRETCH = 1.02  # gap of a contact between two stored states above which it is omitted
@@ -63,14 +64,16 @@ def movie(
     layout = layout_of(frames, colour=colour, mode=mode, zoom=zoom)
     low, high = view_limits(layout)
     wide, tall = high - low
-    inches = PIXELS / 100 * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low heap is drawn wider
-    below, above = 0.85 if colour else 0.4, 0.3  # for the legend and the colour bar, and for the title
-    height = min(0.98 * inches * tall / wide, 1.3 * inches) + below + above
-    inches, height = (round(50 * size) / 50 for size in (inches, height))  # even numbers of pixels, as H.264 requires
-    dpi, settings = 100, {"font.size": 11, "legend.fontsize": 9, "axes.labelsize": 9, "xtick.labelsize": 9}
+    inches = PIXELS / DPI * float(np.clip(wide / tall / 1.5, 1.0, 1.5))  # a low heap is drawn wider
+    dpi, settings = DPI, {"font.size": 11, "legend.fontsize": 9, "axes.labelsize": 9, "xtick.labelsize": 9}
     if slides:
         (inches, height), dpi, settings = SLIDE_MOVIE, SLIDE_DPI, {"font.size": 10, "legend.fontsize": 8}
-        below = 0.75 if colour else 0.35
+    handles = legend_handles(frames[0], near=False, colour=colour)
+    rows = -(-len(handles) // legend_columns(inches))
+    below, above = (0.66 if colour else 0.2) + ROW * rows, 0.3  # for the legend and the colour bar, and for the title
+    if not slides:
+        height = min(0.98 * inches * tall / wide, 1.3 * inches) + below + above
+        inches, height = (round(DPI / 2 * size) / (DPI / 2) for size in (inches, height))  # even, as H.264 requires
     settings["savefig.dpi"] = dpi
     if path.suffix.lower() == ".mp4":
         settings["animation.ffmpeg_path"] = _find_ffmpeg()

@@ -42,6 +42,7 @@ SHINING = 2000  # number of grains up to which balls have a highlight, which wou
 SHINE = (-0.35, 0.4, 0.3)  # place and size of the highlight on a ball, over its radius
 BALL = {2: 1.0, 3: 0.6}  # drawn over true radius, by dimension: in space, lines between balls must be visible
 THICK = 1.1  # line width of a contact with the mean force [points], if grains are large enough:
+CASING = 0.7  # more width of the white lines beneath those on coloured grains [points]
 CEMENT = 3.0  # width of a bond over that of a contact with the mean force
 THIN = 0.1  # the greatest such width over the mean diameter, so that lines do not hide the grains
 MOST = 6.0  # multiple of the mean force above which lines do not get thicker
@@ -165,6 +166,7 @@ def draw(
     colors = _face_colours(frame, layout, mode, first)
     drawn = ScalarMappable(Normalize(*layout.limits), cmap="viridis")
     i, j, start, ends, width, color = _contact_lines(axes, frame, layout, place, basis)
+    casing = CASING if layout.colour else 0.0
     slab, back = np.zeros(len(place), int), np.zeros(len(start), int)
     if dim == 3:
         start, ends, width, color = _visible_pieces(frame, i, j, start, ends, width, color)
@@ -180,16 +182,19 @@ def draw(
             )  # fmt: skip
     for number in np.unique(back):
         rows = back == number
-        drawn_lines = _segments(axes, start[rows, :2], ends[rows, :2], width[rows], color[rows])
-        drawn_lines.set_zorder(2.7 + number)
-        axes.add_collection(drawn_lines, autolim=False)
+        for more, shade in ((casing, to_rgba("white")), (0.0, color[rows]))[not casing :]:
+            drawn_lines = _segments(axes, start[rows, :2], ends[rows, :2], width[rows] + more, shade)
+            drawn_lines.set_zorder(2.7 + number)
+            axes.add_collection(drawn_lines, autolim=False)
     _draw_outlines(axes, cell_edges(frame) @ basis.T, place[:, 2], dim, zorder=1, colors=BLACK, linewidths=0.5)
     _draw_outlines(axes, wall_edges(frame) @ basis.T, place[:, 2], dim, zorder=50, colors="0.25", linewidths=0.9)
     if near:
-        rows = _nearly_touching(frame)
-        begin = place[state.contacts.i[rows]]
-        gaps = np.stack([begin, begin - branch_vectors(state)[rows] @ basis.T], axis=1)
-        _draw_outlines(axes, gaps, place[:, 2], dim, zorder=49, colors="0.35", linewidths=0.5, linestyles=":")
+        rows, c = _nearly_touching(frame), state.contacts
+        _, _, _, *gaps = _split_at_edges(frame, place, c.i[rows], c.j[rows], branch_vectors(state)[rows] @ basis.T)
+        gaps = np.stack(gaps, axis=1)
+        if casing:
+            _draw_outlines(axes, gaps, place[:, 2], dim, zorder=2.65, colors="white", linewidths=0.5 + casing)
+        _draw_outlines(axes, gaps, place[:, 2], dim, zorder=49, colors=BLACK, linewidths=0.6, linestyles=":")
     low, high = view_limits(layout)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal")
@@ -286,6 +291,18 @@ def draw_orbits(axes, frame: Frame, mode: Mode) -> None:
 
 def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = True, colour: str | None = None) -> None:
     """Draw the legend of lines and balls below the drawing."""
+    handles = legend_handles(frame, mode, near=near, colour=colour)
+    columns = min(len(handles), legend_columns(axes.figure.get_figwidth()))
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=columns, columnspacing=1.2)
+
+
+def legend_columns(inches: float) -> int:
+    """Number of columns of the legend of a figure of this width."""
+    return max(1, int(inches // LEGEND))
+
+
+def legend_handles(frame: Frame, mode: Mode | None = None, *, near: bool = True, colour: str | None = None) -> list:
+    """Lines and balls in a drawing, with their names and numbers."""
     sticks, slides = (int((frame.contacts["mode"] == mode).sum()) for mode in (STICK, SLIDE))
     handles = [
         Line2D([], [], color=BLUE, lw=2, label=f"contact sticks ({sticks})"),
@@ -306,11 +323,7 @@ def draw_legend(axes, frame: Frame, mode: Mode | None = None, *, near: bool = Tr
         handles.append(Line2D([], [], color=BLACK, lw=0.5, label="periodic cell"))
     if len(frame.state.walls.mass):
         handles.append(Line2D([], [], color="0.25", lw=0.9, label="walls"))
-    columns = max(1, int(axes.figure.get_figwidth() // LEGEND))
-    axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=min(len(handles), columns),
-        columnspacing=1.2,
-    )  # fmt: skip
+    return handles
 
 
 def draw_colour_bar(figure, drawn, layout: Layout, **place) -> None:
@@ -361,7 +374,27 @@ def _contact_lines(axes, frame: Frame, layout: Layout, place: np.ndarray, basis:
     band = min(CEMENT * THICK, 2 * THIN * points * 2 * frame.state.grains.radius.mean())
     i, j, branch = (np.concatenate([bonds[name], c[name]]) for name in ("i", "j", "branch"))
     width = np.concatenate([np.full(len(bonds["i"]), band), scale * size])
-    return i, j, place[i], place[i] - branch @ basis.T, width, np.concatenate([held, color])
+    rows, i, j, start, ends = _split_at_edges(frame, place, i, j, branch @ basis.T)
+    return i, j, start, ends, width[rows], np.concatenate([held, color])[rows]
+
+
+def _split_at_edges(frame: Frame, place: np.ndarray, i: np.ndarray, j: np.ndarray, branch: np.ndarray):
+    """Rows, bodies, starts and ends of lines between bodies; each line ends at the grain that is drawn.
+
+    A line across a periodic edge becomes two, from each of its grains to their contact; neither has a second body.
+    """
+    radius = frame.state.grains.radius
+    n, rows, start, ends = len(radius), np.arange(len(i)), place[i], place[i] - branch
+    far = np.zeros(len(i), bool)
+    inner = np.flatnonzero(j < n)
+    far[inner] = np.linalg.norm(ends[inner] - place[j[inner]], axis=1) > radius.mean()
+    share = (radius[i[far]] / (radius[i[far]] + radius[j[far]]))[:, None]
+    ends[far] = start[far] - share * branch[far]
+    start, ends = (
+        np.concatenate([start, place[j[far]]]), np.concatenate([ends, place[j[far]] + (1 - share) * branch[far]])
+    )  # fmt: skip
+    none = np.full(np.count_nonzero(far), n)
+    return np.append(rows, rows[far]), np.append(i, j[far]), np.concatenate([np.where(far, n, j), none]), start, ends
 
 
 def _normal_forces(frame: Frame) -> np.ndarray:

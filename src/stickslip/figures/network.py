@@ -147,8 +147,8 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
     grains, inner = len(net.radius), net.inner
     for rows, color, order, name in (
         (~strong.strong & ~pulls, GREY, 2, "below the mean"),
-        (strong.strong & ~strong.cluster, BLUE, 3, "above the mean, other clusters"),
-        (strong.cluster, RED, 4, f"largest cluster, {len(strong.grains)} of {grains} grains"),
+        (strong.strong & ~strong.cluster, BLUE, 3, "above it, other clusters"),
+        (strong.cluster, RED, 4, f"above it, cluster of {len(strong.grains)} of {grains} grains"),
         *([(pulls, PURPLE, 3, "pulling")] if pulls.any() else []),
     ):
         ends = [np.stack([start[rows], start[rows] - reach[rows] / 2], axis=1)]  # halves, as images may be far away
@@ -161,7 +161,7 @@ def _draw_network(axes, net: ForceNetwork, strong: StrongNetwork, chains: ForceC
     low, high = (place - net.radius[:, None]).min(axis=0), (place + net.radius[:, None]).max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.plot([], [], ls="", marker="o", mfc=SAND, mec="0.6", ms=5, label="grain in a chain") if net.dim == 2 else None
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncol=2, columnspacing=1.0)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncol=2, columnspacing=1.0, handlelength=1.2)
     axes.set(xticks=[], yticks=[])
     if net.dim == 3:
         axes.set_title("viewed along the intermediate principal stress")
@@ -199,4 +199,4 @@ def _draw_rose(axes, net: ForceNetwork, found, plane: np.ndarray) -> None:
     axes.set_title(
         f"$a_c$ = {found.contacts:.2f},  $a_n$ = {found.normal:.2f},  $a_t$ = {found.tangential:.2f}", pad=12
     )
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, columnspacing=1.0)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, columnspacing=1.0, handlelength=1.2)

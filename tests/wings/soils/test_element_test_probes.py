@@ -224,6 +224,8 @@ def test_a_state_that_cannot_be_probed_gives_a_reason(result):
 
 def test_figures_and_tables_of_probes_are_written(result, tmp_path, monkeypatch, capsys, request):
     *_, first, second = figures(result)
+    words = [text.get_text() for text in second[1].legends[0].get_texts()]
+    assert {"response", "elastic part: no contact slides"} <= set(words)
     assert [first[0], second[0]] == ["fig6_directions.png", "fig7_envelopes.png"]
     assert min(len(png(figure)) for _, figure in (first, second)) > 5000
     request.getfixturevalue("plain_figures")
@@ -255,6 +257,13 @@ def test_the_map_of_directions_stands_at_the_strains_of_the_series(result, signs
     above, below = figure.axes[:2]
     gap = below.lines[0].get_xdata()[:, None] - above.lines[0].get_xdata()
     assert gap.shape[0] == 2 and np.abs(gap).min(axis=1).max() < 1e-12
+    low, high = np.sort(below.get_xlim())
+    signs = above.lines[1:]
+    assert signs and all(low < line.get_xdata()[0] < high for line in signs)  # none is on the edge
+    words = [text.get_text() for text in above.get_legend().get_texts()]
+    assert len(words) == len(signs) and not any(";" in word for word in words)
+    assert below.get_ylim() == (0, 360) and 360 in below.get_yticks()
+    assert figure.axes[2].get_ylim()[0] > -1 and figure.axes[2].get_ylim()[1] == 1
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from ....measure import wrapped
 
 HELD = ("time held", "s")  # quantity and unit
 FRICTION = r"friction $\tau/\sigma$"
+LONGER = 3.0  # ratio of the lengths of curves above which their axis is logarithmic
 MOST_NAMED = 8  # largest number of realizations named in a legend
 
 _Realization = Annotated[Any, Result("realization of a GougeResult", ("states",))]
@@ -43,12 +44,17 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
 def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
-    The reference is a copy without the step (`twins`), or the mean in steady sliding at the old velocity.
+    LONGER = 3.0  # ratio of the lengths of curves above which their axis is logarithmic
+    MOST_NAMED = 8  # largest number of realizations named in a legend
     """
     figure, axes = style.column_axes(1, 2.4)
     for number, curve in enumerate(curves):
         _plot_band(axes, curve, style.COLORS[2 * number % len(style.COLORS)], errors=True)
     axes.axhline(0, color=style.BLACK, lw=0.5)
+    ends = [curve.x[-1] for curve in curves]
+    if max(ends) > LONGER * min(ends):
+        axes.set_xscale("log")
+        axes.set_xlim(min(curve.x[curve.x > 0][0] for curve in curves), max(ends))
     style.label_axes(
         axes, x="slip of the load point / $D$",
         y=r"$\Delta\mu$, step minus no step" if twins else r"$\mu - \mu_{ss}$ after the step",

@@ -140,17 +140,20 @@ def cone(one: Annotated[Any, Result(_KIND, ("forces",))], mu: float):
 
 @style.styled
 def stiffness(one: Annotated[Any, Result(_KIND, ("path", "looks", "seed"))]):
-    """Number of sliding contacts, smallest eigenvalues and complex pairs along a path."""
+    """Number of sliding contacts, smallest eigenvalues of the stiffness matrix k, and complex pairs along a path.
+
+    While that of the symmetric part is positive, Q = v·k v is positive for all velocities v.
+    """
     figure, (top, middle, bottom) = style.column_axes(3, 5.0, sharex=True)
     load = one.path.load
     top.step(load, [p.sliding for p in one.path.points], where="post", color=style.RED)
     style.label_axes(top, y="sliding contacts", whole="y")
     looks = one.looks
-    middle.plot(looks.load, looks.lowest, color=style.BLUE, label=r"smallest Re of $\mathbf{k}$")
-    middle.plot(looks.load, looks.symmetric, color=style.ORANGE, label=r"smallest of sym $\mathbf{k}$: $Q > 0$?")
+    middle.plot(looks.load, looks.lowest, color=style.BLUE, label=r"of the stiffness $\mathbf{k}$, real part")
+    middle.plot(looks.load, looks.symmetric, color=style.ORANGE, label="of its symmetric part")
     middle.axhline(0, color=GREY, lw=0.6)
     middle.set_yscale("symlog", linthresh=1e-3)
-    style.label_axes(middle, y=("eigenvalue", "$K_n$"))
+    style.label_axes(middle, y=("smallest eigenvalue\n", "$K_n$"))
     style.legend_above(middle, ncol=2)
     bottom.step(looks.load, looks.pairs, where="mid", color=style.GREEN)
     style.label_axes(

@@ -1,6 +1,5 @@
 """Figures of element tests as usual in soil mechanics; tables are dictionaries of columns, as in series.csv."""
 
-from textwrap import fill
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from .measures import SERIES, STRESS
 HELD = 0.05  # relative range of p below which its axis does not zoom in on servo noise about a constant p
 MARKS = 40  # approximate number of points marked in a laboratory test
 FEW = 6  # largest number of samples distinguished by colour
+DASH, MARGIN = 4.0, 0.05  # dashes of lines over their width; part of an axis
 _Table = Annotated[Any, Result("table of a series", keys=("p", "q", "void_ratio"))]
 _Probed = Annotated[Any, Result("ProbedState", ("load", "envelope"))]
 _Circles = Annotated[Any, Result("Circles", ("sigma1", "sigma3", "envelope"))]
@@ -288,24 +288,29 @@ def failure_directions(
     strain, sign = strain
     figure, (above, below) = column_axes(2, 4.4, sharex=True, height_ratios=(1, 1.3))
     above.plot(table[strain], table["phi"], color=BLUE)
-    for k, at in enumerate(sorted(set(first.values()))):
-        signs = [name for name in first if first[name] == at]
-        above.axvline(at, color=COLORS[1 + k % (len(COLORS) - 1)], ls="--", lw=0.8, label=fill("; ".join(signs), 34))
+    for k, (name, at) in enumerate(sorted(first.items(), key=lambda one: one[1])):
+        same = [other for other in first if first[other] == at]  # dashes of one sign are in the gaps of another
+        dashes = DASH * same.index(name), (DASH, DASH * max(1, len(same) - 1))
+        above.axvline(at, color=COLORS[1 + k % (len(COLORS) - 1)], ls=dashes, lw=1.2, label=name)
     at = sign * np.array([each.load for each in probes])
     middle = 0.5 * (at[1:] + at[:-1])
     reach = np.sign(at[-1] or 1.0) * np.ptp(table[strain]) / 40
     edges = np.concatenate([[at[0] - min([reach, *(middle - at[0])[:1]], key=abs)], middle, [at[-1] + reach]])
     envelope = probes[0].envelope
     turn = 360 / len(envelope.angle)
-    rows = np.degrees(np.append(envelope.angle, 2 * np.pi)) - 0.5 * turn
+    rows = turn * (np.arange(len(envelope.angle) + 2) - 0.5)  # the first direction again at 360°
     work = np.ma.masked_invalid(np.array([each.envelope.normalised_work for each in probes]).T)
+    work = np.ma.concatenate([work, work[:1]])
     shades = colormaps["RdBu"].with_extremes(bad=BLACK)
     drawn = below.pcolormesh(edges, rows, work, cmap=shades, vmin=-1, vmax=1)
-    below.plot(at, np.full(len(at), rows[0]), "|", color=BLACK, clip_on=False)
+    below.plot(at, np.zeros(len(at)), "|", color=BLACK, clip_on=False)
     label = r"$d\sigma:d\varepsilon/(|d\sigma||d\varepsilon|)$"
-    figure.colorbar(drawn, ax=[above, below], label=label, aspect=40, pad=0.02)
+    bar = figure.colorbar(drawn, ax=below, label=label, pad=0.02)
+    bar.ax.set_ylim(min(-MARGIN, float(work.min())), 1)  # colours are those of −1 to 1
     label_axes(above, y=r"$\phi$ [°]")
     label_axes(below, x=SERIES[strain].axis, y=f"direction [°]: 0 is {names[0]}, 90 {names[1]}")
-    below.set(yticks=range(0, 361, 90), ylim=(rows[0], rows[-1]))
-    legend_above(above, ncol=1, fontsize=7)
+    below.set(yticks=range(0, 361, 90), ylim=(0, 360))
+    room = np.sign(reach) * MARGIN * np.ptp(edges)
+    below.set_xlim(edges[0] - room, edges[-1] + room)
+    legend_above(above, ncol=1)
     return figure

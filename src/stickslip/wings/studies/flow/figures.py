@@ -3,6 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ....kit import (
@@ -15,6 +16,7 @@ from ....kit import (
     ORANGE,
     PAGE,
     Array,
+    OwnFigure,
     Result,
     Series,
     Zoom,
@@ -27,7 +29,6 @@ from ....kit import (
     outside_words,
     plot_fast,
     styled,
-    subplots,
     unit_name,
     with_unit,
     zoomed,
@@ -35,6 +36,7 @@ from ....kit import (
 from ....measure import wrapped
 
 PANELS = 6
+MOST, BELOW, BESIDE, BAR = 2.8, 0.45, 0.5, 0.55  # height of a row, that of its words, room beside a panel, bar [inches]
 WALL = "0.25"
 
 
@@ -51,24 +53,30 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     low, high = _view_limits(result, shown, places, zoom)
     wide, tall = high - low
     columns = min(1 if wide > 2.2 * tall else 2 if wide > 1.3 * tall else 3, len(shown))
-    rows = -(-len(shown) // columns)
-    tops = np.full(rows, high[1])
-    if columns == 1 and zoom == 1:  # limit the height of each panel to that of its grains
-        radius = shown[0].grains.radius.max()
-        tops = np.array([body_limits(p[:, 1:2], 2 * APART * radius)[1, 0] for p in places]) + 4 * radius
-        tops = np.clip(tops, low[1] + 0.05 * tall, high[1])
-    shares = tops - low[1]
-    height = min(float((PAGE / columns * shares / wide + 0.25).sum()) + 0.8, 9.0)
-    figure, panels = subplots(
-        rows, columns, figsize=(PAGE, height), squeeze=False, sharex=True, height_ratios=shares,
-        sharey="row" if columns == 1 else True,
-    )  # fmt: skip
+    boxes = np.array([[low, high]] * len(shown))
+    if low_heap := columns == 1 and zoom == 1:  # each panel ends at its grains, and each row has its own scale
+        own = np.array([_view_limits(result, [s], [p], zoom)[1] for s, p in zip(shown, places, strict=True)])
+        boxes[:, 1] = np.clip(own, np.add(low, [0.0, 0.05 * tall]), high)
+    sizes = np.ptp(boxes, axis=1)
+    rows = _fill_rows(sizes[:, 0], columns * wide * (1 + 1e-9))
+    ratios = [sizes[row, 0] if low_heap else np.full(columns, wide) for row in rows]
+    heights = [
+        min((PAGE - BESIDE * len(row)) * sizes[row, 1].max() / r.sum(), MOST)
+        for row, r in zip(rows, ratios, strict=True)
+    ]
+    heights = [*np.add(heights, BELOW)[:-1], heights[-1] + 1.3 * BELOW, BAR]
+    figure = OwnFigure(figsize=(PAGE, min(sum(heights) + 0.4, 9.5)), layout="constrained")
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    panels: list[list[Axes]] = []
+    for k, row in enumerate(rows):
+        cells = grid[k].subgridspec(1, len(ratios[k]), width_ratios=ratios[k])
+        panels.append([figure.add_subplot(cells[column]) for column in range(len(row))])
     loose = result.poured.loose
     speeds = [np.linalg.norm(state.grains.velocity[loose], axis=1) for state in shown]
     top = max(float(np.quantile(s, 0.99)) for s in speeds) or 1.0
     drawn = None
-    for k, (axes, state, place) in enumerate(zip(panels.flat, shown, places, strict=False)):
-        corners = np.array([low, [high[0], tops[k // columns]]])
+    every = [axes for row in panels for axes in row]
+    for axes, state, place, corners in zip(every, shown, places, boxes, strict=True):
         away = int(outside(place[:, :2], *corners).sum())
         drawn = draw_grains_by_speed(axes, state, place, loose, top)
         # lines where walls intersect the plane of the drawing; walls parallel to it are omitted
@@ -77,16 +85,18 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
                 axes.axline(point[:2], (point[0] - normal[1], point[1] + normal[0]), color=WALL, lw=1.0)
         axes.set(xlim=corners[:, 0], ylim=corners[:, 1], aspect="equal")
         time = with_unit(f"{state.time:.4g}", "time", unnamed="time units")
-        words = f"{'; ' if columns == 1 else chr(10)}{outside_words(away)}" if away else ""
+        words = f"{'; ' if low_heap else chr(10)}{outside_words(away)}" if away else ""
         axes.set_title(f"$t$ = {time}{words}", fontsize=7, pad=2)
-    for axes in panels.flat[len(shown) :]:
-        axes.axis("off")
     length = _length_unit(result, shown[0])
+    for row in panels:
+        for axes in row:
+            axes.tick_params(labelbottom=low_heap or row is panels[-1], labelleft=low_heap or axes is row[0])
     for axes in panels[-1]:
         label_axes(axes, x=("$x$", length))
-    for axes in panels[:, 0] if columns > 1 else panels[[shares.argmax()], 0]:  # low panels have no room for labels
-        label_axes(axes, y=("$y$", length))
-    bar = figure.colorbar(drawn, ax=panels, location="bottom", shrink=0.6, aspect=40, pad=0.02, extend="max")
+    for row in panels if columns > 1 else [panels[int(np.argmax(heights))]]:  # low panels have no room for words
+        label_axes(row[0], y=("$y$", length))
+    below = figure.add_subplot(grid[-1].subgridspec(1, 3, width_ratios=(1, 3, 1))[1], label="<colorbar>")
+    bar = figure.colorbar(drawn, cax=below, orientation="horizontal", extend="max")
     label_axes(bar.ax, x=("speed", "length/time" if length == "length" else f"{length} / time unit"))
     handles = [Line2D([], [], color=WALL, lw=1, label="walls")] if len(shown[0].walls.point) else []
     if len(loose) < len(shown[0].grains.radius):
@@ -94,6 +104,16 @@ def snapshots(result: Annotated[Any, Result("FlowResult", ("frames", "stages", "
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
+
+
+def _fill_rows(widths: np.ndarray, room: float) -> list[list[int]]:
+    """Numbers of the panels of each row, as many as there is room for."""
+    rows: list[list[int]] = [[]]
+    for k, width in enumerate(widths):
+        if rows[-1] and widths[rows[-1]].sum() + width > room:
+            rows.append([])
+        rows[-1].append(k)
+    return rows
 
 
 def _length_unit(result, state) -> str:
