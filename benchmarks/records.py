@@ -28,6 +28,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from stickslip._core import build
+
 ROOT = Path(__file__).parents[1]
 CODE = {".py", ".cpp", ".h", ".cu"}
 LINK = re.compile(r'\[([^\]]*)\]\(((?:[\w./]*/)?numbers\.md)#([\w-]+) "([^"]+)"\)')
@@ -101,7 +103,7 @@ def processor() -> str:
         name = re.search(r"model name\s*: (.+)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))[1]
     except (OSError, TypeError):
         name = platform.processor() or platform.machine()
-    return f"{name}, {os.cpu_count()} cores"
+    return f"{name}, {os.cpu_count()} cores, {build.best_level()}"
 
 
 def commit(root: Path = ROOT) -> str:
