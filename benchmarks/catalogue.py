@@ -278,7 +278,7 @@ def _row_of_areas(law: str, several: list[Skill]) -> str:
 
 
 def _published(found: dict[str, list[Skill]]) -> str:
-    """Sentence on the published statement that eigenvalues do not announce events."""
+    """Sentence about the published statement that eigenvalues do not predict stress drops."""
     law = next((law for law in found if law.startswith("linear, sharp")), None)
     if law is None:  # keep the sentence of the page
         lines = PAGE.read_text(encoding="utf-8").split("\n")
@@ -288,7 +288,7 @@ def _published(found: dict[str, list[Skill]]) -> str:
     inside = "contains" if flat.low <= 0.5 <= flat.high else "does not contain"
     return (
         "Ishima et al. (arXiv:2212.04628) report that eigenvalues of frictional packings with a harmonic potential do "
-        f"not announce stress drops. With the linear sharp law the area of the smallest λ is {_area(flat)}; this "
+        f"not predict stress drops. With the linear sharp law the area of the smallest λ is {_area(flat)}; this "
         f"interval {inside} 1/2. The area is {_area(loss)} for the predictor loss ahead, {_area(rate)} for |dq/dγ|, "
         f"and {_area(switch)} for the switch test."
     )

@@ -220,9 +220,9 @@ def overview(records: dict[str, dict]) -> str:
         "# Measured numbers",
         "",
         "This page lists the measured numbers in README and documentation, each with the command that measures it.",
-        "Numbers in the text link to this page; the title of a link is the name of the number. *Text of* a page was",
-        "transcribed from the output of a command, or written by it. For numbers older than these records, the day",
-        "and the commit are those on which they were recorded, and the processor is missing. `make numbers` lists",
+        "Numbers in the text link to this page; the title of each link is the name of the number. Entries *text of* a",
+        "page are for text that was transcribed from the output of a command, or written by it. For numbers older than",
+        "these records, date and commit are those of the record, and the processor is missing. `make numbers` lists",
         "the numbers that are older than the code.",
     ]
     for name, record in records.items():
@@ -230,7 +230,7 @@ def overview(records: dict[str, dict]) -> str:
         groups: dict[tuple, list[str]] = {}
         for key, one in entries(record).items():
             known = one["processor"] != NOT_RECORDED
-            about = f"{'Measured' if known else 'Written down'} on {one['date']} at commit `{one['commit']}`"
+            about = f"{'Measured' if known else 'Recorded'} on {one['date']} at commit `{one['commit']}`"
             about += f", {one['processor']}:" if known else ":"
             groups.setdefault(about, []).append(_line(key, one))
         for about, rows in groups.items():
@@ -248,8 +248,14 @@ def _line(key: str, one: dict) -> str:
 
 
 def older(records: dict[str, dict], root: Path = ROOT) -> str:
-    """Section of the page that lists numbers older than the code."""
-    lines = ["", "## Older than the code", "", "Code on which these numbers depend has changed since:", ""]
+    """Section of the page that names the numbers older than the code."""
+    lines = [
+        "",
+        "## Older than the code",
+        "",
+        "Code on which these numbers depend has changed since they were measured:",
+        "",
+    ]
     for name, record in records.items():
         if found := stale(record, root):
             rooms = ", ".join(f"`{room}`" for room in sorted({one for rooms in found.values() for one in rooms}))

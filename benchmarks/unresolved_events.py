@@ -50,7 +50,7 @@ def collect(parts: int = PACKINGS // PER_PART, each: int = PER_PART) -> list[tup
 
 def table(rows: list[tuple[EventKind, float, bool]]) -> str:
     """Format the table of the page."""
-    text = "| class | events | nearest contact or gap is of a grain that almost floats | and within 1e-8 |\n"
+    text = "| class | events | nearest contact or gap belongs to a nearly floating grain | and is within 1e-8 |\n"
     text += "|---|---|---|---|\n"
     for kind in dict.fromkeys(kind for kind, *_ in rows):
         mine = [(distance, floats) for one, distance, floats in rows if one is kind]
