@@ -36,7 +36,7 @@ class Line(ScenarioTable):
     strike_length: Positive | None = Field(
         None,
         description="length of the ruptures along strike, normal to the plane of the model, for seismic moments and "
-        "magnitudes; default: moments are for each metre, and there are no magnitudes [m]",
+        "magnitudes; default: moments per metre, without magnitudes [m]",
     )
 
 

@@ -63,7 +63,8 @@ class Until(ScenarioTable):
         None, description="strain at which the path ends without an instability; default: 500 steps"
     )
     drag: Positive | None = Field(
-        None, description="of the dynamics that determine events; default: a tenth of the highest frequency [1/time]"
+        None,
+        description="drag of the dynamics that determine events; default: a tenth of the highest frequency [1/time]",
     )
 
 
