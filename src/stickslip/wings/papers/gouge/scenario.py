@@ -334,8 +334,8 @@ class GougeScenario(ScenarioBase):
     slip_threshold: Annotated[float, Field(ge=1, le=1e6)] = Field(
         10.0,
         description=(
-            "ratio of the velocity of the upper plate to that of the load point from which the motion in a slide counts "
-            "as a slip event of stick–slip"
+            "ratio of the velocity of the upper plate to that of the load point from which the motion in a slide "
+            "counts as a slip event of stick–slip"
         ),
     )
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
