@@ -16,11 +16,11 @@ from stickslip.runs.sweep.axes import DRAWN, KINDS, SPACED, Options, Values
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 HEAD = "| key | type | default | allowed | unit | |\n|---|---|---|---|---|---|"
-MEASURES = """Each run leaves these numbers: in `results.h5`, as columns of sweeps, and in `result.to_dataframe()`. The
-name of a number at an amplitude, a velocity or a load ends in `@` and its value."""
+MEASURES = """Each run provides these numbers in `results.h5`, as columns of sweeps, and in `result.to_dataframe()`. The
+name of a number that belongs to an amplitude, a velocity or a load ends in `@` and that value."""
 OVER = {  # the samples of a run
-    estimate: "Each is a mean over samples; another number, whose name ends in `_error`, is half of its 95 % interval.",
-    median: "Each is the median over the samples that have it.",
+    estimate: "Each is a mean over samples. A second one, whose name ends in `_error`, is half of its 95 % interval.",
+    median: "Each is the median over the samples for which it has a value.",
 }
 ALLOWED = {"where": "text, or list of texts", "draws": "path of a CSV file, or table of lists"}  # in [sweep]
 
@@ -61,16 +61,16 @@ with an error message before anything runs. These pages are generated from the s
 Where the unit is given as `length`, `mass`, `force` and so on, any consistent units may be used;
 `m`, `s` and `Pa` are SI units. A dash in the unit column means a dimensionless number or a string.
 
-Name your units with `units = "SI"`, or with `units = {{length = "mm", mass = "g", time = "s"}}`: figures, tables,
-reports, archives, datasets and headers of CSV files then print them, and units of other quantities are products of
-these, such as g mm/s² for a force (N and Pa in SI). No number changes. Experiments whose keys are in SI units take no
-other units.
+To name your units, set `units = "SI"` or `units = {{length = "mm", mass = "g", time = "s"}}`. They are then printed in
+figures, tables, reports, archives, datasets and the headers of CSV files. Units of other quantities are products of
+these, such as g mm/s² for a force (N and Pa in SI). No number changes. Experiments whose keys are in SI units accept
+no other units.
 
 ## Sizes
 
-Several keys together may ask for more than a machine can hold or compute. Each scenario states the sizes of its run
-(`scenario.sizes()`), and one beyond these limits is rejected before anything is allocated or written. The functions of
-`ss.packings`, `ss.protocols` and `ss.run` have the same limits.
+Several keys together may require more than a machine can store or compute. Each scenario states the sizes of its run
+(`scenario.sizes()`). A scenario beyond these limits is rejected before anything is allocated or written. The functions
+of `ss.packings`, `ss.protocols` and `ss.run` have the same limits.
 
 | at most | of |
 |---|---|
@@ -193,7 +193,7 @@ def _allowed(entry: dict) -> str:
         few, most = entry.get("minItems"), entry.get("maxItems")
         each = _allowed(entry["prefixItems"][0] if "prefixItems" in entry else entry["items"])
         number = "" if few is None or few == most else f"at least {few}" if most is None else f"{few} to {_count(most)}"
-        return "; ".join(filter(None, [number, each and f"each {each}"]))
+        return "; ".join(filter(None, [number, each and f"each {each.removeprefix('each ')}"]))
     if "anyOf" in entry:
         return "; ".join(dict.fromkeys(filter(None, map(_allowed, entry["anyOf"]))))
     low, high = entry.get("minimum"), entry.get("maximum")

@@ -61,11 +61,11 @@ class LawFile(LawOrFile):
 
     file: str | None = Field(
         None,
-        description="Python file with a contact law, relative to the scenario; runs execute it only after `--trust` "
-        "has allowed it",
+        description="Python file with a contact law, relative to the scenario; it is executed only if allowed by "
+        "`--trust`",
     )
-    parameters: dict[str, Finite] = Field({}, description="of the law, where they differ from the defaults in the file")
-    checksum: str | None = Field(None, description="of the file's text; added automatically")
+    parameters: dict[str, Finite] = Field({}, description="parameters that differ from the defaults in the file")
+    checksum: str | None = Field(None, description="checksum of the file; added automatically")
 
 
 def _read(path: Path) -> str:
@@ -203,15 +203,16 @@ def _moment_keys(part: int, stiffness: str) -> dict[str, Key]:
 KEYS = {name: Key(field.annotation, field.description, field.default) for name, field in LawFile.model_fields.items()}
 KEYS |= {
     "kind": Key(str, "name of the law", ""),
-    "coulomb": Key(Literal["smooth", "sharp"], "how F_t approaches the Coulomb limit μ F_n", "sharp"),
+    "coulomb": Key(Literal["smooth", "sharp"], "approach of F_t to the Coulomb limit μ F_n", "sharp"),
     "kn": Key(Positive, "k_n, in a unit that depends on `kind`"),
     "kt": Key(NotNegative, "k_t, in the unit of `kn`; default: 2/7 of `kn`"),
-    "young": Key(Positive, "E, which determines k_n and k_t, with `poisson` [stress]"),
-    "poisson": Key(Annotated[float, Field(gt=-1, le=0.5)], "ν"),
+    "young": Key(Positive, "Young's modulus E; with `poisson` it determines k_n and k_t [stress]"),
+    "poisson": Key(Annotated[float, Field(gt=-1, le=0.5)], "Poisson's ratio ν"),
     "mu": Key(NotNegative, "friction coefficient between grains", 0.5),
     "damping": Key(
         Literal[*DAMPING],
-        "model of the dashpots, the factor of γ; default: viscoelastic for hertz_mindlin_reff, else mass_velocity",
+        "model of the dashpots, which sets the factor of γ; default: viscoelastic for hertz_mindlin_reff, otherwise "
+        "mass_velocity",
     ),
     "damping_n": Key(
         NotNegative,
@@ -226,11 +227,11 @@ KEYS |= {
     ),
     "reading": Key(
         Literal["eq8", "collision"],
-        "conversion of the restitution to γ_n: eq8, by Eq 8 of Ferdowsi & Rubin 2021 as printed; collision, such that "
+        "conversion of the restitution to γ_n; eq8: by Eq 8 of Ferdowsi & Rubin 2021 as printed; collision: such that "
         "a collision under this law has the given restitution",
     ),
     "size": Key(Positive, "diameter of the two grains [length]"),
-    "speed": Key(Positive, "speed of their collision; not needed by a linear law [length/time]"),
+    "speed": Key(Positive, "speed of their collision; not needed with a linear law [length/time]"),
     **{name: _own_key(name) for name in OWN_PARAMETERS},
     "lever": Key(Literal[*ARMS], "lever arms of tangential forces: radius (R, the default) or overlap (R − δ/2)"),
     "memory": Key(Literal[*MEMORIES], "memory of contacts: slip (default) or force, as in LAMMPS mindlin/force"),

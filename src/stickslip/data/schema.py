@@ -46,7 +46,7 @@ Several = Annotated[Positive | tuple[Positive, ...], Listed]
 Loads = Annotated[tuple[Finite, ...], Listed]
 Ranks = Annotated[int, Field(ge=1, le=100_000)]
 Seed = Annotated[
-    arguments.Seed, Field(ge=0, le=10**18, description="of all random numbers: the same seed gives the same run")
+    arguments.Seed, Field(ge=0, le=10**18, description="seed of all random numbers; the same seed gives the same run")
 ]
 
 
@@ -73,7 +73,7 @@ Table = TypeVar("Table", bound=ScenarioTable)
 
 
 class UnitNames(ScenarioTable):
-    """Names of units, which are printed with numbers; units of force, stress and so on are their products."""
+    """Names of units, printed with numbers; units of force, stress and other quantities are their products."""
 
     length: str = Field(description='name of the unit of length, such as "mm": up to 12 letters')
     mass: str = Field(description="name of the unit of mass")
@@ -92,7 +92,7 @@ class ScenarioBase(ScenarioTable):
 
     si: ClassVar[bool] = False  # True if its units are SI by definition
     units: Annotated[Literal["SI"] | UnitNames | None, BeforeValidator(_check_units)] = Field(
-        None, description="units of all numbers, which are only printed and not converted; default: not named"
+        None, description="units of all numbers, for printing only; nothing is converted; default: not named"
     )
     if TYPE_CHECKING:
         experiment: str  # its name, a literal in each class

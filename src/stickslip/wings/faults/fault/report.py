@@ -345,10 +345,10 @@ MEASURES = Measures([
     _of_events("released", "J/m", "elastic energy released, per length along strike"),
     _of_events("radiated", "J/m", "radiated energy, per length along strike"),
     _of_events("fracture", "J/m", "work of friction above slip times final stress, per length along strike"),
-    Quantity("event_energy_residual", "1", "largest rest of an event's energies over the energy released",
+    Quantity("event_energy_residual", "1", "largest residual of the energies of an event, over the energy released",
              lambda r: float(np.abs(r.history.events.energy_residual).max(initial=0.0))),
     Quantity("radiated_fraction", "1", "radiated energy over the work of loading",
              lambda r: r.history.energy.radiated / r.history.energy.loading if r.history.energy.loading else np.nan),
-    Quantity("energy_residual", "1", "rest of the energy balance over the work", "history.energy.residual"),
+    Quantity("energy_residual", "1", "residual of the energy balance over the work", "history.energy.residual"),
     Quantity("crept_length", "m", "length that slipped by D_c or more beyond plate motion; NaN at constant stress"),
 ])  # fmt: skip

@@ -25,27 +25,26 @@ class Line(ScenarioTable):
     )
     shear: Literal["antiplane", "in-plane"] = Field("antiplane", description="direction of slip")
     dip: Annotated[float, Field(gt=0, le=90)] = Field(
-        90.0,
-        description="of a fault with in-plane shear and a free surface; depths are then distances down dip [degrees]",
+        90.0, description="dip, for in-plane shear with a free surface; depths are then distances down dip [degrees]"
     )
     slip: Literal["thrust", "normal"] = Field("thrust", description="direction of in-plane slip, with a free surface")
     boundary: Literal["surface", "infinite", "periodic"] = Field(
         "surface",
-        description="surface: free at depth 0; infinite: a segment in an infinite body; periodic: period width",
+        description="surface: free surface at depth 0; infinite: segment in an infinite body; periodic: period `width`",
     )
-    thickness: Positive | None = Field(None, description="of the plates beside a periodic fault [m]")
+    thickness: Positive | None = Field(None, description="thickness of the plates beside a periodic fault [m]")
     strike_length: Positive | None = Field(
         None,
-        description="length of the ruptures along strike, across the plane of the model, for seismic moments and "
-        "magnitudes; default: moments are for each metre, and there are no magnitudes [m]",
+        description="length of the ruptures along strike, normal to the plane of the model, for seismic moments and "
+        "magnitudes; default: moments per metre, without magnitudes [m]",
     )
 
 
 class Medium(ScenarioTable):
     """The elastic body."""
 
-    density: Positive = Field(2670.0, description="[kg/m³]")
-    wave_speed: Positive = Field(3464.0, description="of shear waves [m/s]")
+    density: Positive = Field(2670.0, description="density of the body [kg/m³]")
+    wave_speed: Positive = Field(3464.0, description="speed of shear waves [m/s]")
     poisson: Annotated[float, Field(gt=-1, lt=0.5)] = Field(0.25, description="Poisson's ratio, for in-plane shear")
 
 
@@ -54,14 +53,14 @@ class FaultFriction(ScenarioTable):
 
     law: Literal["aging", "slip"] = Field("aging", description="evolution law of the state θ")
     form: Literal["regularized", "logarithmic"] = Field(
-        "regularized", description="dependence of friction on velocity: with arcsinh, or logarithmic"
+        "regularized", description="dependence of friction on velocity: arcsinh or logarithm"
     )
     a: Profile = Field(((15e3, 0.010), (18e3, 0.025)), description="direct effect")
     b: Profile = Field(0.015, description="evolution effect")
     dc: Profile = Field(8e-3, description="characteristic slip [m]")
     normal: Profile = Field(50e6, description="effective normal stress [Pa]")
     mu0: NotNegative = Field(0.6, description="steady-state friction at v0")
-    v0: Positive = Field(1e-6, description="[m/s]")
+    v0: Positive = Field(1e-6, description="reference velocity [m/s]")
     b2: Profile = Field(0.0, description="evolution effect of a second state; 0: one state")
     dc2: Profile | None = Field(None, description="characteristic slip of the second state; needed with b2 [m]")
     v1: Positive | None = Field(
@@ -70,20 +69,18 @@ class FaultFriction(ScenarioTable):
     v2: Positive | None = Field(
         None, description="cut-off velocity of the evolution effect, for the logarithmic form; default: none [m/s]"
     )
-    alpha: NotNegative = Field(
-        0.0, description="effect of changes of the normal stress on the states (Linker and Dieterich)"
-    )
+    alpha: NotNegative = Field(0.0, description="effect of normal-stress changes on the states (Linker and Dieterich)")
 
 
 class FluidInjection(ScenarioTable):
-    """Fluid injected into the fault at one depth; it spreads along the fault and lowers the normal stress."""
+    """Fluid injected at one depth; it spreads along the fault and lowers the effective normal stress."""
 
     flux: NotNegative = Field(
-        0.0, description="volume per time and cross-section of the fault, half of it to each side; 0: none [m/s]"
+        0.0, description="injected volume per time and cross-section of the fault, half to each side; 0: none [m/s]"
     )
     storage: Positive = Field(1e-9, description="porosity × compressibility of pores and fluid [1/Pa]")
-    diffusivity: Positive = Field(0.1, description="hydraulic, along the fault [m²/s]")
-    start: NotNegative = Field(0.0, description="[s]")
+    diffusivity: Positive = Field(0.1, description="hydraulic diffusivity along the fault [m²/s]")
+    start: NotNegative = Field(0.0, description="start of the injection [s]")
     stop: Positive | None = Field(None, description="end of the injection; default: none [s]")
     at: NotNegative = Field(0.0, description="depth of the source [m]")
 
@@ -91,15 +88,15 @@ class FluidInjection(ScenarioTable):
 class NormalStress(ScenarioTable):
     """Changes added to the effective normal stress: an oscillation, a table, or both."""
 
-    amplitude: NotNegative = Field(0.0, description="of an oscillation with the sine of time; 0: none [Pa]")
-    period: Positive = Field(44714.0, description="of the oscillation; default: that of the main lunar tide [s]")
-    times: Numbers = Field((), description="of a table, in order [s]")
-    depths: Numbers = Field((0.0,), description="of a table, in order [m]")
+    amplitude: NotNegative = Field(0.0, description="amplitude of a sinusoidal oscillation; 0: none [Pa]")
+    period: Positive = Field(44714.0, description="period of the oscillation; default: that of the main lunar tide [s]")
+    times: Numbers = Field((), description="times of a table, increasing [s]")
+    depths: Numbers = Field((0.0,), description="depths of a table, increasing [m]")
     changes: Annotated[tuple[Numbers, ...], Listed] = Field(
-        (), description="for each time of a table a list for all depths, linear between both; minus a pressure [Pa]"
+        (), description="of a table: one list over depth for each time, interpolated linearly; minus a pressure [Pa]"
     )
     file: str | None = Field(
-        None, description="instead of times, depths and changes: CSV file, see `ss.friction.read_stress_table`"
+        None, description="CSV file, instead of times, depths and changes; see `ss.friction.read_stress_table`"
     )
 
     @model_validator(mode="before")
@@ -117,7 +114,7 @@ class NormalStress(ScenarioTable):
 
 
 class Loading(ScenarioTable):
-    """Plate motion and initial conditions."""
+    """Plate motion and initial state."""
 
     plate_rate: NotNegative = Field(
         1e-9, description="slip velocity of the rest of the plane, or of the plates; 0: none [m/s]"
@@ -125,7 +122,7 @@ class Loading(ScenarioTable):
     velocity: Positive | None = Field(None, description="slip velocity at the start; default: plate_rate [m/s]")
     stress: Literal["steady"] | Profile | None = Field(
         None,
-        description="initial shear stress: a number, pairs [depth, value], or steady for steady sliding of each cell; "
+        description="initial shear stress: a number, pairs [depth, value], or `steady`: steady sliding of each cell; "
         "default: the steady stress of the deepest cell everywhere [Pa]",
     )
 
@@ -134,22 +131,23 @@ class FaultRun(ScenarioTable):
     """Duration and output."""
 
     years: Annotated[float, Field(gt=0, le=1e6)] = Field(
-        1200.0, description="duration, in years of 365.25 days; an event under way is completed"
+        1200.0, description="duration, in years of 365.25 days; an event in progress is completed"
     )
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-2)] = Field(
-        1e-4, description="error of each step in slip over dc and in ln θ"
+        1e-4, description="error tolerance of each step, for slip over dc and for ln θ"
     )
     stations: Annotated[tuple[NotNegative, ...], Listed] = Field(
         STATIONS, description="depths of time series [m], by default those on the fault"
     )
     surface: Numbers = Field(
         (),
-        description="stations at the surface with in-plane shear, at distances from the trace of the fault, positive "
+        description="stations at the surface, for in-plane shear: distances from the trace of the fault, positive "
         "above the hanging wall, such as −0.01 and 0.01 for the two sides of the trace [m]",
     )
     threshold: Positive = Field(1e-3, description="an event lasts while any cell slips at least this fast [m/s]")
     sampling: Positive = Field(
-        0.1 * YEAR, description="time between samples outside events, and longest step if normal stress changes [s]"
+        0.1 * YEAR,
+        description="time between samples outside events; longest time step if the normal stress changes [s]",
     )
     interval: Positive = Field(5.0, description="years between profiles of slip outside events")
     seismic_interval: Positive = Field(1.0, description="time between profiles of slip within events [s]")

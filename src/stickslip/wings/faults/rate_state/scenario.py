@@ -18,11 +18,9 @@ class Surface(ScenarioTable):
     dc: Positive = Field(5.3e-3, description="characteristic slip of the state evolution [m]")
     mu0: Finite = Field(0.4, description="steady-state friction at v0")
     v0: Positive = Field(0.02, description="velocity at which steady-state friction is mu0 [m/s]")
-    alpha: NotNegative = Field(
-        0.0, description="Linker and Dieterich's parameter for the effect of normal stress changes on the state"
-    )
+    alpha: NotNegative = Field(0.0, description="effect of normal-stress changes on the state (Linker and Dieterich)")
     form: Literal["logarithmic", "regularized"] = Field(
-        "logarithmic", description="dependence of friction on velocity: logarithmic, or with arcsinh, regular at rest"
+        "logarithmic", description="dependence of friction on velocity: logarithmic, or regularized at rest by arcsinh"
     )
     b2: NotNegative = Field(0.0, description="evolution effect of a second state; 0: one state")
     dc2: Positive = Field(0.1, description="characteristic slip of the second state [m]")
@@ -45,7 +43,7 @@ class Surface(ScenarioTable):
 class Drive(ScenarioTable):
     """The spring between load point and slider."""
 
-    stiffness: Positive = Field(200.0, description="stiffness, friction per displacement [1/m]")
+    stiffness: Positive = Field(200.0, description="stiffness: friction per displacement [1/m]")
     damping: NotNegative = Field(0.0, description="radiation damping over normal stress; 0: quasi-static [s/m]")
 
 
@@ -75,7 +73,7 @@ class Samples(ScenarioTable):
     """Recorded samples."""
 
     number: Annotated[int, Field(ge=10, le=100_000)] = Field(
-        150, description="number of samples of each leg, closer together in time at its beginning"
+        150, description="number of samples of each leg; they are closer together at its beginning"
     )
     noise: NotNegative = Field(0.0, description="standard deviation of noise added to the recorded friction")
     correlation: Annotated[float, Field(ge=0, lt=1)] = Field(

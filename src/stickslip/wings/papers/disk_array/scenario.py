@@ -51,7 +51,7 @@ class Array(ScenarioTable):
 
 
 class Load(ScenarioTable):
-    """Forces: `press` on every disk towards the substrate, `push` along the row on one disk, in units of `unit`."""
+    """Forces in units of `unit`: `press` on every disk towards the substrate, `push` along the row on one disk."""
 
     unit: Positive = Field(1 / 2000, description="unit of the forces in this table, in units of the scenario [force]")
     press: Finite = Field(0.1, description="force on every disk, towards the substrate [`unit`]")
@@ -90,12 +90,12 @@ class Relaxation(ScenarioTable):
 
 
 class Dynamics(ScenarioTable):
-    """Newtonian runs with tiny random velocities, from the equilibria where the path first passes given loads."""
+    """Newtonian runs with a tiny random velocity, from the equilibria at which the path first passes given loads."""
 
     loads: Loads = Field((0.03, 0.04, 0.062, 0.083, 0.087, 0.09), description="pushes where runs start [`load.unit`]")
     watch: Finite | None = Field(
         None,
-        description="load whose transition is finely sampled; default: the first one that causes sliding [`load.unit`]",
+        description="load at which the transition is sampled finely; default: first load with sliding [`load.unit`]",
     )
     duration: Duration = Field(60_000.0, description="duration of each run [time]")
     dt: Positive = Field(0.1, description="time step [time]")
@@ -112,9 +112,9 @@ class Dynamics(ScenarioTable):
 
 
 class Sliding(ScenarioTable):
-    """Many realizations of the transition at loads where the array slides, for fronts and sliding velocity."""
+    """Realizations of the transition at loads at which the array slides, for fronts and the sliding velocity."""
 
-    loads: Loads = Field((), description="pushes; by default there are none, and hence no realizations [`load.unit`]")
+    loads: Loads = Field((), description="pushes; default: none, and hence no realizations [`load.unit`]")
     realizations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         25, description="realizations at each load, which differ in their random velocities"
     )
@@ -125,7 +125,7 @@ class Sliding(ScenarioTable):
 
 
 class DiskArrayScenario(ScenarioBase):
-    """Everything that defines a run of an array of disks on a substrate."""
+    """Complete definition of a run of an array of disks on a substrate."""
 
     experiment: Literal["disk-array"] = "disk-array"
     seed: Seed = 0

@@ -112,7 +112,7 @@ class GougeCell(ScenarioTable):
     length: Positive = Field(0.03, description="length along x; Ferdowsi & Rubin 2021: 20 D, reduced scale: 10 D [m]")
     width: Positive = Field(0.018, description="width along z [m]")
     coverage: Share = Field(
-        0.8, description="area of the glued grains over that of the plate; about 0.8 in the layer next to a flat wall"
+        0.8, description="area of the glued grains over that of the plate; 0.8 is typical of a layer at a flat wall"
     )
     plate_mass: Annotated[float, Field(ge=1, le=1e4)] = Field(
         1.0, description="mass of the upper plate over that of its grains; not stated in Ferdowsi & Rubin 2021"
@@ -128,7 +128,8 @@ class GougeLoad(ScenarioTable):
         "grain",
         description=(
             "meaning of `stiffness`: per_area, k [Pa/m]; per_stress, k/σ [1/m]; grain, k D/σ; rate_state, k dc/(b σ). "
-            "Ferdowsi & Rubin 2021 quote 425 and no definition; if that is rate_state with its b and dc, grain is 4.3"
+            "Ferdowsi & Rubin 2021 state 425 without a definition; as rate_state, with their b and dc, this is 4.3 as "
+            "grain"
         ),
     )
 
@@ -146,7 +147,7 @@ class Settling(ScenarioTable):
 
     approach: Positive = Field(5.0, description="velocity of the upper wall until it bears the normal stress [m/s]")
     drag: NotNegative = Field(
-        1.0, description="drag while settling on grains and plate, in 1/√(m/(P D)) for a mean grain; none afterwards"
+        1.0, description="drag on grains and plate while settling, in 1/√(m/(P D)) of a mean grain; none afterwards"
     )
     unbalanced: Positive = Field(
         1e-2, description="mean unbalanced force over mean contact force below which the sample is settled"
@@ -277,8 +278,7 @@ class SlideHoldSlide(Branching):
     before: Many = Field(description="velocities before the hold [m/s]")
     holds: Many = Field(description="hold times [s]")
     after: Annotated[tuple[Positive, ...], Listed] | None = Field(
-        None,
-        description="velocities after the hold; default: that before it; with an empty list, no slides follow [m/s]",
+        None, description="velocities after the hold; default: the velocity before it; []: no slides follow [m/s]"
     )
     approach: Positive = Field(2.0, description="slip at each velocity before the first hold [D]")
     slip: Positive = Field(2.0, description="slip of the load point after each hold [D]")
@@ -307,7 +307,7 @@ Protocol = Annotated[Slide | VelocitySteps | SlideHoldSlide, Field(discriminator
 
 
 class GougeScenario(ScenarioBase):
-    """Everything that defines an experiment on fault gouge."""
+    """Complete definition of an experiment on fault gouge."""
 
     si: ClassVar[bool] = True
     experiment: Literal["gouge"] = "gouge"
@@ -328,18 +328,18 @@ class GougeScenario(ScenarioBase):
     protocol: Annotated[tuple[Protocol, ...], Listed, Field(min_length=1)]
     dt: Positive = Field(
         1e-7,
-        description="time step; Ferdowsi & Rubin 2021: 2e-8, 1/100 of a collision between their smallest grains [s]",
+        description="time step; Ferdowsi & Rubin 2021: 2e-8, 1/100 of a collision time of their smallest grains [s]",
     )
     sample_every: Number = Field(500, description="number of steps between samples")
     slip_threshold: Annotated[float, Field(ge=1, le=1e6)] = Field(
         10.0,
         description=(
-            "velocity of the upper plate over that of the load point from which the motion in a slide counts as a slip "
-            "event of stick–slip"
+            "ratio of the velocity of the upper plate to that of the load point from which the motion in a slide "
+            "counts as a slip event of stick–slip"
         ),
     )
     ledger_steps: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
-        0, description="steps after the protocol with an energy ledger; each takes as long as ten ordinary steps"
+        0, description="steps with an energy ledger after the protocol; each takes as long as ten ordinary steps"
     )
     most_steps: Positive = Field(5e7, description="maximum number of steps of one realization")
 

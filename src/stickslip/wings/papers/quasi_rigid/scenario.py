@@ -18,7 +18,7 @@ class Disks(ScenarioTable):
     number: Annotated[int, Field(ge=10, le=5000)] = Field(100, description="number of disks")
     radius: Radii = Field((0.4, 0.6), description="radii, each for an equal number of disks; masses are 4 R² [length]")
     pressure: Positive = Field(
-        1e-4, description="pressure; divided by kn, it is the typical overlap in diameters [force/length]"
+        1e-4, description="pressure; the typical overlap is pressure/kn diameters [force/length]"
     )
 
 
@@ -42,7 +42,7 @@ class Loading(ScenarioTable):
     )
     machine: Positive | None = Field(
         None,
-        description="stiffness of a machine that moves the wall and is stopped by it; default: the force on the wall "
+        description="stiffness of a machine that displaces the wall; default: the force on the wall "
         "grows (biaxial) [force/length]",
     )
     strain: Annotated[float, Field(gt=0, le=0.3)] | None = Field(
@@ -50,14 +50,14 @@ class Loading(ScenarioTable):
     )
     collapses: bool = Field(
         False,
-        description="whether dynamics with the drag `dynamics.drag` leads through collapses to the next equilibrium, "
-        "from which the path continues",
+        description="whether to follow collapses by dynamics with the drag `dynamics.drag` to the next equilibrium, "
+        "and to continue the path there",
     )
     unload: bool = Field(
         False, description="whether to unload, starting from the fraction `turn` of the load at which the path ends"
     )
     turn: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.5, description="fraction of the last load of the path at which unloading begins, see `unload`"
+        0.5, description="fraction of the final load of the path at which unloading begins; see `unload`"
     )
     increment: Share = Field(
         0.005,
@@ -70,18 +70,18 @@ class Slow(ScenarioTable):
     """Dynamics of the same sample under the same load."""
 
     times: Times = Field(
-        (3e4, 1e5, 3e5), description="durations of the whole load, with one run for each; [] for no runs [time]"
+        (3e4, 1e5, 3e5), description="durations in which the whole load is applied, one run each; []: no runs [time]"
     )
     drag: NotNegative = Field(
         0.02, description="drag on translations and rotations, in addition to the law's dashpots [1/time]"
     )
     beyond: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.1, description="continuation of runs beyond the last load of the path, as a fraction of that load"
+        0.1, description="continuation of runs beyond the final load of the path, as a fraction of that load"
     )
 
 
 class QuasiScenario(ScenarioBase):
-    """Everything that defines quasi-rigid loading and the slow dynamics with which it is compared."""
+    """Complete definition of a quasi-rigid loading and of the slow dynamics compared with it."""
 
     experiment: Literal["quasi-rigid"] = "quasi-rigid"
     seed: Seed = 0

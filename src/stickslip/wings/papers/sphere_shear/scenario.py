@@ -34,12 +34,12 @@ class Shear(ScenarioTable):
     )
     on_instability: Literal["tell", "follow-dynamics", "stop"] = Field(
         "tell",
-        description="after a step to an unstable equilibrium or another branch: count it, follow damped dynamics, or "
-        "end the path",
+        description="reaction to a step to an unstable equilibrium or another branch: count it, follow damped "
+        "dynamics, or end the path",
     )
     drag: Positive | None = Field(
         None,
-        description="drag of damped dynamics, needed for follow-dynamics; if given, only pairs that grow despite it "
+        description="drag of damped dynamics, required by follow-dynamics; if given, only pairs that grow despite it "
         "count as unstable [1/time]",
     )
 
@@ -77,7 +77,7 @@ class Release(ScenarioTable):
 
 
 class ShearScenario(ScenarioBase):
-    """Everything that defines the quasi-static shear and failure of a packing."""
+    """Complete definition of the quasi-static shear of a packing and its failure."""
 
     experiment: Literal["sphere-shear"] = "sphere-shear"
     seed: Seed = 0

@@ -13,23 +13,22 @@ SMALLEST = 1e-8  # smallest amplitude: its stress is about 1e-6 of the pressure,
 
 
 class Cycles(ScenarioTable):
-    """Cycles γ = γ₀ sin θ of the shear strain, along x with gradient y, in steps from equilibrium to equilibrium."""
+    """Cycles γ = γ₀ sin θ of the shear strain (along x, gradient along y), in steps between equilibria."""
 
     amplitudes: Annotated[tuple[Positive, ...], Listed] = Field(
         (1e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3), min_length=1, description="amplitudes γ₀ of the strain, increasing"
     )
     number: Annotated[int, Field(ge=1, le=10_000)] = Field(3, description="number of cycles at each amplitude")
     steps: Annotated[int, Field(ge=12, le=100_000, multiple_of=4)] = Field(
-        40, description="steps of a cycle, even in θ: a multiple of 4"
+        40, description="steps of a cycle, evenly spaced in θ; a multiple of 4"
     )
     normal: Literal["constant-volume", "constant-stress"] = Field(
         "constant-volume",
-        description="constant-volume: the cell is sheared only; constant-stress: its height follows the pressure of "
-        "the sample along y",
+        description="constant-volume: the cell is only sheared; constant-stress: its height changes so that the stress "
+        "along y stays equal to the pressure of the sample",
     )
     start: Literal["sample", "previous"] = Field(
-        "sample",
-        description="where each amplitude begins: at the prepared sample, or where the amplitude before it ended",
+        "sample", description="start of each amplitude: the prepared sample, or the end of the previous amplitude"
     )
 
     @model_validator(mode="after")
@@ -45,12 +44,12 @@ class Cycles(ScenarioTable):
 
 
 class CyclicShearScenario(SampleScenario):
-    """Everything that defines cyclic shear of samples. Units are SI unless others are named."""
+    """Complete definition of cyclic shear of samples. Units are SI unless others are named."""
 
     experiment: Literal["cyclic-shear"] = "cyclic-shear"
     law: ElementLaw = ElementLaw(young=70e9, poisson=0.2)
     cycles: Cycles = Cycles()
-    check: bool = Field(False, description="whether the first sample is sheared again in twice as many steps")
+    check: bool = Field(False, description="whether to shear the first sample again, in twice as many steps")
 
     @model_validator(mode="after")
     def _check_width(self):

@@ -74,12 +74,12 @@ class LognormalSizes(ScenarioTable):
 
 
 class ThreeSizes(ScenarioTable):
-    """Grading through D10, D50 and D60, linear in the logarithm of the size."""
+    """Grading curve through D10, D50 and D60, linear in the logarithm of the size."""
 
     kind: Literal["d10-d50-d60"] = "d10-d50-d60"
-    d10: Positive = Field(description="diameter below which 10 % of the mass is [length]")
-    d50: Positive = Field(description="diameter below which half of the mass is [length]")
-    d60: Positive = Field(description="diameter below which 60 % of the mass is [length]")
+    d10: Positive = Field(description="diameter below which 10 % of the mass lies [length]")
+    d50: Positive = Field(description="diameter below which half of the mass lies [length]")
+    d60: Positive = Field(description="diameter below which 60 % of the mass lies [length]")
 
     @model_validator(mode="after")
     def _check_order(self):
@@ -92,11 +92,11 @@ class ThreeSizes(ScenarioTable):
 
 
 class SieveTable(ScenarioTable):
-    """Grading curve: share passing by mass, interpolated linearly in log size."""
+    """Grading curve: share passing by mass, interpolated linearly in the logarithm of the size."""
 
     kind: Literal["table"] = "table"
     sizes: Sizes = Field(min_length=2, description="diameters, increasing [length]")
-    passing: Shares = Field(min_length=2, description="mass of smaller grains, from 0 to 100 % [%]")
+    passing: Shares = Field(min_length=2, description="mass fraction of smaller grains, from 0 to 100 % [%]")
 
     @model_validator(mode="after")
     def _check_table(self):
@@ -128,15 +128,15 @@ class ElementSample(ScenarioTable):
     grains: Annotated[int, Field(ge=20, le=100_000)] = Field(400, description="number of grains")
     dim: Literal[2, 3] = Field(3, description="2: disks in the plane, 3: spheres")
     grading: Sizing = UniformSizes()
-    density: Positive = Field(2650.0, description="of the grains [mass/length^dim]")
+    density: Positive = Field(2650.0, description="density of the grains [mass/length^dim]")
     pressure: Positive = Field(
         1e5,
-        description="isotropic pressure of the sample; a layer of disks of 1 mm under 100 kPa bears 100 N/m "
+        description="isotropic pressure of the sample; for disks of 1 mm, 100 N/m corresponds to 100 kPa "
         "[force/length^(dim−1)]",
     )
     friction: NotNegative | None = Field(
         None,
-        description="friction coefficient during the compression, which controls the density: 0 makes the densest "
+        description="friction coefficient during the compression, which controls the density; 0 gives the densest "
         "sample; default: that of the law",
     )
 
@@ -195,7 +195,7 @@ class ElementLaw(LawTable):
 
 
 class Loading(ScenarioTable):
-    """Load path from the isotropic state: the strain in one direction is imposed, others follow the stress."""
+    """Load path from the isotropic state: strain is imposed in one direction; the others follow from the stress."""
 
     kind: Literal[
         "isotropic",
@@ -216,30 +216,30 @@ class Loading(ScenarioTable):
     )
     strain: Annotated[tuple[Finite, ...] | Finite, Listed] = Field(
         0.1,
-        description="axial strain (γ in simple shear) at which the path ends, or several at which it turns: "
-        "logarithmic, negative for extension",
+        description="axial strain (γ in simple shear) at which the path ends, or several turning points; strains are "
+        "logarithmic, and negative in extension",
     )
     pressures: Annotated[tuple[Positive, ...], Listed] | None = Field(
-        None, description="pressures of an isotropic path, between which it leads [force/length^(dim−1)]"
+        None, description="successive turning points of an isotropic path [force/length^(dim−1)]"
     )
     step: Annotated[float, Field(gt=FIRST, le=0.1)] = Field(
-        5e-4, description="largest strain step; 1 % of the change of ln p on an isotropic path"
+        5e-4, description="largest strain step; on an isotropic path, the step of ln p is 100 times this value"
     )
     b: Annotated[float, Field(ge=0, le=1)] | None = Field(
         None, description="(σ₂ − σ₃)/(σ₁ − σ₃) of a true triaxial path"
     )
     fluid_modulus: Positive | None = Field(
         None,
-        description="bulk modulus of the pore fluid, which cannot leave, of undrained and isotropic paths; default: "
-        "incompressible fluid of undrained, no fluid of isotropic paths [force/length^(dim−1)]",
+        description="bulk modulus of the enclosed pore fluid, on undrained and isotropic paths; default: "
+        "incompressible fluid on undrained paths, no fluid on isotropic ones [force/length^(dim−1)]",
     )
     integrator: Literal["quasi-static", "dynamic"] = Field(
         "quasi-static",
-        description="quasi-static: equilibria by Newton's method, and by damped dynamics where grains rearrange; no "
-        "rate; dynamic: motion at a strain rate",
+        description="quasi-static: equilibria by Newton's method, or by damped dynamics if grains rearrange, without "
+        "a rate; dynamic: motion at a strain rate",
     )
     inertial_number: Positive | None = Field(
-        None, description="I of the strain rate of the dynamic integrator; default: 1e-4, unless a rate is given"
+        None, description="inertial number of the dynamic integrator; default: 1e-4, unless a rate is given"
     )
     rate: Positive | None = Field(None, description="strain rate, instead of the inertial number [1/time]")
 
@@ -273,7 +273,7 @@ class Loading(ScenarioTable):
 
 
 class Cement(ScenarioTable):
-    """Cement between the grains: the parallel bonds of Potyondy & Cundall, formed under the pressure of the sample.
+    """Cement between the grains: parallel bonds of Potyondy & Cundall, formed under the pressure of the sample.
 
     The cemented sample is then unloaded to the confining pressure of the test.
     """
@@ -282,13 +282,12 @@ class Cement(ScenarioTable):
     shear_strength: Positive = Field(description="mean shear strength of the bonds [force/length^(dim−1)]")
     scatter: Annotated[float, Field(ge=0, le=0.3)] = Field(
         0.0,
-        description="standard deviation of both strengths over their means; they are normally distributed, cut off at "
+        description="standard deviation of both strengths over their means; the normal distributions are cut off at "
         "three standard deviations",
     )
     modulus: Positive = Field(
         1.0,
-        description="Young's modulus of the cement over that of the contacts: of the grains, or kn/D50^(dim−2) of "
-        "linear springs",
+        description="Young's modulus of the cement over that of the grains, or over kn/D50^(dim−2) for linear springs",
     )
     stiffness_ratio: Annotated[float, Field(ge=1e-3, le=1e6)] = Field(
         2.5, description="normal over shear stiffness of the bonds"
@@ -297,7 +296,7 @@ class Cement(ScenarioTable):
         1.0, description="radius of a bond over that of the smaller grain"
     )
     gap: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.01, description="gap up to which grains are bonded, over the mean diameter"
+        0.01, description="largest gap between bonded grains, over the mean diameter"
     )
     confining: NotNegative = Field(
         0.0,
@@ -305,7 +304,7 @@ class Cement(ScenarioTable):
         "[force/length^(dim−1)]",
     )
     until: Annotated[float, Field(ge=0, lt=1)] = Field(
-        0.8, description="deviatoric stress over its peak at which the path ends after the peak"
+        0.8, description="ratio of deviatoric stress to its peak at which the path ends, after the peak"
     )
 
 
@@ -315,12 +314,12 @@ class Probing(ScenarioTable):
     strains: Annotated[tuple[Finite, ...], Listed] | None = Field(
         None,
         min_length=1,
-        description="imposed strains, from 0 up to the first turn of the path, at which the sample is probed, at the "
-        "nearest step",
+        description="strains at which to probe, rounded to the nearest step; none beyond the first turning point",
     )
     states: Annotated[int, Field(ge=1, le=200)] | None = Field(
         None,
-        description="number n of probed strains instead, which are (k/n)² of the first turn, k = 1, 2, … n; default: 8",
+        description="number n of probed strains, instead of a list: (k/n)² of the first turning point, k = 1, 2, … n; "
+        "default: 8",
     )
     directions: Annotated[int, Field(ge=8, le=3600)] = Field(64, description="directions of the strain, evenly spaced")
 
@@ -343,20 +342,20 @@ class SampleScenario(ScenarioBase):
 
 
 class ElementTestScenario(SampleScenario):
-    """Everything that defines an element test. Units are SI unless others are named."""
+    """Complete definition of an element test. Units are SI unless others are named."""
 
     experiment: Literal["element-test"] = "element-test"
     path: Loading = Loading()
     signs: Literal["compression", "tension"] = Field(
-        "compression", description="which stresses and strains are positive in tables and figures"
+        "compression", description="stresses and strains that are positive in tables and figures"
     )
     check: bool = Field(
-        False, description="whether the first sample is loaded again in steps, or at a rate, half as large"
+        False, description="whether to load the first sample again, with steps (or a rate) half as large"
     )
     probes: Probing | None = None
     cement: Cement | None = None
     engine: Literal["stickslip", "lammps"] = Field(
-        "stickslip", description="engine of a dynamic test; samples are always made by stickslip"
+        "stickslip", description="engine of a dynamic test; samples are always prepared by stickslip"
     )
     ranks: Ranks = Field(1, description="MPI processes of LAMMPS")
 

@@ -55,7 +55,7 @@ MEASURES = Measures([
              lambda c: median(c.events["stress_drop"])),
     Quantity("jump_over_diameter", "1", "jump of the grains over their diameter, median",
              lambda c: median(c.events["jump"])),
-    *(Quantity(f"auc_{name}", "1", f"area under the ROC of a predictor: {words}",
+    *(Quantity(f"auc_{name}", "1", f"area under the ROC curve of a predictor: {words}",
                lambda c, name=name: c.areas.get(name, np.nan)) for name, (_, words) in PREDICTORS.items()),
 ], subject=Catalogue)  # fmt: skip
 

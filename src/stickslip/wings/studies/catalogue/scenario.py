@@ -13,16 +13,16 @@ class EventShear(ScenarioTable):
 
     drag: Positive = Field(
         description=(
-            "drag of the dynamics that lead from the last stable state to the end of an event, over the largest "
-            "frequency of the packing (2/dt of its largest stable time step); there is no default, because it "
-            "determines the unstable oscillations"
+            "drag of the dynamics between the last stable state and the end of an event, over the largest frequency "
+            "of the packing (2/dt of its largest stable time step); there is no default, because the drag determines "
+            "which oscillations are unstable"
         )
     )
     strain: Positive = Field(0.4, description="largest strain of each packing")
     step: Positive = Field(4e-4, description="strain step between events")
     resolution: Positive = Field(1e-6, description="width of the bracket around the strain of an event")
     window: Positive = Field(
-        4e-4, description="strain within which an event must follow a step for an announcement to count as correct"
+        4e-4, description="strain within which an event must follow an announcement for it to count as correct"
     )
 
     @model_validator(mode="after")
@@ -42,7 +42,7 @@ class EventShear(ScenarioTable):
 
 
 class CatalogueScenario(ScenarioBase):
-    """Everything that defines a catalogue of events."""
+    """Complete definition of a catalogue of events."""
 
     experiment: Literal["catalogue"] = "catalogue"
     seed: Seed = 0

@@ -15,46 +15,47 @@ class Input(ScenarioTable):
     contacts: str | None = Field(
         None, description="`dump local` with the contact forces, or a table of measured forces"
     )
-    columns: str | None = Field(None, description="names of its columns")
-    boundary: str | None = Field(None, description="boundaries as in LAMMPS, if the file does not give them")
-    atom_style: str | None = Field(None, description="sphere, if a data file does not name its style")
+    columns: str | None = Field(None, description="names of the columns of a table in `contacts`")
+    boundary: str | None = Field(None, description="boundaries as in LAMMPS, if the file does not specify them")
+    atom_style: str | None = Field(None, description="`sphere`, if a data file does not state its atom style")
     i0: Positive | None = Field(None, description="I0 in the moment of inertia I0 m R²")
-    settle: bool = Field(False, description="whether it comes to rest under its law first")
+    settle: bool = Field(False, description="whether the packing is first brought to rest under its law")
     digest: str | None = Field(
-        None, description="of the packing; added by `stickslip shear`, a different one is rejected"
+        None, description="digest of the packing, added by `stickslip shear`; a packing with another digest is rejected"
     )
 
 
 class InputLaw(LawOrFile):
-    """Law of the packing, if the file has none or to replace it; missing keys are taken from the file."""
+    """Law of the packing, if its file has none or to replace it; missing keys are taken from the file."""
 
     kind: Literal[*BY_NAME] | None = Field(None, description="name of a built-in law")
     coulomb: Literal["smooth", "sharp"] | None = Field(None, description="transition of F_t to the Coulomb limit")
     kn: Positive | None = Field(None, description="k_n, in a unit that depends on `kind`")
-    kt: NotNegative | None = Field(None, description="k_t, as `kn`")
+    kt: NotNegative | None = Field(None, description="k_t, in the unit of `kn`")
     mu: NotNegative | None = Field(None, description="friction coefficient")
-    young: Positive | None = Field(None, description="E, instead of `kn` and `kt` [stress]")
-    poisson: Finite | None = Field(None, description="ν")
+    young: Positive | None = Field(None, description="Young's modulus E, instead of `kn` and `kt` [stress]")
+    poisson: Finite | None = Field(None, description="Poisson's ratio ν")
     damping: str | None = Field(None, description="model of the dashpots")
     damping_n: NotNegative | None = Field(None, description="γ_n of the normal dashpot")
     damping_t: NotNegative | None = Field(None, description="γ_t of the tangential dashpot")
-    more: dict[str, Finite] = Field({}, description="parameters that only this law has, such as work of jkr")
+    more: dict[str, Finite] = Field({}, description="parameters that only this law has, such as `work` of jkr")
     file: str | None = LawFile.model_fields["file"]
     parameters: dict[str, Finite] = LawFile.model_fields["parameters"]
     checksum: str | None = LawFile.model_fields["checksum"]
 
 
 class Until(ScenarioTable):
-    """Loading of the packing, and the criterion for its end."""
+    """Loading of the packing, and the end of the path."""
 
     until: Literal["first-pair", "first-event", "first-break"] | Finite = Field(
         "first-event",
-        description="first-pair, first-event, first-break of a bond, or a strain, negative to shear back or unload",
+        description="end of the path: first pair, first event, first break of a bond, or a strain (negative to shear "
+        "back or unload)",
     )
     mode: Literal["simple", "pure", "isotropic", "uniaxial"] = Field(
         "simple", description="simple: shear γ along x; pure: γ = ln(Lx/Ly); isotropic: ε = −ln V; uniaxial: ε = −ln Ly"
     )
-    reverse: bool = Field(False, description="whether the strain falls, if `until` is not a strain")
+    reverse: bool = Field(False, description="whether the strain decreases, if `until` is not a strain")
     step: Positive | None = Field(
         None, description="largest strain step; default: 0.02 mean overlaps over the mean diameter"
     )
@@ -62,12 +63,13 @@ class Until(ScenarioTable):
         None, description="strain at which the path ends without an instability; default: 500 steps"
     )
     drag: Positive | None = Field(
-        None, description="of the dynamics that determine events; default: a tenth of the highest frequency [1/time]"
+        None,
+        description="drag of the dynamics that determine events; default: a tenth of the highest frequency [1/time]",
     )
 
 
 class FailureScenario(ScenarioBase):
-    """Everything that defines the failure test of a packing."""
+    """Complete definition of the failure of a packing."""
 
     experiment: Literal["failure"] = "failure"
     packing: Input

@@ -271,11 +271,11 @@ MEASURES = Measures([
              lambda flow: None if flow.around else flow.deposit.high[0] - flow.deposit.low[0]),
     Quantity("run_out", "length", "largest x of the deposit", lambda f: None if f.around else f.deposit.high[0]),
     _of_shear("friction", "shear over normal force on the upper of two plates"),
-    _of_shear("friction_deviation", "standard deviation of it in time"),
+    _of_shear("friction_deviation", "standard deviation in time of this friction"),
     _of_shear("pressure", "normal force over the area of the plate", PRESSURE),
     _of_shear("shear_rate", "relative velocity of the plates over their distance", "1/time"),
     _of_shear("inertial_number", "inertial number between the plates"),
     _of_shear("packing_fraction", "packing fraction between the plates"),
-    _of_shear("height", "distance of the plates", "length"),
+    _of_shear("height", "distance between the plates", "length"),
 ], subject=lambda r: Flow(r.series, deposit(r.frames[-1], r.poured.loose), plane_shear(r),
                           "x" in r.scenario.cell.periodic))  # fmt: skip

@@ -39,8 +39,8 @@ class Shaking(ScenarioTable):
     """Velocity A sin(2π f t + φ), with t measured from the start of the stage."""
 
     amplitude: Finite = Field(description="velocity amplitude A; the displacement amplitude is A/(2π f) [length/time]")
-    frequency: Positive = Field(description="f, not the angular frequency [1/time]")
-    phase: Finite = Field(0.0, description="φ [rad]")
+    frequency: Positive = Field(description="frequency f, not the angular frequency [1/time]")
+    phase: Finite = Field(0.0, description="phase φ [rad]")
 
 
 def _check_course(value):
@@ -59,10 +59,10 @@ Course = Annotated[Finite | tuple[Knot, ...] | Shaking, BeforeValidator(_check_c
 
 
 class Motion(ScenarioTable):
-    """Prescribed velocity along some axes; motion along the others is unchanged."""
+    """Prescribed velocity along some axes; the motion along the other axes is unchanged."""
 
     x: Course | None = Field(None, description="a number, [[time, velocity], …] or shaking [length/time]")
-    y: Course | None = Field(None, description="as `x` [length/time]")
+    y: Course | None = Field(None, description="like `x` [length/time]")
     z: Course | None = Field(None, description="like `x`; only in three dimensions [length/time]")
 
     @model_validator(mode="after")
@@ -126,7 +126,7 @@ class Pour(ScenarioTable):
     gamma_twist=None, tension=False, file=None, parameters={}, checksum=None,
 )  # fmt: skip
 class FlowLaw(LawTable):
-    """Contact law; a restitution is that of two grains of mean size."""
+    """Contact law; a restitution applies to two grains of mean size."""
 
 
 class Box(ScenarioTable):
@@ -143,10 +143,10 @@ class FlatWall(ScenarioTable):
 
     name: Name = Field(description="name in stages and files")
     point: Vector = Field(description="point on the surface [length]")
-    normal: Vector = Field(description="normal towards the grains, of any length")
+    normal: Vector = Field(description="normal vector towards the grains, of any length")
     velocity: Motion = Motion()
     force: Finite | None = Field(
-        None, description="force along the normal, towards the grains; the weight is added [force]"
+        None, description="force along the normal, towards the grains, in addition to the weight [force]"
     )
     mass: Positive | None = Field(None, description="mass, needed with a force [mass]")
     mu: NotNegative | None = Field(None, description="friction coefficient with grains; default: law.mu")
@@ -164,13 +164,13 @@ class Plate(ScenarioTable):
     mass: Positive | None = Field(None, description="mass of the plate; default: that of its grains [mass]")
     velocity: Motion = Motion()
     force: Finite | None = Field(
-        None, description="force along y, towards the poured grains; the weight is added [force]"
+        None, description="force along y, towards the poured grains, in addition to the weight [force]"
     )
     pressure: Finite | None = Field(None, description="pressure instead of a force [force/length^(dim−1)]")
 
 
 class Stage(ScenarioTable):
-    """A part of the run and the changes at its start; everything else is unchanged."""
+    """Part of the run, with the changes at its start; everything else remains as before."""
 
     name: Name = Field(description="name in progress messages and files")
     duration: Positive = Field(description="duration, or maximum duration with `until` [time]")
@@ -178,14 +178,14 @@ class Stage(ScenarioTable):
         None, description='"rest" ends the stage early, as soon as the grains are at rest'
     )
     unbalanced: Positive = Field(
-        1e-2, description="limit for rest: mean unbalanced force of grains over mean contact force"
+        1e-2, description="limit for rest: mean unbalanced force on grains over mean contact force"
     )
     kinetic: Positive = Field(
         1e-4, description="limit for rest: kinetic over elastic energy; at 1e-4, forces still oscillate by 1 %"
     )
     remove: Names = Field((), description="names of walls to remove")
     velocity: dict[str, Motion] = Field(
-        {}, description="velocity of walls and plates, by name: see [[walls]] [length/time]"
+        {}, description="velocity of walls and plates, by name; see [[walls]] [length/time]"
     )
     force: dict[str, Finite] = Field({}, description="force on walls and plates, by name, towards the grains [force]")
     gravity: Vector | None = Field(None, description="gravity from this stage on; default: as before [length/time²]")

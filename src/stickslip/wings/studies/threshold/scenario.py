@@ -56,7 +56,7 @@ class ArraySample(Array):
 
 
 class PackingSample(Packing):
-    """Packing in a periodic box under pressure along y; the load is the shear stress −σ_xy over σ_yy.
+    """Packing in a periodic box under a constant stress along y; the load is the shear stress −σ_xy over σ_yy.
 
     The height and the shear along x follow the stress; the other dimensions are fixed.
     """
@@ -100,7 +100,7 @@ class Raise(ScenarioTable):
     loads: Annotated[tuple[NotNegative, ...], Listed] = Field(
         (0.03, 0.04, 0.0425, 0.045, 0.0475, 0.05, 0.055, 0.06, 0.083),
         min_length=1,
-        description="loads at which the sample is kicked, shear force over normal force",
+        description="loads (shear force over normal force) at which the sample is kicked",
     )
     step: Positive = Field(1e-3, description="largest increment of the load between two equilibria")
 
@@ -118,7 +118,7 @@ class Raise(ScenarioTable):
 
 
 class Kicks(ScenarioTable):
-    """Runs that start from the equilibria with random velocities, and lowering of the load on a sliding sample."""
+    """Runs that start from the equilibria with random velocities, and lowering of the load on sliding samples."""
 
     velocities: Annotated[tuple[NotNegative, ...], Listed] = Field(
         (1e-13, 1e-4), min_length=1, description="root mean square of the initial velocities [length/time]"
@@ -127,19 +127,19 @@ class Kicks(ScenarioTable):
         10, description="runs at each load and velocity, which differ in their random numbers"
     )
     duration: Positive = Field(
-        40_000.0, description="of a run; one that slides continues for the same duration again [time]"
+        40_000.0, description="duration of a run; a sliding sample continues for the same duration once more [time]"
     )
     dt: Positive | None = Field(None, description="time step; default: a fifth of the largest stable one [time]")
     drag: NotNegative = Field(0.0, description="drag on translations and rotations per unit mass [1/time]")
     distance: Positive = Field(
         0.1,
         description=(
-            "by which a sample has slid: shear strain of a packing; displacement of the upper plate of gouge, or "
-            "median displacement of an array, in mean diameters; sliding lasts if a quarter of it follows in each "
-            "quarter of a further duration"
+            "distance after which a sample counts as sliding: shear strain of a packing; displacement of the upper "
+            "plate of gouge, or median displacement of an array, in mean diameters; sliding is lasting if a quarter "
+            "of this distance follows in each quarter of a further duration"
         ),
     )
-    ramp_down: bool = Field(True, description="whether the load is lowered from sliding samples until they stop")
+    ramp_down: bool = Field(True, description="whether to lower the load on sliding samples until they stop")
     ramps: Annotated[int, Field(ge=1, le=1000)] = Field(
         3, description="largest number of sliding samples whose load is lowered"
     )
@@ -167,7 +167,7 @@ class Kicks(ScenarioTable):
 
 
 class ThresholdScenario(ScenarioBase):
-    """Everything that defines the static and the kinetic friction of a sample."""
+    """Complete definition of a study of the static and the kinetic friction of a sample."""
 
     experiment: Literal["threshold"] = "threshold"
     seed: Seed = 0
