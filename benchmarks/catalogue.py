@@ -1,9 +1,9 @@
 """Reference catalogue of events: at least 1,000 events of several contact laws, in two and three dimensions.
 
-    python -m benchmarks catalogue FOLDER               # runs what is not yet there: several core-hours, one process
-    python -m benchmarks catalogue FOLDER sharp-0.5 …   # only these, or gouge; other laws may run beside
-    python -m benchmarks catalogue FOLDER --draw        # only the tables and figures, from what is finished
-    python -m benchmarks catalogue --estimate           # classes and exponents anew, from the stored eigenvalues
+    python -m benchmarks catalogue FOLDER               # runs all unfinished parts: several core-hours, one process
+    python -m benchmarks catalogue FOLDER sharp-0.5 …   # only these laws, or gouge; others may run at the same time
+    python -m benchmarks catalogue FOLDER --draw        # only tables and figures, from finished parts
+    python -m benchmarks catalogue --estimate           # recomputes classes and exponents from stored eigenvalues
 
 Every law is run in parts, each in a separate folder. A stopped run resumes with the packing at which it was stopped.
 Tables, figures and the summary of `docs/catalogue.md` are written to `docs/reference/catalogue`.

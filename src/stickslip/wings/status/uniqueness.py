@@ -43,7 +43,7 @@ class Uniqueness(NamedTuple):
     verdict: UniquenessVerdict
     reason: str
     contacts: np.ndarray  # indices among the critical contacts
-    value: float = np.nan  # det A_SS; its smallest singular value if singular; the margin of a sufficient condition
+    value: float = np.nan  # det A_SS, its smallest singular value if singular, or the margin of a sufficient condition
     vector: np.ndarray | None = None  # x with A_SS x = 0 if singular; weights that make A diagonally dominant
 
     @property

@@ -41,7 +41,7 @@ SHEAR = examples(
 def shear(
     *,
     file: Annotated[
-        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or the folder of a LAMMPS run.")
+        Path, typer.Argument(help="A packing in any format (stickslip docs exchange), or a LAMMPS run folder.")
     ],
     until: Annotated[
         str,

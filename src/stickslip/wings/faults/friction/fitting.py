@@ -84,7 +84,7 @@ class Fit(NamedTuple):
     fixed: dict  # name → value, including v0
     difference: tuple[float, float, float]  # a − b and its 95 % interval
     identifiable: bool  # True if the data determine all parameters
-    adequate: bool  # True if the fit describes the record: residuals vary faster than the signal, like its noise
+    adequate: bool  # True if the fit describes the record: residuals are fast and small, like its noise
     sentence: str
     residuals: tuple[np.ndarray, ...]  # data − model, one array per data set
     models: tuple[np.ndarray, ...]  # friction of the model at all samples

@@ -436,7 +436,7 @@ SKIPPED = 1  # number of first intervals excluded, as they depend on the start
 def passing_velocity(time, slip, velocity) -> np.ndarray:
     """Slip velocity at samples, or the mean velocity up to the next sample if that is larger.
 
-    Events that begin and end between two samples show up in the mean velocity.
+    Events that begin and end between two samples appear only in the mean velocity.
     """
     mean = np.append(np.diff(slip) / np.diff(time), velocity[-1])
     return np.maximum(velocity, mean)

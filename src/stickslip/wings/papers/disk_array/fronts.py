@@ -52,8 +52,8 @@ class Front(NamedTuple):
     speed_error: float  # bootstrap over realizations, one standard deviation [length/time]
     free_intercept: float  # speed by regression of time on distance without fixing the start [length/time]
     free_error: float  # same bootstrap, half of the central 68 % interval, as 1/slope has long tails [length/time]
-    complete: int  # realizations in which the event happened at every disk
-    counted: int  # realizations included in the fit
+    complete: int  # number of realizations in which the event happened at every disk
+    counted: int  # number of realizations included in the fit
 
 
 def breach_times(events: np.ndarray, start: State) -> np.ndarray:

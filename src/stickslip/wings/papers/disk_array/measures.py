@@ -1,6 +1,7 @@
 """Measures of a pushed array of disks: births of complex pairs, fronts, sliding velocity and transverse mode.
 
-Arrest is described by the equilibria at which the array comes to rest, and by the kinetic threshold of sliding.
+Arrest is described by the equilibria at which the array comes to rest, and by the kinetic threshold that separates
+arrest from sliding.
 """
 
 from functools import partial

@@ -131,7 +131,7 @@ def _change(
 ) -> Curve | None:
     """Change of a column during tests against load-point slip [D], relative to level(sample) or to the twin tests.
 
-    The grid of slips is fine enough for a mean over slips up to `EARLY`. None without tests or without a twin.
+    The grid of slips is fine enough for a mean over slips up to `EARLY`. None if there are no tests, or no twin.
     """
     chains = [[test] if level else [test, _find_twin(sample, test)] for sample, test in tests]
     if not tests or any(None in chain for chain in chains):

@@ -34,9 +34,9 @@ class StatusCases(NamedTuple):
 
     total: int
     p_matrices: int
-    agree: int  # cases in which A is a P-matrix if and only if the status map is bijective
-    none: int  # cases without a consistent status
-    several: int  # cases with two or more consistent statuses
+    agree: int  # number of cases in which A is a P-matrix if and only if the status map is bijective
+    none: int  # number of cases without a consistent status
+    several: int  # number of cases with two or more consistent statuses
 
 
 def status_cases(main: QuasiResult, cases: int) -> StatusCases:
@@ -66,10 +66,10 @@ class ApexCases(NamedTuple):
     """Counts of cases with contacts of real packings placed at the apex of the cone."""
 
     total: int
-    coherent: int  # cases in which det k has the same sign for all choices of statuses
-    wrong: int  # coherent cases without exactly one consistent choice
-    several: int  # other cases with two or more consistent choices
-    none: int  # other cases without a consistent choice
+    coherent: int  # number of cases in which det k has the same sign for all choices of statuses
+    wrong: int  # number of coherent cases without exactly one consistent choice
+    several: int  # number of other cases with two or more consistent choices
+    none: int  # number of other cases without a consistent choice
     example: tuple[str, ...]  # statuses that are simultaneously consistent, without stability
 
 
@@ -205,8 +205,8 @@ class SlidingState(NamedTuple):
     """Critical contacts of one state under a load and under its reverse."""
 
     critical: int
-    slide: int  # critical contacts that slide under the load
-    reverse: int  # critical contacts that slide under the reverse load
+    slide: int  # number of critical contacts that slide under the load
+    reverse: int  # number of critical contacts that slide under the reverse load
     least_eigenvalue: bool | None  # True if no status has a smaller eigenvalue of sym k than that in which all slide
     least_determinant: bool | None  # likewise for det k
     shares: np.ndarray  # contribution of each sliding contact to Q(v), over Q, for v under the load

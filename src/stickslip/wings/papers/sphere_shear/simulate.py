@@ -76,9 +76,9 @@ class ShearPath(NamedTuple):
     pressure: np.ndarray  # (P,) [force/length^(dim−1)]
     touching: np.ndarray  # (P,) number of contacts
     residual: np.ndarray  # (P,) largest unbalanced force or torque/R [force]
-    fallbacks: int  # steps in which Newton's method needed a fallback
-    unstable: int  # steps that ended at an unstable equilibrium
-    left: int  # steps that left their branch
+    fallbacks: int  # number of steps in which Newton's method needed a fallback
+    unstable: int  # number of steps that ended at an unstable equilibrium
+    left: int  # number of steps that left their branch
     onset: Onset | None
     single: State | None  # the fastest-growing state with one pair, before a second pair appears
     single_strain: float

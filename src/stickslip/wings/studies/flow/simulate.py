@@ -30,7 +30,7 @@ from .scenario import FlowScenario, Stage
 from .stages import lammps_of, stage_conditions, stage_leg, with_controls
 
 BINS = 24  # number of bins of the profile along y
-SAVE_EVERY = 20.0  # time after which a piece is saved without a frame [s]
+SAVE_EVERY = 20.0  # time after which a piece is saved even if no frame is due [s]
 ENCLOSED = 0.99  # fraction of the grains below `high`, and of those above `low`
 
 
