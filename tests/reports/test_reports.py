@@ -413,7 +413,7 @@ def test_a_mode_becomes_a_movie(tmp_path):
 
 
 def test_the_legend_of_a_movie_clears_its_colour_bar_and_type_is_large(tmp_path, monkeypatch):
-    """Its type is at least one part in fifty of the width, so that it is readable at half the size."""
+    """Its type has 18 pixels, so that it is readable at half the size."""
     shown = []
     monkeypatch.setattr(animation.GifWriter, "grab_frame", lambda writer, **_: shown.append(writer.fig))
     monkeypatch.setattr(animation.GifWriter, "finish", lambda writer: None)
@@ -424,7 +424,7 @@ def test_the_legend_of_a_movie_clears_its_colour_bar_and_type_is_large(tmp_path,
     legend = axes.get_legend()
     figure.draw_without_rendering()
     assert legend.get_window_extent().y0 > bar.bbox.y1 and bar.get_tightbbox().y0 >= 0
-    assert min(text.get_fontsize() for text in legend.get_texts()) * figure.dpi / 72 > figure.bbox.width / 50
+    assert min(text.get_fontsize() for text in legend.get_texts()) * figure.dpi / 72 > animation.PIXELS / 50
 
 
 def test_the_view_shows_itself_in_a_notebook():

@@ -276,8 +276,8 @@ def test_snapshots_of_a_heap_share_rows_and_end_at_their_grains():
     *shown, _ = flow.snapshots(result, zoom=1).axes
     boxes = [axes.get_subplotspec().get_position(axes.figure) for axes in shown]
     starts = np.array([box.y0 for box in boxes])
-    assert len(shown) == 6 and starts[0] == starts[1] > starts[2] > starts[-1]
-    for axes, t in zip(shown, (0, 1, 2, 4, 5, 6), strict=True):
+    assert len(shown) == 6 and starts[0] == starts[2] > starts[3] > starts[4] > starts[5]
+    for axes, t in zip(shown[:3], (0, 1, 2), strict=True):  # later, grains are apart
         (left, right), top = axes.get_xlim(), axes.get_ylim()[1]
         assert left < 0 and 11 * t + 1 <= right <= 11 * t + 4 and top >= 11 * (1 - t / 6) + 1
 

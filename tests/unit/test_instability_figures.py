@@ -87,11 +87,9 @@ def test_the_axis_of_growth_ends_near_its_curves(first, marked):
     """The growth rate vanishes at a = 1, a displacement of 2; amplitudes go on to the loss of a contact."""
     a = np.linspace(0, first, 30)
     rates = np.sqrt(np.where(a < 1, 4 - 4 * a**2, np.nan))
-    form = Made(
-        growth_rate=2.0, beta=-8.0, amplitudes=a, rates=rates, peak=1.0, first=first, mode=None, free=None,
-        displacement=lambda amplitude: 2 * amplitude,
-    )  # fmt: skip
-    (axes,) = ss.figures.growth_by_amplitude(form).axes
+    form = Made(growth_rate=2.0, beta=-8.0, amplitudes=a, rates=rates, peak=1.0, first=first)
+    form.displacement = lambda amplitude: 2 * amplitude
+    (axes,) = ss.figures.growth_by_amplitude.__wrapped__(form).axes
     lines = {line.get_label(): line.get_xdata() for line in axes.lines}
     assert ("a contact is lost" in lines) == marked and lines["burst turns back"][0] == 2
     assert axes.get_xlim()[1] == pytest.approx(1.05 * 2 * (first if marked else 1.0), rel=0.02)
