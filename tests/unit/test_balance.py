@@ -313,3 +313,15 @@ def test_torques_that_do_not_balance_name_moments_if_there_are_any(sheared):
     rolling = ss.laws.with_rolling(SHARP, k_roll=0.1, mu_roll=0.1)
     assert "moments: forces balance" in causes(rolling)
     assert "R − δ/2, are those of this law" in causes(ss.laws.with_lever(SHARP, "overlap"))
+
+
+def test_positions_are_wrapped_into_a_tilted_cell(sheared):
+    """Each position moves by whole cell vectors, and becomes a multiple from 0 to 1 of them."""
+    tilted = ss.packings.sheared(sheared, 0.3)
+    moved = tilted._replace(
+        grains=tilted.grains._replace(position=tilted.grains.position + [2, -3, 1] @ tilted.cell.vectors)
+    )
+    share = ss.measure.wrapped(moved) @ np.linalg.inv(tilted.cell.vectors)
+    assert (share >= 0).all() and (share < 1).all()
+    cells = (ss.measure.wrapped(moved) - moved.grains.position) @ np.linalg.inv(tilted.cell.vectors)
+    np.testing.assert_allclose(cells, np.round(cells), atol=1e-12)

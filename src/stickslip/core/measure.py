@@ -167,12 +167,15 @@ def mean_normal_force(state: State, law: Law) -> float:
 @checked
 @knows_bonds
 def wrapped(state: State) -> np.ndarray:
-    """Positions wrapped into an axis-aligned cell, (N, 3): between 0 and the cell's length along periodic axes.
+    """Positions wrapped into the cell, (N, 3): multiples from 0 to 1 of the cell vectors along periodic directions."""
+    return state.grains.position - periodic_box(state) @ state.cell.vectors
 
-    The length is the diagonal entry of `cell.vectors`.
-    """
-    size = np.where(state.cell.periodic, np.diag(state.cell.vectors), 1.0)
-    return state.grains.position - np.floor(state.grains.position / size) * np.where(state.cell.periodic, size, 0.0)
+
+def periodic_box(state: State) -> np.ndarray:
+    """Numbers of the periodic image of the cell in which each grain is, (N, 3); zero along other directions."""
+    cell = state.cell
+    used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
+    return np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0).astype(np.int64)
 
 
 @checked

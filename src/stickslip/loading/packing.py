@@ -18,6 +18,7 @@ from ..core.measure import (
     least_supports,
     mean_normal_force,
     packing_fraction,
+    periodic_box,
     pressure,
     rattlers,
     touching,
@@ -390,9 +391,8 @@ def wrapped(state: State) -> State:
     Nothing physical changes: positions shift by whole cells, and images, keys and pair vectors are rewritten.
     """
     cell, contacts, n, count = state.cell, state.contacts, len(state.grains.radius), int(state.contacts.count[0])
-    used = np.where(cell.vectors.any(axis=1)[:, None], cell.vectors, np.eye(3))
     box = np.zeros((state.n_bodies, 3), np.int64)  # walls keep their positions
-    box[:n] = np.where(cell.periodic, np.floor(state.grains.position @ np.linalg.inv(used)), 0.0)
+    box[:n] = periodic_box(state)
     i, j, pair = contacts.i[:count], contacts.j[:count], contacts.pair.copy()
     between, shift = (j < n)[:, None], box @ cell.vectors
     pair[:count] -= np.where(between, 0.0, shift[i])
