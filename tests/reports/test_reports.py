@@ -285,19 +285,27 @@ def test_the_packing_figure_draws_every_grain_and_contact_once(make):
             for name in colours:
                 if np.allclose(color, to_rgba(name)):
                     colours[name].append(width)
-    slides = int((state.contacts.mode[rows] == SLIDE).sum())
     pieces = PIECES if dim == 3 else 1  # in so small a packing
-    assert (len(colours[BLUE]), len(colours[RED])) == (pieces * (len(rows) - slides), pieces * slides)
-    contacts = ss.io.frame_of(state, law).contacts
-    force = np.sort(np.repeat(contacts["force_n"], pieces))
+    contacts, place = ss.io.frame_of(state, law).contacts, ss.measure.wrapped(state)
+    i, j, branch = (contacts[name] for name in ("i", "j", "branch"))
+    inner = j < len(place)
+    across = np.zeros(len(i), bool)  # lines across a periodic edge, drawn from each grain to the contact
+    across[inner] = np.linalg.norm(place[i] - branch - place[np.where(inner, j, 0)], axis=1)[inner] > 0.5
+    twice = 1 + across
+    slides = state.contacts.mode[rows] == SLIDE
+    assert (len(colours[BLUE]), len(colours[RED])) == tuple(pieces * twice[which].sum() for which in (~slides, slides))
+    force = np.sort(np.repeat(np.repeat(contacts["force_n"], twice), pieces))
     long = np.sort(np.concatenate([2 * np.ravel(line._widths) for line in lines]))
-    branch, radius = contacts["branch"], np.append(state.grains.radius, np.zeros(len(state.walls.mass)))
-    seen = np.linalg.norm((branch @ view_basis(ss.io.frame_of(state, law)).T)[:, :2], axis=1)
-    if dim == 3:  # lines are drawn between the surfaces of the balls
-        seen *= 1 - BALL[3] * (radius[contacts["i"]] + radius[contacts["j"]]) / np.linalg.norm(branch, axis=1)
-    np.testing.assert_allclose(long, np.sort(np.repeat(seen / pieces, pieces)), rtol=1e-9)
+    first, second = (np.append(state.grains.radius, np.zeros(len(state.walls.mass)))[end] for end in (i, j))
+    length, reach = np.linalg.norm(branch, axis=1), first / (first + second)
+    ball = BALL[3] * (dim == 3)  # lines are drawn between the surfaces of the balls
+    parts = [(~across, length - ball * (first + second)), (across, reach * length - ball * first)]
+    parts += [(across, (1 - reach) * length - ball * second)]
+    seen = np.linalg.norm((branch @ view_basis(ss.io.frame_of(state, law)).T)[:, :2], axis=1) / length
+    drawn = np.concatenate([(seen * part)[which] for which, part in parts])
+    np.testing.assert_allclose(long, np.sort(np.repeat(drawn / pieces, pieces)), rtol=1e-9)
     width = np.sort(colours[BLUE] + colours[RED])
-    share = np.clip(force / force.mean(), 0.12, 6.0)
+    share = np.clip(force / contacts["force_n"].mean(), 0.12, 6.0)
     np.testing.assert_allclose(width / width.max(), share / share.max(), rtol=1e-9)
     assert np.ptp(axes.lines[-1].get_xdata()) == pytest.approx(2 * state.grains.radius.mean())  # "mean diameter"
     plt.close(figure)

@@ -183,7 +183,7 @@ def test_the_figure_states_what_was_measured():
     figure = ss.figures.forces(m)
     texts = [text.get_text() for axes in figure.axes for text in axes.get_legend().get_texts()]
     assert any("71 contacts" in text for text in texts) and "2 chains" in texts
-    assert any("largest cluster, 7 of 42" in text for text in texts)
+    assert any("cluster of 7 of 42 grains" in text for text in texts)
     bins = 8
     density = figure.axes[0].containers[0].lines[0].get_ydata()
     assert density.sum() * np.ptp(m.force_n) / m.force_n.mean() / bins == pytest.approx(1.0)
