@@ -1,7 +1,7 @@
 """Contact status under a load rate, also with contacts that carry no force because they open or have just closed.
 
-A disk with no force at any contact is released as a body. It stays released if all of its contacts open in the least
-motion with which it follows its neighbours. Otherwise it carries load again.
+A disk with no force at any contact is released as a body, as are grains that beams join, together. It stays released if
+all of its contacts open in the least motion with which it follows its neighbours. Otherwise it carries load again.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, which leaves the question open.
 """
@@ -134,7 +134,7 @@ class _Search(NamedTuple):
     load: np.ndarray
     apex: np.ndarray  # (M,) bool
     geometric: bool
-    ours: np.ndarray  # (B, M) bool: contacts of each grain
+    ours: np.ndarray  # (B, M) bool: contacts of each grain, or of grains that beams join, in the row of the first
     alone: np.ndarray  # (M,) bool: contacts of grains whose contacts are all at the apex
     any_motion: bool = False  # whether bodies are released if any motion opens their contacts, not just the least
 
@@ -224,7 +224,8 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
     gone = ours[released].any(axis=0)
     special = np.flatnonzero((search.apex | matrix.limit) & ~gone)
     sign = np.where(search.apex, 0.0, matrix.sign)[special]
-    loose = np.flatnonzero(np.isin(matrix.free.body, released))
+    owner = matrix.free.body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[matrix.free.body]
+    loose = np.flatnonzero(np.isin(owner, released))
     rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
     try:
         map_of = reduce_to_contacts(
@@ -265,13 +266,22 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
-    """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies."""
+    """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies.
+
+    Grains that beams join have the row of the first of them, empty unless all are free to rotate.
+    """
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)
     out[body[c.row[c.data != 0]], c.col[c.data != 0] // matrix.width] = True
     turns = np.zeros(len(out), bool)
     turns[body[matrix.free.axis == 5]] = True
-    return out & turns[:, None]
+    if matrix.unit is None:
+        return out & turns[:, None]
+    joined, held = np.zeros_like(out), np.ones(len(matrix.unit), bool)
+    np.logical_or.at(joined, matrix.unit[: len(out)], out)
+    held[: len(turns)] = ~turns
+    turns[np.intersect1d(matrix.unit[held], np.arange(len(turns)))] = False
+    return joined & turns[:, None]
 
 
 def _dragged_bodies(
@@ -283,18 +293,28 @@ def _dragged_bodies(
         return np.zeros(len(ours), bool), motion
     columns = np.repeat(gone, matrix.width)
     apart = (matrix.c.T @ velocity)[columns]
-    own = matrix.c[loose][:, np.flatnonzero(columns)].toarray()
+    rigid = _rigid_motions(matrix, loose)
+    own = rigid.T @ matrix.c[loose][:, np.flatnonzero(columns)].toarray()
     if search.any_motion:
         size = np.abs(apart).max(initial=0.0) or 1.0
-        way = linprog(np.zeros(len(loose)), -own.T[:: matrix.width], apart[:: matrix.width] / size, bounds=(None, None))
+        way = linprog(np.zeros(len(own)), -own.T[:: matrix.width], apart[:: matrix.width] / size, bounds=(None, None))
         if way.status == 0:
-            motion[loose] = size * way.x
+            motion[loose] = rigid @ (size * way.x)
         return (ours & gone).any(axis=1) & (way.status != 0), motion
-    motion[loose] = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
-    normal = (own.T @ motion[loose] + apart)[:: matrix.width]
+    follow = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
+    motion[loose] = rigid @ follow
+    normal = (own.T @ follow + apart)[:: matrix.width]
     closes = np.zeros(matrix.count, bool)
     closes[gone] = normal < -SLACK * np.abs(velocity).max(initial=0.0)
     return (ours & closes).any(axis=1), motion
+
+
+def _rigid_motions(matrix: LinearSystem, loose: np.ndarray):
+    """(L, K) sparse basis of the motions of some coordinates that deform no bond."""
+    if matrix.unit is None:
+        return sparse.eye_array(len(loose), format="csr")
+    resisted, moves = np.linalg.eigh(matrix.machine[loose][:, loose].toarray())
+    return sparse.csr_array(moves[:, np.abs(resisted) <= RESIDUAL * np.abs(resisted).max(initial=0.0)])
 
 
 @checked

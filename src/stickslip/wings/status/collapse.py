@@ -26,10 +26,10 @@ from ...kit import (
     volume,
     with_neighbor_list,
 )
-from ...measure import contact_forces, elastic_energy, rattlers, stable_time_step, touching
+from ...measure import contact_forces, elastic_energy, stable_time_step, touching
 from ...results import Factorisation
 from .events import APEX, gaps
-from .matrices import linear_system, stiffness_matrix
+from .matrices import linear_system, loose_grains, stiffness_matrix
 from .system import pinned_coordinates, roll_springs
 
 TIME_STEP = 0.1  # time step of dynamics, in units of the longest stable one, as in `slow_dynamics`
@@ -167,7 +167,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     predicted : displacement below which the motion is quiet [length]
     known : load, reason and held of the event
     """
-    after, free, loose = motion.state, freedom(before), rattlers(before, 2)
+    after, free, loose = motion.state, freedom(before), loose_grains(before)
     strain = _strain(before, after)
     moved = without_drift(before, displacements(before, after))
     full = np.append(moved.ravel(), free.length * strain.ravel())
@@ -199,8 +199,8 @@ def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray,
     -------
     float, (n, K) orthonormal basis on the coordinates of `freedom(state)`, number of sliding contacts
     """
-    m, whole = linear_system(state, law), freedom(state)
-    mean = float(m.force[:, 0].mean())
+    m, whole = linear_system(state, law, bonds="elastic"), freedom(state)
+    mean = float(m.force[:, 0].mean()) if m.count else 0.0
     faint = m.force[:, 0] <= APEX * mean
     slides = ~faint & (m.limit | (m.margin <= APEX * mean))
     m = m._replace(springs=np.where(faint[:, None, None], 0.0, m.springs))
@@ -220,9 +220,9 @@ def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray,
 
 
 def stored_energy(state: State, law: Law) -> float:
-    """Energy of the normal and tangential springs of a law that is linear in the overlap [energy]."""
+    """Energy of bonds and of the normal and tangential springs of a law that is linear in the overlap [energy]."""
     rows = touching(state)
-    push, normal = contact_forces(state, law)[rows], gaps(state, rows)[0]
+    push, normal = contact_forces(state._replace(bonds=None), law)[rows], gaps(state, rows)[0]
     along = push - np.einsum("ck,ck->c", push, normal)[:, None] * normal
     material = np.concatenate([state.grains.material, state.walls.material])
     k_t = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]], builtin.KT]
@@ -274,7 +274,7 @@ def _strain(before: State, after: State) -> np.ndarray:
 
 def _held_bodies(state: State) -> np.ndarray:
     """(B,) mask of walls and of grains that are not rattlers."""
-    return np.append(~rattlers(state, 2), np.ones(len(state.walls.mass), bool))
+    return np.append(~loose_grains(state), np.ones(len(state.walls.mass), bool))
 
 
 def _loaded_contacts(state: State) -> dict[int, bool]:

@@ -57,7 +57,7 @@ from ...kit import (
     stiffness_of,
 )
 from ...measure import branch_vectors, touching
-from ...measure import rattlers as loose_grains
+from ...measure import rattlers as unsupported
 from ...modes import assembled
 from ...results import Freedom
 
@@ -83,6 +83,7 @@ class LinearSystem(NamedTuple):
     machine: sparse.csr_array  # (n, n) stiffness of springs that pull bodies, and of bonds [force/length]
     free: Freedom
     rigid: sparse.csr_array | None = None  # (K, n) B: rigid bonds forbid motions with B v ≠ 0; None without them
+    unit: np.ndarray | None = None  # (B,) first of the grains that beams join to each body; None without bonds
 
     check_entries = check_types
 
@@ -179,8 +180,33 @@ def linear_system(
         elastic = matrix.machine - assembled(held, bond_blocks(held), free)
         forbidden = forbidden_rates(held, free) if bonds == "rigid" else None
         limit = sliding & ~(_within_clusters(held, rows) & (bonds == "rigid"))
-        matrix = matrix._replace(machine=sparse.csr_array(elastic), rigid=forbidden, limit=limit)
+        matrix = matrix._replace(
+            machine=sparse.csr_array(elastic), rigid=forbidden, limit=limit, unit=joined_bodies(held)
+        )
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
+
+
+def joined_bodies(state: State) -> np.ndarray:
+    """(B,) first of the bodies that intact beams join to each body."""
+    if not state.bonds:
+        return np.arange(state.n_bodies)
+    beams = np.flatnonzero(is_beam(state.bonds, state.cell.dim))
+    ends = state.bonds.i[beams], state.bonds.j[beams]
+    part = connected_components(sparse.coo_array((np.ones(len(beams)), ends), shape=(state.n_bodies,) * 2))[1]
+    return np.unique(part, return_index=True)[1][part]
+
+
+def loose_grains(state: State, known: np.ndarray | None = None) -> np.ndarray:
+    """(N,) bool: rattlers as for two supports, where grains that beams join count as one body."""
+    if not state.bonds:
+        return unsupported(state, 2, known)
+    n, group = state.n_bodies, state.control.group
+    grouped = np.flatnonzero(group >= 0)
+    ends = np.append(np.arange(n), grouped), np.append(joined_bodies(state), n + group[grouped])
+    joined = sparse.coo_array((np.ones(len(ends[0])), ends), shape=(n + 1 + group.max(initial=-1),) * 2)
+    whole = connected_components(joined, directed=False)[1][:n].astype(np.int64)
+    whole[np.bincount(whole)[whole] == 1] = -1
+    return unsupported(state._replace(bonds=None, control=state.control._replace(group=whole)), 2, known)
 
 
 def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
@@ -272,7 +298,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
     elif not rattlers:
         modes = state.contacts.mode.copy()  # some have parted, such as those of rattlers that a path moved aside
         modes[parted] = OPEN
-        loose[:n] = loose_grains(state._replace(contacts=state.contacts._replace(mode=modes)), 2)
+        loose[:n] = loose_grains(state._replace(contacts=state.contacts._replace(mode=modes)))
     return loose
 
 
