@@ -152,6 +152,7 @@ def decide_statuses(
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
+    lone = np.array([body for body in lone if _is_held_by_contacts(matrix, body)], int)
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
     if matrix.width == 3 and not len(lone) and (choice := _open_all(search)) is not None:
         return choice
@@ -224,8 +225,7 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
     gone = ours[released].any(axis=0)
     special = np.flatnonzero((search.apex | matrix.limit) & ~gone)
     sign = np.where(search.apex, 0.0, matrix.sign)[special]
-    owner = matrix.free.body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[matrix.free.body]
-    loose = np.flatnonzero(np.isin(owner, released))
+    loose = np.flatnonzero(np.isin(_owners(matrix), released))
     rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
     try:
         map_of = reduce_to_contacts(
@@ -307,6 +307,20 @@ def _dragged_bodies(
     closes = np.zeros(matrix.count, bool)
     closes[gone] = normal < -SLACK * np.abs(velocity).max(initial=0.0)
     return (ours & closes).any(axis=1), motion
+
+
+def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
+    """Return True if nothing but contacts resists rigid motions of a grain with those that beams join to it."""
+    if matrix.unit is None:
+        return True
+    own = np.flatnonzero(_owners(matrix) == body)
+    return _rigid_motions(matrix, own).shape[1] == (3 if matrix.free.dim == 2 else 6)
+
+
+def _owners(matrix: LinearSystem) -> np.ndarray:
+    """(n,) body of each coordinate, the first of those that beams join to it."""
+    body = matrix.free.body
+    return body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[body]
 
 
 def _rigid_motions(matrix: LinearSystem, loose: np.ndarray):

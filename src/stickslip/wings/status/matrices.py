@@ -55,11 +55,12 @@ from ...kit import (
     resists_rolling,
     spring_stiffness,
     stiffness_of,
+    supports,
 )
 from ...measure import branch_vectors, touching
-from ...measure import rattlers as unsupported
-from ...modes import assembled
-from ...results import Freedom
+from ...measure import rattlers as rattlers_of
+from ...modes import assembled, residual_vector
+from ...results import ContactLoads, Freedom
 
 
 @readable
@@ -196,17 +197,39 @@ def joined_bodies(state: State) -> np.ndarray:
     return np.unique(part, return_index=True)[1][part]
 
 
-def loose_grains(state: State, known: np.ndarray | None = None) -> np.ndarray:
-    """(N,) bool: rattlers as for two supports, where grains that beams join count as one body."""
+def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool = True) -> np.ndarray:
+    """(N,) bool: rattlers as for two supports, where grains that beams join count as one body.
+
+    Those that beams join around a periodic cell are no rattlers, and contacts with their own images support others.
+    In a packing with bonds, those that bear an external load may be left out: what is `loaded` has to be supported.
+    """
     if not state.bonds:
-        return unsupported(state, 2, known)
-    n, group = state.n_bodies, state.control.group
-    grouped = np.flatnonzero(group >= 0)
-    ends = np.append(np.arange(n), grouped), np.append(joined_bodies(state), n + group[grouped])
-    joined = sparse.coo_array((np.ones(len(ends[0])), ends), shape=(n + 1 + group.max(initial=-1),) * 2)
-    whole = connected_components(joined, directed=False)[1][:n].astype(np.int64)
-    whole[np.bincount(whole)[whole] == 1] = -1
-    return unsupported(state._replace(bonds=None, control=state.control._replace(group=whole)), 2, known)
+        return rattlers_of(state, 2, known)
+    unit, number = supports(state)
+    n, contacts, rows = state.n_bodies, state.contacts, touching(state)
+    ends = np.tile(np.arange(n), 2), np.append(unit, joined_bodies(state))
+    part = connected_components(sparse.coo_array((np.ones(2 * n), ends), shape=(n, n)), directed=False)[1]
+    held, loose = np.zeros(n, int), np.zeros(n, bool)
+    np.maximum.at(held, part, number)
+    if known is not None:
+        loose[part[: len(known)][known]] = True
+    if not loaded:
+        whole, nothing = freedom(state), np.zeros((n, 3))
+        pull = residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), whole)
+        held[part[np.setdiff1d(whole.body[pull != 0], n)]] = 2
+    beams, rows = np.flatnonzero(is_beam(state.bonds, state.cell.dim)), rows[contacts.mode[rows] != OPEN]
+    ends = state.bonds.i[beams], state.bonds.j[beams], state.bonds.image[beams].astype(int)
+    place = _unwrapped(n, *ends)[1]
+    held[part[ends[0][(ends[2] - place[ends[0]] + place[ends[1]]).any(axis=1)]]] = 2
+    i, j = contacts.i[rows], contacts.j[rows]
+    apart = (contacts.image[rows] - place[i] + place[j]).any(axis=1) | (part[i] != part[j])
+    i, j = part[i], part[j]
+    while True:
+        holds = ~(loose[i] | loose[j]) & apart
+        new = (held + np.bincount(np.concatenate([i[holds], j[holds]]), minlength=n) < 2) & ~loose
+        if not new[part].any():
+            return loose[part][: len(state.grains.radius)]
+        loose |= new
 
 
 def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
