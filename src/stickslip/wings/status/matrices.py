@@ -201,7 +201,7 @@ def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool 
     """(N,) bool: rattlers as for two supports, where grains that beams join count as one body.
 
     Those that beams join around a periodic cell are no rattlers, and contacts with their own images support others.
-    In a packing with bonds, those that bear an external load may be left out: what is `loaded` has to be supported.
+    In a packing with bonds, those that bear an external load count as supported unless `loaded`.
     """
     if not state.bonds:
         return rattlers_of(state, 2, known)

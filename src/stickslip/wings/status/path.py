@@ -247,7 +247,7 @@ class _PathRecord:
             self.since += 1 + len(piece.events)
 
     def include(self, other: "_PathRecord", load: float) -> None:
-        """Add what happened under one load."""
+        """Add the events of another record under one load."""
         self.events += [event._replace(load=load) for event in other.events]
         self.forks += [fork._replace(load=load) for fork in other.forks]
         self.unchecked += other.unchecked
