@@ -45,7 +45,8 @@ States, engines and solvers
     with_neighbor_list, resting, reset_reached, shifts, Committed       states, and pairs of their contact lists
     supports, least_supports, mean_normal_force, natural_scales, clear_round_off, volume    measures that solvers need
     linearise, Linearisation, blocks_of, incidence, spring_stiffness, stiffness_of      linearised contacts
-    bond_blocks, bond_limits, bond_rows, bond_vectors, cross_matrix, is_beam     and bonds
+    bond_blocks, bond_limits, bond_motions, bond_rows, bond_vectors, cross_matrix, is_beam      and bonds
+    bond_crossings, broken_since, judge_loads, with_strength_of, with_weakest_broken        and their failure
     linearised, force_imbalance, modes_under, softest_eigenvalue, near_zero, ZERO_BELOW, DENSE_UP_TO     and spectra
     core                        compiled functions
     factorised, one_thread, suitable_threads        linear algebra

@@ -36,9 +36,13 @@ from .core.arguments import require_options as require_options
 from .core.arguments import require_positive as require_positive
 from .core.arguments import require_shape as require_shape
 from .core.contacts.bonding import bond_limits as bond_limits
+from .core.contacts.bonding import broken_since as broken_since
+from .core.contacts.bonding import with_strength_of as with_strength_of
+from .core.contacts.bonding import with_weakest_broken as with_weakest_broken
 from .core.contacts.bonds import bond_rows as bond_rows
 from .core.contacts.bonds import bond_vectors as bond_vectors
 from .core.contacts.bonds import is_beam as is_beam
+from .core.contacts.bonds import judge_loads as judge_loads
 from .core.contacts.jacobian import Linearisation as Linearisation
 from .core.contacts.jacobian import blocks_of as blocks_of
 from .core.contacts.jacobian import bond_blocks as bond_blocks
@@ -280,6 +284,8 @@ from .solve.balance import force_imbalance as force_imbalance
 from .solve.balance import linearised as linearised
 from .solve.balance import modes_under as modes_under
 from .solve.balance import no_equilibrium_message as no_equilibrium_message
+from .solve.bond_failure import bond_crossings as bond_crossings
+from .solve.bond_failure import bond_motions as bond_motions
 from .solve.equilibrate import LeftPathError as LeftPathError
 from .solve.freedom import ZERO_BELOW as ZERO_BELOW
 from .solve.freedom import incidence as incidence

@@ -134,19 +134,25 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
     state, bonds, wide = here.state, here.state.bonds, np.zeros((3, 3))
     wide[: moduli.dim, : moduli.dim] = strain
     moved = moduli.free.spread(np.einsum("nab,ab->n", moduli.motion, strain))
-    turned = moved[: len(state.grains.radius), 3:] / state.grains.radius[:, None]
-    apart = (
-        bond_vectors(bonds, state.grains.position, state.cell.vectors) @ wide.T
-        + moved[bonds.i, :3]
-        - moved[bonds.j, :3]
-    )
-    known = bond_limits(state, np.hstack([apart, turned[bonds.i], turned[bonds.j]]))
+    known = bond_limits(state, bond_motions(state, moved, wide))
     loose = unsupported_grains(state, here.law)  # without load on their bonds
-    amount, failure = _crossings(bonds, known.load, known.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
+    amount, failure = bond_crossings(bonds, known.load, known.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
     return FirstBreak(amount, failure, bonds.i, bonds.j, strain, -np.einsum("abcd,cd->ab", moduli.tensor, strain))
 
 
-def _crossings(bonds: Bonds, load: np.ndarray, slope: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def bond_motions(state: State, moved: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """(K, 9) changes of pair vectors and angles of bonds, for motions (B, 6) of bodies and of the cell (3, 3)."""
+    bonds, grains = state.bonds, state.grains
+    turned = moved[: len(grains.radius), 3:] / grains.radius[:, None]
+    apart = (
+        bond_vectors(bonds, grains.position, state.cell.vectors) @ gradient.T + moved[bonds.i, :3] - moved[bonds.j, :3]
+    )
+    return np.hstack([apart, turned[bonds.i], turned[bonds.j]])
+
+
+def bond_crossings(
+    bonds: Bonds, load: np.ndarray, slope: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Amounts a (K,) at which bonds break under load + a slope, and the breaking loads.
 
     Load over strength, g, is convex, and g(a slope) − g(−load) ≤ g(load + a slope) bounds the amount.

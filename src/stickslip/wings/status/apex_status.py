@@ -1,7 +1,8 @@
 """Contact status under a load rate, including contacts without force that open or have just closed.
 
-A disk without force at any contact is released as a body. It stays released if all of its contacts open in the smallest
-motion with which it follows its neighbours. Otherwise it carries load again.
+A disk without force at any contact is released as a body, as are grains that are joined by beams, together. It stays
+released if all of its contacts open in the smallest motion with which it follows its neighbours. Otherwise it carries
+load again.
 
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Sec. V B, which leaves the question open.
 """
@@ -134,7 +135,7 @@ class _Search(NamedTuple):
     load: np.ndarray
     apex: np.ndarray  # (M,) bool
     geometric: bool
-    ours: np.ndarray  # (B, M) bool: contacts of each grain
+    ours: np.ndarray  # (B, M) bool: contacts of each grain, or of grains that beams join, in the row of the first
     alone: np.ndarray  # (M,) bool: contacts of grains whose contacts are all at the apex
     any_motion: bool = False  # whether bodies are released if any motion opens their contacts, not just the least
 
@@ -152,6 +153,7 @@ def decide_statuses(
     """
     ours = _contacts_of_bodies(matrix)
     lone = np.flatnonzero((ours.sum(axis=1) > 0) & ~(ours & ~apex).any(axis=1))
+    lone = np.array([body for body in lone if _is_held_by_contacts(matrix, body)], int)
     search = _Search(matrix, load, apex, geometric, ours, ours[lone].any(axis=0))
     if matrix.width == 3 and not len(lone) and (choice := _open_all(search)) is not None:
         return choice
@@ -224,7 +226,7 @@ def _choices_with_released(search: _Search, released: np.ndarray) -> tuple[list,
     gone = ours[released].any(axis=0)
     special = np.flatnonzero((search.apex | matrix.limit) & ~gone)
     sign = np.where(search.apex, 0.0, matrix.sign)[special]
-    loose = np.flatnonzero(np.isin(matrix.free.body, released))
+    loose = np.flatnonzero(np.isin(_owners(matrix), released))
     rest = matrix._replace(springs=np.where(gone[:, None, None], 0.0, matrix.springs))
     try:
         map_of = reduce_to_contacts(
@@ -265,13 +267,22 @@ def _stable_statuses(apex: Apex) -> tuple[list[tuple[StatusSolution, bool]], boo
 
 
 def _contacts_of_bodies(matrix: LinearSystem) -> np.ndarray:
-    """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies."""
+    """(B, M) mask of the contacts of each grain that is free to rotate; empty rows for all other bodies.
+
+    Grains that beams join have the row of the first of them, empty unless all are free to rotate.
+    """
     body, c = matrix.free.body, matrix.c.tocoo()
     out = np.zeros((int(body.max(initial=-1)) + 1, matrix.count), bool)
     out[body[c.row[c.data != 0]], c.col[c.data != 0] // matrix.width] = True
     turns = np.zeros(len(out), bool)
     turns[body[matrix.free.axis == 5]] = True
-    return out & turns[:, None]
+    if matrix.unit is None:
+        return out & turns[:, None]
+    joined, held = np.zeros_like(out), np.ones(len(matrix.unit), bool)
+    np.logical_or.at(joined, matrix.unit[: len(out)], out)
+    held[: len(turns)] = ~turns
+    turns[np.intersect1d(matrix.unit[held], np.arange(len(turns)))] = False
+    return joined & turns[:, None]
 
 
 def _dragged_bodies(
@@ -283,18 +294,42 @@ def _dragged_bodies(
         return np.zeros(len(ours), bool), motion
     columns = np.repeat(gone, matrix.width)
     apart = (matrix.c.T @ velocity)[columns]
-    own = matrix.c[loose][:, np.flatnonzero(columns)].toarray()
+    rigid = _rigid_motions(matrix, loose)
+    own = rigid.T @ matrix.c[loose][:, np.flatnonzero(columns)].toarray()
     if search.any_motion:
         size = np.abs(apart).max(initial=0.0) or 1.0
-        way = linprog(np.zeros(len(loose)), -own.T[:: matrix.width], apart[:: matrix.width] / size, bounds=(None, None))
+        way = linprog(np.zeros(len(own)), -own.T[:: matrix.width], apart[:: matrix.width] / size, bounds=(None, None))
         if way.status == 0:
-            motion[loose] = size * way.x
+            motion[loose] = rigid @ (size * way.x)
         return (ours & gone).any(axis=1) & (way.status != 0), motion
-    motion[loose] = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
-    normal = (own.T @ motion[loose] + apart)[:: matrix.width]
+    follow = np.linalg.lstsq(own.T, -apart, rcond=None)[0]
+    motion[loose] = rigid @ follow
+    normal = (own.T @ follow + apart)[:: matrix.width]
     closes = np.zeros(matrix.count, bool)
     closes[gone] = normal < -SLACK * np.abs(velocity).max(initial=0.0)
     return (ours & closes).any(axis=1), motion
+
+
+def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
+    """Return True if nothing but contacts resists rigid motions of a grain with those that beams join to it."""
+    if matrix.unit is None:
+        return True
+    own = np.flatnonzero(_owners(matrix) == body)
+    return _rigid_motions(matrix, own).shape[1] == (3 if matrix.free.dim == 2 else 6)
+
+
+def _owners(matrix: LinearSystem) -> np.ndarray:
+    """(n,) body of each coordinate, the first of those that beams join to it."""
+    body = matrix.free.body
+    return body if matrix.unit is None else np.append(matrix.unit, len(matrix.unit))[body]
+
+
+def _rigid_motions(matrix: LinearSystem, loose: np.ndarray):
+    """(L, K) sparse basis of the motions of some coordinates that deform no bond."""
+    if matrix.unit is None:
+        return sparse.eye_array(len(loose), format="csr")
+    resisted, moves = np.linalg.eigh(matrix.machine[loose][:, loose].toarray())
+    return sparse.csr_array(moves[:, np.abs(resisted) <= RESIDUAL * np.abs(resisted).max(initial=0.0)])
 
 
 @checked

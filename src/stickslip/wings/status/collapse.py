@@ -17,7 +17,6 @@ from ...control import between, spring_forces
 from ...kit import (
     body_positions,
     builtin,
-    mean_normal_force,
     natural_scales,
     near_zero,
     readable,
@@ -26,11 +25,12 @@ from ...kit import (
     volume,
     with_neighbor_list,
 )
-from ...measure import contact_forces, elastic_energy, rattlers, stable_time_step, touching
+from ...measure import contact_forces, elastic_energy, stable_time_step, touching
 from ...results import Factorisation
 from .events import APEX, gaps
-from .matrices import linear_system, stiffness_matrix
-from .system import pinned_coordinates, roll_springs
+from .increment import force_scale
+from .matrices import linear_system, loose_grains, stiffness_matrix
+from .system import external_force, pinned_coordinates, roll_springs
 
 TIME_STEP = 0.1  # time step of dynamics, in units of the longest stable one, as in `slow_dynamics`
 RAMP, GENTLY = 25, 200  # number of stages in which the load is raised, and steps per stage
@@ -94,7 +94,9 @@ class _Dynamics:
 
     def __init__(self, state: State, law: Law, drag: float):
         self.start, self.law, self.drag, self.held = state, law, drag, _held_bodies(state)
-        self.state, self.dt = _still(state), TIME_STEP * stable_time_step(state, law)
+        limit = stable_time_step(state, law)
+        limit = limit if np.isfinite(limit) else natural_scales(state, law).time  # nothing touches
+        self.state, self.dt = _still(state), TIME_STEP * limit
         self.steps, self.energy, self.work = 0, 0.0, 0.0
 
     def run(self, steps: int, tolerance: float = 0.0) -> Status:
@@ -133,7 +135,7 @@ def run_to_rest(
     """
     duration = DURATION * natural_scales(state, law).time if duration is None else duration
     travel = TRAVEL * 2 * float(state.grains.radius.mean()) if travel is None else travel
-    here, force = _Dynamics(state, law, drag), mean_normal_force(state, law)
+    here, force = _Dynamics(state, law, drag), force_scale(state, law, external_force(state, freedom(state)))
     for share in np.arange(1, RAMP + 1) / RAMP:
         here.state = here.state._replace(control=between(state.control, control, float(share)))
         if here.run(GENTLY) is not Status.DONE:
@@ -165,7 +167,7 @@ def describe_collapse(before: State, motion: Motion, law: Law, pull: np.ndarray,
     predicted : displacement below which the motion is no collapse [length]
     known : values of load, reason and held
     """
-    after, free, loose = motion.state, freedom(before), rattlers(before, 2)
+    after, free, loose = motion.state, freedom(before), loose_grains(before, loaded=False)
     strain = _strain(before, after)
     moved = without_drift(before, displacements(before, after))
     full = np.append(moved.ravel(), free.length * strain.ravel())
@@ -197,12 +199,14 @@ def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray,
     -------
     float, (n, K) orthonormal basis on the coordinates of `freedom(state)`, number of sliding contacts
     """
-    m, whole = linear_system(state, law), freedom(state)
-    mean = float(m.force[:, 0].mean())
+    m, whole = linear_system(state, law, bonds="elastic"), freedom(state)
+    mean = float(m.force[:, 0].mean()) if m.count else 0.0
     faint = m.force[:, 0] <= APEX * mean
     slides = ~faint & (m.limit | (m.margin <= APEX * mean))
     m = m._replace(springs=np.where(faint[:, None, None], 0.0, m.springs))
     kept = np.setdiff1d(np.arange(len(m.free)), pinned_coordinates(m))
+    if not len(kept):
+        return np.nan, np.zeros((len(whole), 0)), 0
     part = sparse.csr_array(stiffness_matrix(m, slides) + roll_springs(m))[kept][:, kept]
     try:
         values, modes = eig(part.toarray()) if len(kept) < DENSE_BELOW else near_zero(part, NEAREST, 1e-6)[:2]
@@ -218,9 +222,9 @@ def soft_modes_where_it_ends(state: State, law: Law) -> tuple[float, np.ndarray,
 
 
 def stored_energy(state: State, law: Law) -> float:
-    """Energy of the normal and tangential springs of a law that is linear in the overlap [energy]."""
+    """Energy of bonds and of the normal and tangential springs of a law that is linear in the overlap [energy]."""
     rows = touching(state)
-    push, normal = contact_forces(state, law)[rows], gaps(state, rows)[0]
+    push, normal = contact_forces(state._replace(bonds=None), law)[rows], gaps(state, rows)[0]
     along = push - np.einsum("ck,ck->c", push, normal)[:, None] * normal
     material = np.concatenate([state.grains.material, state.walls.material])
     k_t = law.table[material[state.contacts.i[rows]], material[state.contacts.j[rows]], builtin.KT]
@@ -272,7 +276,7 @@ def _strain(before: State, after: State) -> np.ndarray:
 
 def _held_bodies(state: State) -> np.ndarray:
     """Mask of walls and of grains that are not rattlers (B,)."""
-    return np.append(~rattlers(state, 2), np.ones(len(state.walls.mass), bool))
+    return np.append(~loose_grains(state, loaded=False), np.ones(len(state.walls.mass), bool))
 
 
 def _loaded_contacts(state: State) -> dict[int, bool]:

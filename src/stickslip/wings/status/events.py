@@ -18,10 +18,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ... import OPEN, Law, State
-from ...kit import builtin, shifts, with_neighbor_list
-from ...measure import branch_vectors
+from ...kit import bond_crossings, bond_limits, bond_motions, builtin, judge_loads, shifts, with_neighbor_list
+from ...measure import bond_shares, branch_vectors
 from .complementarity import SLACK
-from .matrices import contact_frames
+from .matrices import contact_frames, joined_bodies
 from .status import ContactStatus
 
 NUDGE = 1e-12  # gap, in radii, to which rattlers are pushed aside, and overlap of a new contact
@@ -67,31 +67,35 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
     if not loose.any():
         return state, nothing
     tiny, drawn = NUDGE * float(state.grains.radius.min()), np.zeros_like(whole)
+    unit = joined_bodies(state)
+    number = np.where(whole, (np.cumsum(whole & (unit == np.arange(len(unit)))) - 1)[unit], -1)
+    clustered = np.bincount(unit, minlength=len(unit))[unit] > 1
     for _ in range(ROUNDS):
         # pairs that involve rattlers and overlap, or may do so when rattlers are moved
         contacts, count = state.contacts, int(state.contacts.count[0])
         rows = np.flatnonzero(whole[contacts.i[:count]] | whole[contacts.j[:count]])
+        rows = rows[unit[contacts.i[rows]] != unit[contacts.j[rows]]]
         normal, gap = gaps(state, rows)
         near = gap < NEAR * max(-gap.min(initial=0.0), 0.0)
         rows, normal, gap = rows[near], normal[near], gap[near]
         if not len(rows) or gap.min() >= 0:
             return release_rattlers(state, loose), nothing
         i, j = contacts.i[rows], contacts.j[rows]
-        move, pressed = _smallest_displacement(_gap_directions(i, j, normal[:, : state.cell.dim], whole), tiny - gap)
+        move, pressed = _smallest_displacement(_gap_directions(i, j, normal[:, : state.cell.dim], number), tiny - gap)
         friction = law.table[material[i], material[j], builtin.MU]
         frame = contact_frames(normal[pressed], np.zeros_like(normal[pressed]), state.cell.dim)
-        wedge = _wedging_contacts(i[pressed], j[pressed], frame, friction[pressed], whole)
+        wedge = _wedging_contacts(state, i[pressed], j[pressed], frame, friction[pressed], unit, number)
         if len(wedge) or move is None:
             held = rows[pressed][wedge] if len(wedge) else rows[pressed]
             caught = np.zeros_like(whole)
             caught[np.concatenate([contacts.i[held], contacts.j[held]])] = True
             caught &= whole
-            if before is None or (caught & drawn).any():
+            if before is None or (caught & (drawn | clustered)).any():
                 return state, held
             position, drawn = _dragged_positions(state, before, caught, held), drawn | caught
         else:
             position = state.grains.position.copy()
-            position[loose, : state.cell.dim] += move.reshape(-1, state.cell.dim)
+            position[loose, : state.cell.dim] += move.reshape(-1, state.cell.dim)[number[whole]]
         state = release_rattlers(
             with_neighbor_list(state._replace(grains=state.grains._replace(position=position))), loose
         )
@@ -125,12 +129,12 @@ def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np
     return position
 
 
-def _gap_directions(i, j, normal, whole) -> np.ndarray:
-    """(C, dim L) derivatives of gaps with respect to positions of rattlers."""
-    number, dim = np.where(whole, np.cumsum(whole) - 1, -1), normal.shape[1]
-    out = np.zeros((len(i), dim * int(whole.sum())))
+def _gap_directions(i, j, normal, number) -> np.ndarray:
+    """(C, dim L) derivatives of gaps with respect to positions of rattlers, or of those that beams join."""
+    dim = normal.shape[1]
+    out = np.zeros((len(i), dim * (number.max() + 1)))
     for body, sign in ((i, 1.0), (j, -1.0)):
-        rows = np.flatnonzero(whole[body])
+        rows = np.flatnonzero(number[body] >= 0)
         for axis in range(dim):
             out[rows, dim * number[body[rows]] + axis] += sign * normal[rows, axis]
     return out
@@ -150,7 +154,7 @@ def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[
     return -scale * rest[:-1] / rest[-1], pressed
 
 
-def _wedging_contacts(i, j, frame, mu, whole) -> np.ndarray:
+def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray:
     """Indices of contacts that can hold rattlers in balance by forces within their cones; empty if none can.
 
     In space, the cones are replaced by pyramids within them.
@@ -158,17 +162,19 @@ def _wedging_contacts(i, j, frame, mu, whole) -> np.ndarray:
     if len(i) < 2:
         return np.zeros(0, int)
     dim = frame.shape[1]
-    turning, number = ROTATIONS[dim], np.where(whole, np.cumsum(whole) - 1, -1)
+    turning, radius, place = ROTATIONS[dim], state.grains.radius, state.grains.position
     size, edges = dim + len(turning), EDGES[dim]
-    columns = np.zeros((size * int(whole.sum()) + 1, len(edges) * len(i)))
+    columns = np.zeros((size * (number.max() + 1) + 1, len(edges) * len(i)))
     for edge, weights in enumerate(edges):
         pull = mu[:, None] * np.einsum("a,cak->ck", weights, frame[:, 1:])
         force, moment = frame[:, 0] + pull, -np.cross(frame[:, 0], pull)
         for body, sign in ((i, 1.0), (j, -1.0)):
-            rows = np.flatnonzero(whole[body])
-            at = size * number[body[rows]][:, None]
+            rows = np.flatnonzero(number[body] >= 0)
+            at, own, lead = size * number[body[rows]][:, None], body[rows], unit[body[rows]]
             columns[at + np.arange(dim), len(edges) * rows[:, None] + edge] += sign * force[rows, :dim]
-            columns[at + dim + np.arange(size - dim), len(edges) * rows[:, None] + edge] += moment[rows][:, turning]
+            arm = (place[own] - place[lead]) / radius[lead, None]  # of a body that beams join to others
+            turn = moment[rows] * (radius[own] / radius[lead])[:, None] + sign * np.cross(arm, force[rows])
+            columns[at + dim + np.arange(size - dim), len(edges) * rows[:, None] + edge] += turn[:, turning]
     columns[-1] = 1.0
     aim = np.zeros(len(columns))
     aim[-1] = 1.0
@@ -179,10 +185,11 @@ def _wedging_contacts(i, j, frame, mu, whole) -> np.ndarray:
 
 
 def release_rattlers(state: State, loose: np.ndarray) -> State:
-    """State in which the contacts of rattlers carry no force."""
+    """State in which the contacts of rattlers, except those within bonded clusters, carry no force."""
     body = np.append(loose, np.zeros(state.n_bodies - len(loose), bool))
     contacts, count = state.contacts, int(state.contacts.count[0])
-    return with_modes(state, np.flatnonzero(body[contacts.i[:count]] | body[contacts.j[:count]]), OPEN)
+    unit, (i, j) = joined_bodies(state), (contacts.i[:count], contacts.j[:count])
+    return with_modes(state, np.flatnonzero((body[i] | body[j]) & (unit[i] != unit[j])), OPEN)
 
 
 def with_modes(state: State, rows: np.ndarray, mode: int) -> State:
@@ -203,15 +210,23 @@ NEAR_APEX = 1e-4  # normal force, in mean normal forces, below which a linear st
 NEAR_CONE = 1e-5  # distance from the cone over the normal force, below which a linear step reaches the cone
 APPROACH = 0.9  # fraction of the distance to an event that a linear step would miss, after which c is recomputed
 TOGETHER = 1e-9  # fraction of an increment within which events are simultaneous
-REACHES, CLOSES, AT_APEX, NEARS, INCREMENT = "reaches the cone", "closes", "at the apex", "nears an event", "increment"
+NEAR_BREAK = 1e-5  # load of a bond below its strength, over it, from which a linear step reaches the strength
+REACHES, CLOSES, AT_APEX, NEARS, INCREMENT, BREAKS = (
+    "reaches the cone",
+    "closes",
+    "at the apex",
+    "nears an event",
+    "increment",
+    "bond breaks",
+)
 
 
 class Event(NamedTuple):
     """Event on a load path."""
 
     load: float  # in legs of the load
-    kind: str  # "reaches the cone", "sticks again", "opens", "closes", …, or why the path ends
-    i: int  # bodies of the contact, or one body; −1 if there is none
+    kind: str  # "reaches the cone", "opens", "closes", "bond breaks by tension", …, or why the path ends
+    i: int  # bodies of the contact or bond, or one body; −1 if there is none
     j: int
 
 
@@ -234,8 +249,9 @@ class NextEvent(NamedTuple):
 
 
 def next_event(
-    increment, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float
-) -> NextEvent:
+    increment, force: np.ndarray, rate: np.ndarray, known: np.ndarray, choice: ContactStatus, left: float,
+    moved: np.ndarray,
+) -> NextEvent:  # fmt: skip
     """Find the end of a linear piece that begins with given forces.
 
     Parameters
@@ -244,10 +260,29 @@ def next_event(
     force, rate : (M, 2) forces and their rates over the whole increment [force]
     known : (M,) bool, contacts that were on the cone with a consistent status; those that stick leave the cone
     left : remaining fraction of the increment
+    moved : (n,) motion since the beginning of the increment [length]
     """
     reached = _shares_to_cone(increment, force, rate, known, choice)
     first = _first_on_cone(increment, force, reached, NextEvent(left, np.zeros(0, int), INCREMENT))
-    return _first_closing(increment, choice, _first_on_apex(increment, force, rate, first, left))
+    first = _first_closing(increment, choice, _first_on_apex(increment, force, rate, first, left))
+    return _first_break(increment, moved, choice.velocity, first) if increment.state.bonds else first
+
+
+def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: NextEvent) -> NextEvent:
+    """First bond whose load, which changes linearly, reaches its strength."""
+    state, free = increment.state, increment.matrix.free
+    here, ahead = (
+        bond_limits(state, bond_motions(state, free.spread(way), free.strain(way))) for way in (moved, velocity)
+    )
+    load = here.load + here.slope
+    # load over strength is convex, so that a bond that holds at the end holds until then
+    breaks = state.bonds.intact & (judge_loads(state.bonds, load + first.step * ahead.slope)[0] >= 1)
+    if not breaks.any():
+        return first
+    time = min(bond_crossings(state.bonds, load, ahead.slope, breaks)[0].min(), first.step)
+    if time > 0 and bond_shares(state).max() < 1 - NEAR_BREAK:
+        return NextEvent(float(APPROACH * time), np.zeros(0, int), NEARS)
+    return NextEvent(float(time), np.zeros(0, int), BREAKS)
 
 
 def _shares_to_cone(increment, force, rate, known, choice) -> np.ndarray:
@@ -358,6 +393,6 @@ def _first_closing(increment, choice: ContactStatus, first: NextEvent) -> NextEv
         return first
     # a pair whose bodies move past each other overlaps more than predicted by a linear step
     aside = float((apart[time.argmin()] ** 2).sum() - closing[time.argmin()] ** 2) * soonest**2
-    if increment.matrix.springs[:, 0, 0].max() * aside / (2 * small) > APEX * increment.mean:
+    if increment.stiffest * aside / (2 * small) > APEX * increment.mean:
         return NextEvent(float(APPROACH * soonest), np.zeros(0, int), NEARS)
     return NextEvent(float(soonest), increment.matrix.count + np.flatnonzero(time <= soonest + TOGETHER), CLOSES)

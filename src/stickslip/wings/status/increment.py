@@ -15,16 +15,30 @@ from scipy.linalg import LinAlgError
 
 from ... import FREE, HELD, OPEN, SLIDE, STICK, Control, Law, State, accept, forces
 from ...control import between
-from ...kit import builtin, factorised, incidence, linearise, with_neighbor_list
-from ...measure import contact_forces, rattlers
+from ...kit import builtin, factorised, incidence, linearise, mean_normal_force, with_neighbor_list
+from ...measure import contact_forces
 from ...modes import displaced, residual_vector
+from ...results import Freedom
 from .apex_status import decide_statuses
 from .complementarity import complementarity, inconsistent
 from .cone_apex import OPENS, SLIDES, SLIDES_BACK, STATUS_NAMES, STICKS
-from .events import APEX, CLOSES, INCREMENT, NUDGE, REACHES, Event, Fork, gaps, next_event, open_pairs, with_modes
-from .matrices import LinearSystem, force_rates, linear_system
+from .events import (
+    APEX,
+    BREAKS,
+    CLOSES,
+    INCREMENT,
+    NUDGE,
+    REACHES,
+    Event,
+    Fork,
+    gaps,
+    next_event,
+    open_pairs,
+    with_modes,
+)
+from .matrices import LinearSystem, force_rates, linear_system, loose_grains
 from .status import ContactStatus, Verdict, status_of_critical
-from .system import RESIDUAL, external_force, pinned_coordinates, regular_stiffness
+from .system import RESIDUAL, external_force, lowest_eigenvalue, pinned_coordinates, regular_stiffness
 from .uniqueness import certificate
 
 AT_CONE = 1e-10  # round-off of the distance from the cone, in mean normal forces: 1e-16 times conditions of k of 1e5
@@ -36,6 +50,7 @@ TOUCHES = 1e-7  # gap, as a force in mean normal forces, up to which a pair touc
 STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which an increment in space is halved
 BRACKET = 1e-3  # fraction of an increment within which the load is found at which a sliding contact in 3D sticks again
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
+LEAST = 0.01  # least force to which those of a packing with bonds are compared, over the largest external force
 LOOK = 0.01  # fraction of a leg after which other statuses are sought even without an event; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
 NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
@@ -51,6 +66,7 @@ class PathState(NamedTuple):
     unique: bool  # whether the status was unique for every load when last tested
     looked: float  # load of the last test for uniqueness and for other statuses
     wedged: bool = False  # whether a rattler has just been wedged here
+    breaking: bool = False  # whether the control still carries a part of the load of a broken bond
 
 
 class Increment:
@@ -61,9 +77,13 @@ class Increment:
         self.begin, self.end, self.share = begin, end, share
         self.events, self.forks, self.unchecked, self.lost, self.unique = [], [], 0, None, place.unique
         self.last, self.solve, self.missed, self.looked, self.ahead = None, None, 0.0, place.looked, None
+        self.broke = False  # whether the increment ended because a bond breaks
         self._set_state(place)
         if place.fresh.any():
             self._decide_at_apex(place)
+        # bonds lose their stiffness, or buckle
+        if self.lost is None and self.state.bonds and lowest_eigenvalue(self.matrix) < 0:
+            self.lost = Verdict.NEGATIVE
 
     def _set_state(self, place: PathState) -> None:
         self.place, self.state, self.loose = place, place.state, place.loose
@@ -73,12 +93,17 @@ class Increment:
         # both forces of a disk with two contacts lie along one line: it reaches the cone, or its apex, at both together
         self.has_two = np.bincount(self.ends.ravel(), minlength=self.state.n_bodies) == 2
         self.has_two[n:] = False
+        if self.matrix.unit is not None:
+            self.has_two &= np.bincount(self.matrix.unit, minlength=self.state.n_bodies)[self.matrix.unit] == 1
         self.paired = self.has_two[self.ends].any(axis=1)
-        self.mean = float(self.matrix.force[:, 0].mean())
         at = self.state._replace(control=between(self.begin, self.end, self.share))
         to = self.state._replace(control=between(self.begin, self.end, self.share + self.increment))
-        missing = self._unbalanced_force(place._replace(state=at))
-        self.load = external_force(to, self.matrix.free) - external_force(at, self.matrix.free) + self.mends * missing
+        missing = unbalanced_force(place._replace(state=at), self.law, self.matrix.free)
+        loads = [external_force(state, self.matrix.free) for state in (at, to)]
+        self.mean = (
+            force_scale(self.state, self.law, *loads) if self.state.bonds else float(self.matrix.force[:, 0].mean())
+        )
+        self.load = loads[1] - loads[0] + self.mends * missing
         self.stiffest = float(self.matrix.springs[:, 0, 0].max(initial=0.0))
         self.gap_rows = open_pairs(self.state, self.loose, rows)
         self.faint = max(APEX * self.mean, BLURRED * np.abs(missing).max())
@@ -108,7 +133,7 @@ class Increment:
         ]
         parted = place.parted.copy()
         parted[m.rows[choice.opens]] = True
-        loose = rattlers(with_modes(place.state, np.flatnonzero(parted), OPEN), 2, place.loose)
+        loose = loose_grains(with_modes(place.state, np.flatnonzero(parted), OPEN), place.loose)
         sides = choice.side
         state = with_modes(place.state, m.rows[apex & (sides == 0)], STICK)
         begins = np.flatnonzero(apex & (sides != 0))
@@ -171,7 +196,7 @@ class Increment:
             slides = choice.sliding
             rate = force_rates(now, slides, choice.velocity)
             self.last = now, slides
-            step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done)
+            step, contacts, kind = next_event(self, force, rate, now.limit, choice, 1.0 - done, moved)
             force, moved, done = force + step * rate, moved + step * choice.velocity, done + step
             self.ahead = step, rate
             if kind == INCREMENT:
@@ -179,6 +204,7 @@ class Increment:
             load = start + done * self.increment
             if kind != REACHES or m.width == 3:  # directions in space turn: c is computed again before a contact slides
                 end = self._finish(force, moved, slides, sign, () if kind == REACHES else contacts, done)
+                self.broke = kind == BREAKS
                 if kind == CLOSES and end.fresh.any():
                     self.events += [Event(load, CLOSES, *self._bodies_of(c)) for c in contacts]
                 return end, done * self.increment, Verdict.CONSISTENT
@@ -268,7 +294,7 @@ class Increment:
         if self.last is None:
             return place
         now, last = self.last
-        missing, solve = self._unbalanced_force(place), self.solve
+        missing, solve = unbalanced_force(place, self.law, self.matrix.free), self.solve
         self.missed = np.abs(missing).max(initial=0.0) / self.mean
         for _ in range(CORRECTIONS):
             if not BALANCED < np.abs(missing).max(initial=0.0) / self.mean < OUT_OF_BALANCE:
@@ -280,7 +306,7 @@ class Increment:
                 break
             force, moved = force + force_rates(now, last, velocity), moved + velocity
             better = self._advance(force, moved, slides, sign, contacts, done)
-            left = self._unbalanced_force(better)
+            left = unbalanced_force(better, self.law, self.matrix.free)
             if not np.abs(left).max(initial=0.0) < 0.5 * np.abs(missing).max(initial=0.0):
                 break
             place, missing = better, left
@@ -312,20 +338,6 @@ class Increment:
         normal, along = (after.c.T @ velocity).reshape(-1, 3)[:, :2].T
         if inconsistent(slides, np.where(slides, after.slope * normal + along, -1.0)).any() and done > BRACKET:
             self.missed = max(self.missed, OUT_OF_BALANCE * (1 + done * self.increment))
-
-    def _unbalanced_force(self, place: PathState) -> np.ndarray:
-        """(n,) unbalanced force of a state.
-
-        Forces on rattlers, which are moved aside, and forces of parted pairs with a small overlap are excluded.
-        """
-        state, free, count = place.state, self.matrix.free, int(place.state.contacts.count[0])
-        out = residual_vector(state, forces(state, self.law)[0], free)
-        whole = np.append(self.loose, np.zeros(state.n_bodies - len(self.loose), bool))
-        loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
-        rows = np.flatnonzero(loose | place.parted[:count])
-        push = np.zeros((count, 6))
-        push[rows, :3] = contact_forces(state, self.law)[rows]
-        return out - incidence(state, count, free) @ push.ravel() if push.any() else out
 
     def _advance(self, force, moved, slides, sign, contacts, done: float) -> PathState:
         """State after the increment: bodies moved, contact memory set from the path, contacts at the apex marked."""
@@ -364,6 +376,27 @@ class Increment:
         return PathState(state, self.loose, parted, fresh, self.unique, self.looked)
 
 
+def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
+    """Force to which others are compared: the mean normal force, with bonds at least a share of external loads (n,)."""
+    mean = mean_normal_force(state, law)
+    return max(mean, LEAST * float(np.abs(loads).max(initial=0.0))) if state.bonds else mean
+
+
+def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
+    """(n,) unbalanced force of a state.
+
+    Forces on rattlers, which are moved aside, and forces of parted pairs with a small overlap are excluded.
+    """
+    state, count = place.state, int(place.state.contacts.count[0])
+    out = residual_vector(state, forces(state, law)[0], free)
+    whole = np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool))
+    loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
+    rows = np.flatnonzero(loose | place.parted[:count])
+    push = np.zeros((count, 6))
+    push[rows, :3] = contact_forces(state._replace(bonds=None), law)[rows]
+    return out - incidence(state, count, free) @ push.ravel() if push.any() else out
+
+
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:
     """Statuses, as in `cone_apex`, of contacts that carry a force: sgn D_t for sliding contacts, 0 for others."""
     return np.where(side > 0, SLIDES, np.where(side < 0, SLIDES_BACK, STICKS))
@@ -389,7 +422,7 @@ def _make_solver(matrix: LinearSystem, slides, geometric: bool):
 def _increment_matrices(place: PathState, law: Law) -> LinearSystem:
     """Matrices of grains that support each other, including the springs of pairs about to touch."""
     state = place.state
-    m = linear_system(state, law, rattlers=place.loose)
+    m = linear_system(state, law, rattlers=place.loose, bonds="elastic")
     kept = np.flatnonzero(~place.parted[m.rows])
     rows = m.rows[kept]
     material = np.concatenate([state.grains.material, state.walls.material])

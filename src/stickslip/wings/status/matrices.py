@@ -55,11 +55,12 @@ from ...kit import (
     resists_rolling,
     spring_stiffness,
     stiffness_of,
+    supports,
 )
 from ...measure import branch_vectors, touching
-from ...measure import rattlers as loose_grains
-from ...modes import assembled
-from ...results import Freedom
+from ...measure import rattlers as rattlers_of
+from ...modes import assembled, residual_vector
+from ...results import ContactLoads, Freedom
 
 
 @readable
@@ -83,6 +84,7 @@ class LinearSystem(NamedTuple):
     machine: sparse.csr_array  # (n, n) stiffness of springs that pull bodies, and of bonds [force/length]
     free: Freedom
     rigid: sparse.csr_array | None = None  # (K, n) B: rigid bonds forbid motions with B v ≠ 0; None without them
+    unit: np.ndarray | None = None  # (B,) first of the grains that beams join to each body; None without bonds
 
     check_entries = check_types
 
@@ -179,8 +181,55 @@ def linear_system(
         elastic = matrix.machine - assembled(held, bond_blocks(held), free)
         forbidden = forbidden_rates(held, free) if bonds == "rigid" else None
         limit = sliding & ~(_within_clusters(held, rows) & (bonds == "rigid"))
-        matrix = matrix._replace(machine=sparse.csr_array(elastic), rigid=forbidden, limit=limit)
+        matrix = matrix._replace(
+            machine=sparse.csr_array(elastic), rigid=forbidden, limit=limit, unit=joined_bodies(held)
+        )
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
+
+
+def joined_bodies(state: State) -> np.ndarray:
+    """(B,) first of the bodies that intact beams join to each body."""
+    if not state.bonds:
+        return np.arange(state.n_bodies)
+    beams = np.flatnonzero(is_beam(state.bonds, state.cell.dim))
+    ends = state.bonds.i[beams], state.bonds.j[beams]
+    part = connected_components(sparse.coo_array((np.ones(len(beams)), ends), shape=(state.n_bodies,) * 2))[1]
+    return np.unique(part, return_index=True)[1][part]
+
+
+def loose_grains(state: State, known: np.ndarray | None = None, *, loaded: bool = True) -> np.ndarray:
+    """(N,) bool: rattlers as for two supports, where grains that beams join count as one body.
+
+    Those that beams join around a periodic cell are no rattlers, and contacts with their own images support others.
+    In a packing with bonds, those that bear an external load count as supported unless `loaded`.
+    """
+    if not state.bonds:
+        return rattlers_of(state, 2, known)
+    unit, number = supports(state)
+    n, contacts, rows = state.n_bodies, state.contacts, touching(state)
+    ends = np.tile(np.arange(n), 2), np.append(unit, joined_bodies(state))
+    part = connected_components(sparse.coo_array((np.ones(2 * n), ends), shape=(n, n)), directed=False)[1]
+    held, loose = np.zeros(n, int), np.zeros(n, bool)
+    np.maximum.at(held, part, number)
+    if known is not None:
+        loose[part[: len(known)][known]] = True
+    if not loaded:
+        whole, nothing = freedom(state), np.zeros((n, 3))
+        pull = residual_vector(state, ContactLoads(nothing, nothing, np.zeros((3, 3))), whole)
+        held[part[np.setdiff1d(whole.body[pull != 0], n)]] = 2
+    beams, rows = np.flatnonzero(is_beam(state.bonds, state.cell.dim)), rows[contacts.mode[rows] != OPEN]
+    ends = state.bonds.i[beams], state.bonds.j[beams], state.bonds.image[beams].astype(int)
+    place = _unwrapped(n, *ends)[1]
+    held[part[ends[0][(ends[2] - place[ends[0]] + place[ends[1]]).any(axis=1)]]] = 2
+    i, j = contacts.i[rows], contacts.j[rows]
+    apart = (contacts.image[rows] - place[i] + place[j]).any(axis=1) | (part[i] != part[j])
+    i, j = part[i], part[j]
+    while True:
+        holds = ~(loose[i] | loose[j]) & apart
+        new = (held + np.bincount(np.concatenate([i[holds], j[holds]]), minlength=n) < 2) & ~loose
+        if not new[part].any():
+            return loose[part][: len(state.grains.radius)]
+        loose |= new
 
 
 def _within_clusters(state: State, rows: np.ndarray) -> np.ndarray:
@@ -272,7 +321,7 @@ def _excluded_bodies(state: State, rattlers: bool | np.ndarray, parted: np.ndarr
     elif not rattlers:
         modes = state.contacts.mode.copy()  # some have parted, such as those of rattlers that a path moved aside
         modes[parted] = OPEN
-        loose[:n] = loose_grains(state._replace(contacts=state.contacts._replace(mode=modes)), 2)
+        loose[:n] = loose_grains(state._replace(contacts=state.contacts._replace(mode=modes)))
     return loose
 
 

@@ -6,6 +6,9 @@ determined anew by the principle of minimum sliding. c, K and the geometric stif
 and recomputed after it. At the end of an increment, a few Newton steps remove the imbalance due to the rotation of
 contacts.
 
+The load of a bond that breaks is not lost at once: forces on its two grains replace it, and decrease to zero while all
+other loads are held.
+
 Source: McNamara and Herrmann, Quasi-rigidity: some uniqueness issues, Secs. II A, III D and V.
 """
 
@@ -13,30 +16,37 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigvals
 
 from ... import OPEN, SLIDE, STICK, Control, Law, State, accept, forces, freedom
 from ...control import between
 from ...kit import (
+    FAILURES,
+    UNBREAKABLE,
     Report,
+    broken_since,
     builtin,
     checked,
+    is_beam,
+    knows_bonds,
     mean_normal_force,
     pluralize,
     readable,
     require_positive,
     silent,
+    volume,
     with_neighbor_list,
+    with_strength_of,
+    with_weakest_broken,
 )
 from ...laws import linear
-from ...measure import rattlers, touching
+from ...measure import bond_shares, touching
 from ...modes import residual_vector
 from .collapse import Collapse, describe_collapse, displacements, run_to_rest
-from .events import Event, Fork, gaps, move_aside, with_modes
-from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState
-from .matrices import LinearSystem, linear_system
+from .events import BREAKS, Event, Fork, gaps, move_aside, with_modes
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, force_scale, unbalanced_force
+from .matrices import joined_bodies, linear_system, loose_grains
 from .status import Verdict
-from .system import driven_motions, external_force, pinned_coordinates, regular_stiffness
+from .system import driven_motions, external_force, lowest_eigenvalue
 
 SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
@@ -46,6 +56,8 @@ COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
 OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
 JUMP = 10.0  # motion over the previous one for the same change of the load, above which it is a collapse
 PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
+ROUND_OFF = 1e-9  # of the forces of a state in which a bond breaks
+REMOVAL = 0.25  # largest share of the load of a broken bond that is removed between two updates of the geometry
 AGAIN = 5  # number of times that a disk is wedged on a path from which the path counts as dependent on the increment
 
 
@@ -89,6 +101,8 @@ class LoadPath(NamedTuple):
             end += f", after {pluralize(falls, 'collapse')}"
         if quiet := sum(event.quiet for event in self.collapses):
             end += f"; dynamics passed {pluralize(quiet, 'end')} of the path without a collapse"
+        if broken := sum(e.kind.startswith(BREAKS) for e in self.events):
+            end += f"; {pluralize(broken, 'bond')} broke"
         disks, times = np.unique([e.i for e in self.events if e.kind == RETURNS], return_counts=True)
         if len(disks) and times.max() >= AGAIN:
             end += (
@@ -113,6 +127,7 @@ class LoadPath(NamedTuple):
 
 
 @checked
+@knows_bonds
 def load_path(
     state: State, law: Law, *legs: Control, increment: float = 0.01, geometric: bool = True, drag: float | None = None,
     duration: float | None = None, travel: float | None = None, report: Report = silent,
@@ -124,13 +139,19 @@ def load_path(
     leads to the next equilibrium, from which the path continues. Loads are dead; the load points of springs may move
     instead, and a stiff spring drives a displacement (`with_machine`).
 
+    Bonds are elastic springs, `linear_system(..., bonds="elastic")`: a state stores their loads by their deformation,
+    so that rigid bonds would have none. A bond breaks where its load reaches its strength, which is an event with the
+    mode of failure. Its load is then passed on to others by the path, under the same load; where no equilibrium
+    continues, the path ends, or dynamics with `drag` goes on. Steps of `equilibrate` and slow dynamics of cemented
+    boxes broke the same bonds (`tests/wings/status/test_cemented_path.py`).
+
     Slow dynamics in 200 steps of the load moved the lid as the path did, within 0.1 % (median) and 0.9 % (largest), and
     strained sheared cells within 0.06 %, event by event, where one status alone was consistent
     (`tests/wings/status/test_path.py`).
 
     Parameters
     ----------
-    state : State in equilibrium under its own control
+    state : State in equilibrium under its own control; its bonds must be beams that do not fade
     law : Law with sharp friction, linear in the overlap (`linear`)
     legs : Control at the end of each leg; forces, torques, gravity, stress and the anchors of springs change linearly
         within each leg
@@ -145,8 +166,8 @@ def load_path(
     Raises
     ------
     ValueError
-        if the packing is out of balance or unstable, the law is not linear, the load acts on an unsupported body, or
-        the controls have different free components.
+        if the packing is out of balance or unstable, the law is not linear, bonds fade or are mere springs, the load
+        acts on an unsupported body, or the controls have different free components.
 
     Examples
     --------
@@ -194,12 +215,13 @@ class _Leg(NamedTuple):
     count: int  # number of legs
     increment: float
     geometric: bool
+    removes: bool = False  # whether the load of a broken bond is removed under the load `number`
 
 
 def _place(state: State) -> PathState:
     """Beginning of a path."""
     nothing = np.zeros(len(state.contacts.mode), bool)
-    return PathState(state, rattlers(state, 2), nothing, nothing, True, -np.inf)
+    return PathState(state, loose_grains(state), nothing, nothing, True, -np.inf)
 
 
 class _PathRecord:
@@ -224,6 +246,13 @@ class _PathRecord:
         else:
             self.since += 1 + len(piece.events)
 
+    def include(self, other: "_PathRecord", load: float) -> None:
+        """Add the events of another record under one load."""
+        self.events += [event._replace(load=load) for event in other.events]
+        self.forks += [fork._replace(load=load) for fork in other.forks]
+        self.unchecked += other.unchecked
+        self.anchor, self.since = load, 0
+
     def raised_by(self, load: float, most: float) -> float:
         """Share of a leg by which the load is raised, more if dynamics has just passed here without a collapse."""
         last = self.collapses[-1] if self.collapses else None
@@ -238,11 +267,12 @@ class _PathRecord:
         moved = displacements(begin.state, self.points[-1].state)[held, :3]
         return float(np.linalg.norm(moved) / (load - begin.load)) if load > begin.load else 0.0
 
-    def collapse(self, event: Collapse, point: PathPoint) -> None:
+    def collapse(self, event: Collapse, point: PathPoint, broken: np.ndarray) -> None:
         self.points.append(point)
         self.collapses.append(event)
         self.events += [
-            Event(event.load, event.reason, -1, -1), Event(event.held, PASSES if event.quiet else COLLAPSE, -1, -1)
+            Event(event.load, event.reason, -1, -1), Event(event.held, PASSES if event.quiet else COLLAPSE, -1, -1),
+            *_break_events(event.held, broken),
         ]  # fmt: skip
         self.anchor, self.since = point.load, 0
 
@@ -260,7 +290,7 @@ def _go_through(
 ) -> tuple[PathState | None, float]:
     """State after dynamics from the end of the path, or None if it does not come to rest, and the share of the leg."""
     load, raised = leg.number + share, min(1.0, share + way.raised_by(leg.number + share, leg.increment))
-    before = place.state._replace(control=between(leg.begin, leg.end, share))
+    before = place.state._replace(control=place.state.control if place.breaking else between(leg.begin, leg.end, share))
     motion = run_to_rest(before, leg.law, between(leg.begin, leg.end, raised), *through)
     free, held = freedom(before), np.append(~place.loose, np.zeros(len(before.walls.mass), bool))
     ends = (external_force(before._replace(control=c), free) for c in (leg.begin, leg.end))
@@ -268,7 +298,7 @@ def _go_through(
     known = {"load": load, "reason": verdict.value, "held": leg.number + raised}
     event = describe_collapse(before, motion, leg.law, -np.subtract(*ends), quiet, **known)
     after = _place(motion.state)
-    way.collapse(event, _path_point(after, leg.law, leg.number + raised))
+    way.collapse(event, _path_point(after, leg.law, leg.number + raised), broken_since(motion.state, before))
     return (after if motion.rests else None), raised
 
 
@@ -295,6 +325,12 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
             piece.events += told
         point = _path_point(after, law, load)
         way.add(piece, point)
+        if piece.broke and verdict is Verdict.CONSISTENT:
+            if leg.removes:  # the loads of both bonds decrease together
+                place, share, size = _break_weakest(after, law, leg.end, leg.number, way), 0.0, increment
+                leg, way.anchor, way.since = leg._replace(begin=place.state.control), leg.number, 0
+                continue
+            after, verdict = _remove_load(after, leg, share + used, way)
         if verdict is not Verdict.CONSISTENT:
             return after, share + used, verdict
         place, share = after, 1.0 if 1.0 - share - used < 1e-12 else share + used
@@ -308,6 +344,58 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
     return place, share, Verdict.CONSISTENT
 
 
+def _break_events(load: float, broken: np.ndarray) -> list[Event]:
+    return [Event(load, f"{BREAKS} by {FAILURES[how]}", i, j) for i, j, how in broken.tolist()]
+
+
+def _break_weakest(place: PathState, law: Law, control: Control, load: float, way: _PathRecord) -> PathState:
+    """State without the weakest bond, under a control to which forces are added that replace the loads of the bond.
+
+    Grains that it alone supported are rattlers from then on, and forces replace those of their contacts.
+    """
+    before, strength = place.state, place.state.bonds.strength
+    lowered = np.where(
+        strength < UNBREAKABLE, (1 - ROUND_OFF) * min(1.0, bond_shares(before).max()) * strength, strength
+    )
+    weak = with_weakest_broken(before._replace(bonds=before.bonds._replace(strength=lowered), control=control))
+    state = with_strength_of(weak, before)
+    way.events += _break_events(load, broken_since(state, before))
+    loose = loose_grains(with_modes(state, np.flatnonzero(place.parted), OPEN), place.loose, loaded=False)
+    place, wedge = _move_rattlers(place._replace(state=state, loose=loose, breaking=True, looked=-np.inf), law)
+    if len(wedge):
+        place, told = _reinstate_wedged(place, law, wedge, load)
+        way.events += told
+    return place._replace(state=place.state._replace(control=_balancing_control(place, law)))
+
+
+def _balancing_control(place: PathState, law: Law) -> Control:
+    """Control with additional forces, torques and stresses under which a state balances."""
+    state, control, n = place.state, place.state.control, len(place.loose)
+    free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - n, bool)))
+    missing = unbalanced_force(place, law, free)
+    missing[np.abs(missing) < ROUND_OFF * np.abs(missing).max(initial=0.0)] = 0.0
+    full = np.zeros(len(free.place))
+    full[free.component] = missing
+    body, torque = full[:-9].reshape(-1, 6), control.torque.copy()
+    torque[:n] -= body[:n, 3:] * state.grains.radius[:, None]
+    if free.length:
+        control = control._replace(stress=control.stress + full[-9:].reshape(3, 3) * free.length / volume(state))
+    return control._replace(force=control.force - body[:, :3], torque=torque)
+
+
+def _remove_load(place: PathState, leg: _Leg, share: float, way: _PathRecord) -> tuple[PathState, Verdict]:
+    """State after a bond broke, and those that break as its load is passed on to others, and the verdict."""
+    load, control, record = leg.number + share, between(leg.begin, leg.end, share), _PathRecord(way.points[-1], leg.law)
+    place, record.anchor = _break_weakest(place, leg.law, control, load, record), load
+    removal = _Leg(leg.law, place.state.control, control, load, 1, REMOVAL, leg.geometric, removes=True)
+    place, _, verdict = _follow_leg(place, 0.0, removal, record, silent)
+    way.include(record, load)
+    if verdict is Verdict.CONSISTENT:
+        place = place._replace(state=place.state._replace(control=control), breaking=False, looked=-np.inf)
+        way.points.append(_path_point(place, leg.law, load))
+    return place, verdict
+
+
 def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float) -> tuple[PathState, list[Event]]:
     """State in which wedged rattlers are ordinary grains again, and the corresponding events.
 
@@ -317,13 +405,14 @@ def _reinstate_wedged(place: PathState, law: Law, wedge: np.ndarray, load: float
     while len(wedge):
         contacts, loose = place.state.contacts, place.loose.copy()
         ends = np.concatenate([contacts.i[wedge], contacts.j[wedge]])
-        caught = np.unique(ends[ends < len(loose)])
-        caught = caught[loose[caught]]
+        caught, unit = np.unique(ends[ends < len(loose)]), joined_bodies(place.state)
+        caught = np.flatnonzero(np.isin(unit[: len(loose)], unit[caught[loose[caught]]]))
         loose[caught] = False
         # in addition to the wedging contacts, all others that overlap
         count, whole = int(contacts.count[0]), np.append(loose, np.zeros(place.state.n_bodies - len(loose), bool))
         rows = np.flatnonzero(np.isin(contacts.i[:count], caught) | np.isin(contacts.j[:count], caught))
         rows = rows[~(whole[contacts.i[rows]] | whole[contacts.j[rows]])]
+        rows = rows[unit[contacts.i[rows]] != unit[contacts.j[rows]]]
         wedge = np.union1d(wedge, rows[gaps(place.state, rows)[1] < 0])
         fresh = place.fresh.copy()
         fresh[wedge] = True
@@ -357,12 +446,12 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
     mean = mean_normal_force(state, law)
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
-    sliding = int((state.contacts.mode[rows] == SLIDE).sum())
-    return PathPoint(load, state, sliding, len(rows), residual / mean if mean else np.inf)
+    modes = state.contacts.mode[rows]
+    number, relative = int((modes != OPEN).sum()), residual / mean if mean else np.inf if residual else 0.0
+    return PathPoint(load, state, int((modes == SLIDE).sum()), number, relative)
 
 
 BALANCED = 1e-6  # largest unbalanced force at the start, in mean normal forces
-CHECKED_UP_TO = 2500  # coordinates up to which the stability of the initial state is checked
 
 
 def check_start(state: State, law: Law, legs, increment: float) -> None:
@@ -377,17 +466,19 @@ def check_start(state: State, law: Law, legs, increment: float) -> None:
         raise ValueError(f"increment must be above 0 and at most 1 leg of the load, got {increment}")
     for end in legs:
         _check_leg(state.control, end)
-    matrix = linear_system(state, law)
+    if state.bonds:
+        _check_bonds(state)
+    matrix = linear_system(state, law, bonds="elastic")
     if not len(matrix.free):
         raise ValueError("the packing has only rattlers: a path needs grains that support each other")
-    mean = mean_normal_force(state, law)
+    mean = force_scale(state, law, *(external_force(state._replace(control=end), matrix.free) for end in legs))
     residual = np.abs(residual_vector(state, forces(state, law)[0], matrix.free)).max()
     if not residual < BALANCED * mean:
         raise ValueError(
             f"the packing is out of balance by {residual / mean:.1e} of its mean normal force: at most {BALANCED:g} is "
             f"allowed; use `relax` or `equilibrate` first"
         )
-    lowest = _lowest_eigenvalue(matrix)
+    lowest = lowest_eigenvalue(matrix)
     if lowest < 0:
         raise ValueError(
             f"the packing is not stable: k has the eigenvalue {lowest:.1e} although all contacts stick; bring the "
@@ -412,20 +503,18 @@ def check_start(state: State, law: Law, legs, increment: float) -> None:
             )
 
 
-def _lowest_eigenvalue(matrix: LinearSystem) -> float:
-    """Smallest real part of the eigenvalues of k while all contacts stick; 0 if none is negative, or if k is large.
-
-    If the symmetric part of k is positive, so are the real parts. Spins of spheres with two contacts do not count.
-    """
-    kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
-    if len(kept) > CHECKED_UP_TO:
-        return 0.0
-    part = regular_stiffness(matrix, np.zeros(matrix.count, bool), True)[kept][:, kept].toarray()
-    least = -1e-9 * np.abs(part).max()
-    if np.linalg.eigvalsh(0.5 * (part + part.T))[0] >= least:
-        return 0.0
-    lowest = float(eigvals(part).real.min())
-    return lowest if lowest < least else 0.0
+def _check_bonds(state: State) -> None:
+    """Raise ValueError for bonds that a path cannot follow."""
+    bonds = state.bonds
+    if (bonds.fading[bonds.intact] > 0).any():
+        raise ValueError(
+            "bonds that fade before they break soften within an increment: give them smooth=False on a load path"
+        )
+    if (bonds.intact & ~is_beam(bonds, state.cell.dim)).any():
+        raise ValueError(
+            "bonds on a load path must resist shear, bending and, in space, twisting, as a grain on mere springs hangs "
+            "freely: use beam_bond or parallel_bond"
+        )
 
 
 def check_dynamics(control: Control, drag: float, duration: float | None, travel: float | None) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import LinAlgError, qr
+from scipy.linalg import LinAlgError, cholesky, eigvals, qr
 from scipy.sparse.linalg import splu
 
 from ... import State
@@ -18,6 +18,7 @@ RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is t
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
 RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
+CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
 AT_ONCE = 16  # right-hand sides per call; more do not fit into the cache
 
 
@@ -217,6 +218,24 @@ def regular_stiffness(matrix: LinearSystem, sliding: np.ndarray, geometric: bool
     """(n, n) sparse k(S) with `roll_springs`."""
     k = stiffness_matrix(matrix, sliding, geometric=geometric)
     return sparse.csr_array(k + roll_springs(matrix, geometric)) if matrix.width == 3 else k
+
+
+def lowest_eigenvalue(matrix: LinearSystem) -> float:
+    """Smallest real part of the eigenvalues of k while all contacts stick; 0 if none is negative, or if k is large.
+
+    If the symmetric part of k is positive, so are the real parts. Spins of spheres with two contacts do not count.
+    """
+    kept = np.setdiff1d(np.arange(len(matrix.free)), pinned_coordinates(matrix))
+    if len(kept) > CHECKED_UP_TO:
+        return 0.0
+    part = regular_stiffness(matrix, np.zeros(matrix.count, bool), True)[kept][:, kept].toarray()
+    least = -1e-9 * np.abs(part).max(initial=0.0)
+    try:
+        cholesky(0.5 * (part + part.T) - least * np.eye(len(part)))
+    except LinAlgError:
+        lowest = float(eigvals(part).real.min())
+        return lowest if lowest < least else 0.0
+    return 0.0
 
 
 def driven_motions(matrix: LinearSystem, load: np.ndarray, geometric: bool = True) -> np.ndarray:

@@ -1,0 +1,276 @@
+"""Load paths of cemented packings: closed forms, Newton's method in small steps, and slow dynamics."""
+
+import numpy as np
+import pytest
+
+import stickslip as ss
+from stickslip.core.contacts.bonding import broken_since
+from stickslip.core.control import between
+from stickslip.core.laws.builtin import with_values
+from stickslip.loading.compression import TOP, biaxial_box, with_load
+from stickslip.quasirigid import load_path
+from stickslip.wings.status.matrices import loose_grains
+from stickslip.wings.status.status import Verdict
+from tests.wings.status.five_packings import spheres
+
+LAW = ss.laws.linear(1.0, 0.5, 0.4, coulomb="sharp")
+UNBREAKABLE = ss.laws.beam_bond(2.0, 1.0, 0.3, 0.3)
+
+
+def beam(tension, shear=1.0, bending=1.0, *, stiffness=2.0):
+    strength = (tension, shear, bending, 1.0)
+    return ss.laws.beam_bond(stiffness, 1.0, 0.3, 0.3, strength=strength, smooth=False)
+
+
+def committed(state, law=LAW):
+    return ss.accept(state, ss.forces(state, law)[1])
+
+
+def row(*bonds, walls=None):
+    """Disks in a row with gaps of 0.1, joined by bonds, the first of them fixed."""
+    count = len(bonds) + 1
+    control = ss.control.loads(count, 0 if walls is None else len(walls.mass))
+    control.free[0] = False
+    state = ss.assembly(ss.disks(np.outer(np.arange(count), [1.1, 0.0]), 0.5), walls, ss.box(dim=2), control)
+    for k, bond in enumerate(bonds):
+        state = ss.packings.bonded(state, bond, pairs=[[k, k + 1]])
+    return committed(state)
+
+
+def pulled(control, body, force):
+    out = control._replace(force=control.force.copy())
+    out.force[body, : len(force)] = force
+    return out
+
+
+def breaks(path):
+    return [(e.load, e.kind, e.i, e.j) for e in path.events if e.kind.startswith("bond breaks")]
+
+
+@pytest.mark.parametrize(
+    ("force", "bond", "mode"),
+    [
+        ((2e-3, 0), beam(1e-3), "tension"),
+        ((-2e-3, 0), beam(1.0, 1.0, 1.0), None),
+        ((0, 2e-3), beam(1, 1e-3, 1), "shear"),
+    ],
+)
+def test_two_grains_break_at_the_strength_of_their_bond(force, bond, mode):
+    state = row(bond)
+    path = load_path(state, LAW, pulled(state.control, 1, force), increment=0.25)
+    if mode is None:
+        assert path.complete and not breaks(path)
+        return
+    ((load, kind, i, j),) = breaks(path)
+    assert (kind, i, j) == (f"bond breaks by {mode}", 0, 1)
+    if mode == "tension":
+        assert load == pytest.approx(0.5, abs=1e-9)
+        assert path.states[-1].grains.position[1, 0] - 1.1 == pytest.approx(1e-3 / 2, rel=1e-9)
+    else:
+        assert load == pytest.approx(1 / (2 * (1 + 1e-3 * 0.55)), rel=1e-3)  # bending by half the length
+    assert path.verdict is Verdict.MECHANISM  # nothing holds the grain any more
+    assert "1 bond broke" in path.summary
+
+
+def test_the_load_of_a_broken_bond_is_passed_on():
+    """Springs of 2 and 1 side by side, of which the stiffer breaks when it bears 1e-3: at half the load of 3e-3."""
+    state = row(beam(1e-3), beam(1.0, stiffness=1.0))
+    state.control.free[2] = False
+    path = load_path(state, LAW, pulled(state.control, 1, (3e-3,)), increment=0.25)
+    assert path.complete
+    assert breaks(path) == [(pytest.approx(0.5, abs=1e-9), "bond breaks by tension", 0, 1)]
+    at = np.array([state.grains.position[1, 0] - 1.1 for state in path.states])
+    before = path.load <= 0.5 + 1e-9
+    before[np.flatnonzero(before)[-1]] = False  # the load is the same before and after
+    np.testing.assert_allclose(at[before], path.load[before] * 1e-3, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(at[~before], path.load[~before] * 3e-3, rtol=1e-9)
+    assert max(point.residual for point in path.points) < 1e-9
+
+
+def test_further_bonds_break_as_the_load_of_the_first_is_passed_on():
+    """Each of two bonds bears half of a force across; after the first breaks, the second would bear all of it."""
+    state = row(beam(1, 1e-3), beam(1, 1.2e-3))
+    state.control.free[2] = False
+    path = load_path(state, LAW, pulled(state.control, 1, (0, 3e-3)), increment=0.25)
+    assert [e[0] for e in breaks(path)] == pytest.approx([2 / 3, 2 / 3], rel=1e-5)  # the bonds stretch a little, too
+    assert [e[1:] for e in breaks(path)] == [("bond breaks by shear", 0, 1), ("bond breaks by shear", 1, 2)]
+    assert path.verdict is Verdict.MECHANISM
+
+
+def test_with_drag_dynamics_goes_on_after_the_break():
+    """The grain flies into a corner of two walls, which hold it."""
+    normals = np.array([[-1, 1], [-1, -1]]) / np.sqrt(2)
+    state = row(beam(1e-3), walls=ss.flat_walls(np.array([1.3, 0]) - 0.5 * normals, normals))
+    end = pulled(state.control, 1, (2e-3,))
+    path = load_path(state, LAW, end, increment=0.25, drag=0.3)
+    assert path.complete, path.summary
+    assert len(breaks(path)) == 1 and len(path.collapses) == 1
+    # between F/(k_n + k_t) beyond the corner, if it sticks to both walls, and F/k_n, if it slides along them
+    assert 1.3 + 2e-3 / 1.5 < path.states[-1].grains.position[1, 0] < 1.3 + 2e-3
+    assert path.points[-1].residual < 1e-9
+
+
+def test_a_grain_on_a_bond_and_a_wall_opens_and_closes_once():
+    """One bond holds a grain, so that it does not become a rattler when the wall no longer touches it."""
+    state = row(UNBREAKABLE, walls=ss.flat_walls([[0, -0.499]], [[0, 1]]))
+    state = ss.equilibrate(state, LAW)[0]
+    legs = [pulled(state.control, 1, (0, force)) for force in (5e-3, -5e-3)]
+    path = load_path(state, LAW, *legs, increment=0.1)
+    assert path.complete
+    kinds = [e.kind for e in path.events]
+    assert (kinds.count("opens"), kinds.count("closes")) == (1, 1)
+    end = ss.equilibrate(state._replace(control=legs[0]), LAW)[0]
+    here = next(p.state for p in path.points if p.load == 1)
+    np.testing.assert_allclose(here.grains.position, end.grains.position, atol=1e-13)
+    assert max(point.residual for point in path.points) < 1e-6  # over a mean force that passes zero
+
+
+def test_grains_that_a_bond_joins_are_rattlers_together_and_carry_load_together():
+    """A pair between two columns below a lid, which touches it only under a large load."""
+    radius = np.array([0.5, 0.499, 0.499, 0.5])
+    control = ss.control.loads(4, 2)
+    control.free[5, 1], control.force[5, 1] = True, -2e-3
+    at = np.stack([[0, 2, 3.02, 5], [0.5, 0.499, 0.499, 0.5]], axis=1)
+    walls = ss.flat_walls([[0, 0.0005], [0, 0.9995]], [[0, 1], [0, -1]])
+    state = ss.packings.bonded(
+        ss.assembly(ss.disks(at, radius), walls, ss.box(dim=2), control), UNBREAKABLE, within=0.1
+    )
+    state = ss.equilibrate(committed(state), LAW)[0]
+    assert loose_grains(state).tolist() == [False, True, True, False]
+    legs = [pulled(control, 5, (0, -force)) for force in (1e-2, 1e-3, 1e-2)]
+    path = load_path(state, LAW, *legs, increment=0.2)
+    assert path.complete
+    for number, (height, loose) in enumerate(((0.9945, False), (0.9995, True), (0.9945, False)), 1):
+        here = [p.state for p in path.points if p.load == number][-1]
+        # 4 or 2 springs of k_n = 1 on each side; the pair is lower by 2e-3 in all
+        assert here.walls.point[1, 1] == pytest.approx(height, abs=1e-9)
+        assert loose_grains(here)[1] == loose
+        assert loose_grains(here)[2] == loose
+
+
+def cemented(seed, n=30, strength=2e-4):
+    """A box of cemented disks whose strengths scatter."""
+    state, law = biaxial_box(n, seed=seed)
+    state = ss.packings.bonded(state, ss.laws.parallel_bond(0.5, 0.2, strength, 2 * strength), within=0.02)
+    bonds, factor = state.bonds, np.exp(0.3 * np.random.default_rng(seed).normal(size=len(state.bonds.i)))
+    strengths = np.where(bonds.strength < 1e300, bonds.strength * factor[:, None], bonds.strength)
+    return committed(state._replace(bonds=bonds._replace(strength=strengths)), law), law
+
+
+def shift(here, start):
+    return here.walls.point[TOP, 1] - start.walls.point[TOP, 1]
+
+
+def steps_of_newton(state, law, end, step, until):
+    """Breaks in steps of `equilibrate`, each with the load at the end of its step, and the last state."""
+    here, out = state, []
+    for load in np.arange(1, round(until / step) + 1) * step:
+        after, outcome = ss.equilibrate(here._replace(control=between(state.control, end, load)), law, check="nothing")
+        assert outcome.ok
+        out += [(load, *ends) for ends in broken_since(after, here)[:, :2].tolist()]
+        here = after
+    return out, here
+
+
+def test_increments_of_unbreakable_bonds_agree_with_newton():
+    """Without sliding, to the accuracy of the balance."""
+    state, law = biaxial_box(20, seed=1)
+    law = with_values(law, mu=5.0)
+    state = committed(ss.packings.bonded(state, UNBREAKABLE, within=0.02), law)
+    end = with_load(state.control, 20 + TOP, 1.2)
+    path = load_path(state, law, end, increment=0.25)
+    assert path.complete and not path.events
+    for point in path.points:
+        here = ss.equilibrate(state._replace(control=between(state.control, end, point.load)), law)[0]
+        moved = np.abs(here.grains.position - state.grains.position).max()
+        assert np.abs(here.grains.position - point.state.grains.position).max() <= 1e-6 * moved + 1e-12
+
+
+def test_bonds_of_a_box_break_at_the_loads_of_small_steps():
+    state, law = cemented(3, n=12)
+    end = with_load(state.control, 12 + TOP, 3.0)
+    path = load_path(state, law, end, increment=0.1)
+    assert path.complete
+    agree_with_newton(path, state, law, end, 0.02, 1.0)
+
+
+def agree_with_newton(path, state, law, end, step, until):
+    reached = path.points[-1].load * until
+    mine = [(load * until, i, j) for load, _, i, j in breaks(path) if load * until < reached - step or path.complete]
+    found, here = steps_of_newton(state, law, end, step, np.floor(reached / step) * step)
+    assert mine
+    for load in sorted({load for load, *_ in mine}):
+        theirs = {(i, j) for at, i, j in found if load <= at <= load + 1.01 * step}
+        assert {(i, j) for at, i, j in mine if at == load} <= theirs
+    if path.complete:
+        assert len(found) == len(mine)
+        assert shift(here, state) == pytest.approx(shift(path.states[-1], state), rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3, 4, 6])
+def test_bonds_of_boxes_break_at_the_loads_of_small_steps(seed):
+    state, law = cemented(seed)
+    end = with_load(state.control, 30 + TOP, 3.0)
+    path = load_path(state, law, between(state.control, end, 0.55), increment=0.05)
+    agree_with_newton(path, state, law, end, 0.002, 0.55)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
+def test_slow_dynamics_break_the_same_bonds_at_the_same_loads(seed):
+    state, law = cemented(seed)
+    end, until, steps = with_load(state.control, 30 + TOP, 3.0), 0.6, 200
+    path = load_path(state, law, between(state.control, end, until), increment=0.05)
+    here, found, off = state, [], []
+    for load in np.arange(1, steps + 1) * until / steps:
+        after, _, outcome = ss.run(here._replace(control=between(state.control, end, load)), law, 1500, 0.2, drag=0.05)
+        assert outcome.ok
+        found += [(load, i, j) for i, j, _ in broken_since(after, here).tolist()]
+        off.append(shift(after, state) / np.interp(load, until * path.load, [shift(s, state) for s in path.states]) - 1)
+        here = after
+    mine = breaks(path)
+    assert [ends for _, *ends in found] == [[i, j] for *_, i, j in mine]
+    assert [at for at, *_ in found] == pytest.approx([until * load for load, *_ in mine], abs=2 * until / steps)
+    assert np.median(np.abs(off)) < 3e-3
+
+
+def test_broken_bonds_change_nothing():
+    state, law = biaxial_box(20, seed=1)
+    bonded = committed(ss.packings.bonded(state, UNBREAKABLE, within=0.0), law)
+    broken = bonded._replace(bonds=bonded.bonds._replace(intact=np.zeros(len(bonded.bonds.i), bool)))
+    end = with_load(state.control, 20 + TOP, 1.2)
+    with_bonds, without = (load_path(s, law, end, increment=0.1) for s in (broken, committed(state, law)))
+    assert [e.kind for e in with_bonds.events] == [e.kind for e in without.events]
+    there, here = (path.states[-1].grains.position for path in (with_bonds, without))
+    np.testing.assert_allclose(there, here, atol=1e-9)
+
+
+def test_cemented_spheres_agree_with_newton():
+    state, law, end = cemented_spheres()
+    path = load_path(state, law, end, increment=0.25)
+    assert path.complete
+    here = ss.equilibrate(state._replace(control=end), law)[0]
+    moved, off = (here.grains.position - s.grains.position for s in (state, path.states[-1]))
+    # but for a translation
+    assert np.ptp(off[~loose_grains(state)], axis=0).max() < 1e-6 * np.abs(moved).max()
+
+
+def cemented_spheres():
+    state, law, _ = spheres("sheared", 1)
+    state = committed(ss.packings.bonded(state, UNBREAKABLE, within=0.0), law)
+    control = ss.control.stress_controlled(state.control, ss.measure.stress(state, law))
+    stress = control.stress.copy()
+    stress[2, 2] *= 1.01
+    return state._replace(control=control), law, control._replace(stress=stress)
+
+
+def test_bonds_that_a_path_cannot_follow_are_refused_in_one_sentence():
+    state = row(ss.laws.beam_bond(1.0, 1.0, 0.3, 0.3, strength=(1, 1, 1, 1)))
+    with pytest.raises(ValueError, match=r"bonds that fade .* smooth=False"):
+        load_path(state, LAW, pulled(state.control, 1, (1e-3,)))
+    state = row(ss.laws.spring_bond(1.0))
+    with pytest.raises(
+        ValueError, match=r"bonds on a load path must resist shear, bending .* use beam_bond or parallel_bond"
+    ):
+        load_path(state, LAW, pulled(state.control, 1, (1e-3,)))
