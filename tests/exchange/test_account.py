@@ -583,8 +583,11 @@ def test_tables_with_several_times_and_without_headings(tmp_path):
     (tmp_path / "bare.txt").write_text("0 0 0 1\n0.9 0 0.1 1\n")
     with pytest.raises(ss.packings.PackingError, match="x y z radius is assumed"):
         ss.io.read_packing(tmp_path / "bare.txt")
-    np.savez(tmp_path / "p.npz", positions=np.eye(3) * 5, radii=np.full(3, 0.5), box=np.ones(3))
-    assert any("column box" in note for note in ss.io.read_packing(tmp_path / "p.npz").assumed)
+    for box in (np.ones(3), np.ones(6), np.array([[0, 1]])):  # with a value for each grain or without
+        np.savez(tmp_path / "p.npz", positions=np.eye(3) * 5, radii=np.full(3, 0.5), box=box)
+        notes = ss.io.read_packing(tmp_path / "p.npz").assumed
+        assert any("column box" in note for note in notes)
+        assert ("p.npz: box has no row for each grain" in notes) is (len(box) != 3)
 
 
 def test_dumps_of_a_group_and_names_of_columns(cases):

@@ -253,6 +253,10 @@ def test_lists_that_do_not_belong_together_are_refused_in_one_sentence(known, tm
     heads = ("frame,id,x [px],y [px],r [px],edge", "frame,id1,id2,ft,fn")
     cases = [
         ("names grain 99", grains, np.vstack([contacts, [1, 99, 2, 0, 0.1]]), ("", "")),
+        (
+            "names grain 30, .* seem to start at 1", grains[:30, 2:5],
+            np.array([[1, 30, 0.1, 0], [2, 3, 0.1, 0]]), ("x,y,r", "i,j,fn,ft"),
+        ),
         ("third contains flags", grains, flags, ("", "")),
         ("contacts of .* pull by more than errors explain, at most that of grains", grains, pulls, ("", "")),
         ("check the order of the columns", grains, swapped, ("", "")),

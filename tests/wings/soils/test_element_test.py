@@ -615,6 +615,14 @@ def test_pore_pressure_is_in_excess_of_that_at_the_start_and_gives_p(tmp_path):
     assert test["p"] == pytest.approx(100e3 + DEVIATOR / 3 - 0.3 * DEVIATOR)
 
 
+def test_a_given_excess_pore_pressure_is_left_as_it_is(tmp_path):
+    columns = [1e2 * LOADED, 1e-3 * DEVIATOR, 8.0 + 0.3e-3 * DEVIATOR]
+    heads = ["axial strain [%]", "q [kPa]", "Excess pore pressure [kPa]"]
+    assert read_test(table_of(tmp_path / "test.csv", heads, *columns))["pore_pressure"] == pytest.approx(
+        8e3 + 0.3 * DEVIATOR
+    )
+
+
 @pytest.mark.parametrize("heading", ["Total axial stress [kPa]", "Axial stress [kPa]", "σ'1 [kPa]"])
 def test_q_follows_from_total_and_from_effective_axial_stresses(tmp_path, heading):
     u = 200e3 + 0.3 * DEVIATOR

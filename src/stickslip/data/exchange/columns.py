@@ -116,9 +116,13 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
         raise PackingError(f"{what} has {there} {NEEDED} are needed, under such names")
     count = len(known["position"])
     for column, values in columns.items():
-        if np.ndim(values) and len(values) != count:
+        if column not in rest and np.ndim(values) and len(values) != count:
             raise PackingError(f"{what} has {len(values)} values of {column} for {count} grains: write it again")
     notes = []
+    whole = [name for name in rest if np.ndim(columns[name]) and len(columns[name]) != count]  # not one row per grain
+    if whole:
+        words = ", ".join(whole)
+        notes.append(Assumption(f"{what}: {words} {'has' if len(whole) == 1 else 'have'} no row for each grain", COLUMNS))
     if known["position"].shape[1] == 2 or not np.any(known["position"][:, 2:]):
         more = {**more, "dim": 2}
         notes.append(Assumption(f"{what} has no third coordinate: its grains are treated as disks in a plane"))

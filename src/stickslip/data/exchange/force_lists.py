@@ -29,8 +29,9 @@ NAMELESS_CONTACTS = {4: ["i", "j", "fn", "ft"], 5: ["frame", "i", "j", "ft", "fn
 BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third column has flags
 MATRICES = ("Norm", "Tan")  # in file names of its matrices of normal and tangential forces
 ALIASES = {
-    "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "body1", "a"),
-    "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "b"),
+    "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "particleid", "body1", "a"),
+    "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "neighborid", "neighbourid", "neighbor",
+          "neighbour", "b"),
     "fn": ("fn", "fnormal", "forcen", "forcenormal", "normal", "normalforce"),
     "ft": ("ft", "ftangential", "forcet", "forcetangential", "tangential", "tangentialforce", "shear", "shearforce"),
     **{f"f{axis}": (f"f{axis}", f"force{axis}") for axis in "xyz"},
@@ -259,6 +260,8 @@ def _joined(path: Path, grains: dict, contacts: Path, forces: dict, notes: list[
     outside = (ends < 0) | np.isin(ends, lost)
     for wrong in ends[~outside & ~np.isin(ends, ids)]:
         use = "the ids of grains" if named else f"rows of grains, 0 to {n - 1}"
+        if not named and wrong == n and not (ends == 0).any():
+            use += "; these numbers seem to start at 1: give the grains a column id"
         raise PackingError(f"{contacts} names grain {wrong:g}, which {path.name} does not have: use {use}")
     for name in ("fixed", "edge"):
         if not np.isfinite(grains.get(name, zero)).all():

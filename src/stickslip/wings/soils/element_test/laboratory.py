@@ -69,9 +69,11 @@ def read_test(path: str | Path) -> dict[str, np.ndarray]:
             out[name] = values[f"log_{name}"]
         elif name in values:
             out[name] = -np.log1p(-values[name])
-    pressure = next((values[name] for name in ("excess_pore_pressure", "pore_pressure", "u") if name in values), None)
-    if pressure is not None:
-        out["pore_pressure"] = pressure - pressure[0]
+    total = next((values[name] for name in ("pore_pressure", "u") if name in values), None)
+    if "excess_pore_pressure" in values:
+        out["pore_pressure"] = values["excess_pore_pressure"]
+    elif total is not None:
+        out["pore_pressure"] = total - total[0]
     _add_stresses(table, values, out)
     _turn_signs(path, out)
     if "void_ratio" in out:
