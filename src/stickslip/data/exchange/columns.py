@@ -121,8 +121,8 @@ def packing_of_columns(columns: dict[str, np.ndarray], what: str, name: str = ""
     notes = []
     whole = [name for name in rest if np.ndim(columns[name]) and len(columns[name]) != count]  # not one row per grain
     if whole:
-        words = ", ".join(whole)
-        notes.append(Assumption(f"{what}: {words} {'has' if len(whole) == 1 else 'have'} no row for each grain", COLUMNS))
+        has = "has" if len(whole) == 1 else "have"
+        notes.append(Assumption(f"{what}: {', '.join(whole)} {has} no row for each grain", COLUMNS))
     if known["position"].shape[1] == 2 or not np.any(known["position"][:, 2:]):
         more = {**more, "dim": 2}
         notes.append(Assumption(f"{what} has no third coordinate: its grains are treated as disks in a plane"))
