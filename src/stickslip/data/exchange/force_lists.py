@@ -30,7 +30,7 @@ BONDS = ["i", "j", "slides", "ft", "fn"]  # columns of RigidLibrary, whose third
 MATRICES = ("Norm", "Tan")  # in file names of its matrices of normal and tangential forces
 ALIASES = {
     "i": ("i", "id1", "i1", "p1", "grain1", "particle1", "particleid1", "particleid", "body1", "a"),
-    "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "neighborid", "neighbourid", "b"),
+    "j": ("j", "id2", "j2", "i2", "p2", "grain2", "particle2", "particleid2", "body2", "neighborid", "b"),
     "fn": ("fn", "fnormal", "forcen", "forcenormal", "normal", "normalforce"),
     "ft": ("ft", "ftangential", "forcet", "forcetangential", "tangential", "tangentialforce", "shear", "shearforce"),
     **{f"f{axis}": (f"f{axis}", f"force{axis}") for axis in "xyz"},
