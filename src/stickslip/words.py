@@ -197,6 +197,14 @@ ABSENT = {
     "there is no heat": "heat temperature thermal_conduction heat_transfer",
     "walls are planes": "mesh stl facet facets triangulated_wall cad",
 }  # fmt: skip
+# options of commands, and words for them
+OPTIONS = {
+    "frame": "step timestep time index snapshot", "workers": "threads jobs nproc np n_jobs cores procs parallel",
+    "out": "output outdir out_dir folder dir directory save file", "modes": "out output save",
+    "until": "strain stop to", "step": "increment dt", "overwrite": "force", "quiet": "silent",
+    "figures": "plot plots plots_only", "fps": "speed rate", "to": "out output format", "settle": "relax equilibrate minimize", "young": "modulus e",
+    "poisson": "nu", "mu": "friction mu_s", "columns": "names headers header",
+}  # fmt: skip
 COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "start", "stop", "end", "work"}
 COMMON |= {"the", "and", "from", "for", "with", "about", "size"}
 ROW = re.compile(r"^ *(\w+(?:, \w+)*)  +(\S.*)$", re.M)
@@ -221,6 +229,13 @@ def suggestions(word: str, limit: int = 3) -> list[str]:
         if found:
             return list(dict.fromkeys(found))[:limit]
     return (_spelled_like(word, names) or with_rarest_parts(word, _overview()))[:limit]
+
+
+def options_like(word: str, options: list[str]) -> list[str]:
+    """Options of a command, without dashes, that somebody may mean by another one; the likeliest first."""
+    plain = word.lower().strip("-").replace("-", "_")
+    found = [one for one in options if plain in OPTIONS.get(one, "").split()]
+    return found or [one for one in difflib.get_close_matches(plain, options, n=2, cutoff=0.75) if one[0] == plain[0]]
 
 
 def absent(word: str) -> str:

@@ -46,7 +46,11 @@ def short(path, disks=4, array="", law="mu = 10.0", load="", relaxation=""):
         (["reproduce", "disk-aray"], "unknown experiment 'disk-aray': use disk-array"),
         (["reproduce", "disk-array", "--workers", "0"], "greater than or equal to 1"),
         (["reproduce", "disk-array", "--seed", "x"], "valid integer"),
-        (["reproduce", "disk-array", "--fast"], "No such option: --fast"),
+        (["reproduce", "disk-array", "--fast"], "unknown option --fast: "),
+        (
+            ["stability", "p.npz", "--step", "3"],
+            "unknown option --step: did you mean --frame? `stickslip stability --h",
+        ),
         (["run", "absent.toml", "--out", "out"], "absent.toml cannot be read"),
         (["jump"], "unknown command 'jump': use reproduce, run"),
     ],

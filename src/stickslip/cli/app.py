@@ -363,10 +363,23 @@ def main() -> None:
     except Exception as problem:
         if not hasattr(problem, "format_message"):
             raise
-        _fail(problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them", 2)
+        _fail(_usage_message(problem), 2)
     if code == STOPPED:
         _fail("stopped by the user", STOPPED)
     sys.exit(code or 0)
+
+
+def _usage_message(problem) -> str:
+    """Message about options and arguments that a command does not have or lacks."""
+    word, context = getattr(problem, "option_name", ""), getattr(problem, "ctx", None)
+    if not (word and context and hasattr(problem, "possibilities")):
+        return problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them"
+    from ..words import options_like
+
+    options = [one[2:] for part in context.command.params for one in part.opts if one.startswith("--")]
+    near = " or ".join(f"--{one}" for one in options_like(word, options))
+    hint = f"did you mean {near}? " if near else ""
+    return f"unknown option {word}: {hint}`{context.command_path} --help` lists the options"
 
 
 def _reopen_closed_streams() -> None:
