@@ -202,7 +202,8 @@ OPTIONS = {
     "frame": "step timestep time index snapshot", "workers": "threads jobs nproc np n_jobs cores procs parallel",
     "out": "output outdir out_dir folder dir directory save file", "modes": "out output save",
     "until": "strain stop to", "step": "increment dt", "overwrite": "force", "quiet": "silent",
-    "figures": "plot plots plots_only", "fps": "speed rate", "to": "out output format", "settle": "relax equilibrate minimize", "young": "modulus e",
+    "figures": "plot plots plots_only", "fps": "speed rate", "to": "out output format",
+    "settle": "relax equilibrate minimize", "young": "modulus e",
     "poisson": "nu", "mu": "friction mu_s", "columns": "names headers header",
 }  # fmt: skip
 COMMON = {"get", "set", "compute", "calc", "calculate", "make", "create", "find", "start", "stop", "end", "work"}
