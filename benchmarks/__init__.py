@@ -14,6 +14,10 @@ class Benchmark(NamedTuple):
 
 
 STEPS = ("_core", "builtin_laws", "core")  # time steps
+LOOP = (  # code of time steps of grains
+    "_core", "builtin_laws", "core/dynamics", "core/contacts/forces.py", "core/contacts/neighbors.py", "core/laws",
+    "core/state.py",
+)  # fmt: skip
 STATICS = (*STEPS, "loading", "solve")
 PATHS = (*STATICS, "wings/status")
 FRICTION = (
@@ -24,7 +28,7 @@ GOUGE = (*STEPS, "loading", "wings/papers/gouge")
 
 BENCHMARKS = {
     "after_instability": Benchmark("predictions of `birth_form` beside free runs", 1800, STATICS),
-    "ten_disks": Benchmark("time steps of ten disks, beside LAMMPS", 60, STEPS, ratios=True),
+    "ten_disks": Benchmark("time steps of ten disks, beside LAMMPS", 60, LOOP, ratios=True),
     "backward_front": Benchmark("speed of the backward front of a pushed array of disks", 600, DISKS),
     "budgets": Benchmark("time of `stickslip reproduce --quick`", 300, (*PATHS, "experiments"), ratios=True),
     "catalogue": Benchmark("catalogue of events: tables and figures", 20_000, (*STATICS, "wings/studies/catalogue")),
@@ -42,12 +46,13 @@ BENCHMARKS = {
         "element_tests:budget_rows",
     ),
     "element_tests": Benchmark("triaxial tests and response envelopes", 1000, (*STATICS, "wings/soils/element_test")),
-    "engine": Benchmark("time steps of many spheres, beside LAMMPS and YADE", 600, STEPS, ratios=True),
+    "engine": Benchmark("time steps of many spheres, beside LAMMPS and YADE", 600, LOOP, ratios=True),
+    "engine_avx2": Benchmark("the same with AVX2 instructions", 600, LOOP, "engine:avx2_rows"),
     "engine_sizes": Benchmark(
-        "time steps of dilute and dense grains, and of up to a million", 2400, STEPS, "engine:size_rows", ratios=True
+        "time steps of dilute and dense grains, and of up to a million", 2400, LOOP, "engine:size_rows", ratios=True
     ),
     "engine_widths": Benchmark(
-        "time steps of spheres of narrow and wide size distributions", 120, STEPS, "engine:width_rows", ratios=True
+        "time steps of spheres of narrow and wide size distributions", 120, LOOP, "engine:width_rows", ratios=True
     ),
     "equilibrium": Benchmark("reliability of verdicts off equilibrium", 600, STATICS),
     "fastest_pair": Benchmark(
