@@ -47,7 +47,6 @@ BENCHMARKS = {
     ),
     "element_tests": Benchmark("triaxial tests and response envelopes", 1000, (*STATICS, "wings/soils/element_test")),
     "engine": Benchmark("time steps of many spheres, beside LAMMPS and YADE", 600, LOOP, ratios=True),
-    "engine_avx2": Benchmark("the same with AVX2 instructions", 600, LOOP, "engine:avx2_rows"),
     "engine_sizes": Benchmark(
         "time steps of dilute and dense grains, and of up to a million", 2400, LOOP, "engine:size_rows", ratios=True
     ),

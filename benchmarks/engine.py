@@ -170,12 +170,6 @@ def size_rows(*, smallest: bool = False):
     yield from () if smallest else sizes((1000, 10_000, 100_000, 1_000_000))
 
 
-def avx2_rows(*, smallest: bool = False):
-    """The same on processors, or in processes, without AVX-512."""
-    os.environ["STICKSLIP_LEVEL"] = "avx2"
-    yield from rows(smallest=smallest)
-
-
 def width_rows(*, smallest: bool = False):
     """Time per closed contact and step of dense spheres of very different sizes, relative to radii of 0.5 and 0.7."""
     n = 150 if smallest else 10_000

@@ -138,6 +138,7 @@ def test_a_batch_may_record_events_and_every_grain(leg):
     (_, mine), (_, short), (_, bare) = run_legs(
         [leg, leg._replace(steps=40), leg._replace(detailed=False)], Processor()
     )
+    # enough events of each kind; their number differs among machines (39 and more than 40 were seen)
     assert len(known.events) > 20 and set(known.events["kind"]) == {"closed", "opened", "limit"}
     assert_same_details(mine, known)
     ((_, known),) = own_engine().pieces(leg._replace(steps=40))

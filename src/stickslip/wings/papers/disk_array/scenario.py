@@ -125,7 +125,7 @@ class Sliding(ScenarioTable):
 
 
 class DiskArrayScenario(ScenarioBase):
-    """Complete definition of a run of an array of disks on a substrate."""
+    """Complete definition of a disk-array run: disks in a row on a substrate."""
 
     experiment: Literal["disk-array"] = "disk-array"
     seed: Seed = 0

@@ -397,7 +397,7 @@ def mean_records(result: GougeResult, *, samples: int = 400) -> list[Steps]:
 
 
 def _make_record(chain: list[Test], samples: int) -> Data:
-    """Make the record of a chain of tests, with samples equally spaced in slip.
+    """Make one record of consecutive tests, with samples equally spaced in slip.
 
     After a change of velocity, it begins in the middle of the first leg.
     """

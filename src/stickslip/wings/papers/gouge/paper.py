@@ -148,7 +148,7 @@ def reproduce(
     full : also run slides at other velocities after holds, velocity steps, steady friction and a stiff spring
     paper_size : run the scenarios of the paper's size instead
     realizations : number of samples of each of these; 8 if both this and `samples` are None
-    samples : folder of samples of the paper's size. Without `realizations`, the stored samples are evaluated and
+    samples : folder with samples of the paper's size. Without `realizations`, the stored samples are evaluated and
         none are run. With it, missing samples are run and added, and all are evaluated.
     """
     names = [MAIN, LOW] if paper_size else [MAIN, CALIBRATED] if quick else list(DAMPINGS)
