@@ -23,7 +23,7 @@ endef
 
 unexport PYTHONDONTWRITEBYTECODE  # the many processes that tests start would compile the package anew
 
-.PHONY: demo test durations coverage mutants quick slow lint bench numbers docs release wheel lock clean
+.PHONY: demo test durations coverage mutants quick slow lint bench numbers docs release platforms wheel lock clean
 
 demo: $(CORE)  ## install, run a quick version of the disk array, print how much is reproduced and the paths of the figures
 	$(BIN)/stickslip reproduce disk-array --quick --overwrite --out results/disk-array-quick
@@ -69,6 +69,9 @@ docs: $(DOCS)  ## build the documentation into docs/_build/html and run the tuto
 release: $(STAMP)  ## build the wheel and the sdist into dist/ and check them; uploads nothing
 	$(BIN)/python release/release.py $(if $(REPOSITORY),--repository $(REPOSITORY))
 
+platforms: $(STAMP)  ## compile the core for Linux, macOS and Windows, and compare the functions in the libraries; ten minutes
+	$(BIN)/python release/platforms.py
+
 wheel: $(RUN)  ## build the wheel for this platform into dist/, and load its compiled core in a new environment
 	$(COMPILER)
 	rm -rf dist/*.whl .venv/wheel
@@ -83,7 +86,7 @@ lock:  ## regenerate the lock files with uv
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra dev pyproject.toml -o requirements.lock
 	printf 'hatchling\neditables\n' | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 -c requirements.lock pyproject.toml - -o requirements-run.lock
 	PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 --extra docs -c requirements.lock pyproject.toml -o requirements-docs.lock
-	echo twine | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-release.lock
+	printf 'twine\nhatchling\nauditwheel\nlief\n' | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-release.lock
 	echo uv | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-strip-extras --no-emit-index-url --python-version 3.11 - -o requirements-installer.lock
 	echo ziglang | PATH="$(BIN):$$PATH" uv pip compile --universal --generate-hashes --no-emit-index-url --python-version 3.11 - -o requirements-compiler.lock
 

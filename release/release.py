@@ -1,8 +1,9 @@
 """`make release`: build the wheel and the sdist into dist/, and check them; nothing is uploaded.
 
 The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel
-is built from the unpacked sdist, `twine check --strict` reads both, and `stickslip doctor` runs in a new environment
-with nothing but the wheel and its dependencies. `--repository URL` names the address of the repository, which then
+is built from the unpacked sdist by the compiler of the package `ziglang`, so that it runs on old systems as well.
+`twine check --strict` reads both, and on Linux `auditwheel` confirms the tag of the wheel. `stickslip doctor` runs in
+two new environments without a compiler: with the newest dependencies, and with the oldest that pyproject.toml allows. `--repository URL` names the address of the repository, which then
 stands in the metadata, the README's links and badges, CITATION.cff, .zenodo.json and the conda recipe of what is built;
 the sources have none. From the metadata, the documentation takes its links to the repository, Binder and Colab. A
 number in the README that is older than the code stops a release.
@@ -10,12 +11,14 @@ number in the README that is older than the code stops a release.
 
 import argparse
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
 import tarfile
 import tempfile
+import tomllib
 from pathlib import Path
 from urllib.parse import quote
 
@@ -60,10 +63,31 @@ def _find(pattern: str, path: Path) -> str:
     return found[1]
 
 
-def _run(*words, cwd=ROOT) -> None:
+def run(*words, cwd: Path = ROOT, **variables: str) -> None:
+    """Print and run a command with these environment variables; SystemExit with its exit status if it fails."""
     print("$", *words, flush=True)
-    if code := subprocess.run([*map(str, words)], cwd=cwd).returncode:
+    if code := subprocess.run([*map(str, words)], cwd=cwd, env=os.environ | variables).returncode:
         raise SystemExit(code)
+
+
+def environment(place: Path, *packages) -> Path:
+    """Create an environment with these packages, and return its folder of programs."""
+    run(sys.executable, "-m", "venv", place)
+    programs = place / ("Scripts" if os.name == "nt" else "bin")
+    run(programs / "python", "-m", "pip", "install", "-q", "--disable-pip-version-check", *packages)
+    return programs
+
+
+def tools(place: Path) -> Path:
+    """Create an environment with the pinned tools of a release, among them a compiler."""
+    locks = (ROOT / f"requirements-{name}.lock" for name in ("release", "compiler"))
+    return environment(place, "--require-hashes", *(word for lock in locks for word in ("-r", lock)))
+
+
+def oldest() -> list[str]:
+    """The oldest dependencies that pyproject.toml allows."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return [line.replace(">=", "==") for line in project["dependencies"]]
 
 
 def urls(address: str) -> dict[str, str]:
@@ -120,8 +144,8 @@ def with_address(source: Path, address: str) -> None:
         path.write_text(found, encoding="utf-8")
 
 
-def build(address: str | None = None) -> list[Path]:
-    """Build the sdist, and the wheel from the unpacked sdist alone."""
+def build(python: Path, address: str | None = None) -> list[Path]:
+    """Build the sdist, and the wheel from the unpacked sdist alone, with a Python that has the tools of a release."""
     shutil.rmtree(DIST, ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
         files = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
@@ -130,25 +154,24 @@ def build(address: str | None = None) -> list[Path]:
             shutil.copy2(ROOT / name, Path(folder) / name)
         if address:
             with_address(Path(folder), address)
-        _run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", DIST, cwd=folder)
+        run(python, "-m", "hatchling", "build", "-t", "sdist", "-d", DIST, cwd=Path(folder))
     (sdist,) = DIST.glob("*.tar.gz")
     with tempfile.TemporaryDirectory() as folder, tarfile.open(sdist) as archive:
         archive.extractall(folder, filter="data")
         (source,) = Path(folder).iterdir()
-        _run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", DIST, cwd=source)
+        run(python, "-m", "hatchling", "build", "-t", "wheel", "-d", DIST, cwd=source, CXX="ziglang")
     (wheel,) = DIST.glob("*.whl")
     return [sdist, wheel]
 
 
-def check(sdist: Path, wheel: Path) -> None:
-    """Check descriptions and metadata, install the wheel in a new environment, and run its self-check."""
-    with tempfile.TemporaryDirectory() as folder:
-        tools, clean = Path(folder) / "tools", Path(folder) / "clean"
-        for place, what in ((tools, ["--require-hashes", "-r", ROOT / "requirements-release.lock"]), (clean, [wheel])):
-            _run(sys.executable, "-m", "venv", place)
-            _run(place / "bin" / "python", "-m", "pip", "install", "-q", "--disable-pip-version-check", *what)
-        _run(tools / "bin" / "python", "-m", "twine", "check", "--strict", sdist, wheel)
-        _run(clean / "bin" / "stickslip", "doctor", "--quiet", cwd=folder)
+def check(programs: Path, folder: Path, sdist: Path, wheel: Path) -> None:
+    """Check descriptions, metadata and the tag, and run the self-check in two new environments without a compiler."""
+    run(programs / "python", "-m", "twine", "check", "--strict", sdist, wheel)
+    if sys.platform == "linux":
+        run(programs / "auditwheel", "show", wheel)
+    for name, packages in (("newest", []), ("oldest", oldest())):
+        found = environment(folder / name, wheel, *packages)
+        run(found / "stickslip", "doctor", "--quiet", cwd=folder, PATH=str(found), CXX="")
 
 
 def main() -> None:
@@ -156,7 +179,10 @@ def main() -> None:
     words = argparse.ArgumentParser(description="Build and check a release; nothing is uploaded.")
     words.add_argument("--rehearse", action="store_true", help="even if versions do not agree")
     words.add_argument("--repository", metavar="URL", help="address of the repository")
+    words.add_argument("--oldest", action="store_true", help="print the oldest dependencies allowed, and nothing else")
     given = words.parse_args()
+    if given.oldest:
+        return print(*oldest())
     problems = [*inconsistent_versions(), *filter(None, [unreleased_changes()]), *stale_numbers()]
     if not given.repository:
         problems.append("no address was given: add --repository URL")
@@ -164,8 +190,11 @@ def main() -> None:
         raise SystemExit("\n".join(problems))
     for sentence in problems:
         print(f"not ready: {sentence}")
-    paths = build(given.repository)
-    check(*paths)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        programs = tools(folder / "tools")
+        paths = build(programs / "python", given.repository)
+        check(programs, folder, *paths)
     print("Checked:", *(f"\n  {path.relative_to(ROOT)}" for path in paths))
     print(f"To publish: git tag v{package_version()}, push the tag, then twine upload dist/*")
 
