@@ -3,10 +3,11 @@
 The version must be the same in the package, CITATION.cff, .zenodo.json, the conda recipe and the changelog. The wheel
 is built from the unpacked sdist by the compiler of the package `ziglang`, so that it runs on old systems as well.
 `twine check --strict` reads both, and on Linux `auditwheel` confirms the tag of the wheel. `stickslip doctor` runs in
-two new environments without a compiler: with the newest dependencies, and with the oldest that pyproject.toml allows. `--repository URL` names the address of the repository, which then
-stands in the metadata, the README's links and badges, CITATION.cff, .zenodo.json and the conda recipe of what is built;
-the sources have none. From the metadata, the documentation takes its links to the repository, Binder and Colab. A
-number in the README that is older than the code stops a release.
+two new environments without a compiler: with the newest dependencies, and with the oldest that pyproject.toml allows.
+`--repository URL` names the address of the repository, which then stands in the metadata, the README's links and
+badges, CITATION.cff, .zenodo.json and the conda recipe of what is built; the sources have none. From the metadata, the
+documentation takes its links to the repository, Binder and Colab. A number in the README that is older than the code
+stops a release.
 """
 
 import argparse
@@ -182,7 +183,8 @@ def main() -> None:
     words.add_argument("--oldest", action="store_true", help="print the oldest dependencies allowed, and nothing else")
     given = words.parse_args()
     if given.oldest:
-        return print(*oldest())
+        print(*oldest())
+        return
     problems = [*inconsistent_versions(), *filter(None, [unreleased_changes()]), *stale_numbers()]
     if not given.repository:
         problems.append("no address was given: add --repository URL")

@@ -1,5 +1,7 @@
 """What an archive holds comes back; what cannot be read is refused in one sentence; nothing is left half-written."""
 
+import shutil
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 import stickslip as ss
 from stickslip.core.state import PER_PAIR
 from stickslip.data import archive, nodes
-from tests.conftest import make_law, make_packing, stirred
+from tests.conftest import make_law, make_packing, stickslip_here, stirred
 
 words = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=8)
 numbers = st.one_of(st.floats(), st.integers(-(2**62), 2**62), st.booleans(), st.complex_numbers())
@@ -226,3 +228,25 @@ def test_an_archive_of_an_earlier_version_is_read(tmp_path):
     archive.write(tmp_path / "a.h5", tree)
     again = archive.read(tmp_path / "a.h5")
     assert all(same(tuple(tree[name]), tuple(again[name])) for name in ("state", "law"))
+
+
+def test_run_folders_of_version_0_3_are_read():
+    """Their numbers are those in the tables that version 0.3.0 wrote beside them."""
+    stored = Path(__file__).with_name("version_0.3")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        slider, sample = (ss.io.open_dataset(stored / name) for name in ("rate_state", "threshold"))
+    table = np.genfromtxt(stored / "rate_state" / "series.csv", delimiter=",", names=True, skip_header=1)
+    for name, column in (("friction", "friction_"), ("slip", "slip_m"), ("theta", "theta_s")):
+        assert np.allclose(slider["history"][name], table[column], rtol=1e-11)
+    assert sample.attrs["stickslip"] == "0.3.0" and sample["frames"].sizes["grain"] == 12
+    done = stickslip_here("stability", stored / "threshold" / "results.h5", "--frame", "frames/0.200000")
+    assert "2 complex pairs, the fastest with period 43.81 and e-folding time 46.11" in done.stdout
+
+
+@pytest.mark.parametrize("folder", ["rate_state", "threshold"])
+def test_run_folders_of_version_0_3_are_finished_runs(folder, tmp_path):
+    run = tmp_path / folder
+    shutil.copytree(Path(__file__).with_name("version_0.3") / folder, run)
+    assert "nothing to resume" in stickslip_here("resume", run).stdout
+    assert ss.read_scenario(run / "scenario.json").experiment == folder.replace("_", "-")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from stickslip.reports import terminal
 from tests.conftest import stickslip_here
 
 ROOT = Path(__file__).parents[2]
@@ -114,3 +115,9 @@ def test_what_is_mistyped_is_guessed(arguments, sentence, tmp_path):
     assert sentence in run.stderr
     assert run.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_page_in_a_pipe_has_lines_of_readable_length(monkeypatch):
+    monkeypatch.setattr(terminal.console, "_width", terminal.UNBROKEN)
+    lines = stickslip_here("docs", "files").stdout.splitlines()
+    assert 50 < max(map(len, lines)) <= terminal.READABLE

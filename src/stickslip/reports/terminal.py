@@ -42,6 +42,7 @@ class _Console(Console):
 console = _Console(soft_wrap=False, markup=False, highlight=False, width=_width())
 
 NARROW = 60  # width below which the cells of tables would be broken
+READABLE = 100  # largest width of a text
 WIDE = 110  # width from which a stage and its text share a line
 STEADY = 5.0  # time after which the remaining time of a stage may be estimated [s]
 LINES = 30.0  # time between lines without a terminal [s]
@@ -214,7 +215,7 @@ def show_markdown(text: str) -> None:
     from rich.markdown import Markdown
 
     with console.pager() if can_redraw() else nullcontext():
-        console.print(Markdown(text))
+        console.print(Markdown(text), width=min(console.width, READABLE))
 
 
 def show_pairs(title: str, pairs: dict) -> None:
