@@ -1,4 +1,5 @@
-"""Recipes of `docs/about/extending.md`, step by step in a copy of the sources: a law, an observable, a claim."""
+"""Recipes of `docs/about/extending.md`, step by step in a copy of the sources: a law, an observable, a file format, a
+claim."""
 
 import json
 import os
@@ -123,6 +124,48 @@ force = np.linalg.norm(ss.measure.contact_forces(end, law), axis=1).sum()
 np.testing.assert_allclose(record.contact_force[-1], force, rtol=1e-9)
 assert force > 0
 """
+FORMAT = '''\
+"""Packings as lines of coins."""
+
+import numpy as np
+
+from ..run_files import replace_atomically
+from .columns import mass_note
+from .content import Packing, extent_note, only_state, read_lines
+
+
+def recognize(head):
+    return head.startswith(b"coins\\n")
+
+
+def read(path, frame=None):
+    only_state(path, frame)
+    x, y, radius = np.array([line.split() for line in read_lines(path).splitlines()[1:]], float).T
+    arrays = {"position": np.stack([x, y, 0 * x], axis=1), "radius": radius, "dim": 2}
+    return [Packing("0", arrays, [mass_note(path.name), extent_note(path.name)])]
+
+
+def write(path, frames):
+    grains = frames[0].state.grains
+    with replace_atomically(path) as part:
+        rows = np.column_stack([grains.position[:, :2], grains.radius]).tolist()
+        part.write_text("coins\\n" + "".join(" ".join(map(repr, row)) + "\\n" for row in rows))
+    return ["coins have neither masses nor contacts"]
+'''
+DOOR = {  # lines of files.py, and the texts before which they stand
+    '    Format("VTK"': '    Format("coins", _here("coins.recognize"), _here("coins.read")),\n',
+    "LAW_OPTIONS =": 'SERIES[".coins"] = _here("coins.write")\n',
+}
+TRADE = """
+import numpy as np, stickslip as ss
+state = ss.assembly(ss.disks([[0, 0, 0], [0.9, 0, 0]], [0.5, 0.4]))
+law = ss.laws.linear()
+state = ss.accept(state, ss.forces(state, law)[1])
+notes = ss.io.write_packing("two.coins", state, law)
+assert notes == ["coins have neither masses nor contacts"]
+back = ss.io.read_packing("two.coins", law=law)
+assert np.array_equal(back.state.grains.radius, [0.5, 0.4]) and len(back.assumed) == 2
+"""
 CLAIM = {  # text of the claims of sheared spheres, and the text that comes before it
     '    "pairs": 0.0,': '    "rattlers": 0.5,  # a number of a few per cent, from a few packings\n',
     '    "Sec. II": (': '    "Sec. I": ("rattlers", "share-of-rattlers"),\n',
@@ -183,6 +226,15 @@ def test_an_observable_needs_a_struct_a_name_in_the_table_and_a_field(tmp_path):
     run_python(tmp_path, "-c", USED)
     tests = ("-m", "pytest", "-x", "-p", "no:cacheprovider", "tests/unit/test_record.py", "tests/device/test_batch.py")
     assert " passed" in run_python(tmp_path, *tests, "-m", "not slow")
+
+
+def test_a_file_format_needs_a_module_and_a_line_to_read_and_to_write_it(tmp_path):
+    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", ".objects"))
+    door = tmp_path / "src/stickslip/data/exchange/files.py"
+    (door.parent / "coins.py").write_text(FORMAT)
+    for after, text in DOOR.items():
+        insert(door, after, text)
+    run_python(tmp_path, "-c", TRADE)
 
 
 @pytest.mark.usefixtures("plain_figures")
