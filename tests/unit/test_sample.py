@@ -304,3 +304,18 @@ def test_a_bond_across_a_gap_exists_if_it_is_listed(law):
     known = ss.forces(drawn, law)[0].force
     assert known[0, 0] > 0
     np.testing.assert_array_equal(ss.forces(bonded, law)[0].force, known)
+
+
+def test_a_file_is_read_with_a_law_as_it_is_written_elsewhere(tmp_path):
+    """A Law, with other numbers if given; other options, and values that are no law, are named in one sentence."""
+    np.savez(tmp_path / "a.npz", position=[[0, 0, 0], [0.99, 0, 0]], radius=[0.5, 0.5])
+    law = ss.laws.jkr(work=1e-3)
+    found = ss.io.read_packing(tmp_path / "a.npz", law=law)
+    assert found.law is law or np.array_equal(found.law.table, law.table)
+    assert not found.assumed or "law" not in found.assumed[0]
+    assert ss.io.read_packing(tmp_path / "a.npz", law=law, mu=0.3).law.table[0, 0, 2] == 0.3
+    with pytest.raises(PackingError, match="coulomb does not apply to a complete law"):
+        ss.io.read_packing(tmp_path / "a.npz", law=law, coulomb="sharp")
+    for wrong in (3, [law]):
+        with pytest.raises(PackingError, match="law must be hertz_mindlin or linear"):
+            ss.io.read_packing(tmp_path / "a.npz", law=wrong)

@@ -308,7 +308,7 @@ def law_by_name(
     Law: jkr, sharp Coulomb, kn = 1, kt = 0.285714, mu = 0.5, work = 0.001
     """
     for name, value, known in (("law", law, LAWS), ("coulomb", coulomb, COULOMB), ("damping", damping, DAMPING)):
-        if value not in known and not (name == "damping" and value is None):
+        if not (isinstance(value, str) and value in known) and not (name == "damping" and value is None):
             raise PackingError(f"{name} must be {' or '.join(known)}, got {value!r}")
     if (young is None) != (poisson is None):
         raise PackingError("young and poisson must be given together: give both, or kn and kt")

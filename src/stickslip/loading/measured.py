@@ -16,7 +16,7 @@ from ..core.readable import readable
 from ..core.state import SLIDE, STICK, State
 from ..data.exchange.arrays import law_from_options
 from ..data.exchange.columns import mass_note
-from ..data.exchange.files import LAMMPS_OPTIONS, Reading, law_from_file, with_inertia
+from ..data.exchange.files import LAMMPS_OPTIONS, Reading, separate_law, with_inertia
 from ..data.exchange.force_network import MeasuredForces, read_forces, unit_branches
 from ..data.sample import PackingError, from_arrays, law_note, naming, with_one_account
 from ..solve.inversion import nearest_point, overlap_of_force, slip_of_force
@@ -119,7 +119,7 @@ def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None 
     for name in LAMMPS_OPTIONS:
         if name in options:
             raise PackingError(f"{name} does not apply to the measured forces in {path.name}: leave it out")
-    given, own = law_from_file(options)
+    given, own = separate_law(options)
     measured = read_forces(path, contacts, frame=frame)
     with naming(path):
         law = own or law_from_options(given)

@@ -37,9 +37,9 @@ def read_packing(path: str | Path, **options) -> Reading:
 
     Parameters
     ----------
-    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None. They
-    take precedence over the law in the file. LAMMPS data and dump files contain no law; to read contacts from a dump,
-    give all of its parameters
+    law, coulomb, kn, kt, mu, young, poisson, damping, damping_n, damping_t : options of `law_by_name`, or None; `law`
+        may also be a Law or a Python file. They take precedence over the law in the file. LAMMPS data and dump files
+        contain no law; to read contacts from a dump, give all of its parameters
     parameters : dict, other parameters of that law, such as {"work": 1e-3} of jkr, or those of a Python file
     i0 : float, moment of inertia I0 m R²
     frame : the state to read: a path in an archive such as main/frames/0.030000, the number of a frame, or a time step
@@ -133,7 +133,8 @@ def convert(
         frames = mode_frames(frame_of(state, law), *of_mode, count=count, amplitude=amplitude, grow=grow)
         notes = [*notes, f"mode {mode}: s = {of_mode[2]:.4g}, {count} frames of one period"]
     targets = output_files(to, frames)
-    check_free(targets, overwrite=overwrite, made_from=(path, modes, options.get("contacts"), options.get("law")))
+    sources = (path, modes, options.get("contacts"), options.get("law"))
+    check_free(targets, overwrite=overwrite, made_from=(one for one in sources if not isinstance(one, Law)))
     notes += write_packing(to, frames)
     if to.suffix.lower() == ".vtu" and len(frames) > 1:
         notes.append(f"{len(frames)} frames: numbered files, which ParaView opens as a series")

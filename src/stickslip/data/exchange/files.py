@@ -187,7 +187,7 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     """
     if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
-    given, own = law_from_file({name: value for name, value in options.items() if value is not None})
+    given, own = separate_law({name: value for name, value in options.items() if value is not None})
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if path.is_dir():
         from .lammps_folder import read_folder
@@ -325,23 +325,26 @@ def packing_units(path: str | Path) -> Units | None:
     return named_units(path)
 
 
-def law_from_file(given: dict) -> tuple[dict, Law | None]:
-    """Return the options that do not concern the law, and the law if the user gave a Python file."""
+def separate_law(given: dict) -> tuple[dict, Law | None]:
+    """Return the options that do not concern the law, and the law if the user gave one or a Python file."""
     more = given.get("parameters", {})
     given = {name: value for name, value in given.items() if name != "parameters"}
-    if not str(given.get("law", "")).endswith(".py"):
+    law = given.get("law", "")
+    is_file = not isinstance(law, Law)
+    if is_file and not str(law).endswith(".py"):
         return given | more, None
     from ...core.laws.user import from_file
 
     values = {name: given[name] for name in PARAMETERS if name in given}
     try:
-        law = with_values(from_file(given["law"]), **values, **more)
+        law = with_values(from_file(law) if is_file else law, **values, **more)
     except ValueError as problem:
         raise PackingError(str(problem)) from None
     rest = {name: value for name, value in given.items() if name not in values}
     lost = [name for name in ("coulomb", "young", "poisson", "damping") if name in rest]
     if lost:
-        raise PackingError(f"{lost[0]} does not apply to a law from a file: set it in {given['law']}")
+        whole = f"a law from a file: set it in {given['law']}" if is_file else "a complete law: set it in that law"
+        raise PackingError(f"{lost[0]} does not apply to {whole}")
     return {name: value for name, value in rest.items() if name != "law"}, law
 
 

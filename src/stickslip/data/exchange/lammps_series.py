@@ -21,7 +21,7 @@ from ...core.state import State
 from ...core.text import parse_integer
 from ..sample import WALLS, Obstacle, PackingError, notes_about, with_one_account
 from .content import Packing
-from .files import build_state, capture_warnings, chosen_law, lammps_law, law_from_file, with_inertia
+from .files import build_state, capture_warnings, chosen_law, lammps_law, separate_law, with_inertia
 from .lammps_file import packing_from_table, pairs_from_table
 from .lammps_folder import read_folder
 from .lammps_text import Table, parse_step
@@ -292,7 +292,7 @@ def open_source(place: str | Path, *, memory: bool = True, **options) -> Source:
     _require_dumps(folder, grains, GRAINS)
     path = Path(contacts or "*")
     where = folder / path if path.parent == Path() else path
-    given, own = law_from_file(given)
+    given, own = separate_law(given)
     memory = memory and (_await_contacts(folder, grains, where) or contacts is not None)
     run = None
     if own is None and "law" not in given and Path(place).is_dir():
