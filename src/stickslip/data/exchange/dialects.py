@@ -19,7 +19,7 @@ TIME = re.compile(r"(?m)^[ \t\"]*TIME:[\s,;]*([-+.\deE]+)")
 JAMBASH = re.compile(
     r"(?m)^N *= *(\d+) *, *L *=[^{}\n]*L1 *= *\{([^{}]*)\} *, *L2 *= *\{([^{}]*)\}[^{}\n]*\n?\s*\{([^{}]*)\}"
 )
-PACKLSD = re.compile(r"\A\s*[23][^\n\S]*(![^\n]*)?\n\s*\d+[^\n\S]+\d+[^\n\S]*(![^\n]*)?\n")
+PACKLSD = re.compile(r"\A\s*[23][^\n\S]*(HS[^\n\S][^\n]*|![^\n]*)?\n\s*\d+[^\n\S]+\d+[^\n\S]*(![^\n]*)?\n")
 
 MFIX = re.compile(r"\A\s*Version[ \t]+(\d+\.\d+)", re.IGNORECASE)
 MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)[^\s,]*[\s,]+(\d+)[^\n]*$")
@@ -118,7 +118,7 @@ def recognize_packlsd(head: bytes) -> bool:
 def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     """Read spheres or disks in a lattice, with a diameter for each kind or, after its position, for each grain."""
     only_state(path, frame)
-    words = re.sub(r"!.*", "", read_lines(path)).split()
+    words = re.sub(r"!.*|\bHS\s.*", "", read_lines(path)).split()  # "3 HS poly": spheres, each with its diameter
     dim, start = int(words[0]), next(k for k, word in enumerate(words) if word in ("T", "F"))
     head, flags, rest = words[:start], words[start : start + dim], _parse(path, words[start + dim :])
     count, kinds = (int(word) for word in head[1:3])
