@@ -117,6 +117,11 @@ def test_packings_of_mfix(tmp_path):
         np.testing.assert_array_equal(state.grains.radius, DIAMETER / 2)
         np.testing.assert_allclose(state.grains.mass, 2500 * np.pi / 6 * DIAMETER**3)
         assert (state.grains.velocity == [0, 0, 2.5]).all()
+    told = MFIX.replace("Particles: 3", "Particles to read:    3").replace("Temperature: F", "Temperature: T")
+    rows = "\n".join(f"{row} 293" for row in SIZED.split("\n"))
+    found = read(tmp_path, told.replace("# Dim", 'Dimension: Enter "2" for 2D\n# Dim') + rows + "\n")
+    np.testing.assert_array_equal(found.state.grains.position, PLACE)
+    assert any("columns after x y z diameter are not used: 1" in note for note in found.notes)
     plane = "0 0 .5 2 1 0\n.9 0 .5 2 1 0\n"
     assert read(tmp_path, plane).state.grains.mass == pytest.approx([np.pi / 2] * 2)
 

@@ -22,7 +22,7 @@ JAMBASH = re.compile(
 PACKLSD = re.compile(r"\A\s*[23][^\n\S]*(HS[^\n\S][^\n]*|![^\n]*)?\n\s*\d+[^\n\S]+\d+[^\n\S]*(![^\n]*)?\n")
 
 MFIX = re.compile(r"\A\s*Version[ \t]+(\d+\.\d+)", re.IGNORECASE)
-MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)[^\s,]*[\s,]+(\d+)[^\n]*$")
+MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)(?:[ \t]+to[ \t]+read)?[^\s,]*[\s,]+(\d+)[^\n]*$")
 MFIX_OPTION = re.compile(
     r"(?im)^[ \t\"]*(Coordinates|Phase_ID|Diameter|Density|Velocity)[^\s,]*[\s,]+\.?([TF])\w*\.?([^\n]*)$"
 )
@@ -175,4 +175,7 @@ def read_mfix(path: Path, frame: str | None = None) -> list[Packing]:
     values = _parse(path, [re.sub("[dD]", "e", word) for row in rows for word in row[: len(names)]])
     columns |= dict(zip(names, values.reshape(count, -1).T, strict=True))
     packing = packing_of_columns(columns, path.name, path.stem)
-    return [packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])]
+    notes = [*packing.notes, Assumption(extent_note(path.name))]
+    if more := max(map(len, rows), default=0) - len(names):  # temperature, species, scalars
+        notes.append(f"{path.name}: columns after {' '.join(names)} are not used: {more}")
+    return [packing._replace(notes=notes)]
