@@ -18,6 +18,7 @@ from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
+from stickslip.wings.soils.element_test import figures as element_figures
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
 from stickslip.wings.soils.element_test.laboratory import read_test
@@ -572,6 +573,13 @@ def test_envelopes_are_those_of_members_that_differ_in_the_pressure_alone():
         "law.mu = 0.5): φ = (25", "law.mu = 0.3): φ = (20"
     ]  # fmt: skip
     assert compare(members[:1]).files == {}
+
+
+def test_stresses_of_less_than_two_decades_are_numbers_on_a_logarithmic_axis():
+    table = {"p": np.array([50.0, 100.0, 600.0]), "q": np.zeros(3), "void_ratio": np.array([0.7, 0.68, 0.6])}
+    figure = element_figures.void_ratio([table], "kPa")
+    figure.draw_without_rendering()
+    assert {"50", "100", "200", "500"} <= {text.get_text() for text in figure.axes[0].get_xticklabels()}
 
 
 # tests of laboratories
