@@ -219,5 +219,5 @@ def test_a_claim_needs_a_row_a_tolerance_and_its_place_in_the_paper(tmp_path, mo
 def test_public_names_of_modules_in_wings_can_be_imported(name, inner):
     module, own = import_module(f"stickslip.{name}"), import_module(f"stickslip.wings.{inner}")
     assert module is own and own.__spec__.name == own.__name__
-    with pytest.raises(ModuleNotFoundError, match="No module named 'stickslip.experiments.none'"):
+    with pytest.raises(ModuleNotFoundError, match=r"No module named 'stickslip\.experiments\.none'"):
         import_module("stickslip.experiments.none")

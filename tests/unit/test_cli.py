@@ -157,7 +157,9 @@ def test_control_c_and_sigterm_end_with_a_sentence_and_130(number, who, tmp_path
     run.send_signal(number)
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
-    assert f"stickslip: stopped by {who}" in said and said.endswith(("run the command again\n", f"{tmp_path / 'out'}\n"))
+    assert f"stickslip: stopped by {who}" in said and said.endswith(
+        ("run the command again\n", f"{tmp_path / 'out'}\n")
+    )
     assert "Traceback" not in said
     assert not (tmp_path / "out" / "results.h5").exists()
 

@@ -750,7 +750,9 @@ def test_headings_are_read_with_abbreviations_and_symbols_after_names(tmp_path, 
     assert test["q"] == pytest.approx(DEVIATOR, rel=1e-6)
 
 
-@pytest.mark.parametrize("heads", ["σ'1 σ'3", "σ1' σ3'", "sigma_1' sigma_3'", "Sig'1 Sig'3", "Eff.AxialStress Eff.RadialStress"])
+@pytest.mark.parametrize(
+    "heads", ["σ'1 σ'3", "σ1' σ3'", "sigma_1' sigma_3'", "Sig'1 Sig'3", "Eff.AxialStress Eff.RadialStress"]
+)
 @pytest.mark.parametrize("wet", [False, True])
 def test_q_and_p_follow_from_two_effective_stresses(tmp_path, heads, wet):
     columns = [1e2 * LOADED, 1e-3 * DEVIATOR + 100, np.full(6, 100.0), np.full(6, 300.0)]
