@@ -102,24 +102,26 @@ COLUMNS = {  # if several columns of a file have names for the same quantity, th
     "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
 }  # fmt: skip
 OTHER_LANGUAGES = {  # names in German, French, Spanish and Italian
-    "time": "zeit temps", "load_point": "scherweg verschiebung scherverschiebung weg déplacement deplacement",
-    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement",
-    "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement",
-    "normal_stress": "normalspannung contrainte_normale",
+    "time": "zeit temps tiempo tempo",
+    "load_point": "scherweg verschiebung scherverschiebung weg déplacement deplacement desplazamiento spostamento",
+    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement fricción attrito",
+    "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement esfuerzo_cortante tensione_di_taglio",
+    "normal_stress": "normalspannung contrainte_normale esfuerzo_normal tensione_normale",
     "axial_strain": "axialdehnung axiale_dehnung stauchung axiale_stauchung dehnung déformation_axiale déf_axiale "
                     "deformación_axial deformazione_assiale",
     "volumetric_strain": "volumendehnung volumetrische_dehnung volumenänderung déformation_volumique déf_volumetric "
                          "deformación_volumétrica deformazione_volumetrica",
     "q": "deviatorspannung deviatorische_spannung spannungsdifferenz déviateur contrainte_déviatorique "
          "esfuerzo_desviador tensione_deviatorica",
-    "u": "porenwasserdruck porendruck pression_interstitielle", "void_ratio": "porenzahl indice_des_vides",
+    "u": "porenwasserdruck porendruck pression_interstitielle presión_de_poros pressione_interstiziale",
+    "void_ratio": "porenzahl indice_des_vides índice_de_vacíos relación_de_vacíos indice_dei_vuoti",
     "axial_stress": "axialspannung vertikalspannung contrainte_axiale contrainte_verticale",
     "cell_pressure": "zelldruck pression_de_confinement pression_cellulaire",
 }  # fmt: skip
 COLUMNS |= {name: (COLUMNS[name][0], (*COLUMNS[name][1], *words.split())) for name, words in OTHER_LANGUAGES.items()}
 SHORT = {  # abbreviations in headings, and other forms of the same word
     "ax": "axial", "vert": "vertical", "rad": "radial", "vol": "volumetric", "dev": "deviator", "eff": "effective",
-    "deviatoric": "deviator", "conf": "confining", "press": "pressure", "pres": "pressure", "disp": "displacement",
+    "deviatoric": "deviator", "conf": "confining", "press": "pressure", "pres": "pressure", "disp": "displacement", "displ": "displacement",
     "nor": "normal", "norm": "normal", "shr": "shear", "coeff": "coefficient",
 }  # fmt: skip
 GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # as they are spelt
