@@ -321,7 +321,7 @@ def _split_heading(heading: str) -> tuple[str, str | None, str]:
 def _alias_of(word: str, aliases: tuple[str, ...]) -> str | None:
     """Alias of which a word is a form, perhaps followed by another one of them; None if there is none."""
     forms = {same_word(alias): alias for alias in reversed(aliases)}
-    if (whole := forms.get(same_word(word))) is not None:
+    if (whole := forms.get(same_word(word))) is not None or same_word(word) in NAMES:
         return whole
     cuts = (k for k, mark in enumerate(word) if mark in "_,")
     return next((forms[same_word(word[:k])] for k in cuts

@@ -766,6 +766,13 @@ def test_q_and_p_follow_from_two_effective_stresses(tmp_path, heads, wet):
     assert test["axial_stress"] == pytest.approx(100e3 + DEVIATOR)
 
 
+def test_the_name_of_another_column_is_not_a_name_with_a_symbol(tmp_path):
+    """p_p is a pore pressure, and not p followed by its symbol."""
+    heads = ["axial strain [%]", "q [kPa]", "p_p [kPa]"]
+    columns = [1e2 * LOADED, 1e-3 * DEVIATOR, 200.0 + 0.1e-3 * DEVIATOR]
+    assert set(read_test(table_of(tmp_path / "test.csv", heads, *columns))) == {"axial_strain", "q", "pore_pressure"}
+
+
 def test_half_the_difference_of_stresses_is_not_q(tmp_path):
     heads = ["axial strain [%]", "(σ1-σ3)/2 [kPa]"]
     with pytest.warns(UserWarning, match=r"unknown columns, not drawn: '\(σ1-σ3\)/2 \[kPa\]'"):
