@@ -416,7 +416,6 @@ def test_low_panels_have_two_numbers(high):
     assert np.count_nonzero([low <= place <= top for place in axes.get_yticks()]) > 1
 
 
-
 @pytest.mark.parametrize("values, least, wide", [
     ([0.7, 0.7 + 3e-12], 0.0, (0.03, 0.1)),  # round-off of a constant
     ([1e5, 1e5 + 0.1], 1e3, (1e3, 1.2e3)),  # held by a servo

@@ -104,7 +104,8 @@ COLUMNS = {  # if several columns of a file have names for the same quantity, th
 OTHER_LANGUAGES = {  # names in German, French, Spanish and Italian
     "time": "zeit temps tiempo tempo",
     "load_point": "scherweg verschiebung scherverschiebung weg déplacement deplacement desplazamiento spostamento",
-    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement fricción attrito",
+    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement "
+                "fricción attrito",
     "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement esfuerzo_cortante tensione_di_taglio",
     "normal_stress": "normalspannung contrainte_normale esfuerzo_normal tensione_normale",
     "axial_strain": "axialdehnung axiale_dehnung stauchung axiale_stauchung dehnung déformation_axiale déf_axiale "
@@ -121,7 +122,8 @@ OTHER_LANGUAGES = {  # names in German, French, Spanish and Italian
 COLUMNS |= {name: (COLUMNS[name][0], (*COLUMNS[name][1], *words.split())) for name, words in OTHER_LANGUAGES.items()}
 SHORT = {  # abbreviations in headings, and other forms of the same word
     "ax": "axial", "vert": "vertical", "rad": "radial", "vol": "volumetric", "dev": "deviator", "eff": "effective",
-    "deviatoric": "deviator", "conf": "confining", "press": "pressure", "pres": "pressure", "disp": "displacement", "displ": "displacement",
+    "deviatoric": "deviator", "conf": "confining", "press": "pressure", "pres": "pressure", "disp": "displacement",
+    "displ": "displacement",
     "nor": "normal", "norm": "normal", "shr": "shear", "coeff": "coefficient",
 }  # fmt: skip
 GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # as they are spelt
