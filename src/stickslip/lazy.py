@@ -4,9 +4,12 @@ Type checkers and editors read the same stub, so that each name is listed once.
 """
 
 import ast
+import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from importlib.util import find_spec
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, spec_from_loader
 from pathlib import Path
 
 
@@ -16,8 +19,11 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
     Parameters
     ----------
     package, file : its `__name__` and `__file__`
-    more : function that returns modules by other public names; `__all__` is then left to `__getattr__`
+    more : function that returns modules by other public names, which can also be imported by them; `__all__` is then
+        left to `__getattr__`
     """
+    if more is not dict:
+        sys.meta_path.insert(0, _ByPublicName(package, more))
     above = package if Path(file).stem == "__init__" else package.rpartition(".")[0]
     where: dict[str, tuple[str, str]] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
@@ -44,6 +50,29 @@ def attach(package: str, file: str, more: Callable[[], Mapping[str, str]] = dict
         raise AttributeError(missing_attribute(package, name))
 
     return get, lambda: sorted({*where, *more()}), sorted(where)
+
+
+class _ByPublicName(MetaPathFinder, Loader):
+    """Finder that imports `package.name` as the module elsewhere that has this public name."""
+
+    def __init__(self, package: str, more: Callable[[], Mapping[str, str]]):
+        self.package, self.more = package, more
+
+    def find_spec(self, fullname: str, path=None, target=None):
+        package, _, name = fullname.rpartition(".")
+        if package == self.package and not PathFinder.find_spec(fullname, path) and name in (modules := self.more()):
+            return spec_from_loader(fullname, self, origin=modules[name])
+        if package.startswith(f"{self.package}.") and (own := sys.modules[package].__name__) != package:
+            return spec_from_loader(fullname, self, origin=f"{own}.{name}")
+        return None
+
+    def create_module(self, spec):
+        module = import_module(spec.origin)
+        spec.loader_state = module.__spec__  # replaced while a module is created
+        return module
+
+    def exec_module(self, module) -> None:
+        module.__spec__ = module.__spec__.loader_state
 
 
 def lazy_function(package: str, path: str) -> Callable:

@@ -72,12 +72,13 @@ def test_an_unknown_query_of_edem_makes_the_verdict_undecided(tmp_path):
     assert any("Charge" in note for note in notes if isinstance(note, Obstacle))
 
 
+@pytest.mark.parametrize("word", [" ! dimension", " HS poly", " HS mono 1"])
 @pytest.mark.parametrize("sizes", ["2 1\n1.0 1.2", "2 1", "3"])
-def test_packings_of_packlsd(sizes, tmp_path):
+def test_packings_of_packlsd(sizes, word, tmp_path):
     """Diameters of kinds, or of each sphere; hard walls are named."""
     kinds = len(sizes.split("\n")[0].split())
     rows = ROWS if "\n" in sizes else SIZED
-    text = f"3 ! dimension\n3 {kinds}\n{sizes} ! sizes\n{LATTICE}\nT T F\n{rows}\n"
+    text = f"3{word}\n3 {kinds}\n{sizes} ! sizes\n{LATTICE}\nT T F\n{rows}\n"
     state, _, notes = read(tmp_path, text)
     np.testing.assert_array_equal(state.grains.position, PLACE)
     np.testing.assert_allclose(state.grains.radius, DIAMETER / 2, rtol=1e-15)
@@ -116,6 +117,11 @@ def test_packings_of_mfix(tmp_path):
         np.testing.assert_array_equal(state.grains.radius, DIAMETER / 2)
         np.testing.assert_allclose(state.grains.mass, 2500 * np.pi / 6 * DIAMETER**3)
         assert (state.grains.velocity == [0, 0, 2.5]).all()
+    told = MFIX.replace("Particles: 3", "Particles to read:    3").replace("Temperature: F", "Temperature: T")
+    rows = "\n".join(f"{row} 293" for row in SIZED.split("\n"))
+    found = read(tmp_path, told.replace("# Dim", 'Dimension: Enter "2" for 2D\n# Dim') + rows + "\n")
+    np.testing.assert_array_equal(found.state.grains.position, PLACE)
+    assert any("columns after x y z diameter are not used: 1" in note for note in found.notes)
     plane = "0 0 .5 2 1 0\n.9 0 .5 2 1 0\n"
     assert read(tmp_path, plane).state.grains.mass == pytest.approx([np.pi / 2] * 2)
 
@@ -139,6 +145,16 @@ def test_what_is_assumed_of_tables_is_said(text, said, place, tmp_path):
     found = read(tmp_path, text)
     assert any(said in note for note in found.assumed) and len(found.state.grains.radius) == 2
     assert found.state.grains.position[1].tolist() == place and found.state.grains.radius == pytest.approx([0.5, 0.5])
+
+
+@pytest.mark.parametrize("head", ["frame,particle", "frame,track_id", "t,id"])
+def test_frames_may_be_in_the_order_of_grains(head, tmp_path):
+    """As in tables of tracked grains: all frames of a grain, then those of the next; one enters late."""
+    text = f"{head},x,y,r\n0,4,0,0,.5\n1,4,0,1,.5\n2,4,0,2,.5\n0,3,1,0,.5\n1,3,1,1,.5\n2,3,1,2,.5\n2,9,2,2,.5\n"
+    found = read(tmp_path, text)
+    assert found.state.grains.position[:, :2].tolist() == [[1, 2], [0, 2], [2, 2]]
+    assert any("t has 3 time steps: the last, 2, is used" in note for note in found.notes)
+    assert read(tmp_path, text, frame="1").state.grains.position[:, :2].tolist() == [[1, 1], [0, 1]]
 
 
 def test_steps_without_a_time_are_named(tmp_path):

@@ -95,6 +95,16 @@ def test_every_dialect_has_the_same_network(known, tmp_path, dialect):
     assert ("on the second grain" in text) == (dialect == "opposite")
 
 
+@pytest.mark.parametrize(("sign", "noise", "said"), [(1, 0, ""), (-1, 0, "would balance better"), (1, 2, "not show")])
+def test_the_balance_of_forces_is_compared_for_both_signs_of_ft(known, tmp_path, sign, noise, said):
+    """RigidLibrary uses both signs: its sums over grains that of a torque, its walls the opposite."""
+    grains, contacts = rows_of(known)
+    contacts[:, 3] *= sign
+    contacts[:, 4] *= 1 + noise * np.random.default_rng(1).random(len(contacts))
+    notes = [note for note in written(tmp_path, grains, contacts).notes if "sign" in note]
+    assert (notes == []) if not said else (len(notes) == 1 and said in notes[0])
+
+
 def test_bonds_and_matrices_of_rigidlibrary_have_the_same_network(known, tmp_path):
     """Bonds i, j, slides, ft, fn count rows from 0; matrices stand beside id, x, y, r and a column without meaning."""
     free, (grains, contacts) = known._replace(free=np.ones(len(known.radius), bool)), rows_of(known)

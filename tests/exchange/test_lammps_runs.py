@@ -451,6 +451,7 @@ def test_a_pair_style_that_is_in_the_restart_file_only(cases, tmp_path):
             "fix q all wall/gran hooke/history 1 1 0 0 0.5 1 zcylinder 3",
             "only fixed planes for all grains are supported",
         ),
+        ("fix q all wall/gran 50 0.2 zplane 0 NULL", "a number is expected in place of 'zplane'"),
         ("fix q low addforce 0 0 v_push", "the members of group low are uncertain"),
         ("fix q all addforce 0 0 v_push", "fix q (addforce) was not taken over"),
         ("fix q all setforce 0 NULL 1", "only zero or NULL forces in the whole box are supported"),

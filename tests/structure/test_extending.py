@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -260,3 +261,15 @@ def test_a_claim_needs_a_row_a_tolerance_and_its_place_in_the_paper(tmp_path, mo
     (row,) = (one for one in json.loads((tmp_path / "out/claims.json").read_text()) if one["id"] == "share-of-rattlers")
     assert (row["paper"], row["tolerance"], row["measured"]) == (0.02, 0.5, 0.0)
     assert row["verdict"] == "undecided" and "share-of-rattlers" in (tmp_path / "out/claims.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "inner"),
+    [("experiments.element_test", "soils.element_test"), ("experiments.gouge.measures", "papers.gouge.measures"),
+     ("figures.gouge", "papers.gouge.figures")],
+)  # fmt: skip
+def test_public_names_of_modules_in_wings_can_be_imported(name, inner):
+    module, own = import_module(f"stickslip.{name}"), import_module(f"stickslip.wings.{inner}")
+    assert module is own and own.__spec__.name == own.__name__
+    with pytest.raises(ModuleNotFoundError, match=r"No module named 'stickslip\.experiments\.none'"):
+        import_module("stickslip.experiments.none")

@@ -405,6 +405,17 @@ def test_what_can_be_seen_is_drawn_point_by_point():
     assert not axes.collections and holds(axes, x, np.sin(60 * x))
 
 
+@pytest.mark.parametrize("high", [0.41, 0.445, 0.62])
+def test_low_panels_have_two_numbers(high):
+    """One number, such as 0.4 on the friction of a slide, gives no scale."""
+    figure, axes = column_axes(1, 0.9)
+    axes.plot([0, 1], [0.245, high])
+    label_axes(axes, x="time", y="friction")
+    figure.draw_without_rendering()
+    low, top = axes.get_ylim()
+    assert np.count_nonzero([low <= place <= top for place in axes.get_yticks()]) > 1
+
+
 @pytest.mark.parametrize("values, least, wide", [
     ([0.7, 0.7 + 3e-12], 0.0, (0.03, 0.1)),  # round-off of a constant
     ([1e5, 1e5 + 0.1], 1e3, (1e3, 1.2e3)),  # held by a servo

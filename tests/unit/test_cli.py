@@ -145,7 +145,8 @@ def test_a_disk_whose_own_contact_is_first_at_the_limit_can_be_drawn(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
-def test_control_c_ends_with_a_sentence_and_130(tmp_path):
+@pytest.mark.parametrize(("number", "who"), [(signal.SIGINT, "the user"), (signal.SIGTERM, "SIGTERM")])
+def test_control_c_and_sigterm_end_with_a_sentence_and_130(number, who, tmp_path):
     code = "from stickslip.cli import main; main()"
     arguments = ["reproduce", "disk-array", "--out", str(tmp_path / "out")]
     run = subprocess.Popen(
@@ -153,10 +154,12 @@ def test_control_c_ends_with_a_sentence_and_130(tmp_path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # shells ignore it in the background
     )  # fmt: skip
     assert any("ramps and free runs" in line for line in run.stdout)
-    run.send_signal(signal.SIGINT)
+    run.send_signal(number)
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
-    assert "stickslip: stopped by the user" in said
+    assert f"stickslip: stopped by {who}" in said and said.endswith(
+        ("run the command again\n", f"{tmp_path / 'out'}\n")
+    )
     assert "Traceback" not in said
     assert not (tmp_path / "out" / "results.h5").exists()
 

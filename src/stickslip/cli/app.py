@@ -7,6 +7,7 @@ import codecs
 import errno
 import json
 import os
+import signal
 import sys
 import unicodedata
 import warnings
@@ -296,7 +297,7 @@ def _show_welcome(
 
 
 MAX_LENGTH = 1000  # longest error message, as in core.text [characters]
-STOPPED = 130  # exit code that shells expect from a process ended by ctrl-C
+STOPPED = 130  # exit code that shells expect from a process ended by ctrl-C, here also by SIGTERM
 ASCII_SPELLING = {
     "λ": "lambda", "ω": "omega", "φ": "phi", "σ": "sigma", "μ": "mu", "θ": "theta", "δ": "delta", "Δ": "Delta",
     "×": "x", "±": "+-", "−": "-", "–": "-", "—": "-", "√": "sqrt", "≤": "<=", "≥": ">=", "°": "deg", "─": "-",
@@ -312,7 +313,7 @@ class FailedError(RuntimeError):
 
 
 class StoppedError(Exception):
-    """Raised for a run stopped by ctrl-C; the message names the command that continues it."""
+    """Raised for a run stopped by ctrl-C or SIGTERM; the message names the command that continues it."""
 
 
 @contextmanager
@@ -336,6 +337,11 @@ def _show_warning(message, *where, **more) -> None:
     print(printable(f"stickslip: {message}"), file=sys.stderr)
 
 
+def _raise_interrupt(number: int, _) -> None:
+    """End as after ctrl-C, with the name of the signal; a job's time limit sends SIGTERM."""
+    raise KeyboardInterrupt(signal.Signals(number).name)
+
+
 def main() -> None:
     """Run the command line; exit code 2 for bad input and 1 for a failed run, each with one sentence."""
     codecs.register_error("spelled", _transliterate)
@@ -344,6 +350,9 @@ def main() -> None:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="spelled")
     warnings.showwarning = _show_warning
+    if signal.getsignal(signal.SIGTERM) == signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _raise_interrupt)
+    stopped = "stopped by the user"
     try:
         code = app(prog_name="stickslip", standalone_mode=False)
         sys.stdout.flush()
@@ -358,14 +367,14 @@ def main() -> None:
         _fail(str(problem), STOPPED)
     except RuntimeError as problem:
         _fail(str(problem), 1, getattr(problem, "answer", None))
-    except KeyboardInterrupt:
-        code = STOPPED
+    except KeyboardInterrupt as problem:
+        code, stopped = STOPPED, f"stopped by {problem}" if str(problem) else stopped
     except Exception as problem:
         if not hasattr(problem, "format_message"):
             raise
         _fail(_usage_message(problem), 2)
     if code == STOPPED:
-        _fail("stopped by the user", STOPPED)
+        _fail(stopped, STOPPED)
     sys.exit(code or 0)
 
 

@@ -128,7 +128,7 @@ def reproduce(
 
 @contextmanager
 def _working_in(folder: Path, output: Output):
-    """Lock a run folder and direct the output; after ctrl-C, print the command that continues the run."""
+    """Lock a run folder and direct the output; after ctrl-C or SIGTERM, print the command that continues the run."""
     from ..data.checkpoint import is_worth_resuming
     from ..data.manifest import lock_folder
     from ..data.run_files import resume_command
@@ -137,10 +137,11 @@ def _working_in(folder: Path, output: Output):
     with terminal.console_output(*output), lock_folder(folder):
         try:
             yield
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as problem:
+            said = f"stopped by {str(problem) or 'the user'}"
             if is_worth_resuming(folder):
-                raise StoppedError(f"stopped by the user: continue with {resume_command(folder)}") from None
-            raise StoppedError("stopped by the user before anything was saved: run the command again") from None
+                raise StoppedError(f"{said}: continue with {resume_command(folder)}") from None
+            raise StoppedError(f"{said} before anything was saved: run the command again") from None
 
 
 def _note_levels(folder: Path) -> None:

@@ -10,6 +10,10 @@ from .text import read_text
 
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 _DECIMAL_POINT = re.compile(r"^[+-]?\d*\.\d+(?:[eE][+-]?\d+)?$")
+_GROUPED = {  # numbers with marks between groups of three digits
+    marks: re.compile(rf"([+-]?\d{{1,3}}(?:[{marks}]\d{{3}})+)([{decimal}]\d+)?$")
+    for marks, decimal in ((",", "."), (".", ","), (" '’\u00a0\u2009\u202f", ".,"))
+}
 _THOUSANDS = re.compile(r"^[+-]?[1-9]\d{0,2}[.,]\d{3}$")
 
 
@@ -79,8 +83,8 @@ def read_table(path: str | Path, *, remedy: str = "give a CSV file") -> list[tup
 def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None) -> list[tuple[int, list[str]]]:
     """Number and fields of each numbered line; separated by `mark`, or by white space if it is None.
 
-    Decimal commas, between quotation marks if commas separate, become points. Files with both points and commas are
-    rejected if either may separate thousands throughout.
+    Decimal commas, between quotation marks if commas separate, become points, and marks between groups of three digits
+    are removed. Files with both points and commas are rejected if either may separate thousands throughout.
     """
     if mark is None:
         split = [line.split() for _, line in lines]
@@ -92,9 +96,25 @@ def split_rows(path: str | Path, lines: list[tuple[int, str]], mark: str | None)
             raise ValueError(f"{path}, line {lines[rows.line_num - 1][0]}, cannot be read ({problem})") from None
         if len(split) != len(lines):
             raise ValueError(f"{path} has a quotation mark that is not closed on the same line: remove it")
+    for marks in {mark for row in split for field in row if (mark := marks_of_groups(field))}:
+        split = [[_without_groups(field, marks) for field in row] for row in split]
     _check_decimals(path, [(number, field) for (number, _), row in zip(lines, split, strict=True) for field in row])
     split = [[_DECIMAL_COMMA.sub(r"\1.\2", field) for field in row] for row in split]
     return [(number, row) for (number, _), row in zip(lines, split, strict=True)]
+
+
+def marks_of_groups(field: str) -> str:
+    """Marks that may separate groups of three digits in a number, if they cannot be decimal marks; empty otherwise."""
+    for marks, form in _GROUPED.items():
+        if (number := form.match(field)) and (number[2] or marks not in ",." or number[1].count(marks) > 1):
+            return marks
+    return ""
+
+
+def _without_groups(field: str, marks: str) -> str:
+    """Number without marks between groups of three digits; other fields are unchanged."""
+    number = _GROUPED[marks].match(field)
+    return re.sub(f"[{marks}]", "", number[1]) + (number[2] or "") if number else field
 
 
 def _check_decimals(path: str | Path, fields: list[tuple[int, str]]) -> None:

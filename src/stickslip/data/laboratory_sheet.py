@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.readable import pluralize
 from ..core.reading import Budget, check_matlab, read_bytes
-from ..core.tables import split_rows
+from ..core.tables import marks_of_groups, split_rows
 from ..core.text import decode_text, parse_number
 
 HDF5, MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 5.0 MAT-file"
@@ -112,6 +112,8 @@ def _find_numbers(body: list[tuple[int, str]]) -> tuple[int | None, str | None]:
 
 
 def _is_number(field: str) -> bool:
+    if marks_of_groups(field):
+        return True
     try:
         parse_number(field.replace(",", ".", 1))
     except ValueError:

@@ -8,6 +8,7 @@ import difflib
 import re
 import unicodedata
 import warnings
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -57,24 +58,21 @@ COLUMNS = {  # if several columns of a file have names for the same quantity, th
     "theta": (TIME, ("theta", "state")),
     "axial_strain": (
         STRAIN,
-        ("axial_strain", "strain_axial", "ax_strain", "axialstrain", "vertical_strain", "ε_a", "εa", "ε_1", "ε1", "ε_z",
-         "eps_a", "epsa", "eps_1", "eps1", "epsilon_a", "epsilon_1", "e_a", "ea", "e1", "strain", "ε"),
+        ("axial_strain", "vertical_strain", "ε_a", "ε_1", "ε_z", "epsa", "e_a", "e1", "strain", "ε"),
     ),
     "log_axial_strain": (STRAIN, ("log_axial_strain", "logarithmic_axial_strain", "natural_axial_strain",
                                   "true_axial_strain", "hencky_axial_strain")),
     "volumetric_strain": (
         STRAIN,
-        ("volumetric_strain", "volumetricstrain", "vol_strain", "volume_strain", "volumetric", "strain_volumetric",
-         "ε_v", "εv", "ε_vol", "εvol", "eps_v", "epsv", "eps_vol", "epsilon_v", "e_v", "ev"),
+        ("volumetric_strain", "volume_strain", "volumetric", "ε_v", "ε_vol", "εvol", "epsv", "e_v"),
     ),
     "log_volumetric_strain": (STRAIN, ("log_volumetric_strain", "logarithmic_volumetric_strain",
                                        "natural_volumetric_strain", "true_volumetric_strain")),
     "q": (
         STRESS,
-        ("q", "deviator_stress", "deviatoric_stress", "deviator", "dev_stress", "stress_deviator", "deviatorstress",
-         "deviator_stress_q", "deviatoric_stress_q",
-         "stress_difference", "principal_stress_difference", "axial_stress_difference", "σ1_σ3", "σ_1_σ_3", "σa_σr",
-         "σ_a_σ_r", "σ'1_σ'3", "s1_s3", "sigma1_sigma3", "sigma_1_sigma_3", "sig1_sig3"),
+        ("q", "deviator_stress", "deviator",
+         "corrected_deviator_stress", "q'", "σ_d", "stress_difference", "principal_stress_difference",
+         "axial_stress_difference", "σ1_σ3", "σa_σr", "σ'1_σ'3", "s1_s3"),
     ),
     "excess_pore_pressure": (
         STRESS,
@@ -84,37 +82,51 @@ COLUMNS = {  # if several columns of a file have names for the same quantity, th
     "u": (STRESS, ("u", "pwp", "u_w", "uw")),
     "p": (
         STRESS,
-        ("p'", "p_prime", "p_eff", "mean_effective_stress", "effective_mean_stress", "mean_eff_stress", "p'_mean",
-         "mean_stress", "p"),
+        ("p'", "p_prime", "p_eff", "mean_effective_stress", "effective_camb_p'", "p'_mean", "mean_stress", "p"),
     ),
     "axial_stress": (
         STRESS,
-        ("effective_axial_stress", "axial_effective_stress", "vertical_effective_stress", "effective_vertical_stress",
-         "σ'_v", "σ'v", "σ_v'", "σv'", "sigma'_v", "sigma_v'", "σ'_a", "σ'a", "σ'1", "σ'_1", "axial_stress",
-         "vertical_stress", "σ_v", "σv", "sigma_v", "σ_a", "σa", "sigma_a", "σ1", "σ_1", "sigma1", "sigma_1"),
+        ("effective_axial_stress", "effective_vertical_stress", "effective_major_principal_stress", "σ'_v", "σ'_a",
+         "σ'_1", "axial_stress", "vertical_stress", "major_principal_stress", "σ_v", "σ_a", "σ_1", "s_1",
+         "s'_1"),
     ),
-    "total_axial_stress": (STRESS, ("total_axial_stress", "axial_total_stress", "total_vertical_stress",
-                                    "vertical_total_stress")),
+    "total_axial_stress": (STRESS, ("total_axial_stress", "total_vertical_stress")),
     "cell_pressure": (
-        STRESS, ("cell_pressure", "confining_pressure", "confining_stress", "radial_stress", "σ3", "σ_3", "sigma3",
-                 "sigma_3", "σ_r", "σr")
+        STRESS, ("cell_pressure", "confining_pressure", "confining_stress", "radial_pressure", "radial_stress",
+                 "total_radial_stress", "minor_principal_stress", "σ_3", "σ_r", "s_3")
+    ),
+    "effective_radial_stress": (
+        STRESS, ("effective_radial_stress", "effective_confining_stress", "effective_confining_pressure",
+                 "effective_lateral_stress", "effective_minor_principal_stress", "σ'_3", "σ'_r", "σ'_h", "s'_3")
     ),
     "void_ratio": (NUMBER, ("void_ratio", "voids_ratio", "voidratio", "e")),
 }  # fmt: skip
-OTHER_LANGUAGES = {  # names in German and French
-    "time": "zeit temps", "load_point": "scherweg verschiebung scherverschiebung weg déplacement deplacement",
-    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement",
-    "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement",
-    "normal_stress": "normalspannung contrainte_normale",
-    "axial_strain": "axialdehnung axiale_dehnung stauchung axiale_stauchung déformation_axiale",
-    "volumetric_strain": "volumendehnung volumetrische_dehnung volumenänderung déformation_volumique",
-    "q": "deviatorspannung deviatorische_spannung spannungsdifferenz déviateur contrainte_déviatorique",
-    "u": "porenwasserdruck porendruck pression_interstitielle", "void_ratio": "porenzahl indice_des_vides",
+OTHER_LANGUAGES = {  # names in German, French, Spanish and Italian
+    "time": "zeit temps tiempo tempo",
+    "load_point": "scherweg verschiebung scherverschiebung weg déplacement deplacement desplazamiento spostamento",
+    "friction": "reibungskoeffizient reibung reibwert reibungszahl coefficient_de_frottement frottement "
+                "fricción attrito",
+    "shear_stress": "schubspannung scherspannung contrainte_de_cisaillement esfuerzo_cortante tensione_di_taglio",
+    "normal_stress": "normalspannung contrainte_normale esfuerzo_normal tensione_normale",
+    "axial_strain": "axialdehnung axiale_dehnung stauchung axiale_stauchung dehnung déformation_axiale déf_axiale "
+                    "deformación_axial deformazione_assiale",
+    "volumetric_strain": "volumendehnung volumetrische_dehnung volumenänderung déformation_volumique déf_volumetric "
+                         "deformación_volumétrica deformazione_volumetrica",
+    "q": "deviatorspannung deviatorische_spannung spannungsdifferenz déviateur contrainte_déviatorique "
+         "esfuerzo_desviador tensione_deviatorica",
+    "u": "porenwasserdruck porendruck pression_interstitielle presión_de_poros pressione_interstiziale",
+    "void_ratio": "porenzahl indice_des_vides índice_de_vacíos relación_de_vacíos indice_dei_vuoti",
     "axial_stress": "axialspannung vertikalspannung contrainte_axiale contrainte_verticale",
     "cell_pressure": "zelldruck pression_de_confinement pression_cellulaire",
 }  # fmt: skip
 COLUMNS |= {name: (COLUMNS[name][0], (*COLUMNS[name][1], *words.split())) for name, words in OTHER_LANGUAGES.items()}
-NAMES = {alias for _, aliases in COLUMNS.values() for alias in aliases}
+SHORT = {  # abbreviations in headings, and other forms of the same word
+    "ax": "axial", "vert": "vertical", "rad": "radial", "vol": "volumetric", "dev": "deviator", "eff": "effective",
+    "deviatoric": "deviator", "conf": "confining", "press": "pressure", "pres": "pressure", "disp": "displacement",
+    "displ": "displacement",
+    "nor": "normal", "norm": "normal", "shr": "shear", "coeff": "coefficient",
+}  # fmt: skip
+GREEK = ("σ", "sigma|sig"), ("ε", "epsilon|eps"), ("τ", "tau"), ("δ", "delta|∆")  # as they are spelt
 ABSENT = (-9999.0, -999.0, -99999.0)  # placeholders of some programs for missing numbers
 SIMILAR = 0.1  # relative tolerance within which a ratio equals that of two units
 SHOWN = 8  # columns that a message lists
@@ -236,43 +248,89 @@ def open_table(path: Path, wanted: Wanted, named: dict[str, int | str] | None = 
 
 
 def plain_word(name: str) -> str:
-    """Name of a column in lower case with underscores: "σ₁ − σ₃" becomes "σ1_σ3" and "Axial strain" "axial_strain".
+    """Name of a column in lower case with underscores: "σ₁ − σ₃" becomes "σ1_σ3" and "Ax. strain" "ax_strain".
 
     Examples
     --------
-    >>> plain_word("(σ₁ − σ₃)"), plain_word("Axial strain")
-    ('σ1_σ3', 'axial_strain')
+    >>> plain_word("(σ₁ − σ₃)"), plain_word("Ax. strain"), plain_word("AxialStrain")
+    ('σ1_σ3', 'ax_strain', 'axial_strain')
     """
-    word = unicodedata.normalize("NFKC", re.sub(r"^\(([^()]*)\)", r"\1", name.strip())).lower()
+    word = re.sub("(?<=[A-Za-z][a-z])(?=[A-Z][a-z])", "_", re.sub(r"^\(([^()]*)\)", r"\1", name.strip()))
+    word = re.sub(r"(?<=[^\W\d_])\.", " ", unicodedata.normalize("NFKC", word).lower())
     word = re.sub(r"\s*([/,])\s*", r"\1", re.sub(f"[{re.escape(PRIMES)}]", "'", word))
-    return re.sub("_+", "_", "_".join(re.sub(f"[{re.escape(DASHES)}]", "_", word).split())).strip("_")
+    return re.sub("_+", "_", "_".join(re.sub(f"[={re.escape(DASHES)}]", "_", word).split())).strip("_")
+
+
+@cache
+def same_word(word: str) -> str:
+    """Form that names of one quantity have in common, from a word of `plain_word`.
+
+    Abbreviations and Greek letters are written out or as a letter, a prime is last, and whole words are in any order.
+
+    Examples
+    --------
+    >>> same_word("sigma'_1") == same_word("σ1'"), same_word("strain_ax") == same_word("axial_strain")
+    (True, True)
+    """
+    for letter, spelt in GREEK:
+        word = re.sub(rf"(?<![^\W\d_])({spelt})(?![^\W\d_])", letter, word)
+    parts = [SHORT.get(part, part) for part in word.split("_")]
+    if all(len(part) > 2 and part.isalpha() for part in parts):
+        parts.sort()
+    joined = "".join(parts)
+    return joined.replace("'", "") + "'" * ("'" in joined)
 
 
 def unit_of(heading: str, aliases: tuple[str, ...], units: dict[str, float]) -> tuple[str, str | None]:
     """Name and unit of a heading such as `time [s]`, `time/s`, `time, s` or `time_s`; None without a unit.
+
+    The name is one of `aliases` if the heading is a form of it, also with a symbol behind it, as in `Void ratio e`.
 
     Parameters
     ----------
     aliases : names of the wanted column, in lower case, with underscores
     units : units that the column may have
     """
-    whole = re.match(
-        r"\s*\([^()]*\)(?=.*\S)", heading
-    )  # as in "(σ1 − σ3) [kPa]", whose first brackets do not contain a unit
-    name, unit = split_label(heading[whole.end() :] if whole else heading)
-    name = f"{heading[: whole.end()]} {name}" if whole else name
+    name, unit, remark = _split_heading(heading)
     word = plain_word(name)
-    if unit is not None or word in aliases:
-        return word, unit
-    for alias in sorted(aliases, key=len, reverse=True):
-        mark, rest = word[len(alias) : len(alias) + 1], word[len(alias) + 1 :]
-        if word.startswith(alias) and mark and mark in "_/,":
-            rest = rest.replace("_per_", "/").strip("_ ")
-            spelt = [rest, rest.replace("_", "/")]
-            found = next((u for u in units if u and u.lower() in spelt), None)
-            if found or (mark == "/" and re.sub("['_0]", "", rest) not in NAMES):  # "q/p'" is a ratio
-                return alias, found or rest
+    found = _alias_of(plain_word(f"{name} {remark}"), aliases) or _alias_of(word, aliases)
+    if unit is not None or found:
+        return found or plain_word(f"{name} {remark}"), unit
+    for k in range(len(word) - 1, 0, -1):
+        if word[k] not in "_/," or not (found := _alias_of(word[:k], aliases)):
+            continue
+        rest = word[k + 1 :].removeprefix("in_").replace("_per_", "/").strip("_ ")
+        spelt = [rest, rest.replace("_", "/")]
+        if known := next((u for u in units if u and u.lower() in spelt), None):
+            return found, known
+        if word[k] == "/" and not rest.isdigit() and same_word(re.sub("['0]", "", rest)) not in NAMES:
+            return found, rest  # "q/p'" is a ratio
     return word, None
+
+
+def _split_heading(heading: str) -> tuple[str, str | None, str]:
+    """Name, unit and remark of a heading: the last brackets have the unit, those before them a symbol or a remark."""
+    groups = list(re.finditer(r"[\[(]([^\[\]()]*)[\])]", heading))
+    if len(groups) < 2 and not (groups and not heading[: groups[0].start()].strip()):
+        return *split_label(heading), ""
+    first = bool(not heading[: groups[0].start()].strip())  # as in "(σ1 − σ3) [kPa]"
+    unit, between = (groups[-1], groups[first:-1]) if len(groups) > first else (None, [])
+    end = between[0].start() if between else unit.start() if unit else len(heading)
+    remark = " ".join(group[1] for group in between)
+    return heading[:end].strip(), unit[1].strip() if unit else None, remark
+
+
+def _alias_of(word: str, aliases: tuple[str, ...]) -> str | None:
+    """Alias of which a word is a form, perhaps followed by another one of them; None if there is none."""
+    forms = {same_word(alias): alias for alias in reversed(aliases)}
+    if (whole := forms.get(same_word(word))) is not None or same_word(word) in NAMES:
+        return whole
+    cuts = (k for k, mark in enumerate(word) if mark in "_,")
+    return next((forms[same_word(word[:k])] for k in cuts
+                 if same_word(word[:k]) in forms and same_word(word[k + 1 :]) in forms), None)  # fmt: skip
+
+
+NAMES = {same_word(alias) for _, aliases in COLUMNS.values() for alias in aliases}
 
 
 def unit_of_time(ratio: float, stated: float = 1.0) -> str:
@@ -395,7 +453,9 @@ def _spelled(unit: str) -> str:
 
 
 def _plain_unit(unit: str) -> str:
-    return unicodedata.normalize("NFKC", unit.replace(" ", ""))
+    """Unit without blanks, and with a quotient instead of a negative power: "kN m^-2" becomes "kN/m2"."""
+    plain = re.sub(r"[\s·*^]", "", unicodedata.normalize("NFKC", unit))
+    return re.sub(rf"(?<=[A-Za-z])(mm|cm|m|s|min|h)[{re.escape(DASHES)}](1|(2))$", r"/\1\3", plain)
 
 
 def _known_unit(unit: str | None, units: dict[str, float]) -> str | None:

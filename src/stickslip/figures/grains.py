@@ -201,7 +201,7 @@ def draw(
     axes.axis("off")
     margin = high[1] - layout.high[1]  # white covers grains below the view, and the row of pixels at the cut
     below = low[1] - 0.5 * margin, layout.low[1] - margin
-    axes.axhspan(*below, facecolor="white", lw=0, zorder=60, clip_on=False)
+    axes.axhspan(*below, -0.01, 1.01, facecolor="white", lw=0, zorder=60, clip_on=False)
     long = 2 * float(state.grains.radius.mean())  # width of the scale bar
     x, y = layout.low[0], layout.low[1] - 0.04 * (layout.high - layout.low).max()
     axes.plot([x, x + long], [y, y], color=BLACK, lw=1.5, solid_capstyle="butt", zorder=70)

@@ -263,7 +263,7 @@ class _FittingLocator(AutoLocator):
     def __call__(self):
         low, high = self.axis.get_view_interval()
         for count in range(int(np.clip(self.axis.get_tick_space(), 5 if self.axis.axis_name == "x" else 2, 9)), 0, -1):
-            self.set_params(nbins=count, min_n_ticks=1 if count < 3 else 2)
+            self.set_params(nbins=count, min_n_ticks=1 if count < 3 and self.axis.axis_name == "x" else 2)
             places = self.tick_values(low, high)
             if count == 1 or self._fit(places, abs(high - low)):
                 return places

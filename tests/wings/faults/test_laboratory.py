@@ -47,7 +47,7 @@ def test_decimal_commas_parentheses_and_files_of_windows(tmp_path):
     assert np.allclose(record.load_point, 1e-7 * np.arange(12))
     assert np.allclose(record.friction, -0.1 * np.arange(12))
     with pytest.raises(ValueError, match="not a number"):
-        read_record(written(tmp_path / "b.csv", HEAD.replace(",", ";"), ["1.234,5;1;1", *["1;2;3"] * 11]))
+        read_record(written(tmp_path / "b.csv", HEAD.replace(",", ";"), ["1.23,4;1;1", *["1;2;3"] * 11]))
 
 
 def test_rows_with_empty_cells_are_left_out_and_reported(tmp_path):

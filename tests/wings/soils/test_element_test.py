@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ import pytest
 import stickslip as ss
 from stickslip.cli import main
 from stickslip.core.laws.builtin import with_values
+from stickslip.data import laboratory_table
 from stickslip.experiments.experiment import SweepMember, named_measures
 from stickslip.experiments.samples import make_law
 from stickslip.figures.saving import render as png
 from stickslip.solve.moduli import elastic_moduli
 from stickslip.solve.newton import Factorisation
+from stickslip.wings.soils.element_test import figures as element_figures
 from stickslip.wings.soils.element_test import simulate as element
 from stickslip.wings.soils.element_test.grading import Grading, diameters, from_d10_d50_d60, passing_of
 from stickslip.wings.soils.element_test.laboratory import read_test
@@ -572,6 +575,13 @@ def test_envelopes_are_those_of_members_that_differ_in_the_pressure_alone():
     assert compare(members[:1]).files == {}
 
 
+def test_stresses_of_less_than_two_decades_are_numbers_on_a_logarithmic_axis():
+    table = {"p": np.array([50.0, 100.0, 600.0]), "q": np.zeros(3), "void_ratio": np.array([0.7, 0.68, 0.6])}
+    figure = element_figures.void_ratio([table], "kPa")
+    figure.draw_without_rendering()
+    assert {"50", "100", "200", "500"} <= {text.get_text() for text in figure.axes[0].get_xticklabels()}
+
+
 # tests of laboratories
 
 
@@ -714,6 +724,78 @@ def test_stresses_and_strains_that_contradict_each_other_are_refused(tmp_path):
     ]  # fmt: skip
     with pytest.raises(ValueError, match=r"0\.0101 times that of the void ratio"):
         read_test(table_of(tmp_path / "b.csv", heads, *columns))
+
+
+@pytest.mark.parametrize(
+    ("headings", "factors"),
+    [
+        (["Ax. strain (%)", "Dev. stress [kPa]", "Vol. strain (%)"], (100, 1e-3, 100)),
+        (["AxStrain(%)", "DevStress(kPa)", "VolStrain(%)"], (100, 1e-3, 100)),
+        (["Axial strain εa [%]", "Deviator stress (q) [kPa]", "Volumetric strain, εv, %"], (100, 1e-3, 100)),
+        (["ε1, %", "q = σ1 − σ3 [kPa]", "eps. vol. [%]"], (100, 1e-3, 100)),
+        (["Axial strain (local) [%]", "Corrected deviator stress [kN m^-2]", "ε_v (%)"], (100, 1e-3, 100)),
+        (["Axialdehnung in %", "Deviatorspannung in kPa", "Volumendehnung in %"], (100, 1e-3, 100)),
+        (["Déf. axiale (%)", "Déviateur (kPa)", "Déf. vol. (%)"], (100, 1e-3, 100)),
+        (["Deformación axial (%)", "Esfuerzo desviador (kN·m⁻²)", "Deformación volumétrica (%)"], (100, 1e-3, 100)),
+        (["Deformazione assiale (%)", "Tensione deviatorica (kPa)", "Deformazione volumetrica (%)"], (100, 1e-3, 100)),
+    ],
+)
+def test_headings_are_read_with_abbreviations_and_symbols_after_names(tmp_path, headings, factors):
+    columns = [f * values for f, values in zip(factors, (LOADED, DEVIATOR, DILATION), strict=True)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        test = read_test(table_of(tmp_path / "test.csv", headings, *columns))
+    assert test["axial_strain"] == pytest.approx(-np.log(1 - LOADED), rel=1e-6)
+    assert test["volumetric_strain"] == pytest.approx(-np.log(1 - DILATION), rel=1e-6)
+    assert test["q"] == pytest.approx(DEVIATOR, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "heads", ["σ'1 σ'3", "σ1' σ3'", "sigma_1' sigma_3'", "Sig'1 Sig'3", "Eff.AxialStress Eff.RadialStress"]
+)
+@pytest.mark.parametrize("wet", [False, True])
+def test_q_and_p_follow_from_two_effective_stresses(tmp_path, heads, wet):
+    columns = [1e2 * LOADED, 1e-3 * DEVIATOR + 100, np.full(6, 100.0), np.full(6, 300.0)]
+    names = [f"{head} [kPa]" for head in heads.split()]
+    heads = ["axial strain [%]", *names, "u [kPa]"][: 3 + wet]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        test = read_test(table_of(tmp_path / "test.csv", heads, *columns[: 3 + wet]))
+    assert test["q"] == pytest.approx(DEVIATOR, abs=1.0)
+    assert test["p"] == pytest.approx(100e3 + DEVIATOR / 3)
+    assert test["axial_stress"] == pytest.approx(100e3 + DEVIATOR)
+
+
+def test_the_name_of_another_column_is_not_a_name_with_a_symbol(tmp_path):
+    """p_p is a pore pressure, and not p followed by its symbol."""
+    heads = ["axial strain [%]", "q [kPa]", "p_p [kPa]"]
+    columns = [1e2 * LOADED, 1e-3 * DEVIATOR, 200.0 + 0.1e-3 * DEVIATOR]
+    assert set(read_test(table_of(tmp_path / "test.csv", heads, *columns))) == {"axial_strain", "q", "pore_pressure"}
+
+
+def test_half_the_difference_of_stresses_is_not_q(tmp_path):
+    heads = ["axial strain [%]", "(σ1-σ3)/2 [kPa]"]
+    with pytest.warns(UserWarning, match=r"unknown columns, not drawn: '\(σ1-σ3\)/2 \[kPa\]'"):
+        assert set(read_test(table_of(tmp_path / "test.csv", heads, 1e2 * LOADED, 1e-3 * DEVIATOR))) == {"axial_strain"}
+
+
+@pytest.mark.parametrize("form", ["{:,.2f}", "x", "{:_.2f}", "y"])
+def test_thousands_are_grouped_in_any_way_that_is_not_a_decimal_mark(tmp_path, form):
+    def spelt(value):
+        if form == "x":
+            return f"{value:,.2f}".translate(str.maketrans(",.", ".,"))
+        return f"{value:,.2f}".replace(",", "'") if form == "y" else form.format(value).replace("_", "\u202f")
+
+    rows = "".join(f"{spelt(100 * e)};{spelt(q)}\n" for e, q in zip(LOADED, DEVIATOR, strict=True))
+    (tmp_path / "a.csv").write_text(f"Axial strain [%];q [Pa]\n{rows}", encoding="utf-8")
+    assert read_test(tmp_path / "a.csv")["q"] == pytest.approx(DEVIATOR, abs=0.01)
+
+
+def test_short_names_name_one_column_each():
+    names = {}
+    for column, (_, aliases) in laboratory_table.COLUMNS.items():
+        for alias in aliases:
+            assert names.setdefault(laboratory_table.same_word(alias), column) == column, alias
 
 
 @pytest.mark.usefixtures("plain_figures")

@@ -20,7 +20,7 @@ SINGLE = {
     "diameter": ("d", "dia", "diam", "diameter", "diameters", "particlediameter", "cdiameter", "durchmesser"),
     "mass": ("m", "mass", "masses", "particlemass"),
     "density": ("rho", "density", "densities"),
-    "id": ("id", "ids", "particleid", "ballid", "atomid"),
+    "id": ("id", "ids", "particleid", "ballid", "atomid", "grainid", "trackid", "particle", "grain", "track"),
 }
 KINDS = (
     "type", "types", "material", "materials", "mat", "matid", "materialid", "species", "kind", "atomtype",

@@ -19,10 +19,10 @@ TIME = re.compile(r"(?m)^[ \t\"]*TIME:[\s,;]*([-+.\deE]+)")
 JAMBASH = re.compile(
     r"(?m)^N *= *(\d+) *, *L *=[^{}\n]*L1 *= *\{([^{}]*)\} *, *L2 *= *\{([^{}]*)\}[^{}\n]*\n?\s*\{([^{}]*)\}"
 )
-PACKLSD = re.compile(r"\A\s*[23][^\n\S]*(![^\n]*)?\n\s*\d+[^\n\S]+\d+[^\n\S]*(![^\n]*)?\n")
+PACKLSD = re.compile(r"\A\s*[23][^\n\S]*(HS[^\n\S][^\n]*|![^\n]*)?\n\s*\d+[^\n\S]+\d+[^\n\S]*(![^\n]*)?\n")
 
 MFIX = re.compile(r"\A\s*Version[ \t]+(\d+\.\d+)", re.IGNORECASE)
-MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)[^\s,]*[\s,]+(\d+)[^\n]*$")
+MFIX_HEAD = re.compile(r"(?im)^[ \t\"]*(Dimension|Particles)(?:[ \t]+to[ \t]+read)?[^\s,]*[\s,]+(\d+)[^\n]*$")
 MFIX_OPTION = re.compile(
     r"(?im)^[ \t\"]*(Coordinates|Phase_ID|Diameter|Density|Velocity)[^\s,]*[\s,]+\.?([TF])\w*\.?([^\n]*)$"
 )
@@ -118,7 +118,7 @@ def recognize_packlsd(head: bytes) -> bool:
 def read_packlsd(path: Path, frame: str | None = None) -> list[Packing]:
     """Read spheres or disks in a lattice, with a diameter for each kind or, after its position, for each grain."""
     only_state(path, frame)
-    words = re.sub(r"!.*", "", read_lines(path)).split()
+    words = re.sub(r"!.*|\bHS\s.*", "", read_lines(path)).split()  # "3 HS poly": spheres, each with its diameter
     dim, start = int(words[0]), next(k for k, word in enumerate(words) if word in ("T", "F"))
     head, flags, rest = words[:start], words[start : start + dim], _parse(path, words[start + dim :])
     count, kinds = (int(word) for word in head[1:3])
@@ -175,4 +175,7 @@ def read_mfix(path: Path, frame: str | None = None) -> list[Packing]:
     values = _parse(path, [re.sub("[dD]", "e", word) for row in rows for word in row[: len(names)]])
     columns |= dict(zip(names, values.reshape(count, -1).T, strict=True))
     packing = packing_of_columns(columns, path.name, path.stem)
-    return [packing._replace(notes=[*packing.notes, Assumption(extent_note(path.name))])]
+    notes = [*packing.notes, Assumption(extent_note(path.name))]
+    if more := max(map(len, rows), default=0) - len(names):  # temperature, species, scalars
+        notes.append(f"{path.name}: columns after {' '.join(names)} are not used: {more}")
+    return [packing._replace(notes=notes)]

@@ -407,7 +407,7 @@ def _try(course: Course, name: str, take, *given) -> None:
     except RecursionError:
         why = f"group {group} is composed of too many others"
     except (ValueError, IndexError, KeyError, TypeError) as problem:
-        why = str(problem)
+        why = str(problem).replace("could not convert string to float:", "a number is expected in place of")
     text = f"fix {name} ({style}) was not taken over: {why} ({course.run.places[name]})"
     if text not in course.met[UNKNOWN]:
         course.obstacle(text)

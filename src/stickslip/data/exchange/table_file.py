@@ -73,7 +73,8 @@ def has_grains(names: list[str] | None) -> bool:
 def read(path: Path, frame: str | None = None) -> list[Packing]:
     """Read the grains of a table, or of each of its time steps if there is a column of times."""
     columns, notes = read_columns(path)
-    times = next((values for name, values in columns.items() if _are_times(name, values)), None)
+    ids = identify_columns(columns)[0].get("id")
+    times = next((values for name, values in columns.items() if _are_times(name, values, ids)), None)
     if times is None:
         only_state(path, frame)
         packings = [packing_of_columns(columns, path.name, path.stem)]
@@ -88,10 +89,15 @@ def read(path: Path, frame: str | None = None) -> list[Packing]:
     return [packing._replace(notes=[*notes, *packing.notes, more]) for packing in packings]
 
 
-def _are_times(name: str, values: np.ndarray) -> bool:
-    """Return True for a sorted column of times with several rows for each of several times."""
+def _are_times(name: str, values: np.ndarray, ids: np.ndarray | None) -> bool:
+    """Return True for a column of times: sorted, with several rows for each time, or once for each time of a grain."""
     counts = np.unique(values, return_counts=True)[1]
-    return plain_name(name) in TIMES and len(counts) > 1 and counts.min() > 1 and bool((np.diff(values) >= 0).all())
+    if plain_name(name) not in TIMES or len(counts) < 2:
+        return False
+    if ids is None:
+        return counts.min() > 1 and bool((np.diff(values) >= 0).all())
+    pairs = np.unique(np.stack([ids, values]), axis=1)
+    return len(np.unique(ids)) < len(ids) == pairs.shape[1]
 
 
 def read_columns(

@@ -366,7 +366,7 @@ def watch_and_record(
     source: lammps_series.Source, table: Path, *, method: str, once: bool, until_idle: float | None, overwrite: bool,
     made_from=(),
 ) -> tuple[Progress, str]:  # fmt: skip
-    """Watch until the end; return the results and, after ctrl-C, a sentence that names the table.
+    """Watch until the end; return the results and, after ctrl-C or SIGTERM, a sentence that names the table.
 
     Raises
     ------
@@ -394,10 +394,11 @@ def watch_and_record(
                     save(done)
                     now = time.monotonic()
                     due = now + max(SAVE_EVERY, REST * (now - start))
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as problem:
+        said = f"stopped by {str(problem) or 'the user'}"
         if not done.any_computed:
-            return done, "stopped by the user before a frame was computed: there is no table"
+            return done, f"{said} before a frame was computed: there is no table"
         save(done._replace(live=False))
         left = f"; {done.left} frames have not been computed yet" if done.left else ""
-        return done, f"stopped by the user: {table} has {len(done.rows)} frames{left}, and the same command continues"
+        return done, f"{said}: {table} has {len(done.rows)} frames{left}, and the same command continues"
     return done, ""

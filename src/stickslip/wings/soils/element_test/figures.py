@@ -109,6 +109,13 @@ def pore_pressure(tables: list[_Table], unit: str):
     return figure
 
 
+def _show_numbers(axes) -> None:
+    """Label a logarithmic x axis of less than two decades with numbers such as 50 instead of powers."""
+    if axes.get_xscale() == "log" and np.divide(*np.array(axes.get_xlim())[::-1]) < 100:
+        axes.xaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+
+
 @styled
 def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
     """Void ratio against a stress, on a logarithmic axis unless it changes by less than a factor of 3.
@@ -123,6 +130,7 @@ def void_ratio(tables: list[_Table], unit: str, stress: str = "p"):
     low, high = (bound([bound(table[stress]) for table in tables]) for bound in (np.min, np.max))
     axes.set_xscale("log" if high > 3 * low > 0 else "linear")
     label_axes(axes, x=_axis(stress, unit), y=SERIES["void_ratio"].axis)
+    _show_numbers(axes)
     legend_above(axes)
     return figure
 
@@ -192,6 +200,7 @@ def laboratory(tables: list[_Table], test: dict, pairs: list[tuple[str, str]], u
         if y == "void_ratio" and high > 3 * low > 0:
             axes.set_xscale("log")
         label_axes(axes, x=_axis(x, unit), y=_axis(y, unit))
+        _show_numbers(axes)
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncol=len(handles))
     return figure
@@ -263,9 +272,7 @@ def critical_state(ends: list[_Ends], unit: str):
     right.set_xscale("log")
     label_axes(left, x=_axis("p", unit), y=_axis("q", unit))
     label_axes(right, x=_axis("p", unit), y=SERIES["void_ratio"].axis)
-    if np.divide(*np.array(right.get_xlim())[::-1]) < 100:  # numbers, not powers
-        right.xaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
-        right.xaxis.set_minor_formatter(NullFormatter())
+    _show_numbers(right)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncol=min(4, len(labels)))
     return figure

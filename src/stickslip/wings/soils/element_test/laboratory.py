@@ -15,7 +15,8 @@ from .simulate import ElementRun, ElementSeries, SmallStrain
 
 WANTED = laboratory_table.Wanted(
     ("axial_strain", "log_axial_strain", "volumetric_strain", "log_volumetric_strain", "q", "axial_stress",
-     "total_axial_stress", "cell_pressure", "p", "pore_pressure", "u", "excess_pore_pressure", "void_ratio"),
+     "total_axial_stress", "cell_pressure", "effective_radial_stress", "p", "pore_pressure", "u",
+     "excess_pore_pressure", "void_ratio"),
     "axial strain [%], q [kPa], volumetric strain [%]", "column of a test of soil",
 )  # fmt: skip
 FIGURE = "fig8_laboratory.png"
@@ -116,10 +117,14 @@ def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.
     """
     path, total = table.path, values.get("total_axial_stress")
     pressure = next((values[name] for name in ("pore_pressure", "u") if name in values), None)
+    if (lateral := values.get("effective_radial_stress")) is not None:
+        if "axial_stress" in values and (pressure is None or _is_effective(table)):
+            out.setdefault("q", values["axial_stress"] - lateral)
+        if "q" in out:
+            out.setdefault("p", lateral + out["q"] / 3)
     if total is None and "axial_stress" in values:
         total, heading = values["axial_stress"], table.heading_of("axial_stress")
-        word = laboratory_table.plain_word(heading)
-        if pressure is not None and ("'" in word or "eff" in word):
+        if pressure is not None and _is_effective(table):
             total = total + pressure
         elif pressure is not None:
             warnings.warn(f"{path}: {heading!r} is treated as a total stress: name it effective if it is", stacklevel=3)
@@ -138,6 +143,12 @@ def _add_stresses(table: laboratory_table.LaboratoryTable, values: dict[str, np.
         out["p"] = values["cell_pressure"]
     if "p" not in out and {"q", "cell_pressure"} <= {*out, *values} and pressure is not None:
         out["p"] = out["q"] / 3 + values["cell_pressure"] - pressure
+
+
+def _is_effective(table: laboratory_table.LaboratoryTable) -> bool:
+    """Return True if the heading of the axial stress has a prime or the word "effective"."""
+    word = laboratory_table.plain_word(table.heading_of("axial_stress"))
+    return "'" in word or "eff" in word
 
 
 def _turn_signs(path: Path, out: dict[str, np.ndarray]) -> None:
