@@ -8,9 +8,11 @@ from stickslip.core.contacts.bonding import broken_since
 from stickslip.core.control import between
 from stickslip.core.laws.builtin import with_values
 from stickslip.loading.compression import TOP, biaxial_box, with_load
-from stickslip.quasirigid import load_path
+from stickslip.quasirigid import contact_status, linear_system, load_path
+from stickslip.wings.status.increment import CROWD, Increment
 from stickslip.wings.status.matrices import loose_grains
 from stickslip.wings.status.status import Verdict
+from stickslip.wings.status.system import rolling_motions
 from tests.wings.status.five_packings import spheres
 
 LAW = ss.laws.linear(1.0, 0.5, 0.4, coulomb="sharp")
@@ -27,13 +29,13 @@ def committed(state, law=LAW):
 
 
 def row(*bonds, walls=None):
-    """Disks in a row with gaps of 0.1, joined by bonds, the first of them fixed."""
+    """Disks in a row with gaps of 0.1, joined by bonds (None: not joined), the first of them fixed."""
     count = len(bonds) + 1
     control = ss.control.loads(count, 0 if walls is None else len(walls.mass))
     control.free[0] = False
     state = ss.assembly(ss.disks(np.outer(np.arange(count), [1.1, 0.0]), 0.5), walls, ss.box(dim=2), control)
     for k, bond in enumerate(bonds):
-        state = ss.packings.bonded(state, bond, pairs=[[k, k + 1]])
+        state = state if bond is None else ss.packings.bonded(state, bond, pairs=[[k, k + 1]])
     return committed(state)
 
 
@@ -274,3 +276,79 @@ def test_bonds_that_a_path_cannot_follow_are_refused_in_one_sentence():
         ValueError, match=r"bonds on a load path must resist shear, bending .* use beam_bond or parallel_bond"
     ):
         load_path(state, LAW, pulled(state.control, 1, (1e-3,)))
+
+
+def test_a_load_of_zero_moves_nothing():
+    """All forces are zero, so that they are compared to no load and no mean force."""
+    state = row(beam(1e-3))
+    path = load_path(state, LAW, state.control, increment=0.5)
+    assert path.complete and not path.events
+    np.testing.assert_array_equal(path.states[-1].grains.position, state.grains.position)
+    assert path.points[-1].residual == 0.0
+
+
+def test_a_load_on_a_rattler_alone_is_refused_in_one_sentence():
+    state = row(beam(1e-3), None)
+    with pytest.raises(ValueError, match="body 2 is loaded but is a rattler"):
+        load_path(state, LAW, pulled(state.control, 2, (1e-3,)))
+
+
+def test_the_residual_of_a_pure_torque_is_over_the_load():
+    """No normal force is exerted."""
+    state = row(UNBREAKABLE)
+    torque = state.control.torque.copy()
+    torque[1, 2] = 1e-4
+    path = load_path(state, LAW, state.control._replace(torque=torque), increment=1.0)
+    assert path.complete and path.points[-1].residual < 1e-9
+
+
+@pytest.fixture(scope="module")
+def bridge():
+    """Two spheres on a tilted bond, with a gap between them, that touch a floor and a lid."""
+    at = np.array([[0, 0, 0.499], [0.66, 0, 1.379]])
+    control = ss.control.loads(2, 2)
+    control.free[3, 2], control.force[3, 2] = True, -1e-3
+    walls = ss.flat_walls([[0, 0, 0], [0, 0, 1.878]], [[0, 0, 1], [0, 0, -1]])
+    state = ss.packings.bonded(
+        ss.assembly(ss.spheres(at, 0.5), walls, ss.box(dim=3), control), UNBREAKABLE, pairs=[[0, 1]]
+    )
+    return ss.equilibrate(committed(state), LAW)[0]
+
+
+def test_spheres_that_a_bond_joins_roll_about_their_two_contacts(bridge):
+    """Nothing resists the motion, which a force along the line through the contacts does not drive."""
+    path = load_path(bridge, LAW, pulled(bridge.control, 3, (0, 0, -2e-3)), increment=1.0)
+    assert path.complete
+    with pytest.raises(ValueError, match="unbalanced torque on spheres 0 to 1, which bonds join, about their two cont"):
+        load_path(bridge, LAW, pulled(bridge.control, 1, (0, 1e-5, 0)))
+
+
+@pytest.mark.parametrize("bonds", ["rigid", "elastic"])
+def test_a_force_that_makes_spheres_roll_has_no_status(bridge, bonds):
+    matrix = linear_system(bridge, LAW, bonds=bonds)
+    (motion,) = rolling_motions(matrix)
+    assert np.abs(matrix.c.T @ motion).max() < 1e-12
+    load = np.zeros(len(matrix.free))
+    load[-1] = -1.0
+    assert contact_status(matrix, load).ok
+    load[(matrix.free.body == 1) & (matrix.free.axis == 1)] = 1.0
+    assert contact_status(matrix, load).verdict is Verdict.MECHANISM
+
+
+def test_a_torque_on_a_sphere_that_spins_between_its_contacts_is_refused_in_one_sentence():
+    control = ss.control.loads(1, 2)
+    walls = ss.flat_walls([[0, 0, 0], [0, 0, 0.998]], [[0, 0, 1], [0, 0, -1]])
+    state = committed(ss.assembly(ss.spheres([[0, 0, 0.499]], 0.5), walls, ss.box(dim=3), control))
+    torque = control.torque.copy()
+    torque[0, 2] = 1e-6
+    with pytest.raises(ValueError, match="unbalanced torque on sphere 0 about its two contacts"):
+        load_path(state, LAW, control._replace(torque=torque))
+
+
+def test_a_path_ends_where_it_crawls(monkeypatch):
+    """Every part of an increment is made short, although the load rises by more than PROGRESS in each."""
+    monkeypatch.setattr(Increment, "run", lambda self, start: (self.place, 5e-5, Verdict.CONSISTENT))
+    state = row(UNBREAKABLE)
+    path = load_path(state, LAW, pulled(state.control, 1, (1e-3,)), increment=1.0)
+    assert path.verdict is Verdict.NO_PROGRESS
+    assert len(path.points) == CROWD + 2

@@ -15,6 +15,7 @@ from .matrices import LinearSystem, stiffness_matrix
 # but the result of a correction is verified with a new factor
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
+NEUTRAL = 1e-9  # stiffness below which a cluster rolls without resistance, over that of contacts
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
 RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
@@ -188,7 +189,7 @@ def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
 
 
 def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
-    """(K, n) motions u of unit length of the spheres that may roll about the line through their two contacts.
+    """(K, n) motions u of unit length of spheres, and of clusters, that may roll about the line through two contacts.
 
     The contacts do not move, so that uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
     sphere, since both forces then are along this line.
@@ -200,6 +201,10 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
         if not geometric or np.abs(roll @ bends).max() <= RESIDUAL * np.abs(bends).max():
             moves.append(np.zeros(len(matrix.free)))
             moves[-1][own] = roll
+    stuck = np.zeros(matrix.count, bool)
+    for roll in _rolling_clusters(matrix):
+        if np.abs(roll @ stiffness_matrix(matrix, stuck, geometric=geometric)).max() <= NEUTRAL * matrix.springs.max():
+            moves.append(roll)
     return np.array(moves).reshape(-1, len(matrix.free))
 
 
@@ -257,6 +262,25 @@ def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
     first = np.flatnonzero((matrix.free.axis == 0) & two[body])
     own = np.minimum(first[:, None] + np.arange(6), len(body) - 1)
     return own[(matrix.free.axis[own] == np.arange(6)).all(axis=1)]
+
+
+def _rolling_clusters(matrix: LinearSystem) -> list[np.ndarray]:
+    """(n,) rotations of the clusters that have two contacts, about the line through both."""
+    if matrix.clusters is None:
+        return []
+    out, motions = [], sparse.csc_array(matrix.clusters)
+    moved = sparse.csc_array(matrix.c.T @ motions)
+    for first in range(0, motions.shape[1], 6):
+        own = moved[:, first : first + 6]
+        contacts = np.unique(own.indices // matrix.width)
+        rates = own.tocsr()[(matrix.width * contacts[:, None] + np.arange(matrix.width)).ravel()].toarray()
+        rates = rates.reshape(-1, matrix.width, 6)
+        outside = np.abs(rates[:, :, :3]).max(axis=(1, 2)) > 0.5  # translations do not move contacts within a cluster
+        if outside.sum() == 2:
+            about = np.linalg.svd(rates[outside].reshape(-1, 6))[2][-1]
+            roll = motions[:, first : first + 6] @ about
+            out.append(roll / np.linalg.norm(roll))
+    return out
 
 
 def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
