@@ -352,3 +352,34 @@ def test_a_path_ends_where_it_crawls(monkeypatch):
     path = load_path(state, LAW, pulled(state.control, 1, (1e-3,)), increment=1.0)
     assert path.verdict is Verdict.NO_PROGRESS
     assert len(path.points) == CROWD + 2
+
+
+def chains(strengths):
+    """Two rows of three bonded disks around a cell that is free along them; bonds of stiffness 2 and 1."""
+    across = np.arange(3)[:, None] * [1.1, 0.0]
+    cell = ss.box([3.3, 4.0, 1.0], (True, True, False), 2)
+    state = ss.assembly(ss.disks(np.vstack([across, across + [0.0, 2.0]]), 0.5), None, cell)
+    for strength, pair in zip(strengths, ([0, 1], [1, 2], [0, 2]), strict=True):
+        state = ss.packings.bonded(state, beam(strength), pairs=[pair])
+    state = committed(ss.packings.bonded(state, beam(1.0, stiffness=1.0), pairs=[[3, 4], [4, 5], [3, 5]]))
+    control = ss.control.stress_controlled(state.control, np.zeros((3, 3)))
+    free = np.zeros((3, 3), bool)
+    free[0, 0] = True
+    return state._replace(control=control._replace(cell_free=free))
+
+
+@pytest.mark.parametrize("strengths", [(1e-5, 2e-5, 3e-5), (1e-5, 1e-5, 1e-5)])
+def test_one_bond_of_a_row_around_the_cell_breaks_and_the_others_lose_their_load(strengths):
+    """The stiffer row bears 2/3 of a force of 4e-5, and breaks at 1e-5; the other one then bears all of it."""
+    state = chains(strengths)
+    stress = state.control.stress.copy()
+    stress[0, 0] = -1e-5
+    path = load_path(state, LAW, state.control._replace(stress=stress), increment=0.5)
+    assert path.complete
+    ((load, kind, *_),) = breaks(path)
+    assert (load, kind) == (pytest.approx(0.375, rel=1e-5), "bond breaks by tension")
+    end = path.states[-1]
+    assert loose_grains(end).tolist() == [True] * 3 + [False] * 3
+    assert end.cell.vectors[0, 0] - 3.3 == pytest.approx(3 * 4e-5, rel=1e-8)
+    assert ss.measure.stress(end, LAW)[0, 0] == pytest.approx(-1e-5, rel=1e-8)
+    np.testing.assert_allclose(ss.measure.bond_shares(end), [0.0] * 3 + [4e-5] * 3, atol=1e-8)

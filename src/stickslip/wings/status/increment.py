@@ -390,9 +390,10 @@ def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
 def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
     """(n,) unbalanced force of a state.
 
-    Forces on rattlers, which are moved aside, and forces of parted pairs with a small overlap are excluded.
+    Forces on rattlers, which are moved aside, those within clusters of them, and forces of parted pairs with a small
+    overlap are excluded.
     """
-    state, count = place.state, int(place.state.contacts.count[0])
+    state, count = without_bonds_of(place.state, place.loose), int(place.state.contacts.count[0])
     out = residual_vector(state, forces(state, law)[0], free)
     whole = np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool))
     loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
@@ -400,6 +401,14 @@ def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
     push = np.zeros((count, 6))
     push[rows, :3] = contact_forces(state._replace(bonds=None), law)[rows]
     return out - incidence(state, count, free) @ push.ravel() if push.any() else out
+
+
+def without_bonds_of(state: State, loose: np.ndarray) -> State:
+    """State in which the bonds of rattlers (N,) are broken: they exert no force, but have yet to find their rest."""
+    if not state.bonds:
+        return state
+    intact = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])
+    return state._replace(bonds=state.bonds._replace(intact=intact), instant=None)
 
 
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:

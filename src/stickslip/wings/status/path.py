@@ -42,10 +42,10 @@ from ...measure import bond_shares, touching
 from ...modes import residual_vector
 from .collapse import Collapse, describe_collapse, displacements, run_to_rest
 from .events import BREAKS, Event, Fork, gaps, move_aside, with_modes
-from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, force_scale, unbalanced_force
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, force_scale, unbalanced_force, without_bonds_of
 from .matrices import joined_bodies, linear_system, loose_grains
 from .status import Verdict
-from .system import driven_motions, external_force, lowest_eigenvalue
+from .system import driven_motions, external_force, lowest_eigenvalue, relax_clusters
 
 SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
@@ -356,9 +356,9 @@ def _break_weakest(place: PathState, law: Law, control: Control, load: float, wa
     Grains that it alone supported are rattlers from then on, and forces replace those of their contacts.
     """
     before, strength = place.state, place.state.bonds.strength
-    lowered = np.where(
-        strength < UNBREAKABLE, (1 - ROUND_OFF) * min(1.0, bond_shares(before).max()) * strength, strength
-    )
+    held = without_bonds_of(before, place.loose).bonds.intact
+    most = (1 - ROUND_OFF) * min(1.0, bond_shares(before)[held].max())
+    lowered = np.where(held[:, None] & (strength < UNBREAKABLE), most * strength, UNBREAKABLE)
     weak = with_weakest_broken(before._replace(bonds=before.bonds._replace(strength=lowered), control=control))
     state = with_strength_of(weak, before)
     way.events += _break_events(load, broken_since(state, before))
@@ -429,8 +429,10 @@ def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tu
     """State with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
     state, wedge = move_aside(place.state, law, place.loose, start)
+    if not len(wedge) and (relaxed := relax_clusters(state, law, place.loose)) is not state:
+        state, wedge = move_aside(relaxed, law, place.loose, start)
     after = state.contacts
-    if after is before:
+    if state is place.state:
         return place, wedge
     known, marks = after.key[: int(after.count[0])], np.zeros((2, len(after.mode)), bool)
     for row, mark in zip(marks, (place.parted, place.fresh), strict=True):
@@ -443,7 +445,7 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     rows = touching(place.state)
     parted = gaps(place.state, rows)[1] > PARTED * place.state.grains.radius.min()
     state = with_modes(place.state, rows[parted], OPEN)
-    loads, _ = forces(state, law)
+    loads, _ = forces(without_bonds_of(state, place.loose), law)
     rows = touching(state)
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
     mean = force_scale(state, law, external_force(state, free))

@@ -5,11 +5,11 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, cholesky, eigvals, qr
 from scipy.sparse.linalg import splu
 
-from ... import State
-from ...kit import factorised
+from ... import Law, State, forces, freedom
+from ...kit import factorised, with_neighbor_list
 from ...modes import residual_vector
 from ...results import ContactLoads, Freedom
-from .matrices import LinearSystem, stiffness_matrix
+from .matrices import LinearSystem, linear_system, stiffness_matrix
 
 # changed contacts up to which a factor is corrected and beyond which it is recomputed; at 3000 disks 48 cost the same,
 # but the result of a correction is verified with a new factor
@@ -17,6 +17,10 @@ FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
 NEUTRAL = 1e-9  # stiffness below which a cluster rolls without resistance, over that of contacts
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
+RELAXATIONS = 20  # largest number of Newton steps of bonded rattlers
+RELAXED = (
+    1e-10  # unbalanced force of bonded rattlers over the stiffness of bonds and the radius; cutoff of rigid motions
+)
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
 RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
 CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
@@ -281,6 +285,32 @@ def _rolling_clusters(matrix: LinearSystem) -> list[np.ndarray]:
             roll = motions[:, first : first + 6] @ about
             out.append(roll / np.linalg.norm(roll))
     return out
+
+
+def relax_clusters(state: State, law: Law, loose: np.ndarray) -> State:
+    """State in which bonded rattlers (N,) have moved, with the least motion, to where bonds and contacts balance."""
+    if not state.bonds or not (intact := state.bonds.intact & loose[state.bonds.i] & loose[state.bonds.j]).any():
+        return state
+    moves = np.zeros(state.n_bodies, bool)
+    moves[state.bonds.i[intact]] = moves[state.bonds.j[intact]] = True
+    alone = state._replace(bonds=state.bonds._replace(intact=intact), instant=None)
+    free, grains = freedom(state), state.grains
+    own = np.flatnonzero(np.append(moves, False)[free.body])
+    slack = RELAXED * state.bonds.stiffness[intact, 0].max() * grains.radius.min()
+    for _ in range(RELAXATIONS):
+        here = alone._replace(grains=grains)
+        missing = residual_vector(here, forces(here, law)[0], free)[own]
+        if np.abs(missing).max(initial=0.0) <= slack:
+            break
+        matrix = linear_system(here, law, rattlers=~loose, bonds="elastic")
+        kept = matrix.free.place[free.component[own]]
+        step = np.zeros(len(free))
+        step[own] = np.linalg.lstsq(stiffness_matrix(matrix)[kept][:, kept].toarray(), missing, rcond=RELAXED)[0]
+        moved = free.spread(step)[: len(loose)]
+        grains = grains._replace(
+            position=grains.position + moved[:, :3], angle=grains.angle + moved[:, 3:] / grains.radius[:, None]
+        )
+    return state if grains is state.grains else with_neighbor_list(state._replace(grains=grains, instant=None))
 
 
 def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
