@@ -9,8 +9,9 @@ from stickslip.core.control import between
 from stickslip.core.laws.builtin import with_values
 from stickslip.loading.compression import TOP, biaxial_box, with_load
 from stickslip.quasirigid import contact_status, linear_system, load_path
-from stickslip.wings.status.increment import CROWD, Increment
+from stickslip.wings.status.increment import CROWD, Increment, unbalanced_force
 from stickslip.wings.status.matrices import loose_grains
+from stickslip.wings.status.path import _balancing_control, _place
 from stickslip.wings.status.status import Verdict
 from stickslip.wings.status.system import rolling_motions
 from tests.wings.status.five_packings import spheres
@@ -358,7 +359,7 @@ def chains(strengths):
     """Two rows of three bonded disks around a cell that is free along them; bonds of stiffness 2 and 1."""
     across = np.arange(3)[:, None] * [1.1, 0.0]
     cell = ss.box([3.3, 4.0, 1.0], (True, True, False), 2)
-    state = ss.assembly(ss.disks(np.vstack([across, across + [0.0, 2.0]]), 0.5), None, cell)
+    state = ss.assembly(ss.disks(np.vstack([across, np.add(across, [0.0, 2.0])]), 0.5), None, cell)
     for strength, pair in zip(strengths, ([0, 1], [1, 2], [0, 2]), strict=True):
         state = ss.packings.bonded(state, beam(strength), pairs=[pair])
     state = committed(ss.packings.bonded(state, beam(1.0, stiffness=1.0), pairs=[[3, 4], [4, 5], [3, 5]]))
@@ -383,3 +384,44 @@ def test_one_bond_of_a_row_around_the_cell_breaks_and_the_others_lose_their_load
     assert end.cell.vectors[0, 0] - 3.3 == pytest.approx(3 * 4e-5, rel=1e-8)
     assert ss.measure.stress(end, LAW)[0, 0] == pytest.approx(-1e-5, rel=1e-8)
     np.testing.assert_allclose(ss.measure.bond_shares(end), [0.0] * 3 + [4e-5] * 3, atol=1e-8)
+
+
+@pytest.mark.parametrize("around", [False, True])
+def test_forces_torques_and_stresses_replace_the_loads_of_a_broken_bond(around):
+    """In a row that is bent, and in one around a cell that is strained."""
+    if around:
+        state = chains((1.0, 1.0, 1.0))
+        state = state._replace(cell=state.cell._replace(vectors=state.cell.vectors * [[1.001], [1.0], [1.0]]))
+    else:
+        state = row(UNBREAKABLE, UNBREAKABLE)
+        state.control.free[2] = False
+        state.grains.angle[1, 2], state.grains.position[1, 1] = 1e-3, 2e-3
+    state = committed(state)
+    broken = state._replace(bonds=state.bonds._replace(intact=np.arange(len(state.bonds.i)) > 0))
+    free = ss.freedom(state)
+    place = _place(broken)._replace(loose=np.zeros(len(state.grains.radius), bool))
+    before = unbalanced_force(place, LAW, free)
+    assert np.abs(before).max() > 1e-4
+    held = place._replace(state=broken._replace(control=_balancing_control(place, LAW)))
+    assert np.abs(unbalanced_force(held, LAW, free)).max() < 1e-12
+
+
+def test_a_bond_breaks_at_its_load_after_a_contact_began_to_slide_in_the_same_increment():
+    """A grain on a bond and on a floor, along which it slides: the bond bears the force without 0.4 times 1e-3."""
+    state = row(beam(3e-3), walls=ss.flat_walls([[0, -0.499]], [[0, 1]]))
+    state.control.free[1, 1:] = False
+    path = load_path(state, LAW, pulled(state.control, 1, (4e-3, 0)), increment=1.0)
+    assert [e.kind for e in path.events[:2]] == ["reaches the cone", "bond breaks by tension"]
+    assert path.events[1].load == pytest.approx((3e-3 + 0.4e-3) / 4e-3, rel=1e-9)
+
+
+def test_spheres_that_touch_within_a_cluster_spin_about_its_two_contacts():
+    at, walls = (
+        np.array([[0, 0, 0.499], [0, 0, 1.497]]),
+        ss.flat_walls([[0, 0, 0], [0, 0, 1.996]], [[0, 0, 1], [0, 0, -1]]),
+    )
+    state = ss.assembly(ss.spheres(at, 0.5), walls, ss.box(dim=3), ss.control.loads(2, 2))
+    matrix = linear_system(committed(ss.packings.bonded(state, UNBREAKABLE, pairs=[[0, 1]])), LAW)
+    assert matrix.count == 3
+    (motion,) = rolling_motions(matrix)
+    np.testing.assert_allclose(np.abs(motion), (matrix.free.axis == 5) / np.sqrt(2), atol=1e-12)
