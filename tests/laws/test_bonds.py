@@ -549,3 +549,10 @@ def test_bonds_that_were_changed_by_hand_are_refused(wrong):
 def test_strengths_are_positive(strength):
     with pytest.raises(ValueError, match="strength"):
         ss.laws.beam_bond(1.0, 1.0, 1.0, 1.0, strength=strength)
+
+
+@pytest.mark.parametrize("strength", [0.0, 1e-300, np.inf])
+def test_strengths_out_of_range_are_named_with_the_one_that_is_never_reached(strength):
+    with pytest.raises(ValueError, match=r"four finite numbers of at least 1e-150, .* \(1e300: never\), got \("):
+        ss.laws.beam_bond(1.0, 1.0, 1.0, 1.0, strength=(strength, 1.0, 1.0, 1.0))
+    assert ss.laws.beam_bond(1.0, 1.0, 1.0, 1.0, strength=(1e300, 1.0, 1.0, 1.0)).strength[0] == 1e300

@@ -72,7 +72,8 @@ def first_break(state: State, law: Law, *, strain: Numbers | None = None, stress
     The loads of bonds change linearly with the amount, by the Jacobian, each contact held in its mode. Load over
     strength is a convex function of the amount, so that a bond reaches its strength at most once. The amount is
     accurate if it is so small that few contacts open, close or slide before it is reached: it agreed with steps of
-    `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`).
+    `equilibrate` to 0.1 % at strains of 3e-4, and to 1 % at 3e-3 (30 disks, `tests/modes/test_bond_failure.py`). Bonds
+    that fade soften before they break: they break earlier, by a quarter and more, and others may do so first.
 
     Parameters
     ----------

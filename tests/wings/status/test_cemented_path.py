@@ -8,9 +8,12 @@ from stickslip.core.contacts.bonding import broken_since
 from stickslip.core.control import between
 from stickslip.core.laws.builtin import with_values
 from stickslip.loading.compression import TOP, biaxial_box, with_load
-from stickslip.quasirigid import load_path
+from stickslip.quasirigid import contact_status, linear_system, load_path
+from stickslip.wings.status.increment import CROWD, Increment, unbalanced_force
 from stickslip.wings.status.matrices import loose_grains
+from stickslip.wings.status.path import _balancing_control, _place
 from stickslip.wings.status.status import Verdict
+from stickslip.wings.status.system import rolling_motions
 from tests.wings.status.five_packings import spheres
 
 LAW = ss.laws.linear(1.0, 0.5, 0.4, coulomb="sharp")
@@ -27,13 +30,13 @@ def committed(state, law=LAW):
 
 
 def row(*bonds, walls=None):
-    """Disks in a row with gaps of 0.1, joined by bonds, the first of them fixed."""
+    """Disks in a row with gaps of 0.1, joined by bonds (None: not joined), the first of them fixed."""
     count = len(bonds) + 1
     control = ss.control.loads(count, 0 if walls is None else len(walls.mass))
     control.free[0] = False
     state = ss.assembly(ss.disks(np.outer(np.arange(count), [1.1, 0.0]), 0.5), walls, ss.box(dim=2), control)
     for k, bond in enumerate(bonds):
-        state = ss.packings.bonded(state, bond, pairs=[[k, k + 1]])
+        state = state if bond is None else ss.packings.bonded(state, bond, pairs=[[k, k + 1]])
     return committed(state)
 
 
@@ -274,3 +277,151 @@ def test_bonds_that_a_path_cannot_follow_are_refused_in_one_sentence():
         ValueError, match=r"bonds on a load path must resist shear, bending .* use beam_bond or parallel_bond"
     ):
         load_path(state, LAW, pulled(state.control, 1, (1e-3,)))
+
+
+def test_a_load_of_zero_moves_nothing():
+    """All forces are zero, so that they are compared to no load and no mean force."""
+    state = row(beam(1e-3))
+    path = load_path(state, LAW, state.control, increment=0.5)
+    assert path.complete and not path.events
+    np.testing.assert_array_equal(path.states[-1].grains.position, state.grains.position)
+    assert path.points[-1].residual == 0.0
+
+
+def test_a_load_on_a_rattler_alone_is_refused_in_one_sentence():
+    state = row(beam(1e-3), None)
+    with pytest.raises(ValueError, match="body 2 is loaded but is a rattler"):
+        load_path(state, LAW, pulled(state.control, 2, (1e-3,)))
+
+
+def test_the_residual_of_a_pure_torque_is_over_the_load():
+    """No normal force is exerted."""
+    state = row(UNBREAKABLE)
+    torque = state.control.torque.copy()
+    torque[1, 2] = 1e-4
+    path = load_path(state, LAW, state.control._replace(torque=torque), increment=1.0)
+    assert path.complete and path.points[-1].residual < 1e-9
+
+
+@pytest.fixture(scope="module")
+def bridge():
+    """Two spheres on a tilted bond, with a gap between them, that touch a floor and a lid."""
+    at = np.array([[0, 0, 0.499], [0.66, 0, 1.379]])
+    control = ss.control.loads(2, 2)
+    control.free[3, 2], control.force[3, 2] = True, -1e-3
+    walls = ss.flat_walls([[0, 0, 0], [0, 0, 1.878]], [[0, 0, 1], [0, 0, -1]])
+    state = ss.packings.bonded(
+        ss.assembly(ss.spheres(at, 0.5), walls, ss.box(dim=3), control), UNBREAKABLE, pairs=[[0, 1]]
+    )
+    return ss.equilibrate(committed(state), LAW)[0]
+
+
+def test_spheres_that_a_bond_joins_roll_about_their_two_contacts(bridge):
+    """Nothing resists the motion, which a force along the line through the contacts does not drive."""
+    path = load_path(bridge, LAW, pulled(bridge.control, 3, (0, 0, -2e-3)), increment=1.0)
+    assert path.complete
+    with pytest.raises(ValueError, match="unbalanced torque on spheres 0 to 1, which bonds join, about their two cont"):
+        load_path(bridge, LAW, pulled(bridge.control, 1, (0, 1e-5, 0)))
+
+
+@pytest.mark.parametrize("bonds", ["rigid", "elastic"])
+def test_a_force_that_makes_spheres_roll_has_no_status(bridge, bonds):
+    matrix = linear_system(bridge, LAW, bonds=bonds)
+    (motion,) = rolling_motions(matrix)
+    assert np.abs(matrix.c.T @ motion).max() < 1e-12
+    load = np.zeros(len(matrix.free))
+    load[-1] = -1.0
+    assert contact_status(matrix, load).ok
+    load[(matrix.free.body == 1) & (matrix.free.axis == 1)] = 1.0
+    assert contact_status(matrix, load).verdict is Verdict.MECHANISM
+
+
+def test_a_torque_on_a_sphere_that_spins_between_its_contacts_is_refused_in_one_sentence():
+    control = ss.control.loads(1, 2)
+    walls = ss.flat_walls([[0, 0, 0], [0, 0, 0.998]], [[0, 0, 1], [0, 0, -1]])
+    state = committed(ss.assembly(ss.spheres([[0, 0, 0.499]], 0.5), walls, ss.box(dim=3), control))
+    torque = control.torque.copy()
+    torque[0, 2] = 1e-6
+    with pytest.raises(ValueError, match="unbalanced torque on sphere 0 about its two contacts"):
+        load_path(state, LAW, control._replace(torque=torque))
+
+
+def test_a_path_ends_where_it_crawls(monkeypatch):
+    """Every part of an increment is made short, although the load rises by more than PROGRESS in each."""
+    monkeypatch.setattr(Increment, "run", lambda self, start: (self.place, 5e-5, Verdict.CONSISTENT))
+    state = row(UNBREAKABLE)
+    path = load_path(state, LAW, pulled(state.control, 1, (1e-3,)), increment=1.0)
+    assert path.verdict is Verdict.NO_PROGRESS
+    assert len(path.points) == CROWD + 2
+
+
+def chains(strengths):
+    """Two rows of three bonded disks around a cell that is free along them; bonds of stiffness 2 and 1."""
+    across = np.arange(3)[:, None] * [1.1, 0.0]
+    cell = ss.box([3.3, 4.0, 1.0], (True, True, False), 2)
+    state = ss.assembly(ss.disks(np.vstack([across, np.add(across, [0.0, 2.0])]), 0.5), None, cell)
+    for strength, pair in zip(strengths, ([0, 1], [1, 2], [0, 2]), strict=True):
+        state = ss.packings.bonded(state, beam(strength), pairs=[pair])
+    state = committed(ss.packings.bonded(state, beam(1.0, stiffness=1.0), pairs=[[3, 4], [4, 5], [3, 5]]))
+    control = ss.control.stress_controlled(state.control, np.zeros((3, 3)))
+    free = np.zeros((3, 3), bool)
+    free[0, 0] = True
+    return state._replace(control=control._replace(cell_free=free))
+
+
+@pytest.mark.parametrize("strengths", [(1e-5, 2e-5, 3e-5), (1e-5, 1e-5, 1e-5)])
+def test_one_bond_of_a_row_around_the_cell_breaks_and_the_others_lose_their_load(strengths):
+    """The stiffer row bears 2/3 of a force of 4e-5, and breaks at 1e-5; the other one then bears all of it."""
+    state = chains(strengths)
+    stress = state.control.stress.copy()
+    stress[0, 0] = -1e-5
+    path = load_path(state, LAW, state.control._replace(stress=stress), increment=0.5)
+    assert path.complete
+    ((load, kind, *_),) = breaks(path)
+    assert (load, kind) == (pytest.approx(0.375, rel=1e-5), "bond breaks by tension")
+    end = path.states[-1]
+    assert loose_grains(end).tolist() == [True] * 3 + [False] * 3
+    assert end.cell.vectors[0, 0] - 3.3 == pytest.approx(3 * 4e-5, rel=1e-8)
+    assert ss.measure.stress(end, LAW)[0, 0] == pytest.approx(-1e-5, rel=1e-8)
+    np.testing.assert_allclose(ss.measure.bond_shares(end), [0.0] * 3 + [4e-5] * 3, atol=1e-8)
+
+
+@pytest.mark.parametrize("around", [False, True])
+def test_forces_torques_and_stresses_replace_the_loads_of_a_broken_bond(around):
+    """In a row that is bent, and in one around a cell that is strained."""
+    if around:
+        state = chains((1.0, 1.0, 1.0))
+        state = state._replace(cell=state.cell._replace(vectors=state.cell.vectors * [[1.001], [1.0], [1.0]]))
+    else:
+        state = row(UNBREAKABLE, UNBREAKABLE)
+        state.control.free[2] = False
+        state.grains.angle[1, 2], state.grains.position[1, 1] = 1e-3, 2e-3
+    state = committed(state)
+    broken = state._replace(bonds=state.bonds._replace(intact=np.arange(len(state.bonds.i)) > 0))
+    free = ss.freedom(state)
+    place = _place(broken)._replace(loose=np.zeros(len(state.grains.radius), bool))
+    before = unbalanced_force(place, LAW, free)
+    assert np.abs(before).max() > 1e-4
+    held = place._replace(state=broken._replace(control=_balancing_control(place, LAW)))
+    assert np.abs(unbalanced_force(held, LAW, free)).max() < 1e-12
+
+
+def test_a_bond_breaks_at_its_load_after_a_contact_began_to_slide_in_the_same_increment():
+    """A grain on a bond and on a floor, along which it slides: the bond bears the force without 0.4 times 1e-3."""
+    state = row(beam(3e-3), walls=ss.flat_walls([[0, -0.499]], [[0, 1]]))
+    state.control.free[1, 1:] = False
+    path = load_path(state, LAW, pulled(state.control, 1, (4e-3, 0)), increment=1.0)
+    assert [e.kind for e in path.events[:2]] == ["reaches the cone", "bond breaks by tension"]
+    assert path.events[1].load == pytest.approx((3e-3 + 0.4e-3) / 4e-3, rel=1e-9)
+
+
+def test_spheres_that_touch_within_a_cluster_spin_about_its_two_contacts():
+    at, walls = (
+        np.array([[0, 0, 0.499], [0, 0, 1.497]]),
+        ss.flat_walls([[0, 0, 0], [0, 0, 1.996]], [[0, 0, 1], [0, 0, -1]]),
+    )
+    state = ss.assembly(ss.spheres(at, 0.5), walls, ss.box(dim=3), ss.control.loads(2, 2))
+    matrix = linear_system(committed(ss.packings.bonded(state, UNBREAKABLE, pairs=[[0, 1]])), LAW)
+    assert matrix.count == 3
+    (motion,) = rolling_motions(matrix)
+    np.testing.assert_allclose(np.abs(motion), (matrix.free.axis == 5) / np.sqrt(2), atol=1e-12)

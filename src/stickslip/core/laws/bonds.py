@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arguments import NotNegative, Positive, checked
+from ..fields import LARGEST
 from ..readable import readable
 
 # combination of the strengths in tension, shear, bending and twisting, see `core.h`
@@ -85,7 +86,7 @@ def beam_bond(
     stiffness = tension, shear, bending, twisting
     fading = 4 if smooth and strength is not None else 0
     limits = (UNBREAKABLE,) * 4 if strength is None else strength
-    _require_four("strength", limits, least=np.nextafter(0, 1))
+    _require_four("strength", limits, least=1 / LARGEST)
     _require_four("damping", damping, least=0.0)
     return Bond(BY_SUM, stiffness, tuple(map(float, limits)), tuple(map(float, damping)), fading, normalized)
 
@@ -121,8 +122,9 @@ def parallel_bond(
 
 def _require_four(name: str, values, least: float) -> None:
     if not (len(values) == 4 and all(least <= value < np.inf for value in values)):
-        kind = "positive" if least else "nonnegative"
-        raise ValueError(f"{name} must be four {kind} numbers, for tension, shear, bending and twisting, got {values}")
+        kind = f"finite numbers of at least {least:g}" if least else "finite nonnegative numbers"
+        remedy = " (1e300: never)" if least else ""
+        raise ValueError(f"{name} must be four {kind}, for tension, shear, bending and twisting{remedy}, got {values}")
 
 
 def coefficients(bond: Bond, dim: int, radius_i, radius_j, length):

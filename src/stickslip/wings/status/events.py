@@ -270,17 +270,18 @@ def next_event(
 
 def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: NextEvent) -> NextEvent:
     """First bond whose load, which changes linearly, reaches its strength."""
-    state, free = increment.state, increment.matrix.free
+    state, free, loose = increment.state, increment.matrix.free, increment.loose
+    held = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])
     here, ahead = (
         bond_limits(state, bond_motions(state, free.spread(way), free.strain(way))) for way in (moved, velocity)
     )
     load = here.load + here.slope
     # load over strength is convex, so that a bond that holds at the end holds until then
-    breaks = state.bonds.intact & (judge_loads(state.bonds, load + first.step * ahead.slope)[0] >= 1)
+    breaks = held & (judge_loads(state.bonds, load + first.step * ahead.slope)[0] >= 1)
     if not breaks.any():
         return first
     time = min(bond_crossings(state.bonds, load, ahead.slope, breaks)[0].min(), first.step)
-    if time > 0 and bond_shares(state).max() < 1 - NEAR_BREAK:
+    if time > 0 and bond_shares(state)[held].max() < 1 - NEAR_BREAK:
         return NextEvent(float(APPROACH * time), np.zeros(0, int), NEARS)
     return NextEvent(float(time), np.zeros(0, int), BREAKS)
 

@@ -51,6 +51,7 @@ STRAYS = 1e-3  # in mean normal forces, estimated error of forces beyond which a
 BRACKET = 1e-3  # fraction of an increment within which the load is found at which a sliding contact in 3D sticks again
 CORRECTIONS = 6  # largest number of balance corrections; each leaves about a thousandth
 LEAST = 0.01  # least force to which those of a packing with bonds are compared, over the largest external force
+UNLOADED = 1e-9  # the same, over the force that stretches its stiffest contact or bond by a diameter: for round-off
 LOOK = 0.01  # fraction of a leg after which other statuses are sought even without an event; c changes little within it
 NO_P_MATRIX = "the status is no longer unique for every load"
 NOT_UNIQUE = "combinations of statuses are consistent: the statuses are not unique"
@@ -379,15 +380,20 @@ class Increment:
 def force_scale(state: State, law: Law, *loads: np.ndarray) -> float:
     """Force to which others are compared: the mean normal force, with bonds at least a share of external loads (n,)."""
     mean = mean_normal_force(state, law)
-    return max(mean, LEAST * float(np.abs(loads).max(initial=0.0))) if state.bonds else mean
+    if not state.bonds:
+        return mean
+    stiffest = max(law.table[..., builtin.KN].max(), state.bonds.stiffness[:, 0].max(initial=0.0))
+    round_off = UNLOADED * stiffest * 2 * state.grains.radius.min()
+    return max(mean, LEAST * float(np.abs(loads).max(initial=0.0)), float(round_off))
 
 
 def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
     """(n,) unbalanced force of a state.
 
-    Forces on rattlers, which are moved aside, and forces of parted pairs with a small overlap are excluded.
+    Forces on rattlers, which are moved aside, those within clusters of them, and forces of parted pairs with a small
+    overlap are excluded.
     """
-    state, count = place.state, int(place.state.contacts.count[0])
+    state, count = without_bonds_of(place.state, place.loose), int(place.state.contacts.count[0])
     out = residual_vector(state, forces(state, law)[0], free)
     whole = np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool))
     loose = whole[state.contacts.i[:count]] | whole[state.contacts.j[:count]]
@@ -395,6 +401,14 @@ def unbalanced_force(place: PathState, law: Law, free: Freedom) -> np.ndarray:
     push = np.zeros((count, 6))
     push[rows, :3] = contact_forces(state._replace(bonds=None), law)[rows]
     return out - incidence(state, count, free) @ push.ravel() if push.any() else out
+
+
+def without_bonds_of(state: State, loose: np.ndarray) -> State:
+    """State in which the bonds of rattlers (N,) are broken: they exert no force, but have yet to find their rest."""
+    if not state.bonds:
+        return state
+    intact = state.bonds.intact & ~(loose[state.bonds.i] | loose[state.bonds.j])
+    return state._replace(bonds=state.bonds._replace(intact=intact), instant=None)
 
 
 def _statuses_from_side(side: np.ndarray) -> np.ndarray:

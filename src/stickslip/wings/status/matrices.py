@@ -85,6 +85,7 @@ class LinearSystem(NamedTuple):
     free: Freedom
     rigid: sparse.csr_array | None = None  # (K, n) B: rigid bonds forbid motions with B v ≠ 0; None without them
     unit: np.ndarray | None = None  # (B,) first of the grains that beams join to each body; None without bonds
+    clusters: sparse.csr_array | None = None  # (n, 6U) translations and rotations of U clusters, see `rigid_motions`
 
     check_entries = check_types
 
@@ -182,8 +183,9 @@ def linear_system(
         forbidden = forbidden_rates(held, free) if bonds == "rigid" else None
         limit = sliding & ~(_within_clusters(held, rows) & (bonds == "rigid"))
         matrix = matrix._replace(
-            machine=sparse.csr_array(elastic), rigid=forbidden, limit=limit, unit=joined_bodies(held)
-        )
+            machine=sparse.csr_array(elastic), rigid=forbidden, limit=limit, unit=joined_bodies(held),
+            clusters=rigid_motions(held, free) if free.dim == 3 else None,
+        )  # fmt: skip
     return matrix if wall_arm is None else append_wall_rotations(state, matrix, wall_arm)
 
 
@@ -270,6 +272,29 @@ def _unwrapped(n: int, i: np.ndarray, j: np.ndarray, image: np.ndarray) -> tuple
         if (former := int(before[body])) < n:
             place[body] = place[former] + steps[body, former]
     return part, place
+
+
+def rigid_motions(state: State, free: Freedom) -> sparse.csr_array:
+    """(n, 6U) translations and rotations of U clusters of spheres that beams join and nothing else than contacts holds.
+
+    Clusters around a periodic cell, which cannot rotate, are left out.
+    """
+    bonds, control, radius = state.bonds, state.control, state.grains.radius
+    beams = np.flatnonzero(is_beam(bonds, 3))
+    i, j, image = bonds.i[beams], bonds.j[beams], bonds.image[beams].astype(int)
+    part, place = _unwrapped(state.n_bodies, i, j, image)
+    position, own = state.grains.position + place[: len(radius)] @ state.cell.vectors, free.place[:-9].reshape(-1, 6)
+    alone = (own >= 0).all(axis=1) & (control.group < 0) & ~control.spring.any(axis=1)
+    excluded = np.concatenate([part[~alone], part[i[(image - place[i] + place[j]).any(axis=1)]]])
+    size, blocks = np.bincount(part), []
+    for cluster in np.setdiff1d(np.flatnonzero(size > 1), excluded):
+        members = np.flatnonzero(part == cluster)
+        apart, block = position[members] - position[members[0]], np.zeros((len(free), 6))
+        block[own[members, :3], :3] = np.eye(3)
+        block[own[members, :3], 3:] = -cross_matrix(apart)
+        block[own[members, 3:], 3:] = radius[members, None, None] * np.eye(3)
+        blocks.append(sparse.csr_array(block))
+    return sparse.csr_array(sparse.hstack(blocks)) if blocks else sparse.csr_array((len(free), 0))
 
 
 def forbidden_rates(state: State, free: Freedom) -> sparse.csr_array:

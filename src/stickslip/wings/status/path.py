@@ -28,7 +28,6 @@ from ...kit import (
     checked,
     is_beam,
     knows_bonds,
-    mean_normal_force,
     pluralize,
     readable,
     require_positive,
@@ -43,10 +42,10 @@ from ...measure import bond_shares, touching
 from ...modes import residual_vector
 from .collapse import Collapse, describe_collapse, displacements, run_to_rest
 from .events import BREAKS, Event, Fork, gaps, move_aside, with_modes
-from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, force_scale, unbalanced_force
+from .increment import CROWD, OUT_OF_BALANCE, Increment, PathState, force_scale, unbalanced_force, without_bonds_of
 from .matrices import joined_bodies, linear_system, loose_grains
 from .status import Verdict
-from .system import driven_motions, external_force, lowest_eigenvalue
+from .system import driven_motions, external_force, lowest_eigenvalue, relax_clusters
 
 SMALLEST = 1e-8  # fraction of a leg down to which increments are halved; wedged rattlers then overlap by round-off
 SHRINKS = 0.9  # largest ratio of imbalances after and before halving an increment for which halving continues
@@ -55,6 +54,7 @@ RETURNS = "is wedged and carries load again"
 COLLAPSE, PASSES = "collapse", "dynamics continues without a collapse"
 OFFSET = 1e-4  # fraction of a leg, by which the load is raised so that a packing collapses; doubled if nothing moves
 JUMP = 10.0  # motion over the previous one for the same change of the load, above which it is a collapse
+CRAWLS = 1e-4  # fraction of an increment; the path ends after CROWD parts without events that are shorter than this
 PARTED = 1e-9  # fraction of a radius beyond which contacts at the apex have parted, the uncertainty of positions
 ROUND_OFF = 1e-9  # of the forces of a state in which a bond breaks
 REMOVAL = 0.25  # largest share of the load of a broken bond that is removed between two updates of the geometry
@@ -68,7 +68,7 @@ class PathPoint(NamedTuple):
     state: State
     sliding: int  # number of sliding contacts
     contacts: int  # number of contacts
-    residual: float  # unbalanced force over the mean normal force
+    residual: float  # unbalanced force over the mean normal force or, if larger, that of `force_scale`
 
 
 @readable
@@ -230,6 +230,7 @@ class _PathRecord:
     def __init__(self, first: PathPoint, law: Law):
         self.points, self.events, self.forks, self.unchecked, self.law = [first], [], [], 0, law
         self.anchor, self.since, self.collapses, self.offset = 0.0, 0, [], OFFSET
+        self.crawled = 0  # number of very short parts of increments since the last event
 
     def add(self, piece: Increment, point: PathPoint) -> None:
         self.points.append(point)
@@ -325,6 +326,7 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
             piece.events += told
         point = _path_point(after, law, load)
         way.add(piece, point)
+        way.crawled = 0 if piece.events or used > CRAWLS * increment else way.crawled + 1
         if piece.broke and verdict is Verdict.CONSISTENT:
             if leg.removes:  # the loads of both bonds decrease together
                 place, share, size = _break_weakest(after, law, leg.end, leg.number, way), 0.0, increment
@@ -339,7 +341,7 @@ def _follow_leg(place: PathState, share: float, leg: _Leg, way: _PathRecord, rep
         slide = f"{point.sliding} of {point.contacts} contacts slide"
         text = f"load {point.load:.4f}, {slide}, unbalanced {point.residual:.0e} of the mean force"
         report("load path", (leg.number + share) / leg.count, text)
-        if way.since > CROWD:
+        if max(way.since, way.crawled) > CROWD:
             return place, share, Verdict.NO_PROGRESS
     return place, share, Verdict.CONSISTENT
 
@@ -354,9 +356,9 @@ def _break_weakest(place: PathState, law: Law, control: Control, load: float, wa
     Grains that it alone supported are rattlers from then on, and forces replace those of their contacts.
     """
     before, strength = place.state, place.state.bonds.strength
-    lowered = np.where(
-        strength < UNBREAKABLE, (1 - ROUND_OFF) * min(1.0, bond_shares(before).max()) * strength, strength
-    )
+    held = without_bonds_of(before, place.loose).bonds.intact
+    most = (1 - ROUND_OFF) * min(1.0, bond_shares(before)[held].max())
+    lowered = np.where(held[:, None] & (strength < UNBREAKABLE), most * strength, UNBREAKABLE)
     weak = with_weakest_broken(before._replace(bonds=before.bonds._replace(strength=lowered), control=control))
     state = with_strength_of(weak, before)
     way.events += _break_events(load, broken_since(state, before))
@@ -427,8 +429,10 @@ def _move_rattlers(place: PathState, law: Law, start: State | None = None) -> tu
     """State with rattlers moved aside, and the rows of contacts that wedge some of them."""
     before = place.state.contacts
     state, wedge = move_aside(place.state, law, place.loose, start)
+    if not len(wedge) and (relaxed := relax_clusters(state, law, place.loose)) is not state:
+        state, wedge = move_aside(relaxed, law, place.loose, start)
     after = state.contacts
-    if after is before:
+    if state is place.state:
         return place, wedge
     known, marks = after.key[: int(after.count[0])], np.zeros((2, len(after.mode)), bool)
     for row, mark in zip(marks, (place.parted, place.fresh), strict=True):
@@ -441,10 +445,10 @@ def _path_point(place: PathState, law: Law, load: float) -> PathPoint:
     rows = touching(place.state)
     parted = gaps(place.state, rows)[1] > PARTED * place.state.grains.radius.min()
     state = with_modes(place.state, rows[parted], OPEN)
-    loads, _ = forces(state, law)
+    loads, _ = forces(without_bonds_of(state, place.loose), law)
     rows = touching(state)
     free = freedom(state).without(np.append(place.loose, np.zeros(state.n_bodies - len(place.loose), bool)))
-    mean = mean_normal_force(state, law)
+    mean = force_scale(state, law, external_force(state, free))
     residual = float(np.abs(residual_vector(state, loads, free)).max(initial=0.0))
     modes = state.contacts.mode[rows]
     number, relative = int((modes != OPEN).sum()), residual / mean if mean else np.inf if residual else 0.0
@@ -490,10 +494,12 @@ def check_start(state: State, law: Law, legs, increment: float) -> None:
         at = state._replace(control=end)
         for motion in driven_motions(matrix, external_force(at, matrix.free)):
             axis, body = (values[motion != 0] for values in (matrix.free.axis, matrix.free.body))
-            whole = (axis == axis[0]).all()
-            load = (
-                f"net force along {'xyz'[axis[0]]}" if whole else f"torque on sphere {body[0]} about its two contacts"
-            )
+            spheres = np.unique(body)
+            load = f"torque on sphere {body[0]} about its two contacts"
+            if axis[0] < 3 and (axis == axis[0]).all():
+                load = f"net force along {'xyz'[axis[0]]}"
+            elif len(spheres) > 1:
+                load = f"torque on spheres {spheres[0]} to {spheres[-1]}, which bonds join, about their two contacts"
             raise ValueError(f"a leg has an unbalanced {load}: give loads without it")
         pull = np.abs(external_force(state._replace(control=end), whole))
         bad = np.flatnonzero((pull > 0) & ~carried)

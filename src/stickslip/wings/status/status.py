@@ -75,7 +75,10 @@ class Verdict(Enum):
     UNSTABLE = (
         "it is proven that no status is consistent: the packing loses its stability here; follow it using dynamics"
     )
-    NO_PROGRESS = "200 events occurred without the load advancing: the path ends here; follow it using dynamics"
+    NO_PROGRESS = (
+        "200 events or parts of increments passed while the load hardly advanced: the path ends here; follow it using "
+        "dynamics"
+    )
     MECHANISM = (
         "the load drives an unresisted motion, and no status balances it: the packing collapses; balance the "
         "load, or follow it using dynamics"

@@ -5,17 +5,22 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, cholesky, eigvals, qr
 from scipy.sparse.linalg import splu
 
-from ... import State
-from ...kit import factorised
+from ... import Law, State, forces, freedom
+from ...kit import factorised, with_neighbor_list
 from ...modes import residual_vector
 from ...results import ContactLoads, Freedom
-from .matrices import LinearSystem, stiffness_matrix
+from .matrices import LinearSystem, linear_system, stiffness_matrix
 
 # changed contacts up to which a factor is corrected and beyond which it is recomputed; at 3000 disks 48 cost the same,
 # but the result of a correction is verified with a new factor
 FEW = 24
 RESIDUAL = 1e-6  # largest residual of k(S) v over the load; beyond it k(S) is treated as singular
+NEUTRAL = 1e-9  # stiffness below which a cluster rolls without resistance, over that of contacts
 ROUND_OFF = 1e-13  # of a velocity, over the largest one nearby; k has condition numbers of a few hundred around a body
+RELAXATIONS = 20  # largest number of Newton steps of bonded rattlers
+RELAXED = (
+    1e-10  # unbalanced force of bonded rattlers over the stiffness of bonds and the radius; cutoff of rigid motions
+)
 AT_MOST = 3000  # coordinates of a packing with rigid bonds, whose dependence is found by dense algebra
 RANK = 1e-10  # share of the largest pivot of the rates that bonds forbid, below which one of them is redundant
 CHECKED_UP_TO = 2500  # coordinates up to which the stability of a state is checked
@@ -188,7 +193,7 @@ def _free_translations(matrix: LinearSystem) -> list[np.ndarray]:
 
 
 def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
-    """(K, n) motions u of unit length of the spheres that may roll about the line through their two contacts.
+    """(K, n) motions u of unit length of spheres, and of clusters, that may roll about the line through two contacts.
 
     The contacts do not move, so that uᵀk(S) is the same for all statuses. It vanishes if nothing else acts on the
     sphere, since both forces then are along this line.
@@ -200,6 +205,10 @@ def rolling_motions(matrix: LinearSystem, geometric: bool = True) -> np.ndarray:
         if not geometric or np.abs(roll @ bends).max() <= RESIDUAL * np.abs(bends).max():
             moves.append(np.zeros(len(matrix.free)))
             moves[-1][own] = roll
+    stuck = np.zeros(matrix.count, bool)
+    for roll in _rolling_clusters(matrix):
+        if np.abs(roll @ stiffness_matrix(matrix, stuck, geometric=geometric)).max() <= NEUTRAL * matrix.springs.max():
+            moves.append(roll)
     return np.array(moves).reshape(-1, len(matrix.free))
 
 
@@ -257,6 +266,51 @@ def _coordinates_of_bridges(matrix: LinearSystem) -> np.ndarray:
     first = np.flatnonzero((matrix.free.axis == 0) & two[body])
     own = np.minimum(first[:, None] + np.arange(6), len(body) - 1)
     return own[(matrix.free.axis[own] == np.arange(6)).all(axis=1)]
+
+
+def _rolling_clusters(matrix: LinearSystem) -> list[np.ndarray]:
+    """(n,) rotations of the clusters that have two contacts, about the line through both."""
+    if matrix.clusters is None:
+        return []
+    out, motions = [], sparse.csc_array(matrix.clusters)
+    moved = sparse.csc_array(matrix.c.T @ motions)
+    for first in range(0, motions.shape[1], 6):
+        own = moved[:, first : first + 6]
+        contacts = np.unique(own.indices // matrix.width)
+        rates = own.tocsr()[(matrix.width * contacts[:, None] + np.arange(matrix.width)).ravel()].toarray()
+        rates = rates.reshape(-1, matrix.width, 6)
+        outside = np.abs(rates[:, :, :3]).max(axis=(1, 2)) > 0.5  # translations do not move contacts within a cluster
+        if outside.sum() == 2:
+            about = np.linalg.svd(rates[outside].reshape(-1, 6))[2][-1]
+            roll = motions[:, first : first + 6] @ about
+            out.append(roll / np.linalg.norm(roll))
+    return out
+
+
+def relax_clusters(state: State, law: Law, loose: np.ndarray) -> State:
+    """State in which bonded rattlers (N,) have moved, with the least motion, to where bonds and contacts balance."""
+    if not state.bonds or not (intact := state.bonds.intact & loose[state.bonds.i] & loose[state.bonds.j]).any():
+        return state
+    moves = np.zeros(state.n_bodies, bool)
+    moves[state.bonds.i[intact]] = moves[state.bonds.j[intact]] = True
+    alone = state._replace(bonds=state.bonds._replace(intact=intact), instant=None)
+    free, grains = freedom(state), state.grains
+    own = np.flatnonzero(np.append(moves, False)[free.body])
+    slack = RELAXED * state.bonds.stiffness[intact, 0].max() * grains.radius.min()
+    for _ in range(RELAXATIONS):
+        here = alone._replace(grains=grains)
+        missing = residual_vector(here, forces(here, law)[0], free)[own]
+        if np.abs(missing).max(initial=0.0) <= slack:
+            break
+        matrix = linear_system(here, law, rattlers=~loose, bonds="elastic")
+        kept = matrix.free.place[free.component[own]]
+        step = np.zeros(len(free))
+        step[own] = np.linalg.lstsq(stiffness_matrix(matrix)[kept][:, kept].toarray(), missing, rcond=RELAXED)[0]
+        moved = free.spread(step)[: len(loose)]
+        grains = grains._replace(
+            position=grains.position + moved[:, :3], angle=grains.angle + moved[:, 3:] / grains.radius[:, None]
+        )
+    return state if grains is state.grains else with_neighbor_list(state._replace(grains=grains, instant=None))
 
 
 def elimination_order(c, body: np.ndarray, width: int = 2) -> np.ndarray:
