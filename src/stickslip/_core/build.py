@@ -156,7 +156,7 @@ def _try_compiler(command: list[str]) -> Compiler | None:
 
 
 def _run(command: list) -> subprocess.CompletedProcess:
-    """Run a command; one that cannot be started has an exit status too."""
+    """Run a command; a command that cannot be started has an exit status too."""
     command = [*map(str, command)]
     try:
         return subprocess.run(command, capture_output=True, text=True, errors="replace")
@@ -182,7 +182,7 @@ def library_path(level: str, folder: Path | None = None) -> Path:
 
 
 def stamp(path: Path) -> dict[str, str]:
-    """Digest, compiler, command, target and sanitizers as stored in a library; empty if there is no whole one."""
+    """Digest, compiler, command, target and sanitizers as stored in a library; empty if there is no complete one."""
     content = path.read_bytes() if path.is_file() else b""
     mark = re.search(re.escape(_MARK.encode()) + rb"(\{[^\0]*\})\0", content)
     return json.loads(mark[1]) if mark and not _is_truncated(content) else {}
@@ -197,7 +197,7 @@ def _is_truncated(content: bytes) -> bool:
 
 
 def library(level: str) -> Path:
-    """Path of the library of a level. An error if there is none, or if it was built from other sources."""
+    """Path of the library of a level. Raises BuildError if it does not exist or was built from other sources."""
     path, command = library_path(level), [sys.executable, str(HERE / "build.py")]
     command += ["--level", level] if level in LEVELS else []
     command += ["--out", str(path.parent)] if path.parent != HERE else []
@@ -363,7 +363,7 @@ def _cores() -> int:
 
 
 def _make(target: Path, command: list, scratch: Path, verbose: bool) -> None:
-    """Run a compiler or linker in a way that a target that exists is complete."""
+    """Run a compiler or linker so that any existing target is complete."""
     part = scratch / f".{os.getpid()}-{target.name}"
     command = [*command, "-o", part]
     if verbose:

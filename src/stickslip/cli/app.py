@@ -112,7 +112,7 @@ Device = Annotated[
     str | None,
     typer.Option(
         "--device",
-        help="cuda: run all realizations of gouge or of a sliding array side by side on a graphics processor.",
+        help="cuda: run all realisations of gouge or of a sliding array side by side on a graphics processor.",
         autocompletion=complete_from(DEVICES),
     ),
 ]
@@ -370,7 +370,7 @@ def main() -> None:
 
 
 def _usage_message(problem) -> str:
-    """Message about options and arguments that a command does not have or lacks."""
+    """Message about unknown or missing options and arguments."""
     word, context = getattr(problem, "option_name", ""), getattr(problem, "ctx", None)
     if not (word and context and hasattr(problem, "possibilities")):
         return problem.format_message().rstrip(".") or "a command is missing: stickslip --help lists them"

@@ -227,7 +227,7 @@ def contact_numbers(state: Committed) -> np.ndarray:
 
 
 def least_supports(law: Law, dim: int) -> int:
-    """Supports that a grain needs to bear forces: 2 with friction (one force cannot be balanced), dim + 1 without."""
+    """Supports that a grain needs to carry forces: 2 with friction (one force cannot be balanced), dim + 1 without."""
     return 2 if law.table[..., MU].any() else dim + 1
 
 
@@ -251,7 +251,7 @@ def rattlers(state: Committed, least: int = 2, known: np.ndarray | None = None) 
     """Rattlers, (N,) bool: grains with fewer than `least` supports, after recursive removal of rattlers.
 
     Supports are contacts; a load, a spring or a fixed direction counts as one more: at rest, the single contact of a
-    grain under a load bears this load. Grains held in all directions are not rattlers. A rigid group is one body.
+    grain under a load carries this load. Grains held in all directions are not rattlers. A rigid group is one body.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from .arguments import Requirement
 from .readable import pluralize, readable
 
 MOST = 1_000_000
-# largest number of each kind; the same on every machine, so that a scenario is valid everywhere or nowhere
+# largest number of each kind; the same on every machine, so a scenario is valid everywhere or nowhere
 LIMITS = {
     "grains": MOST, "bodies": 2 * MOST, "cells": MOST, "points": MOST, "times": MOST, "members": MOST, "runs": MOST,
     "types": 300, "branches": 100_000, "load steps": 100_000, "profiles": 100_000, "samples": 10 * MOST,
@@ -206,7 +206,7 @@ class Outcome(NamedTuple):
 
     @property
     def broken(self) -> bool:
-        """True if the run became unstable, so that its last state is meaningless."""
+        """True if the run became unstable, so its last state is meaningless."""
         return self.status in (Status.NOT_A_NUMBER, Status.BLOWN_UP)
 
     def __str__(self) -> str:

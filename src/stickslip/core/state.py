@@ -511,12 +511,12 @@ def _check_space(state: State) -> None:
 
 
 def _check_bonds(bonds: Bonds | None) -> None:
-    """Raise ValueError if bonds are not as `packings.bonded` makes them, so that forces would be wrong."""
+    """Raise ValueError if bonds are not as `packings.bonded` makes them, so forces would be wrong."""
     if bonds is None or not len(bonds.i):
         return
     units = np.linalg.norm(bonds.turn, axis=1), np.linalg.norm(bonds.direction, axis=1)
     if not (bonds.i < bonds.j).all() or max(abs(size - 1).max() for size in units) > 1e-6:
-        raise ValueError("bonds need i < j, and unit vectors as turn and direction: make them with packings.bonded")
+        raise ValueError("bonds need i < j, and unit vectors as turn and direction: create them with packings.bonded")
 
 
 def _check_crowding(grains: Grains) -> None:

@@ -245,7 +245,7 @@ class Checkpoint(NamedTuple):
 
 
 def _refuse_damage(path: Path):
-    return refuse_damage(path, "a checkpoint", "remove it and resume again, so that its part is computed anew")
+    return refuse_damage(path, "a checkpoint", "remove it and resume again, so its part is computed again")
 
 
 def read_index(path: Path) -> Index:

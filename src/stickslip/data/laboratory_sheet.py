@@ -44,7 +44,7 @@ def read_sheet(path: Path, known: Callable[[str], bool], *, named: bool, example
     Parameters
     ----------
     known : function that returns True for a wanted heading, by which the row of headings is found
-    named : whether the user gave column numbers, so that headings are not needed
+    named : whether the user gave column numbers, so headings are not needed
     example : example of headings, for messages
     remedy : advice for a table without headings, besides adding them
 

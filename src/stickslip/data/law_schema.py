@@ -3,7 +3,7 @@
 Experiments have their own default laws.
 
 A law can be a Python file, that is, a program, and scenarios may come from untrusted sources. Reading a scenario
-therefore executes nothing: it stores the checksum of the file, so that a resumed run notices a change. The file is
+therefore executes nothing: it stores the checksum of the file, so a resumed run notices a change. The file is
 executed only when a run builds its law, and only if this user has allowed its present text. Digests of allowed texts
 are in the user's cache folder, where the author of a scenario cannot write.
 """

@@ -63,7 +63,7 @@ class Absent(Assumption):
 
 
 class Obstacle(Assumption):
-    """A note on an action on the grains that was not taken over, which leaves any verdict undecided."""
+    """A note on an action on the grains that was not imported, which leaves any verdict undecided."""
 
     reason: str
 

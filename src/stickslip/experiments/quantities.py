@@ -75,7 +75,7 @@ class Quantity(NamedTuple):
     partial: bool = False  # whether a mean is over the samples that have it; otherwise it is NaN if one lacks it
 
     def at(self, subject) -> dict[str, Any]:
-        """Value of a subject by name: one, one for each place, or none."""
+        """Values of a subject by name: one value, one for each condition such as a load, or none."""
         value = self.of(subject) if callable(self.of) else _attribute(subject, self.of or self.name)
         if isinstance(value, Mapping):
             return {f"{self.name}@{at if isinstance(at, str) else f'{at:g}'}": each for at, each in value.items()}

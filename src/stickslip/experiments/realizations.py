@@ -1,6 +1,6 @@
-"""The loop over realizations, shared by all experiments: run in parallel, save, skip saved ones, report failures.
+"""The loop over realisations, shared by all experiments: run in parallel, save, skip saved ones, report failures.
 
-On a device, legs of several realizations, each in a separate thread, run side by side in one batch (`Together`).
+On a device, legs of several realisations, each in a separate thread, run side by side in one batch (`Together`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,11 +18,11 @@ from ..core.state import State
 from ..data.checkpoint import Checkpoint, kind_of_result
 from ..ensemble import Workers, run_members
 
-MOST = 256  # realizations side by side on a device
+MOST = 256  # realisations side by side on a device
 
 
 class Task(NamedTuple):
-    """One realization, or one independent part of it."""
+    """One realisation, or one independent part of it."""
 
     label: str  # in messages, such as "sample 3"
     arguments: tuple
@@ -33,7 +33,7 @@ class Task(NamedTuple):
 class Realizations(NamedTuple):
     """Results in the order of the tasks."""
 
-    results: list[Any]  # None where a realization failed
+    results: list[Any]  # None where a realisation failed
     labels: list[str]  # labels of the tasks
     reasons: list[str | None]  # reason of each failure, None elsewhere
 
@@ -44,7 +44,7 @@ class Realizations(NamedTuple):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """One sentence for each realization that failed."""
+        """One sentence for each realisation that failed."""
         return tuple(sentence for sentence in self.sentences if sentence)
 
     def groups(self, size: int) -> "list[Realizations]":

@@ -119,7 +119,7 @@ def growth_by_amplitude(form: BirthForm):
 
 @styled
 def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Load = np.nan):
-    """Shares of kicked runs that slide, and that slide on, against the load, beside the static thresholds.
+    """Shares of kicked runs that slide, and that keep sliding, against the load, with the static thresholds.
 
     Open circles and dashed curves: runs that slid by the distance; full ones: runs that slid on for another duration.
     Coloured bands are 95 % intervals of the load at which half of the runs do so. The lower panel shows the median time
@@ -153,7 +153,7 @@ def static_and_kinetic(found: _Threshold, *, label: str = "load", strength: _Loa
         )
     static = (
         (found.first_pair, "first pair", ":"), (found.first_limit, "first limit", "--"),
-        (strength, "slides by itself", "-"),
+        (strength, "slides spontaneously", "-"),
     )  # fmt: skip
     for load, name, style in static:
         if x[0] <= load <= top:

@@ -71,7 +71,7 @@ def _is_enough(net: ForceNetwork) -> bool:
 
 
 def _plane(net: ForceNetwork) -> np.ndarray:
-    """(2, 3) directions to the right and up: x and y of disks, the axes of the least and greatest stress of spheres."""
+    """(2, 3) directions to the right and up: x and y of disks, axes of the smallest and largest stress of spheres."""
     if net.dim == 2:
         return np.eye(3)[:2]
     stress = net.force.T @ net.branch

@@ -19,7 +19,7 @@ FEW = 10  # number of grains below which all are in view
 APART = 3.0  # gap to the others, in largest diameters, beyond which grains may be out of view
 FAR = 3.0  # distance from the middle half of the grains, in widths of that half, beyond which they also may
 PARTED = 1.3  # distance of the grains of a broken bond, over that at rest, beyond which it is not drawn
-ZOOMS = (0.01, 1000.0)  # least and greatest enlargement
+ZOOMS = (0.01, 1000.0)  # smallest and largest enlargement
 Mode = tuple[np.ndarray, np.ndarray, complex]  # translation, rotation (N, 3) complex; exponent, as from `read_mode`
 DISPLACEMENT = "mode displacement"
 
@@ -123,7 +123,7 @@ def wall_edges(frame: Frame) -> np.ndarray:
 
 
 def view_basis(frame: Frame) -> np.ndarray:
-    """(3, 3) unit vectors to the right, up and toward the viewer.
+    """(3, 3) unit vectors to the right, up and towards the viewer.
 
     Three-dimensional packings are viewed obliquely from above.
     """

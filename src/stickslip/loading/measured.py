@@ -158,7 +158,7 @@ class _Network(NamedTuple):
         """Network with these contacts open."""
         m, ends = self.measured, self.measured.ends[:, rows]
         if rows.all():
-            raise PackingError("no contact bears a force in balance: mark the grains at the edge as fixed")
+            raise PackingError("no contact carries a force in balance: mark the grains at the edge as fixed")
         sizes = m.force_n / m.force_n_error, _sizes(m.force_t) / m.force_t_error
         lost = np.concatenate(sizes)[np.tile(rows, 2)]
         kept = np.concatenate([np.ones(m.position.size, bool), ~rows, np.repeat(~rows, m.dim - 1)])

@@ -270,7 +270,7 @@ def _list_scalars(tree: dict, units: dict[str, str], above: str = "") -> list[li
 
 
 def _summarize_series(series, units: dict[str, str]) -> list[list[str]]:
-    """Return the last, least and greatest values of each time series."""
+    """Return the last, smallest and largest values of each time series."""
     rows, series = [], series if isinstance(series, dict) else {}
     shape = np.shape(series.get("time", next(iter(series.values()), ())))[:1]
     for name, values in series.items():

@@ -92,7 +92,7 @@ def imbalance(state: State, law: Law) -> float:
 
     For each body, |F_n| is averaged over the contacts of its connected group of grains (for rattlers and held bodies,
     over all contacts), so that strong forces in one group do not hide an imbalance in a weaker one. Rattlers and held
-    bodies do not connect others. The result is zero if no force acts, and infinite if forces act but no contact bears
+    bodies do not connect others. The result is zero if no force acts, and infinite if forces act but no contact carries
     them. If the cell is free, the largest difference between its stress and the imposed stress, over the larger of the
     two, is also included.
 
@@ -172,7 +172,7 @@ def motion_imbalance(here: LinearisedState) -> float:
 
 
 def _speeds(here: LinearisedState) -> np.ndarray:
-    """(N,) speeds of grains: of their centers, or relative to a neighbor at the contact if larger; 0 for rattlers.
+    """(N,) speeds of grains: of their centres, or relative to a neighbour at the contact if larger; 0 for rattlers.
 
     Spin about the normal of a contact causes no motion there. Velocities are relative to their mean if nothing holds
     the grains in place; velocities of walls and of the cell are ignored.
@@ -202,7 +202,7 @@ def _ratio(part: float, whole: float) -> float:
 def no_equilibrium_message(residual: float, moves: float = 0.0) -> str:
     """Message given in place of a verdict if the state is not in equilibrium."""
     share = f"residual {_percent(residual)} of the mean contact force"
-    reason = share if np.isfinite(residual) else "no contact bears the acting forces"
+    reason = share if np.isfinite(residual) else "no contact carries the acting forces"
     if residual <= BALANCED_BELOW < moves:
         reason = f"the grains move, which changes forces by {_percent(moves)} of the mean contact force"
     return f"not in equilibrium ({reason}): stability cannot be judged"

@@ -32,7 +32,7 @@ def coarse_grained(state: State, law: Law, *, width: Positive, spacing: Positive
     fraction is the same sum of grain volumes, and the velocity is Σ m v φ/density. `stress` is Σ f ⊗ r ∫ φ(x − x_i + s
     r) ds over 0 < s < 1 and contacts, with the force f on i and the branch vector r (at a wall up to its surface).
     `kinetic_stress` is Σ m v ⊗ v φ − density × velocity ⊗ velocity. Sums include periodic images. The cell is divided
-    into equal parts, whose centers are the grid points.
+    into equal parts, whose centres are the grid points.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Fastest growing complex pair of a large system: the bottom of the spectrum, then random probes above.
 
-Growth is g = |Im √λ| ≈ Im λ/(2√λ), so that pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
+Growth is g = |Im √λ| ≈ Im λ/(2√λ), so pairs at the bottom of the spectrum grow fast for their Im λ. The lowest
 modes are computed by shift and invert, in block Krylov subspaces of (A − σ)⁻¹, and their number is checked. Higher
 modes are searched by tangent dynamics, see `solve.probes`. Where factors do not fit into memory, the probes search the
 whole spectrum.
@@ -284,9 +284,10 @@ def fastest_pair(
 
     Parameters
     ----------
-    amplification : float, exponent gT up to which modes are sought; at 1.4, real doublets look like pairs, and the
-        ranking is wrong
-    rate : float, slowest growth rate sought above the bottom [1/time]; the run time is inversely proportional to it
+    amplification : float, exponent gT up to which modes are searched for; at 1.4, real doublets look like pairs, and
+        the ranking is wrong
+    rate : float, slowest growth rate searched for above the bottom [1/time]; the run time is inversely proportional to
+    it
     probes : int, number of random initial vectors, rounded up to a multiple of 16; a mode is missed if all of them
         excite it weakly
     report : called as report(stage, share done, text)

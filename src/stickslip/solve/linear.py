@@ -2,7 +2,7 @@
 
 Multifrontal factors are those of the dynamical matrix, ordered by nested dissection of the grains. A box of grains is
 divided into two halves, and the grains of one half that touch the other are eliminated last, at every level. The
-remainder of each part is a dense matrix, so that nearly all work is done by BLAS. From a few thousand spheres on,
+remainder of each part is a dense matrix, so nearly all work is done by BLAS. From a few thousand spheres on,
 factors take less time than SuperLU's. The same fronts count the eigenvalues of a symmetric matrix below a shift.
 """
 

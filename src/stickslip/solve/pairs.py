@@ -166,7 +166,7 @@ def _find_suspects(values: np.ndarray, vectors: np.ndarray, near: float) -> list
 def pair_margin(values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """(n − 1,) additional skew coupling that neighbouring real eigenvalues would need to become a pair [1/time²].
 
-    [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so that
+    [[δ/2, k], [−k, −δ/2]] has eigenvectors with the cosine c = 2k/δ and a gap δ√(1 − c²), so
     δ/2 − k = gap/2 · √((1 − c)/(1 + c)): a small gap alone does not signal a pair.
     """
     gap = np.abs(np.diff(values))

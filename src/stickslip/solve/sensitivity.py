@@ -113,7 +113,7 @@ def contact_sensitivity(
     ----------
     pair : index of the complex pair whose derivative is computed, the fastest growing first
     most : number of changes whose full spectrum is computed, the most promising first (if the packing is unstable,
-        those with the least predicted growth); default: as many as can be computed in about ten seconds, which means
+        those with the smallest predicted growth); default: as many as can be computed in about ten seconds, which means
         all of them in small packings. The prediction rests on first-order shifts of all modes and the coupling of
         neighbours, and may miss some changes
     report : called as report(stage, share done, text)

@@ -67,7 +67,7 @@ def test_a_fit_reports_its_misfit_and_parameters_on_the_way():
     )  # fmt: skip
     shares = [share for _, share, _ in told]
     assert all(np.diff(shares) >= 0) and 0 < shares[0] < 0.05 and 0.8 < shares[-1] <= 1
-    assert "guesses, least misfit" in told[0][2]
+    assert "guesses, smallest misfit" in told[0][2]
     first, second = (float(told[k][2].split("misfit ")[1].split(",")[0]) for k in (0, -1))
     assert second == pytest.approx(np.std(found.residuals[0]), rel=0.01) and second < first
     assert f"a {found.values['a']:.3g}, b {found.values['b']:.3g}, dc {found.values['dc']:.3g}" in told[-1][2]

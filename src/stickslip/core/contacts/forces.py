@@ -23,7 +23,7 @@ from .neighbors import body_positions, body_radii, join_bodies, shifts, with_nei
 # that of this law
 FROZEN, HELD, FREE = 0, 1, 2
 GIVEN = 4  # added to HELD or FREE: the memory was not committed in motion but imported
-MIN_WEIGHT = 0.6  # least weight of an increment, see `turning_weight`; above 1/2, so that a slip can change its sign
+MIN_WEIGHT = 0.6  # smallest weight of an increment, see `turning_weight`; above 1/2, so that a slip can change its sign
 ROUND_OFF = (
     1e-11  # tolerance of slip, in units of R_i + R_j: a contact slides until its slip is below its limit by more
 )
@@ -101,7 +101,7 @@ def forces(state: State, law: Law, *, memory: int = FREE):
     """Contact loads on every body, and the trial memory; the state is unchanged.
 
     F_ij = F_n n + F_t on body i, T_i = −R_i n × F_t. As in the papers, lever arms are R rather than R − δ/2 unless
-    changed by `laws.with_lever`, so that the total angular momentum changes by O(δ).
+    changed by `laws.with_lever`, so the total angular momentum changes by O(δ).
 
     Parameters
     ----------

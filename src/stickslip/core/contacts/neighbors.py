@@ -60,7 +60,7 @@ def rebuild_list(x, radius, wall_normal, grid, old: Contacts, threads: int = 1) 
     """
     pairs = core.find_pairs(grid, x, radius, wall_normal, len(x), len(wall_normal), old.skin + old.gap, threads)
     if pairs is None:
-        raise MemoryError("there is no memory for the neighbour list")
+        raise MemoryError("not enough memory for the neighbour list")
     try:
         count = core.count_pairs(pairs)
         rows = max(count, 0)

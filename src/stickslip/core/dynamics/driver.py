@@ -3,7 +3,7 @@
 In small systems, contacts are evaluated one after another, by rows of the list; in large ones, they are evaluated in
 vectorised blocks (see `blocks.h`). Blocks contain only touching and nearly touching pairs: those that could touch
 within the displacement limits of both bodies. The limits are larger for faster bodies. When a body reaches its limit,
-blocks are chosen anew from the contact list.
+blocks are chosen again from the contact list.
 """
 
 import os
@@ -37,7 +37,7 @@ from .record import RecordBuffers, add_bonds, with_lost_contacts, write_groups
 
 MIN_BODIES = 16  # number of bodies above which blocks are faster than rows
 GRAINS_PER_THREAD = 2000  # minimum for good efficiency
-# displacement after which blocks are chosen anew: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
+# displacement after which blocks are chosen again: BASE √(u D) + SPAN √(D/u) times the displacement per step, where u
 # is the displacement per step at the typical speed, and D a diameter
 BASE, SPAN = 1.4, 0.8
 _MOVING_FIELDS, _EMPTY = ("position", "angle", "velocity", "spin"), np.zeros((0, 3))

@@ -49,7 +49,7 @@ def with_lever(law: Law, arm: Annotated[str, one_of(*ARMS)]) -> Law:
     """Law with other lever arms of the tangential force, T_i = −a_i n × F_t.
 
     The surfaces move relative to each other with v_t = P v − (a_i ω_i + a_j ω_j) × n. With a_i = R_i − δ/2 the arms of
-    two grains add up to their distance, so that contacts conserve angular momentum, and two grains that rotate as one
+    two grains add up to their distance, so contacts conserve angular momentum, and two grains that rotate as one
     body do not slip.
 
     Parameters
@@ -229,7 +229,7 @@ def angular_columns(law: Law) -> int:
     return COLUMNS + twisted if resists_rolling(law) or law.properties & LEVER else 0
 
 
-HALVINGS = 60  # bisections of the interval in which D is sought, down to round-off
+HALVINGS = 60  # bisections of the interval in which D is searched for, down to round-off
 _TSUJI = 1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218
 
 

@@ -2,7 +2,7 @@
 
 The arguments of a function are `overlap`, `r_eff`, others that depend on its role (see `ROLES`), and parameters of the
 law. Every other name that it uses must be a number, a function, `math` or `numpy`. The values of these names are part
-of the digest that identifies a law, so that a law in which any of them has changed is a different law.
+of the digest that identifies a law, so a law in which any of them has changed is a different law.
 
 Tangents come from a complex step, f'(x) = Im f(x + ih)/h. `max`, `min`, `abs` and `math` are therefore replaced by
 versions that accept complex numbers and branch on the real part.

@@ -1,4 +1,4 @@
-"""Reading packings in a format detected from the content, and writing them in that given by the file extension."""
+"""Read packings in a format detected from the content, and write them in the format of the file extension."""
 
 import difflib
 import re
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 class Format(NamedTuple):
-    """A format, with functions that recognize it from the first (decompressed) bytes of a file and read the file."""
+    """A format, with functions that recognise it from the first (decompressed) bytes of a file and read the file."""
 
     name: str
     recognize: Callable[[bytes], bool]
@@ -205,8 +205,8 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
-            f"{', '.join(of_lammps)} does not apply to {path.name} ({form.name}): only LAMMPS data and dump "
-            f"files have this option, and a table of grains accepts a table of contacts with columns i j fn ft"
+            f"{', '.join(of_lammps)} does not apply to {path.name} ({form.name}): this option is for LAMMPS data and "
+            "dump files, or for a table of grains together with a table of contacts with columns i j fn ft"
         )
     local = _LocalContacts(of_lammps.pop("contacts", None), of_lammps.pop("columns", None))
     if local.path is not None and "boundary" not in of_lammps:

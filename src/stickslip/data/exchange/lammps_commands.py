@@ -459,7 +459,7 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         run.settings[LATTICE] = run.settings.get(LATTICE) or rest
         return run
     if key == BONDS:
-        run.acts[f"{key} {rest[-1]}"] = f"{' '.join(rest)} ({place}) were not taken over: {BONDED}"
+        run.acts[f"{key} {rest[-1]}"] = f"{' '.join(rest)} ({place}) were not imported: {BONDED}"
         return run
     if key == MEMBERS:
         run.groups.get(rest[-1], []).append(["count", rest[0]])
@@ -484,10 +484,10 @@ def _apply(run: Run, tokens: list[str], place: str) -> Run:
         row = find_row("style beside the pair style", plain_style(rest[0]) if rest else "none")
         run.acts.pop(key, None)  # until another one replaces it
         if row.group == UNKNOWN:
-            run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not taken over: {row.why}"
+            run.acts[key] = f"{key} {' '.join(rest[:2])} ({place}) was not imported: {row.why}"
     elif group_of("command", key) == UNKNOWN:
         why = find_row("command", key).why or "it is unknown"
-        run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not taken over: {why}"
+        run.acts[" ".join(tokens)] = f"{' '.join(tokens[:6])} ({place}) was not imported: {why}"
     elif key == "pair_coeff" and len(rest) > 1:
         run.pair_coeff.append(rest)
     elif key in ("fix", "unfix", "group", "region"):

@@ -91,7 +91,7 @@ class Course:
         return [key for key, tokens in self.run.fixes.items() if tokens[1].startswith("wall/gran")].index(name)
 
     def obstacle(self, text: str, about: str = "") -> None:
-        """Add a note on something that acts, or may act, and was not taken over."""
+        """Add a note on something that acts, or may act, and was not imported."""
         self.notes.append(Obstacle(text, about))
         self.met[UNKNOWN].append(text)
 
@@ -117,7 +117,7 @@ class Course:
     def push(self, members: np.ndarray) -> None:
         """Check that a fix does not act on grains held by a previous fix; ValueError otherwise."""
         if (members & self.moved & ~self.free[:, :3].all(axis=1)).any():
-            raise ValueError("it follows the fix that holds some of its grains, so that these move")
+            raise ValueError("it follows the fix that holds some of its grains, so these move")
 
 
 def _take_wall(course: Course, name: str, group: str, arguments: list[str]) -> None:
@@ -379,10 +379,10 @@ def take_over(course: Course) -> None:
     for sentence in run.acts.values():
         course.obstacle(sentence)
     for part in run.settings.get("exclude", []):
-        course.obstacle(f"neigh_modify exclude {part} was not taken over: contacts that it excludes exist here")
+        course.obstacle(f"neigh_modify exclude {part} was not imported: contacts that it excludes exist here")
     units = run.settings.get("units", ["lj"])[0]
     if units not in SAME_UNITS:
-        course.obstacle(f"units {units}, in which LAMMPS converts forces, were not taken over")
+        course.obstacle(f"units {units}, in which LAMMPS converts forces, were not imported")
     restored = "read_restart" in run.met[USED]  # with the dimension
     if course.packing.arrays.get("dim") == 2 and run.settings.get("dimension") != ["2"] and not restored:
         course.obstacle(
@@ -408,7 +408,7 @@ def _try(course: Course, name: str, take, *given) -> None:
         why = f"group {group} is composed of too many others"
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         why = str(problem)
-    text = f"fix {name} ({style}) was not taken over: {why} ({course.run.places[name]})"
+    text = f"fix {name} ({style}) was not imported: {why} ({course.run.places[name]})"
     if text not in course.met[UNKNOWN]:
         course.obstacle(text)
 
@@ -462,9 +462,9 @@ def _take_bonds(course: Course) -> None:
     if listed is None:
         remedy = "no file lists the bonds at that time; write one with `write_data` or `write_restart`"
         for command in told.made:
-            course.obstacle(f"{command} was not taken over: {BONDED}; {remedy}")
+            course.obstacle(f"{command} was not imported: {BONDED}; {remedy}")
         if told.style and find_row("bond style", told.style[0]).group != HARMLESS:
-            course.obstacle(f"{style} ({told.place}) was not taken over: {BETWEEN}; {remedy}")
+            course.obstacle(f"{style} ({told.place}) was not imported: {BETWEEN}; {remedy}")
         return
     course.run.acts.pop("(bonds) bonds", None)
     if not len(listed.i):
@@ -485,7 +485,7 @@ def _take_bonds(course: Course) -> None:
         course.met[USED].append(style)
     except (ValueError, IndexError, TypeError) as problem:
         place = told.place or course.run.source
-        course.obstacle(f"bonds of {listed.source} were not taken over: {problem} ({place})")
+        course.obstacle(f"bonds of {listed.source} were not imported: {problem} ({place})")
     course.notes += notes_on_rest(told, listed, acting)
     left = note_on_contacts(told, listed, course.n, *course.contacts_of_grains())
     course.notes += [] if left is None or isinstance(left, Obstacle) else [left]
@@ -516,7 +516,7 @@ def _take_pairs(course: Course) -> None:
         course.met[USED].append(f"pair_style {style}")
     except (ValueError, IndexError, KeyError, TypeError) as problem:
         place = course.run.places.get("pair_style", course.run.source)
-        course.obstacle(f"pair_style {style} was not taken over: {problem} ({place})")
+        course.obstacle(f"pair_style {style} was not imported: {problem} ({place})")
 
 
 def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:

@@ -238,7 +238,7 @@ def reconstruct_memory(packing: Packing, pairs: Pairs, law: Law) -> State:
     new = contacts._replace(slip=contacts.slip.copy(), mode=contacts.mode.copy())
     new.slip[:] = 0.0
     new.slip[rows], new.mode[rows] = slip, np.where(slides, SLIDE, STICK)
-    # if dashpots bear part of the force, LAMMPS keeps the slip of sliding contacts below the limit
+    # if dashpots carry part of the force, LAMMPS keeps the slip of sliding contacts below the limit
     return accepted(state._replace(contacts=new), law, modes=True, within=1.0)
 
 
@@ -267,7 +267,7 @@ def _check_normal_forces(ours: np.ndarray, theirs: np.ndarray) -> None:
     miss = float(np.abs(ours - theirs).max(initial=0.0)) / (float(np.abs(theirs).mean()) if len(theirs) else 1.0)
     if miss > OTHER_LAW:
         raise PackingError(
-            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so that law, "
+            f"normal forces of the law differ from those in the dump by up to {miss:.2g} of their mean, so law, "
             f"types or run differ: give the law, kn and damping_n used in LAMMPS, and enough digits ({ALL_DIGITS})"
         )
     if miss > NEGLIGIBLE:

@@ -317,7 +317,8 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     known = read_restart(path)
     if len(known.ids) != about[ATOMS]:
         raise PackingError(
-            f"{path} has {len(known.ids)} of {about[ATOMS]} grains: its parts belong to other runs or times"
+            f"{path} contains only {len(known.ids)} of {about[ATOMS]} grains: its parts belong to different runs or "
+            "times"
         )
     vectors = restricted_box(about[HIGH] - about[LOW], about.get(XY, 0.0), about.get(XZ, 0.0), about.get(YZ, 0.0))
     arrays = {
@@ -331,14 +332,14 @@ def _packing(path: Path, content: bytes, remedy: str) -> Packing:
     stored = stored_fixes(content[:start])
     walls = [style for style in stored.values() if style.startswith(WALL)]
     left_out = [
-        f"fix {name} ({style}) {'acts on the grains' if style in walls else 'is not understood'}: {NO_PLACE}"
+        f"fix {name} ({style}) {'acts on the grains' if style in walls else 'is unknown'}: {NO_PLACE}"
         for name, style in stored.items()
         if style in walls or group_of("fix", style) == UNKNOWN
     ]
     notes = [*([] if walls else notes), *said, *(Obstacle(part, FIXES) for part in left_out)]
     notes += note_on_bonds(known.bonds)
     if about[UNITS] not in SAME_UNITS:
-        notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not taken over"))
+        notes.append(Obstacle(f"units {about[UNITS]}, in which LAMMPS converts forces, were not imported"))
     notes += account_for("fix", stored.values(), path.name, dict.fromkeys(stored.values(), USED))[:1]
     return Packing(
         str(box.step),
@@ -443,7 +444,7 @@ def _law_of_pair_style(head: bytes) -> tuple[dict | None, list[str]]:
     """Options of `law_by_name` for the pair style in a header, or a note on why there is no law."""
     style, at = _pair_style(head)
     if style not in ("none", "granular") and style.removeprefix("gran/") not in HISTORY_LAWS and style[:6] != "hybrid":
-        return None, [Obstacle(f"pair_style {style} of the restart file was not taken over: {no_equal(style)}", PAIRS)]
+        return None, [Obstacle(f"pair_style {style} of the restart file was not imported: {no_equal(style)}", PAIRS)]
     if style.removeprefix("gran/") not in HISTORY_LAWS:
         text = f"the coefficients of pair_style {style}: give the run folder, or the law with --law"
         return None, [Absent(text, PAIRS)]

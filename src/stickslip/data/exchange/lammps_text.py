@@ -213,7 +213,7 @@ def check_ids(path: Path, ids: np.ndarray) -> None:
     if not np.diff(ids).all():
         twice = ids[:-1][np.diff(ids) == 0]
         raise PackingError(
-            f"{path} has grain {twice[0]} twice in one time step, so that several files or steps were merged: give "
+            f"{path} has grain {twice[0]} twice in one time step, so several files or steps were merged: give "
             "the original dump"
         )
 

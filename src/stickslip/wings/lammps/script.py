@@ -340,7 +340,7 @@ def _held_commands(leg: Leg, name: str, body: int) -> list[str]:
 
 
 def _load_commands(leg: Leg, name: str, members: np.ndarray) -> list[str]:
-    """Velocity along driven axes, and forces and springs along free axes; each grain bears an equal share."""
+    """Velocity along driven axes, and forces and springs along free axes; each grain carries an equal share."""
     control, body, n = leg.state.control, members[0], len(members)
     free = control.free[body, :3] & (np.arange(3) < leg.state.cell.dim)
     lines, parts = [], []

@@ -234,7 +234,7 @@ def read_rows(path: Path, how: dict, *, overwrite: bool = False) -> dict[int, Ro
     """
     if not path.exists() or overwrite:
         return {}
-    remedy = "give another --out, or --overwrite to compute it anew"
+    remedy = "give another --out, or --overwrite to compute it again"
     text = read_text(path, remedy=remedy)
     head = text.partition("\n")[0]
     try:

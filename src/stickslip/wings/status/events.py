@@ -6,8 +6,8 @@ disk, whose forces vanish together, would appear to reach the cone just before t
 
 Rattlers carry no load, so that no force balance determines their positions. A grain that presses into a rattler moves
 it by the smallest distance that makes room. If the contacts that push a rattler can hold it by friction, they drag it
-along with the least possible slip. If that does not make room either, the rattler is wedged and counts as an ordinary
-grain from then on.
+along with the smallest possible slip. If that does not make room either, the rattler is wedged and counts as an
+ordinary grain from then on.
 
 Source for the smallest distance: Lawson and Hanson, Solving Least Squares Problems (SIAM 1995), chapter 23.
 """
@@ -103,7 +103,7 @@ def move_aside(state: State, law: Law, loose: np.ndarray, before: State | None =
 
 
 def _dragged_positions(state: State, before: State, caught: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the least slip at contacts."""
+    """(N, 3) positions in which caught rattlers follow the bodies that hold them, with the smallest slip."""
     contacts, count, dim = state.contacts, len(state.grains.radius), state.cell.dim
     i, j = contacts.i[rows], contacts.j[rows]
     normal = gaps(state, rows)[0]
@@ -275,7 +275,7 @@ def _first_break(increment, moved: np.ndarray, velocity: np.ndarray, first: Next
         bond_limits(state, bond_motions(state, free.spread(way), free.strain(way))) for way in (moved, velocity)
     )
     load = here.load + here.slope
-    # load over strength is convex, so that a bond that holds at the end holds until then
+    # load over strength is convex, so a bond that holds at the end holds until then
     breaks = state.bonds.intact & (judge_loads(state.bonds, load + first.step * ahead.slope)[0] >= 1)
     if not breaks.any():
         return first

@@ -41,7 +41,7 @@ class RigidClusters(NamedTuple):
     body: np.ndarray  # (B,) cluster of each grain, then of each wall; −1 if no other body moves with it
     contact: np.ndarray  # (M,) cluster of each contact; −1 for a hinge, whose bodies may move relative to each other
     sizes: np.ndarray  # (K,) number of bodies
-    overconstrained: np.ndarray  # (M,) bool, contacts that bear a self-stress
+    overconstrained: np.ndarray  # (M,) bool, contacts that carry a self-stress
     floppy: int  # number of independent unresisted motions, including those of rattlers and of the whole packing
     constraints: int  # two per sticking contact of disks, three per sticking one of spheres, one per sliding contact
     redundant: int  # number of constraints that could be removed without adding a motion
@@ -345,7 +345,7 @@ class PebbleGame:
         return [end for end in ends if end != root]
 
     def stressed(self) -> set[int]:
-        """Bars that bear a self-stress: redundant bars, and bars whose removal would make a redundant bar independent.
+        """Bars that carry a self-stress: redundant bars, and bars whose removal would make a redundant bar independent.
 
         The latter are the bars of the smallest tight block that contains both ends of a redundant bar. A contraction
         joins smaller blocks. If a self-stress crosses it, all of its bars are stressed, and so are those of the

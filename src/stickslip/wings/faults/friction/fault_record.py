@@ -79,10 +79,10 @@ def moment_magnitude(moment: Values):
 def crack_stress_drop(fault: Fault, moment: float, length: float, *, surface: bool) -> float:
     """Uniform stress drop of a crack of length L with moment M per length along strike, C (G*/G) M/L² [Pa].
 
-    A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so
-    that C = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for
-    antiplane shear. A dipping fault that breaks the surface slips more, so that the result is 17 % too large for a dip
-    of 30 or 60 degrees, and 26 % for 90 degrees.
+    A crack of length L in an infinite body, with the slip (2 Δτ/G*) √(L²/4 − x²), has the moment (G/G*) π Δτ L²/4, so C
+    = 4/π. A crack that breaks the free surface is half of a crack of length 2L: C = 2/π. This is exact for antiplane
+    shear. A dipping fault that breaks the surface slips more, so the result is 17 % too large for a dip of 30 or 60
+    degrees, and 26 % for 90 degrees.
 
     Source
     ------

@@ -143,7 +143,7 @@ def initial_guesses(cases: list[Prepared], law: str, free, fixed: dict, report: 
             points.append((cost, values, linear))
         if points:
             least = min(point[0] for point in points)
-            text = f"{number} of {len(nodes)} guesses, least misfit {np.sqrt(least / samples):.2e}"
+            text = f"{number} of {len(nodes)} guesses, smallest misfit {np.sqrt(least / samples):.2e}"
             report("search", number / len(nodes), text)
     points.sort(key=lambda point: point[0])
     return [{**values, "linear": linear} for _, values, linear in points[:BEST]]

@@ -182,7 +182,7 @@ def _half_length(modulus: float, a: float, b: float, fast: float, mean: float, n
 
 @readable
 class Nucleation(NamedTuple):
-    """Possibility of earthquake nucleation on a fault. Lengths are the least of all velocity-weakening cells [m]."""
+    """Possibility of earthquake nucleation on a fault. Lengths are the smallest of all velocity-weakening cells [m]."""
 
     possible: bool
     weakening: float  # length of the longest velocity-weakening part [m]
@@ -281,7 +281,7 @@ def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthe
 
 
 def _shortest_half_length(fault: Fault, weak: np.ndarray) -> float:
-    """Least half-length of the nucleation zones of velocity-weakening cells, for a fault without cut-offs."""
+    """Smallest half-length of the nucleation zones of velocity-weakening cells, for a fault without cut-offs."""
     b, slip = fault.evolution[weak], (fault.b * fault.dc + fault.b2 * np.asarray(fault.dc2))[weak]
     rows = np.stack([fault.a[weak], b, b / fault.weakening[weak], slip / b, fault.normal[weak]])
     half = min(_half_length(fault.modulus, *row) for row in np.unique(rows.T, axis=0).tolist())

@@ -10,10 +10,10 @@ from ....measure import wrapped
 HELD = ("time held", "s")  # quantity and unit
 FRICTION = r"friction $\tau/\sigma$"
 LONGER = 3.0  # ratio of the lengths of curves above which their axis is logarithmic
-MOST_NAMED = 8  # largest number of realizations named in a legend
+MOST_NAMED = 8  # largest number of realisations named in a legend
 
-_Realization = Annotated[Any, Result("realization of a GougeResult", ("states",))]
-_WithTests = Annotated[Any, Result("realization of a GougeResult", ("tests",))]
+_Realization = Annotated[Any, Result("realisation of a GougeResult", ("states",))]
+_WithTests = Annotated[Any, Result("realisation of a GougeResult", ("tests",))]
 _Curve = Annotated[Any, Result("Curve", ("x", "mean", "error", "band", "label"))]
 _Number = Annotated[Any, Result("Number", ("value", "half"))]
 _Panel = tuple[list[_Curve], dict[str, Any]]
@@ -21,11 +21,11 @@ _Panel = tuple[list[_Curve], dict[str, Any]]
 
 @style.styled
 def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diameter: float):
-    """Friction and thickness against slip for all realizations, from rest to steady sliding.
+    """Friction and thickness against slip for all realisations, from rest to steady sliding.
 
     Parameters
     ----------
-    realizations : realizations of a `GougeResult`
+    realizations : realisations of a `GougeResult`
     diameter : D, the unit of slip and thickness [m]
     """
     figure, (above, below) = style.column_axes(2, 3.4, sharex=True)
@@ -45,7 +45,7 @@ def velocity_steps(curves: list[_Curve], *, twins: bool = True):
     """Change in friction after each step, ± two standard errors.
 
     LONGER = 3.0  # ratio of the lengths of curves above which their axis is logarithmic
-    MOST_NAMED = 8  # largest number of realizations named in a legend
+    MOST_NAMED = 8  # largest number of realisations named in a legend
     """
     figure, axes = style.column_axes(1, 2.4)
     for number, curve in enumerate(curves):
@@ -215,7 +215,7 @@ def _name_band(axes, label: str, color=style.BLACK) -> None:
 
 @style.styled
 def stick_slip(
-    realization: Annotated[Any, Result("realization of a GougeResult", ("of", "seed"))],
+    realization: Annotated[Any, Result("realisation of a GougeResult", ("of", "seed"))],
     slips: Annotated[Any, Result("result of find_slips", ("realization", "load_point", "drop", "velocity"))],
     diameter: float,
 ):
@@ -223,8 +223,8 @@ def stick_slip(
 
     Parameters
     ----------
-    realization : one realization of a `GougeResult`
-    slips : result of `find_slips`; slips of this realization are marked
+    realization : one realisation of a `GougeResult`
+    slips : result of `find_slips`; slips of this realisation are marked
     diameter : D, the unit of displacements [m]
     """
     figure, (above, below) = style.column_axes(2, 3.6, sharex=True)

@@ -89,7 +89,7 @@ def axis_ratios(turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Second and third over first singular value of each grain's displacements in a turn, (L, H) each.
 
     The second ratio is 0 for motion on a line, the third for motion in a plane. The motion of a single pair is Re(c
-    e^{iωt}) with a complex vector c for each grain, so that a grain moves in the plane of Re c and Im c through its
+    e^{iωt}) with a complex vector c for each grain, so a grain moves in the plane of Re c and Im c through its
     position at rest.
 
     Parameters
@@ -234,7 +234,7 @@ def _mostly(count: int, total: int) -> bool | None:
 
 MANY = 10  # number of pairs that counts as many: ten times that at the onset
 PLANE = 0.01  # third over first singular value below which a trajectory is plane: thinner than a line in a plot
-CENTRED = 0.1  # mean over amplitude below which stress oscillates around zero: not visible in a plot
+CENTRED = 0.1  # ratio of mean to amplitude below which stress oscillates around zero: invisible in a plot
 SYMMETRIC = 1e-12  # relative difference of equal blocks: round-off, with a margin for sums over contacts
 
 

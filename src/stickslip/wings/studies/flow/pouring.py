@@ -259,7 +259,7 @@ def _time_step(scenario: FlowScenario, law: Law, radius, mass) -> float:
 
 
 def _largest_overlap(scenario: FlowScenario, law: Law, r_eff: float, heaviest: float) -> float:
-    """Return the overlap [length] at which a contact bears the largest force and stores the collision energy."""
+    """Return the overlap [length] at which a contact carries the largest force and stores the collision energy."""
     gravities = [g for g in (scenario.gravity, *(s.gravity for s in scenario.stages)) if g is not None]
     g = max((float(np.linalg.norm(v)) for v in gravities), default=0.0)
     height = float(np.linalg.norm(np.subtract(scenario.grains.high, scenario.grains.low)))
