@@ -87,9 +87,19 @@ class Compiler(NamedTuple):
         if not self.is_zig:
             return [*self.command, *_apple(), *FLAGS, *_MARCH[level]]
         march = [re.sub("^-march=x86-64-?", "-mcpu=x86_64_", flag).rstrip("_") for flag in _MARCH[level]]
-        own = ["-D_USE_MATH_DEFINES"] if sys.platform == "win32" else []  # M_PI in standard C++
+        defines = ["-D_USE_MATH_DEFINES"] if sys.platform == "win32" else []  # M_PI in standard C++
         # without a target it compiles for the processor at hand
-        return [*self.command, "c++", "-target", _zig_target(), *march, *FLAGS, *own, "-fno-sanitize=undefined", "-g0"]
+        return [
+            *self.command,
+            "c++",
+            "-target",
+            _zig_target(),
+            *march,
+            *FLAGS,
+            *defines,
+            "-fno-sanitize=undefined",
+            "-g0",
+        ]
 
     def link(self, sanitize: str = "") -> list[str]:
         """Return the command and flags that link objects into a library, without those that change floating point."""
@@ -329,16 +339,16 @@ class _Making:
         with ThreadPoolExecutor(_cores()) as pool:
             made = list(pool.map(lambda job: self._compile(*job), jobs))
         for name in names:
-            own = [target for target, job in zip(made, jobs, strict=True) if job[1] == name]
-            command = [*self.compiler.link(self.made["sanitize"]), *self._extra(name), *sorted(own)]
+            targets = [target for target, job in zip(made, jobs, strict=True) if job[1] == name]
+            command = [*self.compiler.link(self.made["sanitize"]), *self._extra(name), *sorted(targets)]
             try:
                 _make(library_path(name, self.out), command, self.objects, self.verbose)
             except BuildError as error:
                 if "undefined" not in str(error):  # an object may be damaged
-                    for path in own:
+                    for path in targets:
                         path.unlink(missing_ok=True)
                 raise
-            for path in set(self.objects.glob(f"*-{name}-*.o")) - set(own):
+            for path in set(self.objects.glob(f"*-{name}-*.o")) - set(targets):
                 path.unlink(missing_ok=True)
 
     def _extra(self, name: str) -> list[str]:
@@ -349,8 +359,8 @@ class _Making:
     def _compile(self, source: Path, name: str) -> Path:
         text = source.read_bytes()
         first = text.partition(b"\n")[0].decode()
-        own = shlex.split(first.removeprefix("// build:")) if first.startswith("// build:") else []
-        command = [*self.compiler.compile(LEVELS[0] if name == PROBE else name), *own, *self._extra(name)]
+        flags = shlex.split(first.removeprefix("// build:")) if first.startswith("// build:") else []
+        command = [*self.compiler.compile(LEVELS[0] if name == PROBE else name), *flags, *self._extra(name)]
         key = hashlib.sha256(self.shared + text + "\0".join(command).encode()).hexdigest()[:16]
         target = self.objects / f"{source.stem}-{name}-{key}.o"
         if not target.exists():

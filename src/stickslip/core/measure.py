@@ -68,8 +68,8 @@ def branch_vectors(state: State) -> np.ndarray:
     """Vectors r_i − r_j + cellᵀ·image of all pairs in the list, (C, 3); for a wall, from its surface to i [length]."""
     contacts, grains, count, n = state.contacts, state.grains, int(state.contacts.count[0]), len(state.grains.radius)
     i, j = contacts.i[:count], contacts.j[:count]
-    place = np.concatenate([grains.position, state.walls.point])
-    out = place[i] - place[j] + shifts(contacts, state.cell.vectors)
+    position = np.concatenate([grains.position, state.walls.point])
+    out = position[i] - position[j] + shifts(contacts, state.cell.vectors)
     wall = j >= n
     normal = state.walls.normal[j[wall] - n]
     out[wall] = np.einsum("ck,ck->c", out[wall], normal)[:, None] * normal

@@ -75,13 +75,13 @@ def cpu_quota(groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/
     Source: Linux kernel, Documentation/admin-guide/cgroup-v2.rst, cpu.max; scheduler/sched-bwc.rst for version 1.
     """
     try:
-        own = re.search(r"^\d+:(|(?:[^:]+,)?cpu(?:,[^:]+)?):/(.*)", groups.read_text(), re.MULTILINE)
+        match = re.search(r"^\d+:(|(?:[^:]+,)?cpu(?:,[^:]+)?):/(.*)", groups.read_text(), re.MULTILINE)
     except OSError:  # not Linux
-        own = None
-    if not own:
+        match = None
+    if not match:
         return np.inf
-    root, least = root / own[1], np.inf
-    for folder in (root / own[2], *(root / own[2]).parents):
+    root, least = root / match[1], np.inf
+    for folder in (root / match[2], *(root / match[2]).parents):
         for names in (["cpu.max"], ["cpu.cfs_quota_us", "cpu.cfs_period_us"]):
             try:
                 quota, period = " ".join((folder / name).read_text() for name in names).split()

@@ -463,9 +463,9 @@ def assembly(
     check(state)
     grain, wall = np.nonzero(heights(grains.position, walls) < 0)
     if len(grain):
-        place = ", ".join(f"{x:.4g}" for x in grains.position[grain[0], : cell.dim])
+        location = ", ".join(f"{x:.4g}" for x in grains.position[grain[0], : cell.dim])
         raise ValueError(
-            f"grain {grain[0]} at ({place}) lies behind wall {wall[0]}, which would expel it: move one of them, or "
+            f"grain {grain[0]} at ({location}) lies behind wall {wall[0]}, which would expel it: move one of them, or "
             f"turn the wall's normal towards the grains"
         )
     return state

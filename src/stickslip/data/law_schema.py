@@ -280,9 +280,9 @@ class LawTable(LawOrFile):
         if self.file is not None:
             return self
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
-        own = [p.name for p in BY_NAME[self.kind].parameters]
-        for name in sorted({*own} ^ {*given} & OWN_PARAMETERS.keys()):
-            remedy = "is missing: give it" if name in own else f"is not a parameter of {self.kind}: leave it out"
+        names = [p.name for p in BY_NAME[self.kind].parameters]
+        for name in sorted({*names} ^ {*given} & OWN_PARAMETERS.keys()):
+            remedy = "is missing: give it" if name in names else f"is not a parameter of {self.kind}: leave it out"
             raise ValueError(f"law.{name} {remedy}")
         elastic = [name for name in ("young", "poisson") if name in given]
         plain = [name for name in ("kn", "kt") if name in given]

@@ -193,8 +193,8 @@ class Measures(Quantities):
     def _reduce(self, row: Quantity, values):
         if not self.over:
             return values
-        known = [value for value in values if np.isfinite(value)] if row.partial else values
-        return self.over(known if len(known) else values)
+        finite = [value for value in values if np.isfinite(value)] if row.partial else values
+        return self.over(finite if len(finite) else values)
 
     def __call__(self, result) -> dict[str, tuple[float, str]]:
         """Return {name: (value, unit)}; estimates also have `name_error`, half of their 95 % interval."""

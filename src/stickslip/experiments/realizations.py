@@ -117,19 +117,19 @@ def run_realizations(
     if device:
         return _run_on_device(device, function, tasks, report, stage=stage, **options)
     places = {task.checkpoint.folder: task.checkpoint for task in tasks if task.checkpoint}
-    for place in places.values():
-        place.check()
-        place.announce()
+    for checkpoint in places.values():
+        checkpoint.check()
+        checkpoint.announce()
 
     def load(k: int) -> Any:
-        _, _, name, place = tasks[k]
-        return place.load(name, kind_of_result(function)) if place and place.has(name) else None
+        _, _, name, checkpoint = tasks[k]
+        return checkpoint.load(name, kind_of_result(function)) if checkpoint and checkpoint.has(name) else None
 
     def save(k: int, result: Any) -> None:
-        _, _, name, place = tasks[k]
-        if place:
-            place.save(name, result)
-            place.of(name).clear()  # pieces of the unfinished task
+        _, _, name, checkpoint = tasks[k]
+        if checkpoint:
+            checkpoint.save(name, result)
+            checkpoint.of(name).clear()  # pieces of the unfinished task
 
     arguments = [task.arguments for task in tasks]
     members = run_members(

@@ -79,8 +79,8 @@ def failure_path(found: _Failure):
             axes.axvspan(one.low, one.high, color=color, alpha=0.15, lw=0, label=f"next {one.of}, 80 %")
             axes.axvline(one.strain, color=color, ls=":", lw=0.8)
         if k:
-            known = value[np.isfinite(value)]
-            axes.set_ylim(min(0.0, 1.08 * known.min(initial=0.0)), 1.08 * known.max(initial=0.0) or None)
+            finite = value[np.isfinite(value)]
+            axes.set_ylim(min(0.0, 1.08 * finite.min(initial=0.0)), 1.08 * finite.max(initial=0.0) or None)
         label_axes(axes, y=label)
     ends = np.array([strain.min(), strain.max(), *(end for one in found.forecasts for end in (one.low, one.high))])
     room = 1.5 * np.ptp(strain)  # a wide interval is cut off at half the length of the path

@@ -95,16 +95,16 @@ def cell_edges(frame: Frame) -> np.ndarray:
     cell = frame.state.cell
     around = np.flatnonzero(cell.periodic)
     corners = np.array([[(m >> k) & 1 for k in range(len(around))] for m in range(2 ** len(around))], float)
-    place = corners.reshape(len(corners), -1) @ cell.vectors[around]
+    position = corners.reshape(len(corners), -1) @ cell.vectors[around]
     pairs = [(m, m | 1 << k) for m in range(len(corners)) for k in range(len(around)) if not m >> k & 1]
-    return place[np.array(pairs, int).reshape(-1, 2)]
+    return position[np.array(pairs, int).reshape(-1, 2)]
 
 
 def wall_edges(frame: Frame) -> np.ndarray:
     """(E, 2, 3) end points of lines that show the walls: squares that span the packing, or lines in two dimensions."""
     state = frame.state
-    place, radius, dim = wrapped(state), state.grains.radius[:, None], state.cell.dim
-    low, high = (place - radius).min(axis=0), (place + radius).max(axis=0)
+    position, radius, dim = wrapped(state), state.grains.radius[:, None], state.cell.dim
+    low, high = (position - radius).min(axis=0), (position + radius).max(axis=0)
     center, half = 0.5 * (low + high), 0.5 * (high - low)
     out = []
     for point, normal in zip(state.walls.point, state.walls.normal, strict=True):

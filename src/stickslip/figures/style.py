@@ -300,8 +300,8 @@ def plot_fast(axes, x, y, *, color, label: str | None = None, lw: float = 0.7, m
     The envelope is a pale band from the smallest to the largest value in each bin; `middle` adds the mean as a line.
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
-    known = np.isfinite(x) & np.isfinite(y)
-    x, y = x[known], y[known]
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
     bins = max(8, round(axes.get_position().width * axes.figure.get_figwidth() * 72 / BIN))
     turns = _count_turns(y)
     if turns <= bins or x[-1] <= x[0]:

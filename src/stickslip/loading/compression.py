@@ -394,11 +394,11 @@ def with_machine(state: State, wall: int, stiffness: Positive) -> State:
     (100.0, 0.0)
     """
     require_index(state.n_bodies, wall=wall)
-    pull, control, place = state.control.force[wall], state.control, body_positions(state)[wall]
+    pull, control, position = state.control.force[wall], state.control, body_positions(state)[wall]
     if not pull.any():
         raise ValueError(f"body {wall} has no force to be exerted by a machine: give a wall under a force")
     for axis in np.flatnonzero(pull):
-        control = spring_loaded(control, [wall], [place + pull / stiffness], stiffness, axis=int(axis))
+        control = spring_loaded(control, [wall], [position + pull / stiffness], stiffness, axis=int(axis))
     force = control.force.copy()
     force[wall] = 0.0
     return state._replace(control=control._replace(force=force))

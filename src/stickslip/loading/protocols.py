@@ -208,8 +208,8 @@ def follow_pair(
     first, last = min(members), max(members)
 
     def same_mode(k):
-        known = path[k].spectrum
-        mode, mass = known.modes[:, members[k]], known.free.mass
+        spectrum = path[k].spectrum
+        mode, mass = spectrum.modes[:, members[k]], spectrum.free.mass
         return lambda s: any(mode_overlap(mode, s.modes[:, p], mass) >= SAME_PAIR for p in s.pair_indices)
 
     birth = death = None

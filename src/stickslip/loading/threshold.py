@@ -264,7 +264,7 @@ def _points_at(path: list[Equilibrium], loads) -> list[Equilibrium]:
     places = [int(np.argmin(np.abs(known - load))) for load in wanted]
     if not len(wanted) or not np.abs(known[places] - wanted).max() <= 1e-9 * np.abs(known).max():
         raise ValueError(f"the path does not contain loads = {wanted.tolist()}: it has {known.tolist()}")
-    return [path[place] for place in places]
+    return [path[index] for index in places]
 
 
 def _require_rest(point: Equilibrium, protocol: Protocol) -> None:

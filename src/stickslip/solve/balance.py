@@ -271,10 +271,10 @@ def _load_causes(here: LinearisedState) -> list[str]:
     loose = np.abs(force).max(axis=1) > small
     if not loose.any() and (np.abs(torque) > small).any():
         causes.append(_torque_cause(here.law))
-    place, radius = state.grains.position[free], state.grains.radius[free]
+    position, radius = state.grains.position[free], state.grains.radius[free]
     for axis in np.flatnonzero(~state.cell.periodic[: state.cell.dim]) if 0 < loose.mean() <= 0.7 else ():
         for side, edge in ((-1.0, "lowest"), (1.0, "highest")):
-            height = side * place[:, axis] + radius
+            height = side * position[:, axis] + radius
             if (height[loose] > height.max() - 0.5 * radius[loose]).all():
                 causes.append(
                     f"a wall: the {loose.sum()} grains with unbalanced forces are the {edge} along {'xyz'[axis]}"
@@ -309,13 +309,13 @@ def _precision_loss(state: State) -> tuple[str, float]:
 
     Positions do not count as truncated if they have all digits of double precision, or are all whole numbers.
     """
-    place = state.grains.position
-    largest = max(float(np.abs(place).max()), 1e-30)
+    position = state.grains.position
+    largest = max(float(np.abs(position).max()), 1e-30)
     whole = int(np.ceil(np.log10(largest)))
     for decimals in range(DIGITS - whole):
-        if np.abs(place - np.round(place, decimals)).max() <= 10.0 ** (whole - DIGITS - 1):
+        if np.abs(position - np.round(position, decimals)).max() <= 10.0 ** (whole - DIGITS - 1):
             return f"end at {decimals} decimals", 10.0**-decimals if decimals else 0.0
-    if np.array_equal(place, place.astype(np.float32)):
+    if np.array_equal(position, position.astype(np.float32)):
         return "are in single precision", largest * float(np.finfo(np.float32).eps)
     return "", 0.0
 

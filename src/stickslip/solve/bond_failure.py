@@ -134,9 +134,9 @@ def break_along(here: LinearisedState, moduli: ElasticModuli, strain: np.ndarray
     state, bonds, wide = here.state, here.state.bonds, np.zeros((3, 3))
     wide[: moduli.dim, : moduli.dim] = strain
     moved = moduli.free.spread(np.einsum("nab,ab->n", moduli.motion, strain))
-    known = bond_limits(state, bond_motions(state, moved, wide))
+    limits = bond_limits(state, bond_motions(state, moved, wide))
     loose = unsupported_grains(state, here.law)  # without load on their bonds
-    amount, failure = bond_crossings(bonds, known.load, known.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
+    amount, failure = bond_crossings(bonds, limits.load, limits.slope, bonds.intact & ~loose[bonds.i] & ~loose[bonds.j])
     return FirstBreak(amount, failure, bonds.i, bonds.j, strain, -np.einsum("abcd,cd->ab", moduli.tensor, strain))
 
 

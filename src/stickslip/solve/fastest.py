@@ -165,18 +165,18 @@ class KrylovSubspace:
         V, H = np.empty((len(self.next), size), order="F"), np.zeros((size, size))
         V[:, :old], H[:old, :old] = self.basis, self.projection
         for k in range(old, size, BLOCK):
-            own = slice(k, k + BLOCK)
-            V[:, own] = self.next
+            block = slice(k, k + BLOCK)
+            V[:, block] = self.next
             if k:
-                H[own, k - BLOCK : k] = self.last
-            known = V[:, : k + BLOCK]
+                H[block, k - BLOCK : k] = self.last
+            basis = V[:, : k + BLOCK]
             image = self.apply(self.next)
-            H[: k + BLOCK, own] = known.T @ image
-            q, r = np.linalg.qr(image - known @ H[: k + BLOCK, own])
+            H[: k + BLOCK, block] = basis.T @ image
+            q, r = np.linalg.qr(image - basis @ H[: k + BLOCK, block])
             # also if the subspace is exhausted and q consists of round-off
-            again = known.T @ q
-            H[: k + BLOCK, own] += again @ r
-            self.next, r_again = np.linalg.qr(q - known @ again)
+            again = basis.T @ q
+            H[: k + BLOCK, block] += again @ r
+            self.next, r_again = np.linalg.qr(q - basis @ again)
             self.last = r_again @ r
         self.basis, self.projection = V, H
         return V, H, self.last

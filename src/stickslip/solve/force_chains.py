@@ -131,12 +131,12 @@ def force_network(source: Source, law: Law | None = None) -> ForceNetwork:
         raise ValueError("measured forces need no law: leave it out")
     m = source
     m.check_entries()
-    place = np.pad(m.position, ((0, 0), (0, 3 - m.position.shape[1])))
-    branch = place[m.pair_i] - place[m.pair_j]
+    position = np.pad(m.position, ((0, 0), (0, 3 - m.position.shape[1])))
+    branch = position[m.pair_i] - position[m.pair_j]
     normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
     across = m.force_t if m.force_t.ndim == 2 else m.force_t[:, None] * np.cross(normal, [0.0, 0.0, 1.0])
     force = m.force_n[:, None] * normal + across
-    return ForceNetwork(m.dim, place, m.radius, m.pair_i, m.pair_j, branch, normal, force, m.force_n)
+    return ForceNetwork(m.dim, position, m.radius, m.pair_i, m.pair_j, branch, normal, force, m.force_n)
 
 
 @checked

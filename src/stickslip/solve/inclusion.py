@@ -151,8 +151,8 @@ def _ring_means(ring: np.ndarray, values: list[np.ndarray], part: np.ndarray, pa
     means = np.array([np.bincount(ring, value) / count for value in values])
     deviations = np.array(values) - means[:, ring]
     variance = np.array([np.bincount(ring, deviation**2) / count for deviation in deviations])
-    place = part * len(count) + ring
-    sums = [np.bincount(place, deviation, parts * len(count)).reshape(parts, -1) / count for deviation in deviations]
+    index = part * len(count) + ring
+    sums = [np.bincount(index, deviation, parts * len(count)).reshape(parts, -1) / count for deviation in deviations]
     apart = np.hstack(sums[1:])
     covariance = apart.T @ apart * parts / (parts - 1)
     naive = (variance[1:] + ROUND_OFF**2 * np.square(values[1]).mean()) / count
@@ -423,8 +423,8 @@ def _offsets(state: State, points: np.ndarray) -> np.ndarray:
 
 def _middle(state: State) -> np.ndarray:
     """(3,) middle of the cell, along axes that are not periodic that of the grains [length]."""
-    place = state.grains.position
-    middle = (place.min(axis=0) + place.max(axis=0)) / 2
+    position = state.grains.position
+    middle = (position.min(axis=0) + position.max(axis=0)) / 2
     return np.where(state.cell.periodic, state.cell.vectors.sum(axis=0) / 2, middle)
 
 

@@ -400,10 +400,10 @@ def _analyse_large(here: LinearisedState, free: Freedom, matrix, method: str, re
     if certify:
         scope = f"{scope}; certificate: {search.certified}"
     negative, zero, vectors = soft_modes(matrix)
-    place = np.searchsorted(whole.component, free.component)
+    index = np.searchsorted(whole.component, free.component)
     return (
         search.eigenvalues,
-        search.modes[place],
+        search.modes[index],
         scope,
         SoftModes(negative, vectors / np.sqrt(free.mass)[:, None], zero),
         0,

@@ -65,8 +65,8 @@ def bonded_at_rest(state: State, bond: Bond, pairs, length=None, direction=None,
     """
     new = _make(state, bond, *_given_pairs(state, pairs), length)
     if turn is not None:
-        known = turn.any(axis=1)[:, None]
-        new = new._replace(direction=np.where(known, direction, new.direction), turn=np.where(known, turn, new.turn))
+        given = turn.any(axis=1)[:, None]
+        new = new._replace(direction=np.where(given, direction, new.direction), turn=np.where(given, turn, new.turn))
     return with_bonds(state, new)
 
 

@@ -72,10 +72,10 @@ _LOADS = {
 
 def moving_masses(state: State) -> np.ndarray:
     """Mass that moves with each body, (B,): its own, or that of its rigid group."""
-    own = np.concatenate([state.grains.mass, state.walls.mass])
+    masses = np.concatenate([state.grains.mass, state.walls.mass])
     for members in groups(state.control):
-        own[members] = own[members].sum()
-    return own
+        masses[members] = masses[members].sum()
+    return masses
 
 
 def bodies(state: State) -> Bodies:

@@ -329,8 +329,8 @@ def _working_contacts(state: State, law: Law, here: Bodies, keyed: bool):
     contacts = state.contacts
     columns = angular_columns(law)
     if core.store_reference(contacts, here.position, here.angle, here.radius, state.cell.vectors, columns, None, None):
-        own = {name: getattr(contacts, name) for name in ("slip", "mode", "reached", "rolling")}
-        contacts = contacts._replace(**{name: part.copy() for name, part in own.items() if part is not None})
+        copies = {name: getattr(contacts, name) for name in ("slip", "mode", "reached", "rolling")}
+        contacts = contacts._replace(**{name: part.copy() for name, part in copies.items() if part is not None})
     else:
         _, contacts = forces(state, law, memory=FROZEN)
     return contacts._replace(pair=_EMPTY, roll=_EMPTY, key=contacts.key[: None if keyed else 0])

@@ -267,8 +267,8 @@ def liquid_bridge(
     >>> liquid_bridge(surface_tension=1e-4, volume=1e-3).table[0, 0, 5:].tolist()
     [0.0001, 0.001]
     """
-    own = {"surface_tension": surface_tension, "volume": volume}
-    return make_law("liquid_bridge", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t, **own)
+    parameters = {"surface_tension": surface_tension, "volume": volume}
+    return make_law("liquid_bridge", coulomb, damping, tension, kn, kt, mu, damping_n, damping_t, **parameters)
 
 
 # by name: each built-in law has the name of its constructor, which may have an argument `rescaled`
@@ -443,8 +443,8 @@ def parameter_names(law: Law) -> tuple[str, ...]:
 
 
 def _name(law: Law) -> str:
-    own = USER_LAWS.get(law.kind)
-    return own.name if own else NAMES[law.kind] if 0 <= law.kind < len(NAMES) else "user-defined law"
+    user_law = USER_LAWS.get(law.kind)
+    return user_law.name if user_law else NAMES[law.kind] if 0 <= law.kind < len(NAMES) else "user-defined law"
 
 
 def _describe(law: Law) -> str:
@@ -460,8 +460,8 @@ def _describe(law: Law) -> str:
 
 def _parameters(law: Law) -> dict[str, np.ndarray]:
     """Parameters by name, (materials, materials); those of dashpots only if any pair has them."""
-    known = law.kind in USER_LAWS or 0 <= law.kind < len(NAMES)
-    columns = zip(parameter_names(law) if known else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
+    exists = law.kind in USER_LAWS or 0 <= law.kind < len(NAMES)
+    columns = zip(parameter_names(law) if exists else PARAMETERS, np.moveaxis(law.table, -1, 0), strict=False)
     return {name: values for name, values in columns if name in PARAMETERS[:3] or values.any()}
 
 

@@ -84,18 +84,20 @@ def law_struct(law: Law, *, rate: bool = False, members=tuple(MEMBERS)) -> dict:
 @lru_cache
 def _check_slopes(kind: Kind, values: tuple[float, ...]) -> None:
     """Raise ValueError if slopes of the compiled functions differ from those in Python, as can happen for powers."""
-    own, call = find_user_law(kind), block_function(kind, "slopes").ctypes
-    known = dict(zip(own.names, values, strict=False))  # properties have additional parameters
-    for r_eff, overlap in sample_points(own, known, own.size):
-        given = [np.array(x, float) for x in (values, [r_eff], [overlap], [0.0], [*own.memory.values()], [0.0], [0.0])]
+    user_law, call = find_user_law(kind), block_function(kind, "slopes").ctypes
+    known = dict(zip(user_law.names, values, strict=False))  # properties have additional parameters
+    for r_eff, overlap in sample_points(user_law, known, user_law.size):
+        given = [
+            np.array(x, float) for x in (values, [r_eff], [overlap], [0.0], [*user_law.memory.values()], [0.0], [0.0])
+        ]
         pointers = [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in given]
         call(pointers[0], 1, *pointers[1:])
         at = {"overlap": complex(overlap, STEP), "r_eff": r_eff}
-        now = known | update_memory(own, known, **at) | at
+        now = known | update_memory(user_law, known, **at) | at
         for role, compiled in zip(("normal_force", "tangential_stiffness"), given[-2:], strict=True):
-            if role in own.functions:
-                slope = own.functions[role](
-                    *bound(own, role, now | {"overlap": complex(overlap, STEP), "r_eff": r_eff})
+            if role in user_law.functions:
+                slope = user_law.functions[role](
+                    *bound(user_law, role, now | {"overlap": complex(overlap, STEP), "r_eff": r_eff})
                 )
                 exact = np.imag(slope) / STEP
                 if not np.isclose(compiled[0], exact, rtol=1e-6, atol=1e-9 * abs(exact) + 1e-300):
@@ -122,18 +124,18 @@ def _fixed_members(kind: int, members: tuple[str, ...]) -> dict:
     check_kind(kind)
     out = dict.fromkeys(MEMBERS)
     if not isinstance(kind, Kind):
-        known = BUILTIN_LAWS[kind]
-        if known.parameters:
+        entry = BUILTIN_LAWS[kind]
+        if entry.parameters:
             out |= {name: core.law_function(kind - FIRST_OF_OWN, k) for k, name in enumerate(_OWN)}
         return out | {
-            "hertz": known.exponent == 1.5, "uses_radius": known.uses_radius, "rescaled": known.rescales,
-            "bonds": known.bonds, "memory": np.zeros(len(known.memory)),
+            "hertz": entry.exponent == 1.5, "uses_radius": entry.uses_radius, "rescaled": entry.rescales,
+            "bonds": entry.bonds, "memory": np.zeros(len(entry.memory)),
         }  # fmt: skip
-    own = USER_LAWS[kind]
-    out |= {name: block_function(kind, name).address for name in members if MEMBERS[name] in own.functions}
+    user_law = USER_LAWS[kind]
+    out |= {name: block_function(kind, name).address for name in members if MEMBERS[name] in user_law.functions}
     out |= {
-        "uses_radius": any("r_eff" in taken for taken in own.arguments.values()), "bonds": own.bonds,
-        "memory": np.array([*own.memory.values()], float),
+        "uses_radius": any("r_eff" in taken for taken in user_law.arguments.values()), "bonds": user_law.bonds,
+        "memory": np.array([*user_law.memory.values()], float),
     }  # fmt: skip
     return {"hertz": False, "rescaled": False, **out}
 
@@ -149,9 +151,9 @@ def block_function(kind: Kind, name: str):
     ValueError
         with a one-sentence message that names the line, if Numba cannot compile it.
     """
-    own = USER_LAWS[kind]
-    with announced(f"compiling {own.name}: {MEMBERS[name]}"):
-        return _compiled_block(own, kind, name)
+    user_law = USER_LAWS[kind]
+    with announced(f"compiling {user_law.name}: {MEMBERS[name]}"):
+        return _compiled_block(user_law, kind, name)
 
 
 def _compiled_block(own: UserLaw, kind: Kind, name: str):
@@ -166,8 +168,8 @@ def _compiled_block(own: UserLaw, kind: Kind, name: str):
             return numba.cfunc(signature, **_OPTIONS)(scope["block"])
     except Exception as problem:  # Numba does not derive all of its errors from NumbaError
         files = {os.path.abspath(function.__code__.co_filename) for function in own.functions.values()}
-        place, reason = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
-        raise ValueError(f"{place}{MEMBERS[name]} cannot be compiled, {reason}; {HELP}") from None
+        location, reason = f"{own.file}: " if own.file else "", _summarize_numba_error(str(problem), files)
+        raise ValueError(f"{location}{MEMBERS[name]} cannot be compiled, {reason}; {HELP}") from None
 
 
 @cache
@@ -346,9 +348,9 @@ def largest_stiffness(law: Law, r_eff: float, deepest: float) -> float:
     """
     values = law.table[0, 0].tolist()
     if not isinstance(law.kind, Kind):
-        own = dict(zip(parameter_names(law), values, strict=True))
+        parameters = dict(zip(parameter_names(law), values, strict=True))
         slopes, tangential = evaluate(law, "slopes", "stiffness", overlap=deepest, r_eff=r_eff)
-        return max(slopes[0], tangential, own.get("k_unload", 0.0))
+        return max(slopes[0], tangential, parameters.get("k_unload", 0.0))
     functions, most = find_user_law(law.kind).functions, 0.0
     end = evaluate_role(law.kind, "contact_range", values, r_eff=r_eff) if "contact_range" in functions else 0.0
     for x in np.append(np.linspace(-end, 0, 33)[1:-1] if end else [], np.geomspace(1e-6, 1, 33) * deepest):

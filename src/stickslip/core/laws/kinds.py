@@ -66,8 +66,13 @@ def find_user_law(kind: int) -> UserLaw:
 
 def describe_law(law) -> dict:
     """Record of a user-defined law without its numbers. It identifies the law and can be read, but is not run."""
-    own = find_user_law(law.kind)
-    return {"name": own.name, "digest": f"{int(law.kind):x}", "source": own.source, "parameters": " ".join(own.names)}
+    user_law = find_user_law(law.kind)
+    return {
+        "name": user_law.name,
+        "digest": f"{int(law.kind):x}",
+        "source": user_law.source,
+        "parameters": " ".join(user_law.names),
+    }
 
 
 def restore_kind(kind: int, about: dict) -> Kind:
@@ -80,7 +85,9 @@ def restore_kind(kind: int, about: dict) -> Kind:
     """
     if kind in USER_LAWS:
         return Kind(kind)
-    same = [k for k, own in USER_LAWS.items() if own.source == about.get("source") and "\n" in own.source]
+    same = [
+        k for k, user_law in USER_LAWS.items() if user_law.source == about.get("source") and "\n" in user_law.source
+    ]
     if same and " ".join(USER_LAWS[same[0]].names) == about.get(
         "parameters"
     ):  # digests differ between versions of Python
@@ -93,8 +100,8 @@ def restore_kind(kind: int, about: dict) -> Kind:
 
 def evaluate_role(kind: Kind, role: str, values, **given):
     """Evaluate a function of a law in plain Python; `values` are its parameters in the order of the table."""
-    own = find_user_law(kind)
-    return own.functions[role](*bound(own, role, dict(zip(own.names, values, strict=True)) | given))
+    user_law = find_user_law(kind)
+    return user_law.functions[role](*bound(user_law, role, dict(zip(user_law.names, values, strict=True)) | given))
 
 
 def bound(own: UserLaw, role: str, values: dict) -> list:

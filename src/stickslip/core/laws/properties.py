@@ -214,8 +214,8 @@ def _with_parameters(law: Law, part: int, values: dict[str, float]) -> Law:
 
 def resists_rolling(law: Law) -> bool:
     """Return True if a law has moments that resist rolling or twisting."""
-    own = USER_LAWS[law.kind].functions if isinstance(law.kind, Kind) and law.kind in USER_LAWS else {}
-    return bool(law.properties & sum(MOMENTS)) or "rolling_stiffness" in own
+    functions = USER_LAWS[law.kind].functions if isinstance(law.kind, Kind) and law.kind in USER_LAWS else {}
+    return bool(law.properties & sum(MOMENTS)) or "rolling_stiffness" in functions
 
 
 def needs_rows(law: Law) -> bool:

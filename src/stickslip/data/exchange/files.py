@@ -187,7 +187,7 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
     """
     if not (path.is_file() or path.is_dir()):
         raise PackingError(f"{path} is not a file or folder: give a packing; `stickslip docs exchange` lists formats")
-    given, own = law_from_file({name: value for name, value in options.items() if value is not None})
+    given, file_law = law_from_file({name: value for name, value in options.items() if value is not None})
     i0, of_lammps = given.pop("i0", None), {name: given.pop(name) for name in LAMMPS_OPTIONS if name in given}
     if path.is_dir():
         from .lammps_folder import read_folder
@@ -198,10 +198,10 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
                 "these files"
             )
         packing, contacts = read_folder(path, None if frame == "all" else frame)
-        if contacts and packing.law is None and not given and own is None:
+        if contacts and packing.law is None and not given and file_law is None:
             unused = Absent(f"the memory of contacts in {contacts.name} needs the law: give {', '.join(LAW_OPTIONS)}")
             packing, contacts = packing._replace(notes=[*packing.notes, unused]), None
-        return [_build(path, packing, given, own, i0, _LocalContacts(contacts, None))]
+        return [_build(path, packing, given, file_law, i0, _LocalContacts(contacts, None))]
     form = find_format(path)
     if of_lammps and not form.of_lammps:
         raise PackingError(
@@ -213,7 +213,7 @@ def read_states(path: Path, frame: str | None, options: dict) -> list[tuple[str,
         from .lammps_file import read_boundary
 
         of_lammps["boundary"] = read_boundary(local.path)
-    return [_build(path, packing, given, own, i0, local) for packing in form.read(path, frame, **of_lammps)]
+    return [_build(path, packing, given, file_law, i0, local) for packing in form.read(path, frame, **of_lammps)]
 
 
 class _LocalContacts(NamedTuple):

@@ -261,15 +261,15 @@ class Run(NamedTuple):
 
     def steps(self) -> tuple[float, float] | None:
         """First and last time step; None if unknown."""
-        known = [block for block in self.blocks if block.start is not None]
-        if not known or len(known) < len(self.blocks):
+        blocks = [block for block in self.blocks if block.start is not None]
+        if not blocks or len(blocks) < len(self.blocks):
             return None
-        return min(block.start for block in known), max(block.end for block in known)
+        return min(block.start for block in blocks), max(block.end for block in blocks)
 
     def goes_back(self) -> bool:
         """Return True if a run had earlier time steps than a previous one, as after `reset_timestep`."""
-        known = [block.start for block in self.blocks if block.start is not None]
-        return any(later < start for start, later in pairwise(known))
+        starts = [block.start for block in self.blocks if block.start is not None]
+        return any(later < start for start, later in pairwise(starts))
 
     def has_step(self, step: int) -> bool:
         """Return True if a time step may be one of the run."""

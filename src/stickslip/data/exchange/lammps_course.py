@@ -150,10 +150,10 @@ def _wall_law(course: Course, arguments: list[str]) -> tuple[Contact, list[str]]
 
 def _add_wall(course: Course, name: str, wall: Plane) -> None:
     """Add a wall, and note grains behind it, which would be inside the wall here."""
-    place, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
-    course.push(wall.overlap(place, radius) > 0)
+    position, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
+    course.push(wall.overlap(position, radius) > 0)
     course.walls.append(wall)
-    behind = int((place @ wall.normal < wall.height).sum())
+    behind = int((position @ wall.normal < wall.height).sum())
     if behind:
         course.obstacle(
             f"{pluralize(behind, 'grain')} behind the wall of fix {name}: LAMMPS pushes them to the other side or not "
@@ -240,11 +240,11 @@ def _inner_faces(bounds: np.ndarray, left_open: Sequence[str], number: int) -> l
 
 def _touched_face(course: Course, bounds: np.ndarray, number: int) -> Plane:
     """Face of a block that serves as a wall for grains outside; ValueError if they touch several faces, or an edge."""
-    place, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
+    position, radius = course.packing.arrays["position"], course.packing.arrays["radius"]
     for wall in _inner_faces(bounds, (), number):
         axis, wall = wall.face // 2, Plane(-wall.height, -wall.normal, number)
-        above = np.delete((place >= bounds[:, 0]) & (place <= bounds[:, 1]), axis, axis=1).all(axis=1)
-        if (place @ wall.normal >= wall.height).all() and above[wall.overlap(place, radius) > 0].all():
+        above = np.delete((position >= bounds[:, 0]) & (position <= bounds[:, 1]), axis, axis=1).all(axis=1)
+        if (position @ wall.normal >= wall.height).all() and above[wall.overlap(position, radius) > 0].all():
             return wall
     raise ValueError("grains touch several faces of its block from outside, or its edges, but walls here have no edges")
 
@@ -349,11 +349,11 @@ MOVERS = {  # fixes that move grains, and whether they also rotate them
 
 def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_restart.Restart:
     """Memory with the wall numbers used here; of two planes of a fix, a grain touches the nearer."""
-    place, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
+    position, radius = (course.packing.arrays[name][memory.grain] for name in ("position", "radius"))
     wall, deepest = np.full(len(memory.wall), -1), np.full(len(memory.wall), -np.inf)
     slip, turned = memory.wall_slip.copy(), np.zeros((len(wall), lammps_restart.ROTATIONS))
     for k, plane in enumerate(course.walls):
-        overlap, contact = plane.overlap(place, radius), course.contacts[0, course.kinds + k]
+        overlap, contact = plane.overlap(position, radius), course.contacts[0, course.kinds + k]
         touches, slips, more = lammps_restart.wall_values(memory, BY_NAME[contact.law].bonds)
         mine = (memory.wall == plane.number) & ((memory.face == plane.face) | (memory.face < 0))
         mine &= (overlap > deepest) & touches
@@ -361,10 +361,10 @@ def with_wall_numbers(memory: lammps_restart.Restart, course: Course) -> lammps_
         turned[mine] = lammps_restart.rotations(more[mine], *memory_layout([contact]))
         if plane.scale:  # the force of LAMMPS under a k_t common to all grains
             slip[mine] *= (np.sqrt(np.maximum(overlap, 0.0) * radius) / plane.scale)[mine, None]
-    known = wall >= 0
+    at_wall = wall >= 0
     pairs = [contact for pair, contact in course.contacts.items() if max(pair) < course.kinds]
     return memory._replace(
-        wall=wall[known], grain=memory.grain[known], wall_slip=slip[known], wall_more=turned[known],
+        wall=wall[at_wall], grain=memory.grain[at_wall], wall_slip=slip[at_wall], wall_more=turned[at_wall],
         more=lammps_restart.rotations(memory.more, *memory_layout(pairs)),
     )  # fmt: skip
 
@@ -484,8 +484,8 @@ def _take_bonds(course: Course) -> None:
         course.bonds, acting = laws_of_bonds(told, listed)
         course.met[USED].append(style)
     except (ValueError, IndexError, TypeError) as problem:
-        place = told.place or course.run.source
-        course.obstacle(f"bonds of {listed.source} were not imported: {problem} ({place})")
+        source = told.place or course.run.source
+        course.obstacle(f"bonds of {listed.source} were not imported: {problem} ({source})")
     course.notes += notes_on_rest(told, listed, acting)
     left = note_on_contacts(told, listed, course.n, *course.contacts_of_grains())
     course.notes += [] if left is None or isinstance(left, Obstacle) else [left]
@@ -515,8 +515,8 @@ def _take_pairs(course: Course) -> None:
             raise ValueError("no pair_coeff defines a law for the types of the grains")
         course.met[USED].append(f"pair_style {style}")
     except (ValueError, IndexError, KeyError, TypeError) as problem:
-        place = course.run.places.get("pair_style", course.run.source)
-        course.obstacle(f"pair_style {style} was not imported: {problem} ({place})")
+        source = course.run.places.get("pair_style", course.run.source)
+        course.obstacle(f"pair_style {style} was not imported: {problem} ({source})")
 
 
 def _take_hybrid(course: Course, style: str, arguments: list[str]) -> None:

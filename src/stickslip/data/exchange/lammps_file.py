@@ -140,16 +140,16 @@ def pairs_from_table(table: Table, path: Path, packing: Packing, columns: str | 
     def vectors(*names):
         return _finite_numbers(table, path, *names) if table.has(*names) else None
 
-    place, normal = np.searchsorted(packing.ids, ends), vectors("fx", "fy", "fz")
+    index, normal = np.searchsorted(packing.ids, ends), vectors("fx", "fy", "fz")
     branch, tangential = vectors("dx", "dy", "dz"), vectors("tx", "ty", "tz")
     if tangential is None:
-        n, total = pair_branches(packing, *place.T), _finite_numbers(table, path, *TOTAL)
+        n, total = pair_branches(packing, *index.T), _finite_numbers(table, path, *TOTAL)
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         normal = np.einsum("ck,ck->c", total, n)[:, None] * n
         tangential = total - normal
     named = [name for name in table.columns if name and not name.startswith(SKIPPED)]
     notes = account_for("column of contacts", named, path.name)
-    return Pairs(*place.T, branch, vectors("dist"), normal, tangential, tuple(notes))
+    return Pairs(*index.T, branch, vectors("dist"), normal, tangential, tuple(notes))
 
 
 def _finite_numbers(table: Table, path: Path, *names: str) -> np.ndarray:

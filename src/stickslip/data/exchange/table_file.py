@@ -66,8 +66,8 @@ def recognize(head: bytes) -> bool:
 
 def has_grains(names: list[str] | None) -> bool:
     """Return True if names of positions and radii are among these."""
-    known, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
-    return "position" in known and bool({"radius", "diameter"} & set(known))
+    arrays, _ = identify_columns(dict.fromkeys(names or [], np.zeros(0)))
+    return "position" in arrays and bool({"radius", "diameter"} & set(arrays))
 
 
 def read(path: Path, frame: str | None = None) -> list[Packing]:

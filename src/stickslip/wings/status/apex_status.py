@@ -314,8 +314,8 @@ def _is_held_by_contacts(matrix: LinearSystem, body: int) -> bool:
     """Return True if nothing but contacts resists rigid motions of a grain with those that beams join to it."""
     if matrix.unit is None:
         return True
-    own = np.flatnonzero(_owners(matrix) == body)
-    return _rigid_motions(matrix, own).shape[1] == (3 if matrix.free.dim == 2 else 6)
+    contacts = np.flatnonzero(_owners(matrix) == body)
+    return _rigid_motions(matrix, contacts).shape[1] == (3 if matrix.free.dim == 2 else 6)
 
 
 def _owners(matrix: LinearSystem) -> np.ndarray:

@@ -249,8 +249,8 @@ class Increment:
         if not len(choice.critical):
             self.unique = True
             return True
-        known = choice.uniqueness
-        if known is None:  # `contact_status` does not test uniqueness with too many contacts
+        uniqueness = choice.uniqueness
+        if uniqueness is None:  # `contact_status` does not test uniqueness with too many contacts
             try:
                 problem = complementarity(matrix, self.load, geometric=self.geometric)
             except LinAlgError:
@@ -258,12 +258,12 @@ class Increment:
             slides = choice.sliding[choice.critical]
             if np.linalg.slogdet(problem.matrix[np.ix_(slides, slides)])[0] < 0:
                 return False
-            known = certificate(problem)
-        known = known.unique
-        if known is False and self.unique:
+            uniqueness = certificate(problem)
+        uniqueness = uniqueness.unique
+        if uniqueness is False and self.unique:
             self.events.append(Event(load, NO_P_MATRIX, -1, -1))
-        self.unique = known is not False
-        self.unchecked += known is None
+        self.unique = uniqueness is not False
+        self.unchecked += uniqueness is None
         return True
 
     def _bodies_of(self, contact) -> tuple[int, int]:

@@ -103,8 +103,8 @@ def prepare(data: Data, windows=None) -> Prepared:
                 "the measured slip velocity must be positive at every sample: smooth it, or fit with a spring"
             )
         mean = 0.5 * (velocity[1:] + velocity[:-1])
-        place = np.r_[0.0, np.cumsum(mean * np.diff(time))]
-        return Prepared(time, friction, place, None, velocity, sigma, used, data.before or float(velocity[0]))
+        displacement = np.r_[0.0, np.cumsum(mean * np.diff(time))]
+        return Prepared(time, friction, displacement, None, velocity, sigma, used, data.before or float(velocity[0]))
     legs = leg_arrays(data.legs)
     ends = np.cumsum(legs[0])
     if time[0] < 0 or time[-1] > ends[-1] * (1 + 1e-9):
@@ -114,8 +114,8 @@ def prepare(data: Data, windows=None) -> Prepared:
     before = float(legs[1, 0]) if data.before is None else data.before
     if not before > 0:
         raise ValueError("the record starts with the load point at rest: give `before`, the slip velocity before it")
-    place = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(legs[0] * legs[1])])
-    return Prepared(np.minimum(time, ends[-1]), friction, place, legs, None, sigma, used, before)
+    displacement = np.interp(time, np.r_[0.0, ends], np.r_[0.0, np.cumsum(legs[0] * legs[1])])
+    return Prepared(np.minimum(time, ends[-1]), friction, displacement, legs, None, sigma, used, before)
 
 
 def _in_windows(time, windows) -> np.ndarray:

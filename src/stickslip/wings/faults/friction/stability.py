@@ -261,14 +261,14 @@ def _lengths(fault: Fault) -> _Lengths:
 
 def _sentence_with_cuts(fault: Fault, velocity: float, slow: _Lengths, strengthens: str) -> str:
     """Sentence on steady slip at V, and on changes up to 1 m/s."""
-    place, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
+    location, fast = f" at {velocity:.3g} m/s", _lengths(fault.sliding_at(max(SEISMIC, velocity)))
     if slow.longest == fast.longest == 0:
         ends = f"from {velocity:.3g} to {SEISMIC:g} m/s"
         return f"no earthquake can nucleate: the fault is velocity-strengthening everywhere at all velocities {ends}"
     if slow.longest == 0:
-        sentence = f"the fault is velocity-strengthening ({strengthens} with the cut-offs) everywhere{place}"
+        sentence = f"the fault is velocity-strengthening ({strengthens} with the cut-offs) everywhere{location}"
     else:
-        sentence = slow.ratio(place)
+        sentence = slow.ratio(location)
     if slow.possible:
         slows = "" if fast.longest else f"; slip above {_transition(fault, max):.3g} m/s strengthens and may stay slow"
         return f"earthquakes can nucleate: {sentence}{slows}"

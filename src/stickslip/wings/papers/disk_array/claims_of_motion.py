@@ -293,7 +293,7 @@ def _msd_at_breach(main: DiskArrayResult) -> Claim:
         'Coulomb law is breached at the contact with the substrate"', 1e-2, float(root.mean()) if len(root) else None,
         "R", TOLERANCE["saturation"],
         f"√M, as M is an area, when the first contact with the substrate reaches the limit in {len(root)} "
-        f"realizations; M itself is {4 * values.mean() if len(values) else np.nan:.1e} R²", error=standard_error(root),
+        f"realisations; M itself is {4 * values.mean() if len(values) else np.nan:.1e} R²", error=standard_error(root),
     )  # fmt: skip
 
 

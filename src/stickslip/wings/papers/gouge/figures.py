@@ -31,7 +31,7 @@ def steady_sliding(realizations: list[_WithTests] | tuple[_WithTests, ...], diam
     figure, (above, below) = style.column_axes(2, 3.4, sharex=True)
     for number, realization in enumerate(realizations):
         series, color = realization.tests[0].series, style.COLORS[number % len(style.COLORS)]
-        style.plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realization {number + 1}")
+        style.plot_fast(above, series.slip / diameter, series.friction, color=color, label=f"realisation {number + 1}")
         style.plot_fast(below, series.slip / diameter, series.thickness / diameter, color=color)
     style.label_axes(above, y=FRICTION)
     style.label_axes(below, x="slip of the upper plate / $D$", y="thickness / $D$")
@@ -182,8 +182,8 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
     """Sample in steady sliding, viewed along z: mobile grains coloured by speed, plates grey."""
     state = realization.states["steady"]
     loose = np.flatnonzero(state.control.group[: len(state.grains.radius)] < 0)
-    place, radius = wrapped(state), float(state.grains.radius.max())
-    low, high = 1e3 * (place[:, 1].min() - 1.2 * radius), 1e3 * (place[:, 1].max() + 1.2 * radius)
+    position, radius = wrapped(state), float(state.grains.radius.max())
+    low, high = 1e3 * (position[:, 1].min() - 1.2 * radius), 1e3 * (position[:, 1].max() + 1.2 * radius)
     length = 1e3 * scenario.cell.length
     figure, axes = style.subplots(figsize=(style.WIDTH, 0.8 * style.WIDTH * (high - low) / length + 0.7))
     speed = np.linalg.norm(state.grains.velocity[loose], axis=1)
@@ -191,7 +191,7 @@ def sample(realization: _Realization, scenario: Annotated[Any, Result("GougeScen
         grains=state.grains._replace(radius=1e3 * state.grains.radius),
         cell=state.cell._replace(vectors=1e3 * state.cell.vectors),
     )
-    drawn = draw_grains_by_speed(axes, shown, 1e3 * place, loose, float(np.quantile(speed, 0.95)) or 1.0)
+    drawn = draw_grains_by_speed(axes, shown, 1e3 * position, loose, float(np.quantile(speed, 0.95)) or 1.0)
     axes.set(xlim=(0, length), ylim=(low, high), aspect="equal")
     style.label_axes(axes, x=("$x$", "mm"), y=("$y$", "mm"))
     axes.set_title("grey: grains of the plates", fontsize=7)

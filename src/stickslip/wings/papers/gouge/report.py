@@ -231,14 +231,14 @@ def _step_files(result: GougeResult):
     for seed, _, _, data in measured.step_records(result):
         file, count[seed] = STEPS.format(seed, count[seed]), count[seed] + 1
         ends = np.cumsum([0.0, *(leg.duration for leg in data.legs)])
-        place = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
+        displacement = np.interp(data.time, ends, np.cumsum([0.0, *(leg.duration * leg.velocity for leg in data.legs)]))
         before = data.before or data.legs[0].velocity
         comment = (
             f"velocity steps of fault gouge, realisation {seed}; the spring's stiffness over the normal stress is "
             f"{k:.6g} 1/m, the velocity before {before:g} m/s",
             f"stickslip fit {file} --stiffness {k:.6g} --before {before:g}",
         )
-        yield file, partial(write_csv, record=LabRecord(data.time, data.friction, place), comments=comment)
+        yield file, partial(write_csv, record=LabRecord(data.time, data.friction, displacement), comments=comment)
 
 
 def show(result: GougeResult) -> None:

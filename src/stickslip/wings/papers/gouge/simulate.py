@@ -343,7 +343,7 @@ def simulate_gouge(
         ensemble = _Ensemble(scenario, rest, kept, folder, samples, workers, where, report)
         for k, member in zip(missing, ensemble.run(), strict=True):
             realizations[k], failures[seeds[k]] = (None, member) if isinstance(member, str) else (member, "")
-    sentences = tuple(f"realization {seed} failed: {failure}" for seed, failure in failures.items() if failure)
+    sentences = tuple(f"realisation {seed} failed: {failure}" for seed, failure in failures.items() if failure)
     done = tuple(member for member in realizations if member is not None)
     if not done:
         raise RuntimeError(f"every realisation failed, the first with {sentences[0]}")
@@ -372,7 +372,7 @@ class _Ensemble(NamedTuple):
         before = self.scenario.realizations - len(self.alone)
         more = f"; {before} had finished earlier" if before else ""
         cost = f"each takes {self.scenario.expected_cost}{more}"
-        self.report(f"realizations ({len(self.alone)} to run)", 0.0, cost)
+        self.report(f"realisations ({len(self.alone)} to run)", 0.0, cost)
         trunks = self._run_trunks()
         owners = [k for k, trunk in enumerate(trunks.results) if trunk for _ in trunk.branches]
         starts = [start for trunk in trunks.results if trunk for start in trunk.branches]
@@ -408,7 +408,7 @@ class _Ensemble(NamedTuple):
         return self._run(_branch_task, tasks, self.first, 1.0)
 
     def _run(self, function: Callable, tasks: list[Task], begin: float, end: float) -> Realizations:
-        stage, report = f"realizations ({len(self.alone)} to run)", within(self.report, begin, end)
+        stage, report = f"realisations ({len(self.alone)} to run)", within(self.report, begin, end)
         return run_realizations(function, tasks, stage=stage, workers=self.workers, device=self.device, report=report)
 
     def _save(self, member: GougeScenario, result: Realization) -> None:

@@ -62,18 +62,18 @@ def _finite(values) -> list[float]:
 
 def known_median(values) -> float | None:
     """Median of the known values; None without any."""
-    known = _finite(values)
-    return float(np.median(known)) if known else None
+    finite = _finite(values)
+    return float(np.median(finite)) if finite else None
 
 
 def describe_range(values, form: str = "{:.3g}") -> str:
     """Describe the range of values over packings, and their number."""
-    known = _finite(values)
-    if not known:
+    finite = _finite(values)
+    if not finite:
         return f"none of {len(values)} packings"
-    if len(known) == 1:
-        return f"{form.format(known[0])} in one of {len(values)} packings"
-    return f"{form.format(min(known))} to {form.format(max(known))} over {len(known)} of {len(values)} packings"
+    if len(finite) == 1:
+        return f"{form.format(finite[0])} in one of {len(values)} packings"
+    return f"{form.format(min(finite))} to {form.format(max(finite))} over {len(finite)} of {len(values)} packings"
 
 
 def median_claim(id: str, source: str, paper, values, unit: str, tolerance: str, note: str, **more) -> Claim:

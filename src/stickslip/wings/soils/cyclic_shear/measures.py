@@ -326,10 +326,10 @@ def _kinds(result: CyclicShearResult) -> list[str]:
 
 def _missing(result: CyclicShearResult) -> list[str]:
     out = [f"Sample {run.seed}: {run.ended}." for run in result.runs if run.ended]
-    known = [run for run in result.runs if np.isfinite(run.modulus)]
-    if len(known) < len(result.runs):
+    measured = [run for run in result.runs if np.isfinite(run.modulus)]
+    if len(measured) < len(result.runs):
         out.append("Samples without elastic moduli use G at the smallest amplitude as Gmax.")
-    off = max((abs(Loop(run.responses[0], -1).turns[0] / run.modulus - 1) for run in known), default=0.0)
+    off = max((abs(Loop(run.responses[0], -1).turns[0] / run.modulus - 1) for run in measured), default=0.0)
     if off > OFF:
         out.append(
             f"G at the smallest amplitude differs by {off:.1%} from the tangent modulus: contacts slide or open "

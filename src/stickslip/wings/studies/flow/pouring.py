@@ -111,10 +111,10 @@ def flow_law(scenario: FlowScenario, radius, mass) -> Law:
 def _check_walls(position, walls, names: tuple[str, ...], dim: int) -> None:
     grains, behind = np.nonzero(heights(position, walls) < 0)
     if len(grains):
-        place = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
+        location = ", ".join(f"{x:.4g}" for x in position[grains[0], :dim])
         raise ScenarioError(
-            f"grain {grains[0] + 1} at ({place}) lies behind wall {names[behind[0]]!r}: move the wall or the grains, "
-            f"or turn the wall's normal towards the grains"
+            f"grain {grains[0] + 1} at ({location}) is behind wall {names[behind[0]]!r}: move the wall or the grains, "
+            "or turn the wall's normal towards the grains"
         )
 
 
