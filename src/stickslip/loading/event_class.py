@@ -25,7 +25,7 @@ PROBE, TRIED = (
     1e-3,
     10,
 )  # fraction of a strain step for extrapolating forces, and number of contacts tried on the motion ahead
-BEYOND = (1.0, 2.0, 4.0, 8.0)  # widths of the bracket within which a contact change is searched for
+BEYOND = (1.0, 2.0, 4.0, 8.0)  # distances, in widths of the bracket, examined for a contact change
 NEAREST, ALMOST = 5, 0.99  # mobilisation above which the most mobilised sticking contacts are also tried
 RUN, SAMPLE = 20_000, 5  # steps of the run in which a growth rate is measured, and between its samples
 LOW, HIGH = 0.01, 0.5  # kinetic energies between which it is measured, over the largest one

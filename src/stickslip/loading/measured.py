@@ -49,7 +49,7 @@ class Adjustment(NamedTuple):
     rms_force: float  # of all forces
     at_limit: int  # contacts at the Coulomb limit
     moved_to_limit: int  # of these, contacts measured beyond the limit
-    opened: tuple[tuple[int, int], ...]  # grains of contacts without force in balance
+    opened: tuple[tuple[int, int], ...]  # grains of contacts that carry no force in the balanced state
 
     def __str__(self) -> str:
         return (
@@ -113,7 +113,7 @@ def from_forces(measured: MeasuredForces, law: Law, *, density=1.0) -> tuple[Sta
 
 
 def read_measured(path: Path, *, contacts: Path | None = None, i0: float | None = None, **options) -> Reading:
-    """State in balance nearest to measured forces, see `read_forces`; options of the law as in `read_packing`."""
+    """Balanced state nearest to measured forces, see `read_forces`; options of the law as in `read_packing`."""
     options = {name: value for name, value in options.items() if value not in (None, {})}
     frame = options.pop("frame", None)
     for name in LAMMPS_OPTIONS:
@@ -158,7 +158,7 @@ class _Network(NamedTuple):
         """Network with these contacts open."""
         m, ends = self.measured, self.measured.ends[:, rows]
         if rows.all():
-            raise PackingError("no contact carries a force in balance: mark the grains at the edge as fixed")
+            raise PackingError("no contact carries a force in the balanced state: mark the grains at the edge as fixed")
         sizes = m.force_n / m.force_n_error, _sizes(m.force_t) / m.force_t_error
         lost = np.concatenate(sizes)[np.tile(rows, 2)]
         kept = np.concatenate([np.ones(m.position.size, bool), ~rows, np.repeat(~rows, m.dim - 1)])

@@ -284,9 +284,10 @@ def fastest_pair(
 
     Parameters
     ----------
-    amplification : float, exponent gT up to which modes are searched for; at 1.4, real doublets look like pairs, and
+    amplification : float, exponent gT at which the search for modes ends; at 1.4, real doublets look like pairs, and
         the ranking is wrong
-    rate : float, slowest growth rate searched for above the bottom [1/time]; the run time is inversely proportional to
+    rate : float, slowest growth rate that the search above the bottom covers [1/time]; the run time is inversely
+    proportional to
     it
     probes : int, number of random initial vectors, rounded up to a multiple of 16; a mode is missed if all of them
         excite it weakly

@@ -48,8 +48,8 @@ SAVED_EVERY = 60.0  # interval at which a search is saved [s]
 class Effort(NamedTuple):
     """Extent of the search for the fastest pair; see `fastest_pair`."""
 
-    amplification: float = 3.0  # exponent up to which modes are searched for
-    rate: float = 1e-4  # slowest growth rate searched for [1/time]
+    amplification: float = 3.0  # growth exponent at which the search for modes ends
+    rate: float = 1e-4  # slowest growth rate that the search covers [1/time]
     probes: int = 16  # random initial vectors
     seed: int = 0
 
@@ -310,7 +310,7 @@ class GrowingModes:
         run.tune(value)
         found = self._filter(run, follow, value, peak)
         run.tune(None)
-        # only now, so that a search that was interrupted while filters ran tries the peak again
+        # noted only now: a search that is interrupted while filters run tries the peak again
         (self.explained if found else self.failed).append(peak)
 
     def _filter(self, run: ProbeRun, follow: Callable[[], None], value: complex, peak: tuple) -> bool:

@@ -407,7 +407,7 @@ GOOD = Data(np.linspace(0, 5.5, 50), np.linspace(0.4, 0.5, 50), STEPS)
         (GOOD, {"free": ("stiffness", "alpha")}, "the normal stress never changes"),
         (GOOD, {"free": ("stiffness",), "own": ("mu",)}, "own contains the unknown parameter 'mu'"),
         (GOOD, {"free": ("stiffness",), "windows": ((1, 1.1),)}, "at least 8"),
-        (GOOD, {"free": ("stiffness",), "windows": ((2, 1),)}, "its start before its end"),
+        (GOOD, {"free": ("stiffness",), "windows": ((2, 1),)}, "a window must start before it ends"),
         (GOOD._replace(friction=np.full(50, 0.4)), {"free": ("stiffness",)}, "friction never changes"),
         (GOOD._replace(friction=np.full(50, np.nan)), {}, "friction contains NaN or infinity"),
         (GOOD._replace(time=GOOD.time[::-1]), {}, "sort the samples"),

@@ -313,7 +313,8 @@ def _empty(source: str, year: int = 0) -> Run:
 
 
 def _end(events: list[Command | Block], until: str, step: int) -> int:
-    """Number of events up to the state in a file: the last command that wrote it, or the run that reached it.
+    """Number of events before the state in a file was written: up to the last command that wrote it, or the run that
+    reached it.
 
     Only commands before a run affect files written during it. If several runs reached a time step, as after
     `reset_timestep`, the last one in which a command wrote the file counts.

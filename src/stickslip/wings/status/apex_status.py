@@ -348,7 +348,8 @@ def contact_status(
     proof, and the verdict is NOT_FOUND. Beyond that, a proof of absence needs a Farkas certificate.
 
     A critical contact without force may also open (`ContactStatus.opens`), and in three dimensions it may slide in any
-    direction. A status is then searched for as on a load path, and verified by the balance of the force rates that the
+    direction. The search for a status is then that of a load path, and the status is verified by the balance of the
+    force rates that the
     law itself gives at the velocities. The verdict is CONSISTENT, NEGATIVE or NOT_FOUND; there is no search for others.
 
     Parameters

@@ -155,7 +155,7 @@ def _smallest_displacement(directions: np.ndarray, needed: np.ndarray) -> tuple[
 
 
 def _wedging_contacts(state: State, i, j, frame, mu, unit, number) -> np.ndarray:
-    """Indices of contacts that can hold rattlers in balance by forces within their cones; empty if none can.
+    """Indices of contacts that can hold rattlers by balanced forces within their cones; empty if none can.
 
     In space, the cones are replaced by pyramids within them.
     """

@@ -216,7 +216,7 @@ class Increment:
         return end, done * self.increment, Verdict.CONSISTENT
 
     def _choose_status(self, now: LinearSystem, slides: np.ndarray, load: float) -> ContactStatus:
-        """Status at a load; other statuses are searched for after events and at intervals of LOOK."""
+        """Status at a load, with a search for others after events and at intervals of LOOK."""
         changed = (self.events and self.events[-1].load == load) or (now.limit & ~slides).any()
         if not changed and load < self.looked + LOOK and (same := self._previous_status(now, slides)):
             return same

@@ -61,7 +61,7 @@ class Verdict(Enum):
 
     CONSISTENT = (
         "every critical contact slides if and only if it would otherwise leave the Coulomb cone; other statuses were "
-        "not searched for"
+        "not examined"
     )
     UNIQUE = "this status is the only consistent one under this load"
     NOT_UNIQUE = (
@@ -112,7 +112,7 @@ class ContactStatus(NamedTuple):
     method: str  # "flip all", "principal pivoting", "Lemke" or "enumeration"
     solves: int  # factorisations and pivots
     stable: bool | None = None  # det k(S) has the sign of det k₀; None if it is zero to round-off, or not computed
-    others: tuple[Alternative, ...] = ()  # other consistent statuses, as far as they were searched for
+    others: tuple[Alternative, ...] = ()  # other consistent statuses that were found, if there was a search
     uniqueness: Uniqueness | None = None  # uniqueness under every load, if requested
     proof: Absence | UnresistedMotion | None = None  # that no status is consistent, or the motion driven by the load
     marginal: np.ndarray | None = None  # (Mc,) bool: contacts without slip on the cone, which may have either status

@@ -126,7 +126,7 @@ def _in_windows(time, windows) -> np.ndarray:
         raise ValueError(f"windows must be pairs (start, end) of times, got {windows!r}") from None
     for window in windows:
         if not window[0] < window[1]:
-            raise ValueError(f"a window must have its start before its end, got {tuple(window.tolist())}")
+            raise ValueError(f"a window must start before it ends, got {tuple(window.tolist())}")
         used |= (time >= window[0]) & (time <= window[1])
     return used
 
