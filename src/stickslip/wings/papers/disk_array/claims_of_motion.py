@@ -187,7 +187,7 @@ def _order(forward: dict[float, Front | None]) -> Claim:
         "breach-in-order", 'Fig 5: "with τ_{i+1} > τ_i > τ_1 and i being the index of the disk"', holds,
         f"steps between mean delays of neighbours at {len(fronts)} loads: {(steps > 0).sum()} of {len(steps)} are "
         f"positive, {back.sum()} are negative by more than {CERTAIN:g} errors; the last on average is {late}"
-        f"{'; more realizations would decide it' if holds is None else ''}",
+        f"{'; more realisations would decide it' if holds is None else ''}",
     )  # fmt: skip
 
 
